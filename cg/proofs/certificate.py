@@ -253,8 +253,8 @@ def _decimal(text: str) -> str:
     )
 
 
-def _beyond(found: Beyond) -> list[str]:
-    return [f'tree = "{found.tree}"', f'bound = "{found.bound}"']
+def _beyond(violation: Beyond) -> list[str]:
+    return [f'tree = "{violation.tree}"', f'bound = "{violation.bound}"']
 
 
 def _wrapped(names: tuple[str, ...]) -> str:

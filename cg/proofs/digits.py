@@ -16,7 +16,7 @@ from .certificate import Certificate, CertificationError
 from .files import certificate_of
 from .krawczyk import krawczyk
 from .statement import Packed, box, fitting, free_of, system_of
-from .zero import check_rational, prove_box
+from .zero import check_left_out, check_rational, prove_zero
 
 __all__ = ["MAX_DIGITS", "refined_digits"]
 
@@ -33,7 +33,8 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     ----------
     method : Method
     certificate : Certificate
-        It is proved once more, since all digits hang on it.
+        Its zero is proved once more. That conditions which it leaves out follow from the others
+        is proved again unless the certificate is the catalogue's.
     digits : int
         Significant digits of the free coefficients, at most `MAX_DIGITS`.
 
@@ -66,18 +67,27 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     # a box for few digits would be wider than the certificate's, and lead to nothing
     proved = len(str(math.ceil(1 / Fraction(certificate.radius))))
     with precision(certificate.bits):
-        prove_box(packed, certificate)
+        attempt = prove_zero(packed, certificate)
+        if certificate != _stored(method):
+            check_left_out(packed, certificate, attempt)
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
         places = max(digits, proved) + guard
         with precision(math.ceil(math.log2(10) * places) + certificate.bits):
-            found = _solve(packed, certificate, free, places)
-            rounded = [_rounded(ball, digits) for ball in found]
+            zero = _solve(packed, certificate, free, places)
+            rounded = [_rounded(ball, digits) for ball in zero]
         if all(rounded):
             for k, text in zip(free, rounded, strict=True):
                 if k < len(texts):
                     texts[k] = text or ""
             return texts
     raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
+
+
+def _stored(method: Method) -> Certificate | None:
+    try:
+        return certificate_of(method)
+    except CertificationError:
+        return None
 
 
 def digits(
@@ -114,10 +124,10 @@ def digits(
         raise ValueError(f"embedded: {self.name or 'the method'} has no second weights")
     if certificate is None:
         certificate = certificate_of(self)
-    found = refined_digits(self, certificate, digits)
+    texts = refined_digits(self, certificate, digits)
     if self.layout.rows is None:
-        return self.layout.point_weights(found)
-    rows = [[str(entry) for entry in row] for row in self.layout.full_rows(found)]
+        return self.layout.point_weights(texts)
+    rows = [[str(entry) for entry in row] for row in self.layout.full_rows(texts)]
     return rows[: self.stages], rows[self.stages + embedded]
 
 
@@ -137,15 +147,15 @@ def _solve(packed: Packed, certificate: Certificate, free: list[int], places: in
             break
     attempt = krawczyk(system, z, free, target)
     inside = box(packed, certificate)
-    found = [z[k] + arb(0, target.upper()) for k in free]
+    enclosures = [z[k] + arb(0, target.upper()) for k in free]
     # unique in either box, and one within the other: the same solution
     if not attempt.proved or not all(
-        inside[k].contains(ball) for k, ball in zip(free, found, strict=True)
+        inside[k].contains(ball) for k, ball in zip(free, enclosures, strict=True)
     ):
         raise CertificationError(
             f"{certificate.name}: {places} places aren't proved", ratio=attempt.ratio
         )
-    return found
+    return enclosures
 
 
 def _rounded(ball: arb, digits: int) -> str | None:

@@ -41,7 +41,7 @@ def find_zero(packed: Packed, draft: Certificate, small: bool = False) -> Certif
     ----------
     packed : Packed
     draft : Certificate
-        With everything that isn't to be found.
+        All that isn't searched for: names, orders, bits.
     small : bool
         Whether conditions that depend on others need no proof but that they are small.
 
@@ -58,9 +58,9 @@ def find_zero(packed: Packed, draft: Certificate, small: bool = False) -> Certif
     system = order_system(packed.layout, draft.order, draft.embedded_order)
     values, jacobian = system.linearise(y)
     check_places(packed, system, values, jacobian)
-    found = _try(packed, draft, system, to_double(jacobian))
-    if isinstance(found, _Proved):
-        return found.certificate
+    outcome = _try(packed, draft, system, to_double(jacobian))
+    if isinstance(outcome, _Proved):
+        return outcome.certificate
     if small:
         return _of_independent(packed, draft, to_double(jacobian))
     tried: list[str] = []
@@ -80,11 +80,11 @@ def find_zero(packed: Packed, draft: Certificate, small: bool = False) -> Certif
         if isinstance(again, _Proved):
             check_left_out(packed, *again)
             return again.certificate
-        found = again
+        outcome = again
     message = f"{draft.name}: no zero of the conditions of order {draft.order} is proved"
-    if found["rank"] < found["conditions"]:
+    if outcome["rank"] < outcome["conditions"]:
         message += ", their derivatives are dependent and no known identities explain that"
-    raise CertificationError(message, **found, tried="; ".join(tried))
+    raise CertificationError(message, **outcome, tried="; ".join(tried))
 
 
 def _of_independent(
@@ -99,10 +99,10 @@ def _of_independent(
     draft = replace(draft, identities=names_of_small(left_out, "1e-40"))
     system = system_of(packed, draft)
     kept = np.delete(jacobian, [conditions.index(one) for one in left_out], axis=0)
-    found = _try(packed, draft, system, kept)
-    if not isinstance(found, _Proved):
-        raise CertificationError(f"{draft.name}: no zero of independent conditions", **found)
-    proved, attempt = found
+    outcome = _try(packed, draft, system, kept)
+    if not isinstance(outcome, _Proved):
+        raise CertificationError(f"{draft.name}: no zero of independent conditions", **outcome)
+    proved, attempt = outcome
     zero = zero_of(packed, proved, attempt)
     largest = float(largest_residual(packed, left_out, zero))
     # a power of ten, with room for another rounding
@@ -148,18 +148,22 @@ def _try(
     size = len(system.equations)
     rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
-    found: dict[str, float] = {}
+    measures: dict[str, float] = {}
     for movable in (rough, nonzero):  # better to hold all that are exact, not zeros only
         rank, singular = numerical_rank(jacobian[:, movable])
-        found = {"conditions": size, "rank": rank, "smallest_singular_value": float(singular[-1])}
-        found["largest_singular_value"] = float(singular[0])
+        measures = {
+            "conditions": size,
+            "rank": rank,
+            "smallest_singular_value": float(singular[-1]),
+        }
+        measures["largest_singular_value"] = float(singular[0])
         if rank < size:
             continue
         free = choose_free(jacobian, movable)
         attempt = krawczyk(system, packed.balls(), free)
-        found |= quantities(attempt)
+        measures |= quantities(attempt)
         if attempt.proved:
-            held = tuple(name for k, name in enumerate(names) if k not in set(free))
+            fixed = tuple(name for k, name in enumerate(names) if k not in set(free))
             radius = f"{float(attempt.radius):.1e}"
-            return _Proved(replace(draft, radius=radius, fixed=held), attempt)
-    return found
+            return _Proved(replace(draft, radius=radius, fixed=fixed), attempt)
+    return measures

@@ -138,8 +138,8 @@ def exact_residuals(
 ) -> list[Fraction]:
     """Return ``Φ(t) - 1/γ(t)`` in rational arithmetic, for packed rational entries."""
     weights = Weights(layout, [Quantity(row, word) for word in words])
-    found = weights.evaluate([to_flint(entry) for entry in x])
+    weights_of_words = weights.evaluate([to_flint(entry) for entry in x])
     return [
         Fraction(int(value.p), int(value.q)) - reciprocal_density(word)
-        for value, word in zip(found, words, strict=True)
+        for value, word in zip(weights_of_words, words, strict=True)
     ]

@@ -55,17 +55,17 @@ def _segments(layout: Layout) -> list[_Segment]:
     children = [m for m in inner if layout.parents[m] != START]
     branches = [layout.parents[m] for m in children]
     ends = {*layout.stage_points, *(p for p in branches if branches.count(p) > 1)}
-    found: list[_Segment] = []
+    segments: list[_Segment] = []
     belongs = {START: START}
     for m in inner:
         parent = layout.parents[m]
         if parent == START or parent in ends:
-            belongs[m] = len(found)
-            found.append(_Segment([m], belongs[parent]))
+            belongs[m] = len(segments)
+            segments.append(_Segment([m], belongs[parent]))
         else:
             belongs[m] = belongs[parent]
-            found[belongs[m]].points.append(m)
-    return found
+            segments[belongs[m]].points.append(m)
+    return segments
 
 
 class Weights:
@@ -95,12 +95,12 @@ class Weights:
         everywhere = [m for segment in self._segments for m in segment.points]
         needed = {word: set(everywhere) for word in self._stage_words}
         self._outer: dict[int, list[Word]] = {}
-        wanted: dict[int, set[Word]] = {}
+        words_at: dict[int, set[Word]] = {}
         for quantity, path in zip(self.quantities, self._paths, strict=True):
             if path:
-                wanted.setdefault(path[-1], set()).add(quantity.word)
-        for end, own in wanted.items():
-            self._outer[end] = closure(own)
+                words_at.setdefault(path[-1], set()).add(quantity.word)
+        for end, result_words in words_at.items():
+            self._outer[end] = closure(result_words)
             for word in self._outer[end]:
                 needed.setdefault(word, set()).update(layout.path(end))
         self._needed = {word: sorted(needed[word]) for word in sorted(needed, key=nodes)}
@@ -110,10 +110,10 @@ class Weights:
 
     @staticmethod
     def _letters_of(words: Iterable[Word], letters: set[Word]) -> list[Word]:
-        found = set(letters)
+        all_letters = set(letters)
         for word in words:
-            found.update(t for t in word if not isinstance(t, int) and t)
-        return sorted(found, key=nodes)
+            all_letters.update(t for t in word if not isinstance(t, int) and t)
+        return sorted(all_letters, key=nodes)
 
     def evaluate(self, x: Sequence[Any]) -> Vector:
         """Return the weights at packed unknowns, all ``arb`` or all ``fmpq``."""
@@ -169,22 +169,22 @@ class Weights:
         """Return the combinations of a letter's values that the flows to points have."""
         if letter not in self._letter:
             phi, layout = self._values(letter), self.layout
-            found: Vector = []
+            values: Vector = []
             for begin, stages in zip(layout.starts, layout.weights, strict=False):
                 terms = [self._x[k] * phi[stage] for k, stage in enumerate(stages, begin)]
-                found.append(sum(terms[1:], start=terms[0]) if terms else self._zero)
-            self._letter[letter] = found
+                values.append(sum(terms[1:], start=terms[0]) if terms else self._zero)
+            self._letter[letter] = values
         return self._letter[letter]
 
     def _right(
         self, words: Iterable[Word], path: Sequence[int]
     ) -> tuple[dict[Word, Vector], dict[Word, Any]]:
         """Return the products of the flows after each point of a path, and of all of them."""
-        found: dict[Word, Vector] = {(): [self._one] * len(path)}
+        products: dict[Word, Vector] = {(): [self._one] * len(path)}
         whole: dict[Word, Any] = {(): self._one}
         for word in words:
             flow = self._flow[word]
-            cuts = [(self._flow[word[:cut]], found[word[cut:]]) for cut in range(1, len(word))]
+            cuts = [(self._flow[word[:cut]], products[word[cut:]]) for cut in range(1, len(word))]
             right, total = [], self._zero
             for i in range(len(path) - 1, -1, -1):
                 m = path[i]
@@ -192,8 +192,8 @@ class Weights:
                 total = total + flow[m]
                 for head, tail in cuts:
                     total = total + head[m] * tail[i]
-            found[word], whole[word] = right[::-1], total
-        return found, whole
+            products[word], whole[word] = right[::-1], total
+        return products, whole
 
     def _slopes_at(
         self, word: Word, m: int, path: Sequence[int], right: dict[Word, Vector]
@@ -262,13 +262,13 @@ class Weights:
         self._branched = any(segment.origin != START for segment in segments)
         self._steps: dict[Word, list[tuple[Word, arb_mat]]] = {}
         self._direct: dict[Word, list[Vector]] = {}
-        found = [self._right(self._stage_words, segment.points) for segment in segments]
-        self._wholes = [whole for _, whole in found]
+        products = [self._right(self._stage_words, segment.points) for segment in segments]
+        self._wholes_ = [whole for _, whole in products]
         # words before others matter only where segments begin at others
         words = self._stage_words if self._branched else self._letters
         self._swept = sorted(words, key=nodes)
         for word in self._swept:
-            self._add_steps(word, [right for right, _ in found])
+            self._add_steps(word, [right for right, _ in products])
         blocks: list[Vector] = []
         for begin in range(0, len(self.quantities), _CHUNK):
             blocks += self._derive(range(len(self.quantities))[begin : begin + _CHUNK])
@@ -299,7 +299,7 @@ class Weights:
                 table = [[self._zero] * size for _ in segments]
                 for s, segment in enumerate(segments):
                     if segment.origin != START:
-                        table[s][segment.origin] = self._wholes[s][word[cut:]]
+                        table[s][segment.origin] = self._wholes_[s][word[cut:]]
                 steps.append((word[:cut], arb_mat(table)))
         self._direct[word], self._steps[word] = direct, steps
 
@@ -312,7 +312,7 @@ class Weights:
 
     def _derive(self, chosen: Sequence[int]) -> list[Vector]:
         count, size = len(chosen), len(self._segments)
-        own = [[self._zero] * self.layout.size for _ in range(count)]
+        slopes = [[self._zero] * self.layout.size for _ in range(count)]
         seeds: dict[Word, dict[int, Vector]] = {}
         for c, index in enumerate(chosen):
             word, path = self.quantities[index].word, self._paths[index]
@@ -324,20 +324,20 @@ class Weights:
                 inner = letter != () and not isinstance(letter, int)
                 for point, y in zip(path, z, strict=True):
                     for k, stage in self._point_unknowns(point):
-                        own[c][k] = own[c][k] + y * phi[stage]
+                        slopes[c][k] = slopes[c][k] + y * phi[stage]
                         at = self._segment_of[stage]
                         if inner and at != START:
                             seed = seeds.setdefault(letter, {}).setdefault(c, [self._zero] * size)
                             seed[at] = seed[at] + y * self._x[k]
-        return self._sweep(own, seeds)
+        return self._sweep(slopes, seeds)
 
-    def _sweep(self, own: list[Vector], seeds: dict[Word, dict[int, Vector]]) -> list[Vector]:
+    def _sweep(self, slopes: list[Vector], seeds: dict[Word, dict[int, Vector]]) -> list[Vector]:
         """Carry derivatives by the weights of words down to words with fewer nodes."""
-        count, size = len(own), len(self._segments)
+        count, size = len(slopes), len(self._segments)
         empty = [self._zero] * size
         adjoints: dict[Word, arb_mat] = {
-            word: arb_mat([found.get(c, empty) for c in range(count)])
-            for word, found in seeds.items()
+            word: arb_mat([rows.get(c, empty) for c in range(count)])
+            for word, rows in seeds.items()
         }
         columns: dict[Word, Vector] = {}
         for word in reversed(self._swept):
@@ -356,10 +356,10 @@ class Weights:
             by_weight = arb_mat([columns[word][s::size] for word in words]).transpose()
             block = (by_weight * arb_mat([self._direct[word][s] for word in words])).entries()
             for c in range(count):
-                slopes = block[c * len(unknowns) : (c + 1) * len(unknowns)]
-                for k, y in zip(unknowns, slopes, strict=True):
-                    own[c][k] = own[c][k] + y
-        return own
+                changes = block[c * len(unknowns) : (c + 1) * len(unknowns)]
+                for k, y in zip(unknowns, changes, strict=True):
+                    slopes[c][k] = slopes[c][k] + y
+        return slopes
 
     def _to_origins(self, adjoint: arb_mat) -> arb_mat:
         """Add to each segment what depends on it through the segments that begin at its end."""

@@ -30,6 +30,7 @@ __all__ = [
     "check_rational",
     "largest_residual",
     "prove_box",
+    "prove_zero",
     "quantities",
     "zero_of",
 ]
@@ -39,7 +40,18 @@ _MAX_IMAGES = 3
 
 
 def prove_box(packed: Packed, certificate: Certificate) -> None:
-    """Prove the zero in the box of a certificate; CertificationError if that fails."""
+    """Prove that all conditions have a zero in the box of a certificate, or raise."""
+    check_left_out(packed, certificate, prove_zero(packed, certificate))
+
+
+def prove_zero(packed: Packed, certificate: Certificate) -> KrawczykTest:
+    """Prove that the equations of a certificate have exactly one zero in its box.
+
+    Raises
+    ------
+    CertificationError
+        If that fails.
+    """
     system = system_of(packed, certificate)
     free = free_of(packed, certificate)
     if len(free) != len(system.equations):
@@ -55,7 +67,7 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
     attempt = krawczyk(system, y, free, arb(certificate.radius))
     if not attempt.proved:
         raise CertificationError(f"{certificate.name}: no zero is proved", **quantities(attempt))
-    check_left_out(packed, certificate, attempt)
+    return attempt
 
 
 def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTest) -> None:

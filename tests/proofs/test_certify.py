@@ -258,9 +258,9 @@ class TestFailures:
     def test_dependent_conditions_that_nothing_explains(self, monkeypatch):
         monkeypatch.setattr(sys.modules["cg.proofs.find"], "find_identities", lambda *_: iter(()))
         with pytest.raises(CertificationError, match="dependent") as caught:
-            certify("CG5a")
-        assert caught.value.quantities["conditions"] == 38
-        assert caught.value.quantities["rank"] == 36  # with b_2 = 0 held
+            certify("CG4c")
+        assert caught.value.quantities["conditions"] == 13
+        assert caught.value.quantities["rank"] == 12
 
     def test_orders_that_are_none(self):
         with pytest.raises(CertificationError, match="no order conditions"):

@@ -107,7 +107,7 @@ def test_rows_that_are_no_tableau_of_the_order():
 
 
 def test_products_give_relations_that_vectors_do_not(values):
-    """With the products of surroundings and letters left out, fewer relations are known."""
+    """With the products of contexts and letters left out, fewer relations are known."""
 
     def rank(kinds):
         rows = flat_rows(values)
@@ -116,7 +116,7 @@ def test_products_give_relations_that_vectors_do_not(values):
         table = [[zero[one].a if one in zero else 0 for one in words] for zero in found]
         return fmpq_mat(table).rank()
 
-    vectors = ["_of_letters", "_of_surroundings"]
+    vectors = ["_of_letters", "_of_contexts"]
     assert rank([*vectors, "_of_products"]) > rank(vectors)
 
 

@@ -43,7 +43,7 @@ Functional = dict[Word, Fraction]
 @cache
 def coproduct(word: Word) -> dict[tuple[Word, Word], int]:
     """Return the parts of a word that a first and a second step take, with multiplicities."""
-    found: dict[tuple[Word, Word], int] = {}
+    parts_of_word: dict[tuple[Word, Word], int] = {}
     for cut in range(len(word) + 1):
         parts: dict[tuple[Word, Word], int] = {(word[:cut], ()): 1}
         for letter in word[cut:]:
@@ -54,8 +54,8 @@ def coproduct(word: Word) -> dict[tuple[Word, Word], int]:
                         add_multiple(grown, (mixed, (*second, late)), m * n * multiplicity)
             parts = grown
         for key, m in parts.items():
-            add_multiple(found, key, m)
-    return found
+            add_multiple(parts_of_word, key, m)
+    return parts_of_word
 
 
 def convolve(first: Functional, second: Functional, words: Sequence[Word]) -> Functional:
@@ -88,8 +88,8 @@ def _generators(grade: int) -> list[Functional]:
     """Return m_1, …, m_grade, where those with even index should be empty."""
     words = condition_words(grade, independent=False)
     layout = Layout.tableau(1, Rows.DIAGONAL)
-    found = exact_residuals(layout, [Fraction(1, 2), Fraction(1)], words, 1)
-    step = {w: value + reciprocal_density(w) for w, value in zip(words, found, strict=True)}
+    residuals = exact_residuals(layout, [Fraction(1, 2), Fraction(1)], words, 1)
+    step = {w: value + reciprocal_density(w) for w, value in zip(words, residuals, strict=True)}
     whole = logarithm({(): Fraction(1), **step}, words)
     return [{w: v for w, v in whole.items() if nodes(w) == k} for k in range(1, grade + 1)]
 
@@ -100,14 +100,14 @@ def _lie_polynomials(grade: int) -> list[Functional]:
     words = list(words_with(grade))
     generators = _generators(grade)
     assert not any(generators[1::2])
-    found = [generators[grade - 1]] if grade % 2 else []
+    polynomials = [generators[grade - 1]] if grade % 2 else []
     for k in range(1, grade, 2):
         for inner in _lie_polynomials(grade - k):
             one = convolve(generators[k - 1], inner, words)
             other = convolve(inner, generators[k - 1], words)
             bracket = {w: one.get(w, Fraction(0)) - other.get(w, Fraction(0)) for w in words}
-            found.append({w: value for w, value in bracket.items() if value})
-    return [functional for functional in found if functional]
+            polynomials.append({w: value for w, value in bracket.items() if value})
+    return [functional for functional in polynomials if functional]
 
 
 @cache
@@ -152,19 +152,19 @@ class MidpointSteps:
         if layout.rows is not Rows.DIAGONAL or layout.pair:
             raise ValueError("midpoint steps need a diagonally implicit tableau, no pair")
         s = layout.stages
-        found = []
+        equations = []
         for i in range(s):
             for j in range(i + 1):
                 share = Fraction(-1, 2) if j == i else Fraction(-1)
                 terms = Term(Fraction(1), (Quantity(i, (j,)),)), Term(share, (Quantity(s, (j,)),))
-                found.append(Equation(f"midpoint steps, a_{i + 1},{j + 1}", terms))
+                equations.append(Equation(f"midpoint steps, a_{i + 1},{j + 1}", terms))
         for j in range(s // 2):
             terms = (
                 Term(Fraction(1), (Quantity(s, (j,)),)),
                 Term(Fraction(-1), (Quantity(s, (s - 1 - j,)),)),
             )
-            found.append(Equation(f"symmetry of b_{j + 1}", terms))
-        return found
+            equations.append(Equation(f"symmetry of b_{j + 1}", terms))
+        return equations
 
     def relations(self, word: Word) -> Iterator[Relation]:
         """Yield the relation of the word to those that span its residuals."""

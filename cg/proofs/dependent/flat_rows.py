@@ -20,7 +20,7 @@ from ...structure.layout import Layout
 from ...trees.rooted import rooted_trees
 from ..systems import Equation, Term
 from ..weights import Quantity
-from .holes import HOLE, basis, outer_nodes
+from .contexts import SLOT, basis, outer_nodes
 from .orthogonality import Condition, Known
 from .quadratic import Quadratic, dependencies
 from .relations import fill
@@ -100,41 +100,41 @@ class FlatRows:
                 for tree in rooted_trees(count + 1):
                     yield {(row, (word,)): Fraction(m) for word, m in _flat(tree).items()}
         for most in range(self._orders[0]):
-            for found in (
+            for relation in (
                 *self._of_letters(most),
-                *self._of_surroundings(most),
+                *self._of_contexts(most),
                 *self._of_products(most),
             ):
                 # what is zero for the method must be zero for the exact solution
-                terms = (value.times(reciprocal_density(w)) for (_, w), value in found.items())
+                terms = (value.times(reciprocal_density(w)) for (_, w), value in relation.items())
                 if not sum(terms, Quadratic(0)):
-                    yield {key: value.number for key, value in found.items() if value}
+                    yield {key: value.number for key, value in relation.items() if value}
 
     def _of_letters(self, most: int) -> Iterator[_Zero]:
-        """Yield products of any surroundings with letters of rooted trees that are dependent."""
+        """Yield products of any contexts with letters of rooted trees that are dependent."""
         trees = [tree for count in range(most + 1) for tree in rooted_trees(count + 1)]
         for zero in dependencies([self._values(tree) for tree in trees]):
             if nodes(trees[max(zero)]) < most:
-                continue  # with more surroundings before
+                continue  # with more contexts before
             letter = _sum((_flat(trees[k]), share) for k, share in zero.items())
             for row, order in enumerate(self._orders):
                 free = order - 1 - most
-                for hole in ((HOLE,), *basis(free)) if free >= 0 else ():
-                    for factor in _letters(free - outer_nodes(hole)):
-                        yield _filled(row, {hole: _ONE}, {factor: 1}, letter)
+                for context in ((SLOT,), *basis(free)) if free >= 0 else ():
+                    for factor in _letters(free - outer_nodes(context)):
+                        yield _filled(row, {context: _ONE}, {factor: 1}, letter)
 
-    def _of_surroundings(self, most: int) -> Iterator[_Zero]:
-        """Yield products of any letter with surroundings of rooted trees that are dependent."""
-        rows = self._surroundings(most + 1)
+    def _of_contexts(self, most: int) -> Iterator[_Zero]:
+        """Yield products of any letter with contexts of rooted trees that are dependent."""
+        rows = self._contexts(most + 1)
         for zero in dependencies([self._along(row, steps) for row, steps in rows]):
             for letter in words_with(most):
-                found: _Zero = {}
+                relation: _Zero = {}
                 for k, share in zero.items():
-                    _add(found, self._around(*rows[k], share, letter))
-                yield found
+                    _add(relation, self._around(*rows[k], share, letter))
+                yield relation
 
     def _of_products(self, most: int) -> Iterator[_Zero]:
-        """Yield combinations of products of surroundings and letters of rooted trees.
+        """Yield combinations of products of contexts and letters of rooted trees.
 
         Those that are zero for all rows i and stages k such that flows on the way to the end of
         row i have weights on stage k: then they are zero with any words on these ways, `most`
@@ -146,7 +146,7 @@ class FlatRows:
             tree for count in range(self._orders[0] - most) for tree in rooted_trees(count + 1)
         ]
         trees = [trees[k] for k in _independent([self._values(tree) for tree in trees])]
-        rows = self._surroundings(most + 1)
+        rows = self._contexts(most + 1)
         rows = [rows[k] for k in _independent([self._along(*one) for one in rows])]
         rows += [(row, ()) for row in range(len(self._orders))]
         both = [
@@ -160,17 +160,17 @@ class FlatRows:
             left, right = self._at_ends(row, steps), self._values(tree)
             products.append([left[i] * right[k] for i, k in self._present])
         for zero in dependencies(products):
-            for hole in _holes(most):
-                found: _Zero = {}
+            for context in _root_contexts(most):
+                relation: _Zero = {}
                 for k, share in zero.items():
                     row, steps, tree = both[k]
-                    for (_, word), value in self._around(row, steps, share, hole).items():
+                    for (_, word), value in self._around(row, steps, share, context).items():
                         filled = {(row, fill(word, z)): m for z, m in _flat(tree).items()}
-                        _add(found, {one: value.times(m) for one, m in filled.items()})
-                yield found
+                        _add(relation, {one: value.times(m) for one, m in filled.items()})
+                yield relation
 
-    def _surroundings(self, nodes_left: int) -> list[tuple[int, _Steps]]:
-        """Return surroundings of rooted trees that leave so many nodes to what they surround."""
+    def _contexts(self, nodes_left: int) -> list[tuple[int, _Steps]]:
+        """Return contexts of rooted trees that leave so many nodes to what they surround."""
         return [
             (row, steps)
             for row, order in enumerate(self._orders)
@@ -179,14 +179,14 @@ class FlatRows:
         ]
 
     def _around(self, row: int, steps: _Steps, share: Quadratic, word: Word) -> _Zero:
-        """Return a multiple of a surrounding of rooted trees, with a word in the hole."""
+        """Return a multiple of a context of rooted trees, with a word in the slot."""
         if not steps:
             return {(row, word): share}
-        holes = _sum([(_around(steps), share)])
-        return _filled(row, holes, _flat(steps[-1]), {word: _ONE})
+        contexts = _sum([(_around(steps), share)])
+        return _filled(row, contexts, _flat(steps[-1]), {word: _ONE})
 
     def _at_ends(self, row: int, steps: _Steps) -> list[Quadratic]:
-        """Return a surrounding as a vector over stages and results; a row itself for no steps."""
+        """Return a context as a vector over stages and results; a row itself for no steps."""
         stages = self._layout.stages
         if steps:
             return self._along(row, steps) + [Quadratic(0)] * len(self._orders)
@@ -195,24 +195,24 @@ class FlatRows:
     def _values(self, tree: Word) -> list[Quadratic]:
         """Return the weights of a rooted tree at the stages."""
         if tree not in self._known_values:
-            found = [_ONE] * self._layout.stages
+            values = [_ONE] * self._layout.stages
             for child in tree:
                 inner = self._values(child)
                 rows = self._sums[: self._layout.stages]
-                found = [x * _product(row, inner) for x, row in zip(found, rows, strict=True)]
-            self._known_values[tree] = found
+                values = [x * _product(row, inner) for x, row in zip(values, rows, strict=True)]
+            self._known_values[tree] = values
         return self._known_values[tree]
 
     def _along(self, row: int, steps: _Steps) -> list[Quadratic]:
-        """Return a surrounding of rooted trees as a vector over the stages."""
+        """Return a context of rooted trees as a vector over the stages."""
         if (row, steps) not in self._known_along:
-            found = self._sums[self._layout.stages + row]
+            vector = self._sums[self._layout.stages + row]
             if len(steps) > 1:
                 before = self._along(row, steps[:-1])
                 columns = zip(*self._sums[: self._layout.stages], strict=True)
-                found = [_product(before, column) for column in columns]
+                vector = [_product(before, column) for column in columns]
             values = self._values(steps[-1])
-            self._known_along[row, steps] = [a * b for a, b in zip(found, values, strict=True)]
+            self._known_along[row, steps] = [a * b for a, b in zip(vector, values, strict=True)]
         return self._known_along[row, steps]
 
 
@@ -232,26 +232,26 @@ def _flat(tree: Word) -> Combination:
 
 @cache
 def _chains(degree: int) -> tuple[_Steps, ...]:
-    """Return surroundings of rooted trees: children of the nodes from the root to the hole."""
-    found: list[_Steps] = [(tree,) for tree in rooted_trees(degree + 1)]
+    """Return contexts of rooted trees: children of the nodes from the root to the slot."""
+    chains: list[_Steps] = [(tree,) for tree in rooted_trees(degree + 1)]
     for first in range(degree):
         for tree in rooted_trees(first + 1):
-            found += [(tree, *rest) for rest in _chains(degree - 1 - first)]
-    return tuple(found)
+            chains += [(tree, *rest) for rest in _chains(degree - 1 - first)]
+    return tuple(chains)
 
 
 @cache
 def _around(steps: _Steps) -> Combination:
-    """Return a surrounding of rooted trees as words with a hole, but for the last factor."""
-    found: Combination = {(HOLE,): 1}
+    """Return a context of rooted trees as words with a slot, but for the last factor."""
+    relation: Combination = {(SLOT,): 1}
     for tree in steps[:-1]:
         longer: Combination = {}
-        for hole, factor in found.items():
+        for context, factor in relation.items():
             for word, share in _flat(tree).items():
-                for inner, multiplicity in shuffle(word, (HOLE,)).items():
-                    add_multiple(longer, fill(hole, inner), factor * share * multiplicity)
-        found = longer
-    return found
+                for inner, multiplicity in shuffle(word, (SLOT,)).items():
+                    add_multiple(longer, fill(context, inner), factor * share * multiplicity)
+        relation = longer
+    return relation
 
 
 def _letters(most: int) -> Iterator[Word]:
@@ -261,17 +261,17 @@ def _letters(most: int) -> Iterator[Word]:
 
 
 @cache
-def _holes(count: int) -> tuple[Word, ...]:
-    """Return the words with a hole at the root, and `count` nodes around it."""
+def _root_contexts(count: int) -> tuple[Word, ...]:
+    """Return the words with a slot at the root, and `count` nodes around it."""
     return tuple(
-        (*left, HOLE, *right)
+        (*left, SLOT, *right)
         for before in range(count + 1)
         for left, right in product(words_with(before), words_with(count - before))
     )
 
 
 def _degree(steps: _Steps) -> int:
-    """Return how many nodes a surrounding of rooted trees has."""
+    """Return how many nodes a context of rooted trees has."""
     return len(steps) - 1 + sum(map(nodes, steps))
 
 
@@ -300,22 +300,22 @@ def _sum(terms: Iterable[tuple[Combination, Quadratic]]) -> dict[Word, Quadratic
 
 def _filled(
     row: int,
-    holes: dict[Word, Quadratic],
+    contexts: dict[Word, Quadratic],
     factors: Combination,
     letters: dict[Word, Quadratic],
 ) -> _Zero:
-    """Return the words of surroundings times factors, with letters in the hole."""
-    found: _Zero = {}
+    """Return the words of contexts times factors, with letters in the slot."""
+    relation: _Zero = {}
     for factor, first in factors.items():
         for letter, second in letters.items():
             for z, multiplicity in shuffle(factor, letter).items():
-                for hole, share in holes.items():
+                for context, share in contexts.items():
                     value = (share * second).times(first * multiplicity)
-                    add_multiple(found, (row, fill(hole, z)), value)
-    return found
+                    add_multiple(relation, (row, fill(context, z)), value)
+    return relation
 
 
 def _independent(vectors: Sequence[Sequence[Quadratic]]) -> list[int]:
     """Return the vectors that don't depend on those before."""
-    gone = {max(zero) for zero in dependencies(vectors)}
-    return [k for k in range(len(vectors)) if k not in gone]
+    dependent = {max(zero) for zero in dependencies(vectors)}
+    return [k for k in range(len(vectors)) if k not in dependent]

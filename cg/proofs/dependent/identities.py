@@ -29,10 +29,10 @@ class StageOrderTwo:
     """``Σ_j a_ij c_j = c_i²/2`` at all stages i but one, the exception e.
 
     So the letter ``[[τ]]`` may be replaced by ``[ττ]``, up to a letter that is zero
-    except on stage e: a mark. Weights are linear in the values of each letter, and both
+    except on stage e: an indicator. Weights are linear in the values of each letter, and both
     trees have the same number of nodes and the same reciprocal_density, so
 
-        residual(t with [[τ]]) = residual(t with [ττ]) + κ Φ(t with the mark),
+        residual(t with [[τ]]) = residual(t with [ττ]) + κ Φ(t with the indicator),
         κ = Σ_j a_ej c_j - c_e²/2.
 
     Attributes
@@ -71,12 +71,12 @@ class StageOrderTwo:
 
         Such a letter is ``[z]`` with z in ``[τ] ⧢ y`` or in ``ττ ⧢ y`` for some word y.
         At stage i, the sum over the first has the value ``Σ_j a_ij c_j Φ_i([y])``, that
-        over the second ``c_i²/2 Φ_i([y])``. Their difference is a multiple of the mark,
-        which is left out where y isn't empty: then the word with the mark is one with
-        fewer nodes. The factor κ is taken into the mark, whose weights are zero or not
+        over the second ``c_i²/2 Φ_i([y])``. Their difference is a multiple of the indicator,
+        which is left out where y isn't empty: then the word with the indicator is one with
+        fewer nodes. The factor κ is taken into the indicator, whose weights are zero or not
         with it.
 
-        Letters before a mark of stage 2 count on stages 1 and 2 only. There, all letters but
+        Letters before an indicator of stage 2 count on stages 1 and 2 only. There, all letters but
         τ are zero or multiples of ``[τ]``, so that words are zero or multiples of one with
         fewer nodes.
         """
@@ -91,11 +91,11 @@ class StageOrderTwo:
                 yield relation
         if self.exception == 1:
             rows = (letter for _, letter in places(word))
-            if any(map(_before_the_mark, rows)):
+            if any(map(_before_the_indicator, rows)):
                 yield {word: 1}
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Tell whether a child of the root is the mark, and the weight there is zero."""
+        """Tell whether a child of the root is the indicator, and the weight there is zero."""
         return self.exception in word and self.exception in zeros
 
 
@@ -137,19 +137,19 @@ class MiddleAbscissae:
 
     def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
         """Return ``c_k - Σ_{j<k} b_j - b_k/2`` where the weight isn't zero."""
-        found = []
-        for r, held in enumerate(zeros[:1] if self.first_only else zeros, layout.stages):
+        equations = []
+        for r, zero in enumerate(zeros[:1] if self.first_only else zeros, layout.stages):
             for k in range(layout.stages):
-                if k in held:
+                if k in zero:
                     continue
-                own = [Term(Fraction(1), (Quantity(k, DOT),))] if layout.lengths[k] else []
+                abscissa = [Term(Fraction(1), (Quantity(k, DOT),))] if layout.lengths[k] else []
                 terms = (
-                    *own,
+                    *abscissa,
                     Term(Fraction(-1), (Quantity(r, DOT, k),)),
                     Term(Fraction(-1, 2), (Quantity(r, (k,)),)),
                 )
-                found.append(Equation(f"middle of stage {k + 1}", terms))
-        return found
+                equations.append(Equation(f"middle of stage {k + 1}", terms))
+        return equations
 
     def relations(self, word: Word) -> Iterator[Relation]:
         """Yield the relations in which the word occurs with all of τ^p within its letters."""
@@ -160,17 +160,17 @@ class MiddleAbscissae:
             powers = range(len(letter) + 1)
             choices.append([(p, y) for p in powers for y in without(letter, ((),) * p)])
         for centred in product(*choices):
-            found = _folded(centred)
-            if found:
-                yield found
+            relation = _folded(centred)
+            if relation:
+                yield relation
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
         """Return False."""
         return False
 
 
-def _before_the_mark(word: Word) -> bool:
-    """Tell whether a letter before a mark of stage 2 is neither τ nor [τ]."""
+def _before_the_indicator(word: Word) -> bool:
+    """Tell whether a letter before an indicator of stage 2 is neither τ nor [τ]."""
     last = max((k for k, letter in enumerate(word) if isinstance(letter, int)), default=0)
     return any(letter not in ((), DOT) for letter in word[:last])
 
@@ -214,13 +214,13 @@ def _on_a_stage(letters: Sequence[tuple[int, Word]]) -> Fraction:
 
 def _append(words: Relation, p: int, y: Word) -> Relation:
     """Return the words followed by a centred letter."""
-    found: Relation = {}
+    longer: Relation = {}
     for inner in range(p + 1):
         for word, multiplicity in words.items():
             for before, m in shuffle(((),) * (p - inner), word).items():
                 for z, n in shuffle(((),) * inner, y).items():
-                    add_multiple(found, (*before, z), (-1) ** inner * multiplicity * m * n)
-    return found
+                    add_multiple(longer, (*before, z), (-1) ** inner * multiplicity * m * n)
+    return longer
 
 
 def _difference(first: Quantity, second: Quantity) -> tuple[Term, ...]:

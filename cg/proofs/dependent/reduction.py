@@ -63,11 +63,11 @@ class Reduction:
 
     def total(self, terms: Iterable[tuple[Word, Any]]) -> Combination:
         """Return a combination of residuals of words, coefficients of the number type."""
-        found: Combination = {}
+        total: Combination = {}
         for word, factor in terms:
             for one, value in self(word).items():
-                add_multiple(found, one, factor * value)
-        return found
+                add_multiple(total, one, factor * value)
+        return total
 
     def _reduced(self, word: Word) -> Combination:
         cut = _first_condition(word)

@@ -75,7 +75,7 @@ class TwoRegisters:
 
     def equations(self) -> list[Equation]:
         """Return that the weights on two stages have the same ratio in all flows."""
-        found = []
+        equations = []
         for m, k in self._entries():
             products = (((m, k), (k + 1, k + 1), 1), ((m, k + 1), (k + 1, k), -1))
             terms = [
@@ -84,28 +84,28 @@ class TwoRegisters:
                 for a, one in self._places(*first)
                 for b, other in self._places(*second)
             ]
-            found.append(Equation(f"weights {k + 1} and {k + 2} of flow {m + 1}", tuple(terms)))
-        return found
+            equations.append(Equation(f"weights {k + 1} and {k + 2} of flow {m + 1}", tuple(terms)))
+        return equations
 
     def _places(self, m: int, k: int) -> list[tuple[int, tuple[Quantity]]]:
         """Return the weight of flow m on stage k as a difference of sums along ways."""
-        found = [(1, (Quantity(m + 1, (k,)),))]
+        places = [(1, (Quantity(m + 1, (k,)),))]
         if m > k:
-            found.append((-1, (Quantity(m, (k,)),)))
-        return found
+            places.append((-1, (Quantity(m, (k,)),)))
+        return places
 
     def relations(self, y: Sequence[arb] = ()) -> Iterator[Known]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(1, order + 1):
-                for found in exchanges(count):
-                    yield {(row, word): Fraction(m) for word, m in found.items()}
+                for relation in exchanges(count):
+                    yield {(row, word): Fraction(m) for word, m in relation.items()}
 
 
 @cache
 def exchanges(count: int) -> tuple[dict[Word, int], ...]:
     """Return combinations of words with so many nodes that are zero, at the root or deeper."""
-    found = [
+    relations = [
         relation
         for first in range(1, count)
         for second in range(1, count - first + 1)
@@ -120,20 +120,20 @@ def exchanges(count: int) -> tuple[dict[Word, int], ...]:
         for left in range(count - inside):
             for p in words_with(left):
                 for q in words_with(count - 1 - inside - left):
-                    found += [
+                    relations += [
                         {(*p, letter, *q): m for letter, m in relation.items()}
                         for relation in exchanges(inside)
                     ]
-    return tuple(found)
+    return tuple(relations)
 
 
 def _exchange(p: Word, v: Word, w: Word, q: Word) -> dict[Word, int]:
-    found: dict[Word, int] = {}
+    relation: dict[Word, int] = {}
     for first, second, sign in ((v, w, 1), (w, v, -1)):
         for word, m in shuffle(p, (first,)).items():
             whole = (*word, second, *q)
-            add_multiple(found, whole, sign * m)
+            add_multiple(relation, whole, sign * m)
         for letter, m in shuffle(second, (first,)).items():
             whole = (*p, letter, *q)
-            add_multiple(found, whole, -sign * m)
-    return {word: m for word, m in found.items() if m}
+            add_multiple(relation, whole, -sign * m)
+    return {word: m for word, m in relation.items() if m}

@@ -22,14 +22,14 @@ from ...structure.layout import Layout
 from ..systems import Equation
 from .words import Word, condition_words, shuffle, words_with
 
-__all__ = ["HOLE", "Identity", "Relation", "fill", "kept_words", "places", "without"]
+__all__ = ["SLOT", "Identity", "Relation", "fill", "kept_words", "places", "without"]
 
 Relation = dict[Word, Any]
 """Coefficients, integers or Fractions, of a sum of residuals that is zero."""
 
 _PRIME = 2**61 - 1
 
-HOLE = -1  # where a letter was cut out of a word
+SLOT = -1  # where a letter was cut out of a word
 
 
 class Identity(Protocol):
@@ -50,7 +50,7 @@ class Identity(Protocol):
         """
 
     def relations(self, word: Word) -> Iterable[Relation]:
-        """Return relations that contain this word, and maybe new ones, with marks."""
+        """Return relations that contain this word, and maybe new ones, with indicators."""
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
         """Tell whether a weight is zero since the weights at the stages `zeros` are."""
@@ -114,13 +114,13 @@ def _close(
 def _shuffles(words: Sequence[Word]) -> list[Relation]:
     """Return ``Σ residual(u ⧢ v) = 0`` for all ways to cut these words in two."""
     known = set(words)
-    found: list[Relation] = []
+    relations: list[Relation] = []
     for word in words:
         for cut in range(1, len(word)):
             relation = shuffle(word[:cut], word[cut:])
             if known.issuperset(relation):
-                found.append(relation)
-    return found
+                relations.append(relation)
+    return relations
 
 
 def _depth(word: Word) -> int:
@@ -132,20 +132,20 @@ def _has_line(word: Word) -> bool:
 
 
 def places(word: Word) -> list[tuple[Word, Word]]:
-    """Return all letters of a word at any depth, each after what it leaves, with a hole."""
-    found: list[tuple[Word, Word]] = []
+    """Return all letters of a word at any depth, each after what it leaves, with a slot."""
+    letters: list[tuple[Word, Word]] = []
     for k, letter in enumerate(word):
         if isinstance(letter, int):
             continue
-        found.append(((*word[:k], HOLE, *word[k + 1 :]), letter))
-        found += [((*word[:k], rest, *word[k + 1 :]), t) for rest, t in places(letter)]
-    return found
+        letters.append(((*word[:k], SLOT, *word[k + 1 :]), letter))
+        letters += [((*word[:k], rest, *word[k + 1 :]), t) for rest, t in places(letter)]
+    return letters
 
 
 def fill(context: Word, letter: Any) -> Word:
-    """Put a letter into the hole of what `places` returned."""
+    """Put a letter into the slot of what `places` returned."""
     return tuple(
-        letter if t == HOLE else t if isinstance(t, int) else fill(t, letter) for t in context
+        letter if t == SLOT else t if isinstance(t, int) else fill(t, letter) for t in context
     )
 
 
@@ -153,8 +153,8 @@ def without(word: Word, part: Word) -> set[Word]:
     """Return the words y such that `word` occurs in ``part ⧢ y``."""
     if not part:
         return {word}
-    found: set[Word] = set()
+    words: set[Word] = set()
     for k, letter in enumerate(word):
         if letter == part[0]:
-            found |= {word[:k] + rest for rest in without(word[k + 1 :], part[1:])}
-    return found
+            words |= {word[:k] + rest for rest in without(word[k + 1 :], part[1:])}
+    return words

@@ -1,8 +1,8 @@
-"""Words of ordered trees, with marks: the arguments of elementary weights.
+"""Words of ordered trees, with indicators: the arguments of elementary weights.
 
 Here a tree is the tuple of its children, ``()`` for ``τ``, and a word is a tuple of
 letters; the weight of a tree is that of the word of its children. Besides trees, a
-letter may be a *mark*, the integer k: it stands for the letter that is 1 on stage k
+letter may be a *indicator*, the integer k: it stands for the letter that is 1 on stage k
 (from 0) and 0 on all others.
 """
 
@@ -33,7 +33,7 @@ __all__ = [
     "words_with",
 ]
 
-Letter = Any  # a Word or a mark
+Letter = Any  # a Word or an indicator
 Word = tuple[Letter, ...]
 
 DOT: Word = ((),)
@@ -43,18 +43,18 @@ LINE: Word = (((),),)
 BUSH: Word = ((), ())
 """ττ, a word of two letters."""
 
-MARK_NODES = 3  # a mark takes the place of a tree with three nodes
+INDICATOR_NODES = 3  # an indicator takes the place of a tree with three nodes
 
 
 @cache
 def nodes(word: Word) -> int:
     """Return the number of nodes of the letters of a word, one less than of its tree."""
-    return sum(MARK_NODES if isinstance(t, int) else 1 + nodes(t) for t in word)
+    return sum(INDICATOR_NODES if isinstance(t, int) else 1 + nodes(t) for t in word)
 
 
 @cache
 def reciprocal_density(word: Word) -> Fraction:
-    """Return ``1/γ`` of the tree with these children; zero if there is a mark in it."""
+    """Return ``1/γ`` of the tree with these children; zero if there is an indicator in it."""
     product, before = Fraction(1), 0
     for letter in word:
         if isinstance(letter, int):
@@ -120,12 +120,12 @@ def closure(words: Iterable[Word]) -> list[Word]:
     They come by increasing number of nodes, so that letters stand before words that
     have them.
     """
-    found: set[Word] = set()
+    factors: set[Word] = set()
 
     def add(word: Word) -> None:
         for begin in range(len(word)):
             for end in range(begin + 1, len(word) + 1):
-                found.add(word[begin:end])
+                factors.add(word[begin:end])
 
     pending = list(words)
     seen: set[Word] = set(pending)
@@ -136,16 +136,16 @@ def closure(words: Iterable[Word]) -> list[Word]:
             if not isinstance(letter, int) and letter and letter not in seen:
                 seen.add(letter)
                 pending.append(letter)
-    return sorted(found, key=nodes)
+    return sorted(factors, key=nodes)
 
 
 def text(word: Word) -> str:
-    """Write a word as the tree with these children, in brackets; marks as ``(k)``, from 1."""
+    """Write a word as the tree with these children, in brackets; indicators as ``(k)``, from 1."""
     return "[" + "".join(f"({t + 1})" if isinstance(t, int) else text(t) for t in word) + "]"
 
 
 def parse(tree: str) -> Word:
-    """Read what `text` writes for words without marks.
+    """Read what `text` writes for words without indicators.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def parse(tree: str) -> Word:
     if tree.count("[") > MAX_NODES:
         raise ValueError(f"a tree must have at most {MAX_NODES} nodes, got {tree[:80]!r}")
 
-    def convert(found: OrderedTree) -> Word:
-        return tuple(convert(child) for child in found.children)
+    def convert(tree: OrderedTree) -> Word:
+        return tuple(convert(child) for child in tree.children)
 
     return convert(OrderedTree.parse(tree))
