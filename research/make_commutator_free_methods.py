@@ -10,17 +10,13 @@ found moves along the solution set to a small principal error. The best is writt
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from recipes import run
 
 import cg
-from cg.catalogue import save
 from cg.construction import (
     Candidate,
     ConditionSystem,
@@ -334,30 +330,6 @@ def without_idle_stages(method: cg.Method) -> cg.CommutatorFree:
     )
 
 
-def main(folder: str, *names: str) -> None:
-    """Write the files and say what they hold."""
-    known = {recipe.name: recipe for recipe in RECIPES}
-    if unknown := set(names) - set(known):
-        raise SystemExit(
-            f"no recipe for {', '.join(sorted(unknown))}; there are {', '.join(known)}"
-        )
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    with threadpool_limits(1):
-        for name in names or known:
-            begun = time.process_time()
-            found = method(known[name])
-            save(found, Path(folder) / f"{name}.toml")
-            largest = max(abs(float(entry.value)) for entry in found.coefficients)
-            print(
-                f"{name}: order {found.order}, {found.stages} stages, "
-                f"{found.exponentials} exponentials, largest weight {largest:.4f}, "
-                f"principal error {found.principal_error():.4g}; "
-                f"{time.process_time() - begun:.0f} s of a core",
-                flush=True,
-            )
-
-
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(__doc__)
-    main(*sys.argv[1:])
+    RECIPE = {recipe.name: recipe for recipe in RECIPES}
+    run(lambda name: method(RECIPE[name]), RECIPE, __doc__)

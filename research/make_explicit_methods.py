@@ -10,17 +10,13 @@ for the others, which came from such runs with other guesses, digits and errors 
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from recipes import run
 
-from cg.catalogue import save
 from cg.conditions import count, residuals
 from cg.construction import (
     Candidate,
@@ -199,29 +195,6 @@ def method(recipe: Recipe) -> Tableau:
     raise RuntimeError(f"{recipe.name}: no start led to a method with a certificate")
 
 
-def main(folder: str, *names: str) -> None:
-    """Write the files and say what they hold."""
-    known = {recipe.name: recipe for recipe in RECIPES}
-    if unknown := set(names) - set(known):
-        raise SystemExit(
-            f"no recipe for {', '.join(sorted(unknown))}; there are {', '.join(known)}"
-        )
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    with threadpool_limits(1):
-        for name in names or known:
-            begun = time.process_time()
-            found = method(known[name])
-            save(found, Path(folder) / f"{name}.toml")
-            largest = max(np.abs(found.a).max(), np.abs(found.b).max())
-            print(
-                f"{name}: order {found.order}, {found.stages} stages, "
-                f"{found.exponentials} exponentials, largest coefficient {largest:.4f}, "
-                f"principal error {found.principal_error():.4g}; "
-                f"{time.process_time() - begun:.0f} s of a core"
-            )
-
-
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(__doc__)
-    main(*sys.argv[1:])
+    RECIPE = {recipe.name: recipe for recipe in RECIPES}
+    run(lambda name: method(RECIPE[name]), RECIPE, __doc__)

@@ -6,20 +6,18 @@ symmetric, the latter with a change of sign. docs/implicit.md derives them. DICG
 best of a random search for one diagonal entry throughout, DICG3(2) a rational pair of
 that kind.
 
-    python research/make_implicit_methods.py [FOLDER]
+    python research/make_implicit_methods.py FOLDER [NAME ...]
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
+from recipes import run
 
-from cg.catalogue import save
 from cg.construction import Candidate, Goals, optimise, principal_error
 from cg.construction.search.random_search import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
@@ -165,17 +163,6 @@ def methods() -> list[Tableau]:
     return [midpoint, l_stable(), damped_pair(), triple, rational(), seven]
 
 
-def main(folder: str = "cg/catalogue") -> None:
-    """Write the files and say what they hold."""
-    for method in methods():
-        save(method, Path(folder) / f"{method.name}.toml")
-        largest = max(np.abs(method.a).max(), np.abs(method.b).max())
-        print(
-            f"{method.name}: order {method.order}, {method.stages} stages, "
-            f"{method.exponentials} exponentials, largest coefficient {largest:.4f}, "
-            f"principal error {method.principal_error():.4g}"
-        )
-
-
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    METHODS = {method.name: method for method in methods()}
+    run(METHODS.__getitem__, METHODS, __doc__)

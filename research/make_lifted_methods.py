@@ -10,8 +10,6 @@ there.
 from __future__ import annotations
 
 import re
-import sys
-import time
 import tomllib
 from fractions import Fraction
 from math import isqrt
@@ -19,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from recipes import run
 
 import cg
-from cg.catalogue import save
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.splitting import FlatRows, Splitting
 from cg.method.flat import stage_orders
@@ -45,27 +42,17 @@ NOTE = "; lifted: the flat pair stays exact, its rows split into flows"
 _IRRATIONAL = re.compile(r"(?P<p>\S+) (?P<sign>[+-]) (?P<q>\S+) r(?P<square>\d+)")
 
 
-def main() -> None:
-    """Write what is asked for."""
-    folder, *names = sys.argv[1:]
-    for name, flat in tableaux().items():
-        if names and name not in names:
-            continue
-        start = time.process_time()
-        if name in STARTS:
-            method = from_start(flat)
-        else:
-            lifted = cg.lift(flat, **RECIPES[name])
-            print(f"{name}: start {lifted.index} of {lifted.starts}, {lifted.hits} hits")
-            method = lifted.method
-        if (third := third_weights(name)) is not None:
-            method = with_third(method, third)
-        save(method, Path(folder) / f"{name}.toml")
-        seconds = time.process_time() - start
-        print(
-            f"{name}: order {orders_of(method)}, {method.exponentials} flows, "
-            f"principal error {method.principal_error():.2e}, {seconds:.0f} s"
-        )
+def make(name: str) -> cg.CommutatorFree:
+    """Return a lifted method."""
+    flat = tableaux()[name]
+    if name in STARTS:
+        method = from_start(flat)
+    else:
+        lifted = cg.lift(flat, **RECIPES[name])
+        print(f"{name}: start {lifted.index} of {lifted.starts}, {lifted.hits} hits")
+        method = lifted.method
+    third = third_weights(name)
+    return method if third is None else with_third(method, third)
 
 
 def tableaux() -> dict[str, cg.Tableau]:
@@ -81,12 +68,6 @@ def tableaux() -> dict[str, cg.Tableau]:
         )
         for name, pair in pairs.items()
     }
-
-
-def orders_of(method: cg.CommutatorFree) -> str:
-    """Return the orders as in names of pairs."""
-    second = method.embedded_order
-    return str(method.order) if second is None else f"{method.order}({second})"
 
 
 def third_weights(name: str) -> list[str] | None:
@@ -147,5 +128,4 @@ def from_start(flat: cg.Tableau) -> cg.CommutatorFree:
 
 
 if __name__ == "__main__":
-    with threadpool_limits(1):
-        main()
+    run(make, tableaux(), __doc__)

@@ -9,21 +9,17 @@ one, and its weights add up to b̂. Of all starts that lead to one, the least pr
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from recipes import run
 
 import cg
-from cg.catalogue import save
 from cg.conditions import compiled as compiled_conditions
 from cg.conditions import condition_trees
 from cg.construction.lifting.exact import refined
@@ -136,22 +132,14 @@ def make(method: cg.CommutatorFree, recipe: Recipe) -> tuple[cg.CommutatorFree, 
     return pair, error, len(found)
 
 
-def main() -> None:
-    """Write what is asked for."""
-    folder, *names = sys.argv[1:]
-    for name in names or RECIPES:
-        begin, recipe = time.process_time(), RECIPES[name]
-        method = cg.methods[name]
-        assert isinstance(method, cg.CommutatorFree)
-        pair, error, hits = make(method, recipe)
-        save(pair, Path(folder) / f"{name}.toml")
-        seconds = time.process_time() - begin
-        print(
-            f"{name}: {pair.order}({pair.embedded_order}), {pair.pair_exponentials} flows, error "
-            f"of the second result {error:.1e}, {hits} of {recipe.tries} starts, {seconds:.0f} s"
-        )
+def lifted(name: str) -> cg.CommutatorFree:
+    """Return a lifted pair of the catalogue with a new second result."""
+    method = cg.methods[name]
+    assert isinstance(method, cg.CommutatorFree)
+    pair, error, hits = make(method, RECIPES[name])
+    print(f"{name}: {hits} of {RECIPES[name].tries} starts, second result's error {error:.1e}")
+    return pair
 
 
 if __name__ == "__main__":
-    with threadpool_limits(1):
-        main()
+    run(lifted, RECIPES, __doc__)

@@ -18,10 +18,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from math import factorial
 from typing import Any
 
 from cg.conditions import condition_trees
+from cg.conditions.exact import word_weights
 from cg.structure.points import START
 from cg.trees.ordered import forest
 from research.impossibility import PointsShape, point_shapes
@@ -70,7 +70,7 @@ class Conditions:
         letters: dict[int, list[Any]] = {}
         for t in range(1, trees.with_nodes(order).stop):
             word = trees.children[t - 1]
-            at = self._weights(word, letters)
+            at = word_weights(shape.tree, points, word, letters, one)
             phi = [at[i - 1] for i in points]
             if word == (2,):
                 phi[2:] = [self._name(f"q{i}", phi[i]) for i in points[2:]]
@@ -81,24 +81,12 @@ class Conditions:
                     value = self._name(f"z{t}_{m}", value)
                 letters[t].append(value)
         for t in condition_trees(order, independent=True):
-            end = self._weights(trees.children[t - 1], letters)[shape.stages - 1]
-            self.equations.append(end - one / trees.density[t - 1])
+            ends = word_weights(shape.tree, points, trees.children[t - 1], letters, one)
+            self.equations.append(ends[shape.stages - 1] - one / trees.density[t - 1])
 
     def _name(self, name: str, value: Any) -> Any:
         self.equations.append(self.ring[name] - value)
         return self.ring[name]
-
-    def _weights(self, word: Sequence[int], letters: dict[int, list[Any]]) -> dict[int, Any]:
-        zero, one = self.ring.number(0), self.ring.number(1)
-        taken = {START: [one] + [zero] * len(word)}
-        for m, parent in enumerate(self.parents):
-            taken[m] = list(taken[parent])
-            for end in range(1, len(word) + 1):
-                product = one
-                for begin in range(end - 1, -1, -1):
-                    product *= letters[word[begin]][m]
-                    taken[m][end] += taken[parent][begin] * product / factorial(end - begin)
-        return {m: row[-1] for m, row in taken.items()}
 
 
 def has_none(conditions: Conditions, characteristic: int, seconds: float) -> bool | None:

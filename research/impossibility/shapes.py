@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import permutations, product
-from math import factorial, prod
+from math import prod
 
 from cg.conditions import condition_trees, exact_weights, right_sides
+from cg.conditions.exact import word_weights
 from cg.structure.points import START, Point, PointTree
 from cg.support.checks import MAX_STAGES, check_integer
 from cg.trees.ordered import OrderedTree, forest
@@ -84,16 +85,10 @@ class PathShape:
         return found
 
     def _weight(self, word: tuple[int, ...]) -> Polynomial:
-        taken = [self.ring.number(1)] + [self.ring.number(0)] * len(word)
-        for k in range(self.flows):
-            after = list(taken)
-            for end in range(1, len(word) + 1):
-                term = self.ring.number(1)
-                for begin in range(end - 1, -1, -1):
-                    term *= self._letters[word[begin]][k]
-                    after[end] += taken[begin] * term / factorial(end - begin)
-            taken = after
-        return taken[-1]
+        chain = tuple(Point(k - 1, {}) for k in range(self.flows))
+        tree = PointTree(chain, (START,), self.flows - 1)
+        one = self.ring.number(1)
+        return word_weights(tree, range(self.flows), word, self._letters, one)[tree.result]
 
 
 @dataclass(frozen=True)
