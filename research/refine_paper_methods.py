@@ -37,8 +37,8 @@ def refined(paper: Printed, order: int, source: str) -> Tableau:
     x = [Fraction(entry) for row in (*paper.a, paper.b) for entry in row]
     free = [k for k, entry in enumerate(x) if entry != 0]
     system = ConditionSystem.tableau(order, len(paper.b))
-    found = polish(x, system, directions=np.eye(len(x))[:, free])
-    return Tableau.from_packed(found.x, len(paper.b), digits=36, name=paper.name, source=source)
+    polished = polish(x, system, directions=np.eye(len(x))[:, free], below=Fraction(1, 10**48))
+    return Tableau.from_packed(polished.x, len(paper.b), digits=36, name=paper.name, source=source)
 
 
 def owren_marthinsen() -> Tableau:
