@@ -13,11 +13,11 @@ multiple precision (mpmath) refines the solution with the smallest Σ|x_i1|.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
-from functools import cached_property
 from math import factorial
 from pathlib import Path
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -26,81 +26,57 @@ from scipy.optimize import least_squares
 
 from cg.catalogue import save
 from cg.method.magnus import MagnusMethod
+from cg.trees.ordered import is_lyndon
 
 Array = NDArray[np.float64]
 Word = tuple[int, ...]
 
 
-class Words:
-    """Words in K letters of degrees 1 to K, and the algebra of series in them."""
+def words_through(letters: int, degree: int) -> list[Word]:
+    """Return the words of a degree at most, in letters of degrees 1 to `letters`, by degree."""
 
-    def __init__(self, letters: int, degree: int) -> None:
-        self.letters, self.degree = letters, degree
-        self.words = sorted(self._through(degree), key=lambda word: (sum(word), word))
-        self.index = {word: i for i, word in enumerate(self.words)}
-
-    def _through(self, degree: int) -> list[Word]:
+    def through(degree: int) -> list[Word]:
         rest = [
-            (j, *word)
-            for j in range(1, min(self.letters, degree) + 1)
-            for word in self._through(degree - j)
+            (j, *word) for j in range(1, min(letters, degree) + 1) for word in through(degree - j)
         ]
         return [(), *rest]
 
-    @cached_property
-    def lyndon(self) -> list[int]:
-        """Places of the words that are smaller than all their proper suffixes."""
-        return [
-            i
-            for i, word in enumerate(self.words)
-            if word and all(word < word[k:] for k in range(1, len(word)))
-        ]
+    return sorted(through(degree), key=lambda word: (sum(word), word))
 
-    @cached_property
-    def splits(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Places of prefixes and suffixes of all words, shape (length + 1, words); -1 for none."""
-        length = max(map(len, self.words))
-        shape = (length + 1, len(self.words))
-        first, second = np.full(shape, -1), np.full(shape, -1)
-        for i, word in enumerate(self.words):
-            for k in range(len(word) + 1):
-                first[k, i], second[k, i] = self.index[word[:k]], self.index[word[k:]]
-        return first, second
 
-    def exponential(self, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the series of exp(Σ x_j A_j), shape (..., words)."""
-        columns = [
-            np.prod([x[..., j - 1] for j in word], axis=0) / factorial(len(word))
-            if word
-            else np.ones(x.shape[:-1])
-            for word in self.words
-        ]
-        return np.stack(columns, axis=-1)
+def conditions(words: Sequence[Word], symmetric: bool) -> list[Word]:
+    """Return the words of the order conditions: Lyndon words, of odd degree if symmetric."""
+    return [w for w in words if is_lyndon(w) and (not symmetric or sum(w) % 2)]
 
-    def multiply(
-        self, a: NDArray[np.complex128], b: NDArray[np.complex128]
-    ) -> NDArray[np.complex128]:
-        """Return the product of two series."""
-        padded = [np.concatenate([s, np.zeros((*s.shape[:-1], 1))], axis=-1) for s in (a, b)]
-        first, second = self.splits
-        return sum(
-            padded[0][..., u] * padded[1][..., v] for u, v in zip(first, second, strict=True)
-        )
 
-    def solution(self) -> list[Fraction]:
-        """Return the coefficients of words in the solution, letters being Legendre polynomials."""
-        shifted = [_legendre(j) for j in range(self.letters)]
-        values = []
-        for word in self.words:
-            inner = [Fraction(1)]
-            for j in reversed(word):
-                product = [Fraction(0)] * (len(inner) + j)
-                for a, u in enumerate(inner):
-                    for b, v in enumerate(shifted[j - 1]):
-                        product[a + b] += u * v
-                inner = [Fraction(0), *(c / (k + 1) for k, c in enumerate(product))]
-            values.append(sum(inner, Fraction(0)))
-        return values
+def product(x: Sequence[Sequence[Any]], words: Sequence[Word]) -> dict[Word, Any]:
+    """Return the coefficients of words in the product of exponentials with weights x.
+
+    The weights are numbers of any kind, or arrays of many products' weights.
+    """
+    one = x[0][0] * 0 + 1
+    total = {word: one * (not word) for word in words}
+    for row in x:
+        factor = {(): one}
+        for word in words[1:]:
+            factor[word] = factor[word[1:]] * row[word[0] - 1] / len(word)
+        total = {
+            word: sum(factor[word[:k]] * total[word[k:]] for k in range(len(word) + 1))
+            for word in words
+        }
+    return total
+
+
+def solution(word: Word) -> Fraction:
+    """Return the coefficient of a word in the solution, letters being Legendre polynomials."""
+    inner = [Fraction(1)]
+    for j in reversed(word):
+        integrand = [Fraction(0)] * (len(inner) + j)
+        for a, u in enumerate(inner):
+            for b, v in enumerate(_legendre(j - 1)):
+                integrand[a + b] += u * v
+        inner = [Fraction(0), *(c / (k + 1) for k, c in enumerate(integrand))]
+    return sum(inner, Fraction(0))
 
 
 def _legendre(degree: int) -> list[Fraction]:
@@ -125,17 +101,15 @@ def expand(free: Array, flows: int, letters: int, symmetric: bool) -> Array:
 def search(order: int, flows: int, symmetric: bool, starts: int, seed: int) -> Array | None:
     """Return the free entries of the solution with the smallest Σ|x_i1|; None without any."""
     letters = order // 2
-    algebra = Words(letters, order)
-    exact = np.array(algebra.solution(), dtype=np.float64)
-    rows = [i for i in algebra.lyndon if not symmetric or sum(algebra.words[i]) % 2]
+    words = words_through(letters, order)
+    rows = conditions(words, symmetric)
+    exact = np.array([float(solution(word)) for word in rows])
     size = flows * letters // (2 if symmetric else 1)
 
     def residuals(free: Array) -> Array:
-        x = expand(free, flows, letters, symmetric)
-        product = algebra.exponential(x[..., 0, :])
-        for i in range(1, flows):
-            product = algebra.multiply(algebra.exponential(x[..., i, :]), product)
-        return (product - exact)[..., rows]
+        x = np.moveaxis(expand(free, flows, letters, symmetric), (-2, -1), (0, 1))
+        weights = product(list(x), words)
+        return np.stack([weights[word] for word in rows], axis=-1) - exact
 
     def jacobian(free: Array) -> Array:
         step = 1e-30
@@ -159,9 +133,9 @@ def refine(free: Array, order: int, flows: int, symmetric: bool) -> list[list[mp
     """Return x to 60 digits by the Gauss–Newton method, with differences for the Jacobian."""
     mpmath.mp.dps = 80
     letters = order // 2
-    algebra = Words(letters, order)
-    exact = [mpmath.mpf(c.numerator) / c.denominator for c in algebra.solution()]
-    rows = [i for i in algebra.lyndon if not symmetric or sum(algebra.words[i]) % 2]
+    words = words_through(letters, order)
+    rows = conditions(words, symmetric)
+    exact = [mpmath.mpf(c.numerator) / c.denominator for c in map(solution, rows)]
 
     def x_of(free: list[mpmath.mpf]) -> list[list[mpmath.mpf]]:
         x = [free[letters * i : letters * (i + 1)] for i in range(len(free) // letters)]
@@ -169,19 +143,8 @@ def refine(free: Array, order: int, flows: int, symmetric: bool) -> list[list[mp
         return x + mirrored if symmetric else x
 
     def residuals(free: list[mpmath.mpf]) -> list[mpmath.mpf]:
-        product = {word: mpmath.mpf(not word) for word in algebra.words}
-        for row in x_of(free):
-            factor = {
-                word: mpmath.fprod(row[j - 1] for j in word) / factorial(len(word))
-                for word in algebra.words
-            }
-            product = {
-                word: mpmath.fsum(
-                    factor[word[:k]] * product[word[k:]] for k in range(len(word) + 1)
-                )
-                for word in product
-            }
-        return [product[algebra.words[i]] - exact[i] for i in rows]
+        weights = product(x_of(free), words)
+        return [weights[word] - side for word, side in zip(rows, exact, strict=True)]
 
     point = [mpmath.mpf(float(v)) for v in free]
     for _ in range(5):
