@@ -117,15 +117,15 @@ def search(order: int, flows: int, symmetric: bool, starts: int, seed: int) -> A
 
     random, best = np.random.default_rng(seed), None
     for k in range(starts):
-        found = least_squares(
+        fit = least_squares(
             residuals, random.uniform(-0.6, 0.8, size), jac=jacobian, max_nfev=200,
             xtol=1e-15, ftol=1e-15, gtol=1e-15,
         )  # fmt: skip
-        if np.abs(found.fun).max() < 1e-11:
-            length = np.abs(expand(found.x, flows, letters, symmetric)[:, 0]).sum()
+        if np.abs(fit.fun).max() < 1e-11:
+            length = np.abs(expand(fit.x, flows, letters, symmetric)[:, 0]).sum()
             print(f"start {k}: sum of |x_i1| {length:.4f}", flush=True)
             if best is None or length < best[0] - 1e-9:
-                best = length, found.x
+                best = length, fit.x
     return None if best is None else best[1]
 
 

@@ -39,8 +39,8 @@ from cg.proofs import CertificationError, certify
 SEED = 1
 GOALS = Goals(coefficients=2e-4, abscissae=0.2, bound_weight=0.03)
 ITERATIONS = 150
-LARGEST = 6.0  # weights of what is worth moving along
-NOTHING = 1e-12  # weights that are zero at a solution stay so
+LARGEST = 6.0  # largest weight of candidates for optimisation
+NEGLIGIBLE = 1e-12  # smaller weights are set to zero
 CLEARLY = 3e-3  # least norm of the residuals of order q of a pair's second result, over its weights
 ESTIMATE = 10.0  # that norm over the principal error, where it can be chosen
 
@@ -177,11 +177,11 @@ RECIPES = (
 
 
 def fewer(recipe: Recipe) -> list[tuple[int, Candidate]]:
-    """Return what is left of the starts with a given tree when stages and flows are left out."""
+    """Return the starts with a given tree, after dropping stages and flows, and their numbers."""
     assert recipe.tree is not None
     assert recipe.flows is not None
     all_flows = replace(recipe, flows=len(layout_of(recipe.tree).parents), stages=0)
-    found = []
+    candidates = []
     for k, start in attempts(all_flows):
         random = np.random.default_rng(k)
         candidate: Candidate | None = start
@@ -190,8 +190,8 @@ def fewer(recipe: Recipe) -> list[tuple[int, Candidate]]:
         while candidate and len(candidate.system.layout.parents) > recipe.flows:
             candidate = drop_flow(candidate, random, largest=LARGEST)
         if candidate:
-            found.append((k, candidate))
-    return found
+            candidates.append((k, candidate))
+    return candidates
 
 
 def attempts(recipe: Recipe) -> list[tuple[int, Candidate]]:
@@ -249,13 +249,13 @@ def solutions(recipe: Recipe) -> list[tuple[int, Candidate]]:
     assert isinstance(recipe.starts, int)
     stages = recipe.stages if recipe.tree is None else layout_of(recipe.tree).stages
     drawn = {"flows": recipe.first_flows} if recipe.tree is None else {"tree": recipe.tree}
-    found = cg.search(recipe.order, stages, recipe.starts, recipe.seed, **drawn)
+    results = cg.search(recipe.order, stages, recipe.starts, recipe.seed, **drawn)
     candidates = []
-    for start in found.starts:
+    for start in results.starts:
         if start.exact:
-            system = ConditionSystem(recipe.order, start_layout(found.settings, start.index))
+            system = ConditionSystem(recipe.order, start_layout(results.settings, start.index))
             x = np.array(start.x, dtype=float)
-            x[np.abs(x) < NOTHING] = 0
+            x[np.abs(x) < NEGLIGIBLE] = 0
             candidates.append((start.index, Candidate(system, x)))
     return [(k, p) for k, p in candidates if p.largest <= LARGEST and solved(p)]
 
@@ -270,7 +270,7 @@ def merit(candidate: Candidate) -> float:
 
 
 def along(candidate: Candidate, goals: Goals) -> Candidate:
-    """Return where the way along the solution set leads."""
+    """Return the optimised candidate."""
     return optimise(
         candidate,
         goals,
@@ -282,9 +282,9 @@ def along(candidate: Candidate, goals: Goals) -> Candidate:
 
 def method(recipe: Recipe) -> cg.CommutatorFree:
     """Return the best method."""
-    found = solutions(recipe)
-    print(f"{recipe.name}: {len(found)} of {recipe.starts} starts", flush=True)
-    moved = [(k, scaled(along(p, recipe.goals))) for k, p in found]
+    candidates = solutions(recipe)
+    print(f"{recipe.name}: {len(candidates)} of {recipe.starts} starts", flush=True)
+    moved = [(k, scaled(along(p, recipe.goals))) for k, p in candidates]
     if moved and moved[0][1].system.embedded and not recipe.pair:
         moved = [(k, p) for k, p in moved if p.estimate >= CLEARLY]
     for k, candidate in sorted(moved, key=lambda one: merit(one[1])):

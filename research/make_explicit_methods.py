@@ -42,7 +42,7 @@ from cg.runs import as_finished
 from cg.support.parallel import available_cores
 
 SEED = 1
-LARGEST = 4.0  # coefficients of what is worth moving along
+LARGEST = 4.0  # largest coefficient of candidates for optimisation
 CLEARLY = 2e-3  # least norm of the residuals of order q of a pair's second weights
 SINGLE = Goals(bound_weight=0.05)
 STRUCTURED = Goals(coefficients=1e-4, abscissae=0.2, bound_weight=0.05)
@@ -117,13 +117,13 @@ def solutions(recipe: Recipe) -> list[Candidate]:
         )
         return index, Candidate(system, fit.x)
 
-    found = dict(as_finished(run, range(recipe.starts), available_cores()))
-    candidates = [found[index] for index in range(recipe.starts)]
+    results = dict(as_finished(run, range(recipe.starts), available_cores()))
+    candidates = [results[index] for index in range(recipe.starts)]
     return [p for p in candidates if p.largest <= LARGEST and solved(p)]
 
 
 def _constructed(system: ConditionSystem, index: int) -> Candidate:
-    """Return where a start with easily enough stages ends after as many are dropped."""
+    """Return the result of a start with more stages than wanted, after dropping the others."""
     random = np.random.default_rng([SEED, index])
     start = default_start(system.order, system.structure)
     stages = max(system.stages, start.stages)
@@ -140,7 +140,7 @@ def _constructed(system: ConditionSystem, index: int) -> Candidate:
 
 
 def candidates(recipe: Recipe) -> Iterator[Candidate]:
-    """Yield what becomes of the solutions, the best first."""
+    """Yield optimised solutions, the best first."""
     candidates = solutions(recipe)
     print(f"{recipe.name}: {len(candidates)} of {recipe.starts} starts reach the solution set")
     if recipe.system.embedded:  # the tools along the set want all conditions independent
@@ -187,11 +187,11 @@ def method(recipe: Recipe) -> Tableau:
     """Return the best candidate that is exact and has a certificate."""
     for candidate in candidates(recipe):
         try:
-            found = to_method(candidate, name=recipe.name, source=recipe.source)
-            certify(found)
+            tableau = to_method(candidate, name=recipe.name, source=recipe.source)
+            certify(tableau)
         except (NotExactError, CertificationError):
             continue
-        return found
+        return tableau
     raise RuntimeError(f"{recipe.name}: no start led to a method with a certificate")
 
 

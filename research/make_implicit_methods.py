@@ -49,12 +49,12 @@ def midpoints(outer: Sequence[Fraction], order: int, **names: str) -> Tableau:
     offset = np.array(packed([Fraction()] * size), dtype=np.float64)
     unit = [[Fraction(i == j) for j in range(size)] for i in range(size)]
     directions = np.array([packed(u) for u in unit], dtype=np.float64).T - offset[:, None]
-    found = polish(
+    polished = polish(
         packed(near), ConditionSystem.tableau(order, stages, Rows.DIAGONAL), directions=directions
     )
-    if found.largest_residual > Fraction(1, 10**43):
-        raise RuntimeError(f"residuals are still {float(found.largest_residual):.1e}")
-    return Tableau.from_packed(found.x, stages, Rows.DIAGONAL, digits=DIGITS, **names)
+    if polished.largest_residual > Fraction(1, 10**43):
+        raise RuntimeError(f"residuals are still {float(polished.largest_residual):.1e}")
+    return Tableau.from_packed(polished.x, stages, Rows.DIAGONAL, digits=DIGITS, **names)
 
 
 def rational() -> Tableau:
@@ -95,9 +95,9 @@ def l_stable() -> Tableau:
     near = [Fraction(entry) for entry in best.x]
     for end in ends:
         near[end] = Fraction(round(Fraction(gamma) * 10**DIGITS), 10**DIGITS)
-    found = polish(near, system, directions=np.eye(system.size)[:, free])
+    polished = polish(near, system, directions=np.eye(system.size)[:, free])
     return Tableau.from_packed(
-        found.x,
+        polished.x,
         stages,
         rows,
         digits=DIGITS,

@@ -72,8 +72,8 @@ def tableaux() -> dict[str, cg.Tableau]:
 
 def third_weights(name: str) -> list[str] | None:
     """Return the third weights of a flat pair, if it has any."""
-    found: list[str] | None = tomllib.loads(FLAT.read_text(encoding="utf-8"))[name].get("b_third")
-    return found
+    weights: list[str] | None = tomllib.loads(FLAT.read_text(encoding="utf-8"))[name].get("b_third")
+    return weights
 
 
 def with_third(method: cg.CommutatorFree, third: list[str]) -> cg.CommutatorFree:
@@ -92,33 +92,33 @@ def with_third(method: cg.CommutatorFree, third: list[str]) -> cg.CommutatorFree
 
 def number(text: str) -> str:
     """Return a rational number as it is, and ``p + q r6``, with the root of 6, with 36 digits."""
-    found = _IRRATIONAL.fullmatch(text)
-    if found is None:
+    parts = _IRRATIONAL.fullmatch(text)
+    if parts is None:
         return text
-    q = Fraction(found["q"]) * (-1 if found["sign"] == "-" else 1)
-    root = Fraction(isqrt(int(found["square"]) * 10**160), 10**80)
-    return to_decimal(Fraction(found["p"]) + q * root, DECIMAL_DIGITS)
+    q = Fraction(parts["q"]) * (-1 if parts["sign"] == "-" else 1)
+    root = Fraction(isqrt(int(parts["square"]) * 10**160), 10**80)
+    return to_decimal(Fraction(parts["p"]) + q * root, DECIMAL_DIGITS)
 
 
 def start_of(flat: cg.Tableau) -> tuple[Splitting, np.ndarray]:
-    """Return a splitting that is kept in double precision."""
-    found = tomllib.loads(STARTS[flat.name].read_text(encoding="utf-8"))
-    weights = [{int(k): w for k, w in point["weights"].items()} for point in found["points"]]
+    """Return a splitting that is stored in double precision."""
+    stored = tomllib.loads(STARTS[flat.name].read_text(encoding="utf-8"))
+    weights = [{int(k): w for k, w in point["weights"].items()} for point in stored["points"]]
     layout = Layout(
-        tuple(point["parent"] for point in found["points"]),
+        tuple(point["parent"] for point in stored["points"]),
         tuple(tuple(sorted(row)) for row in weights),
-        tuple(found["stage_points"]),
-        tuple(found[key] for key in ("result", "embedded_result") if key in found),
+        tuple(stored["stage_points"]),
+        tuple(stored[key] for key in ("result", "embedded_result") if key in stored),
     )
     x = np.array([float.fromhex(row[k]) for row in weights for k in sorted(row)])
     rows = FlatRows(*flat.exact, flat.exact_embedded)
-    orders = found["order"], found.get("embedded_order", 0)
+    orders = stored["order"], stored.get("embedded_order", 0)
     splitting = Splitting(rows, layout, *orders, stage_orders(flat))
     return splitting, splitting.nearest(x)
 
 
 def from_start(flat: cg.Tableau) -> cg.CommutatorFree:
-    """Refine what is kept in double precision."""
+    """Refine a splitting stored in double precision."""
     splitting, x = start_of(flat)
     exact = refined(splitting, x)
     print(f"{flat.name}: rank {exact.rank}, residuals {exact.largest_residual:.0e}")

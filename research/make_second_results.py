@@ -1,4 +1,4 @@
-"""Give lifted pairs second results by flows of their own, which see what splitting rows adds.
+"""Give lifted pairs second results with separate flows, which sense the error of splitting rows.
 
 The difference of both results by one frozen combination, Σ (b̂ - b) F, is the estimate of the flat
 pair, whatever the splitting. Here the second result starts from a point on the way to the first
@@ -75,8 +75,8 @@ class SecondResult(Splitting):
         order = self.embedded_order + 1
         trees = np.array(condition_trees(order)[len(condition_trees(order - 1)) :], dtype=np.intc)
         owner = np.full(len(trees), -1, dtype=np.intc)
-        found = compiled_conditions.residuals(order, self.layout, x, trees, owner)
-        return float(np.linalg.norm(found))
+        residuals = compiled_conditions.residuals(order, self.layout, x, trees, owner)
+        return float(np.linalg.norm(residuals))
 
 
 def flat_estimate(pair: cg.CommutatorFree) -> cg.CommutatorFree:
@@ -93,7 +93,7 @@ def flat_estimate(pair: cg.CommutatorFree) -> cg.CommutatorFree:
 
 
 def splitting_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
-    """Return what is to be solved for a second result with the same flat weights."""
+    """Return the splitting of the flat second weights, to be solved."""
     tree, count = method.tree, method.result + 1
     assert method.embedded_result is not None
     assert method.embedded_order is not None
@@ -115,21 +115,21 @@ def splitting_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
 def make(method: cg.CommutatorFree, recipe: Recipe) -> tuple[cg.CommutatorFree, float, int]:
     """Return the pair, the principal error of its second result, and how many starts led to one."""
     splitting = splitting_of(method, recipe)
-    found = []
+    results = []
     for index in range(recipe.tries):
         generator = np.random.default_rng(np.random.SeedSequence(_SEED, spawn_key=(index,)))
         start = generator.uniform(-_WIDTH, _WIDTH, splitting.free.size)
         end = fit(splitting, splitting.from_unknowns(start), max_iterations=_ITERATIONS)
         if end.solved:
-            found.append((splitting.second_error(end.x), index, end.x))
-    error, _, x = min(found)
+            results.append((splitting.second_error(end.x), index, end.x))
+    error, _, x = min(results)
     weights = list(refined(splitting, x).weights)
     first = [w.text for row in method.point_coefficients[: method.result + 1] for w in row.values()]
     weights[: len(first)] = first
     source = method.source.removesuffix(NOTE) + NOTE
     layout = splitting.layout
     pair = cg.CommutatorFree.from_layout(layout, weights, name=method.name, source=source)
-    return pair, error, len(found)
+    return pair, error, len(results)
 
 
 def lifted(name: str) -> cg.CommutatorFree:

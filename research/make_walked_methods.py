@@ -29,7 +29,7 @@ from cg.construction import (
 from cg.method.method import Method
 
 ROUND = 10  # iterations, after which damping starts anew
-NOTHING = 1e-9  # weights below are left out at the end
+NEGLIGIBLE = 1e-9  # smaller weights are left out at the end
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Walk:
     start : str
         A lifted method of the catalogue.
     goals : Goals
-        What to minimise.
+        Quantities to minimise.
     rounds : int
     wide : bool
         Whether flows get weights on all stages that they could use.
@@ -80,15 +80,15 @@ def widened(candidate: Candidate) -> Candidate:
 def cleaned(candidate: Candidate) -> Candidate:
     """Return the candidate without the weights that are zero but for rounding."""
     rows = [
-        {k: weight for k, weight in row.items() if abs(weight) > NOTHING}
+        {k: weight for k, weight in row.items() if abs(weight) > NEGLIGIBLE}
         for row in candidate.system.layout.point_weights(candidate.x.tolist())
     ]
-    kept = _with(candidate, rows)
-    return correct(kept, _held(kept))
+    cleaned_candidate = _with(candidate, rows)
+    return correct(cleaned_candidate, _held(cleaned_candidate))
 
 
 def walked(walk: Walk) -> Candidate:
-    """Return where a walk leads."""
+    """Return the end of a walk."""
     start = cg.methods[walk.start]
     assert isinstance(start, cg.CommutatorFree)
     # an estimate that is one frozen combination leaves a walk more room

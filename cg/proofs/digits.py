@@ -64,7 +64,7 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     if Fraction(certificate.radius) == 0 or not free:
         check_rational(packed, certificate)
         return texts
-    # a box for few digits would be wider than the certificate's, and lead to nothing
+    # a box for few digits would be wider than the certificate's
     proved = len(str(math.ceil(1 / Fraction(certificate.radius))))
     with precision(certificate.bits):
         attempt = prove_zero(packed, certificate)
@@ -132,7 +132,7 @@ def digits(
 
 
 def _solve(packed: Packed, certificate: Certificate, free: list[int], places: int) -> list[arb]:
-    """Return balls around the solution with so many decimal places."""
+    """Return balls around the solution with `places` decimal places."""
     system = system_of(packed, certificate)
     z = packed.balls()
     target = arb(10) ** -places
@@ -159,7 +159,7 @@ def _solve(packed: Packed, certificate: Certificate, free: list[int], places: in
 
 
 def _rounded(ball: arb, digits: int) -> str | None:
-    """Write a ball with so many digits; None if they aren't the same at both of its ends."""
+    """Return a ball's digits; None if both of its ends don't round to the same ones."""
     ends = {to_decimal(_exact(end), digits) for end in (ball.lower(), ball.upper())}
     return ends.pop() if len(ends) == 1 else None
 

@@ -16,7 +16,7 @@ from ..support.parsing import read_fraction
 from .dependent.composition import MidpointSteps
 from .dependent.flat_rows import FlatRows
 from .dependent.identities import MiddleAbscissae, StageOrderTwo
-from .dependent.orthogonality import Condition, Known, conditions_of
+from .dependent.orthogonality import Condition, ResidualRelation, conditions_of
 from .dependent.path import Path
 from .dependent.registers import TwoRegisters
 from .dependent.relations import Identity, kept_words
@@ -62,7 +62,7 @@ class Structure(Protocol):
     def equations(self) -> list[Equation]:
         """Return the equations that define it."""
 
-    def relations(self, y: Sequence[arb]) -> Iterator[Known]:
+    def relations(self, y: Sequence[arb]) -> Iterator[ResidualRelation]:
         """Yield combinations of residuals that are zero then, for coefficients in the balls y."""
 
 

@@ -25,7 +25,7 @@ __all__ = [
 
 
 def folder() -> Traversable:
-    """Return where the certificates are."""
+    """Return the folder of the certificates."""
     return files("cg.catalogue") / "certificates"
 
 
@@ -41,8 +41,7 @@ def certificate_of(method: Method) -> Certificate:
     Raises
     ------
     CertificationError
-        If it has none or another one's, or if the method isn't the one that the catalogue has by
-        its name.
+        If it has none, or another method's, or if the catalogue has another method of this name.
     """
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")

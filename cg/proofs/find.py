@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from .certificate import Certificate, CertificationError
-from .dependent.orthogonality import Known, conditions_of, find_relations
+from .dependent.orthogonality import ResidualRelation, conditions_of, find_relations
 from .explain import (
     STRUCTURES,
     augmented_system,
@@ -123,7 +123,7 @@ def _orthogonal(
     orders = orders_of(draft)
     every = {name: make(packed.layout, orders, packed.values) for name, make in STRUCTURES.items()}
     name = next((name for name, one in every.items() if one.satisfied()), "")
-    known: list[Known] = []
+    known: list[ResidualRelation] = []
     along = jacobian[:, nonzero]
     if name:
         known = list(every[name].relations(packed.balls()))

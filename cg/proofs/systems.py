@@ -42,7 +42,7 @@ class Equation(NamedTuple):
     Attributes
     ----------
     label : str
-        What it says, for messages.
+        Description for messages.
     terms : tuple of Term
     constant : Fraction or arb
         Added to the terms.
@@ -83,7 +83,7 @@ class EquationSystem:
         return {quantity: k for k, quantity in enumerate(dict.fromkeys(quantities))}
 
     def residuals(self, z: Sequence[arb]) -> list[arb]:
-        """Return what the equations should make zero."""
+        """Return the residuals of the equations."""
         return self._evaluate(z)[0]
 
     def linearise(self, z: Sequence[arb]) -> tuple[list[arb], arb_mat]:

@@ -2,8 +2,8 @@
 
 The same recursions as in the compiled core, on numbers of python-flint: balls (``arb``)
 for proofs, rationals (``fmpq``) for exact weights without derivatives. The flow to a point
-acts on words as an exponential after what acted at its parent, so that a word is cut in
-all ways into a part for what is before, and one for the flow.
+acts on words as an exponential after the flows to its parent, so that a word is cut in
+all ways into a part for the flows before, and one for the flow.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Quantity(NamedTuple):
         From 0: the stages, then the result, then the second result.
     word : Word
     stop : int or None
-        Only the first so many points on the way count; None for all.
+        Number of points on the path that count; None for all.
     """
 
     row: int
@@ -75,7 +75,7 @@ class Weights:
     ----------
     layout : Layout
     quantities : sequence of Quantity
-        What to evaluate.
+        Weights to evaluate.
     """
 
     def __init__(self, layout: Layout, quantities: Sequence[Quantity]) -> None:
@@ -158,7 +158,7 @@ class Weights:
         self._flow[word], self._left[word], self._chi[word] = flow, left, chi
 
     def _values(self, letter: Letter) -> Vector:
-        """Return what a letter is at the stages."""
+        """Return the values of a letter at the stages."""
         if isinstance(letter, int) and letter not in self._phi:
             self._phi[letter] = [
                 self._one if j == letter else self._zero for j in range(self.layout.stages)
@@ -275,7 +275,7 @@ class Weights:
         return arb_mat(blocks)
 
     def _add_steps(self, word: Word, rights: Sequence[dict[Word, Vector]]) -> None:
-        """Find where the adjoint of a word goes: to weights, to letters, and to first parts."""
+        """Store the derivatives of a word by weights, by its letters, and by its prefixes."""
         segments, size = self._segments, len(self._segments)
         direct = [[self._zero] * len(self._unknowns(segment.points)) for segment in segments]
         steps: list[tuple[Word, arb_mat]] = []
@@ -362,7 +362,7 @@ class Weights:
         return slopes
 
     def _to_origins(self, adjoint: arb_mat) -> arb_mat:
-        """Add to each segment what depends on it through the segments that begin at its end."""
+        """Add the adjoints of segments that begin at the end of each segment."""
         if not self._branched:
             return adjoint
         rows = adjoint.tolist()

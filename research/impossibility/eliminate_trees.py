@@ -1,9 +1,9 @@
 """Ask Singular for each tree of points whether its order conditions have a common zero.
 
-``python -m research.impossibility.eliminate_trees ORDER POINTS`` goes through all trees of so many
-points that are stages but for the last, the result, and prints whether 1 is in the ideal of the
-conditions, over the rational numbers or modulo a prime. These are Gröbner bases: fast, but nothing
-is left that could be checked without Singular, as `research.impossibility` does with its proofs.
+``python -m research.impossibility.eliminate_trees ORDER POINTS`` takes all trees of POINTS
+points, of which the last is the result and the others are stages. It prints whether 1 is in the
+ideal of the conditions, over the rational numbers or modulo a prime. Unlike the proofs of
+`research.impossibility`, these Gröbner bases can't be checked without Singular.
 
 Unknowns are the weights of each point on all stages but the first, their sum with the first, the
 letters with two or three nodes on the flows to the result, and Φ_i([τ]) at the stages. With names
@@ -32,20 +32,20 @@ MIN_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: resea
 
 def path(parents: Sequence[int]) -> list[int]:
     """Return the points from the start to the last one."""
-    found = [len(parents) - 1]
-    while parents[found[-1]] != START:
-        found.append(parents[found[-1]])
-    return found[::-1]
+    points = [len(parents) - 1]
+    while parents[points[-1]] != START:
+        points.append(parents[points[-1]])
+    return points[::-1]
 
 
 class Conditions:
-    """Order conditions of a tree of points, with names for what occurs in them.
+    """Order conditions of a tree of points, with names for common subexpressions.
 
     Attributes
     ----------
     ring : Ring
     equations : list of polynomials
-        That the names stand for what they name, and the conditions.
+        The definitions of the names, and the conditions.
     """
 
     def __init__(self, shape: PointsShape, order: int) -> None:

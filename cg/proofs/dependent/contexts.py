@@ -1,6 +1,6 @@
-"""Words with a slot: what surrounds a stage, as a vector over the stages.
+"""Contexts: words with a slot, in place of a letter, which is filled with other letters.
 
-Letters are values at stages; a word with a slot at the place of a letter is linear in them.
+The weight is linear in the values of the letter in the slot.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["SLOT", "basis", "depth", "has_slot", "moments", "outer_nodes"]
 
 @cache
 def basis(order: int) -> tuple[Word, ...]:
-    """Return words with a slot, and with up to so many nodes around it.
+    """Return words with a slot and with at most `order` nodes around it.
 
     The others follow by shuffles: at the root, the slot is in the last letter.
     """
@@ -44,12 +44,12 @@ def _with_slot(count: int, last: bool) -> tuple[Word, ...]:
 
 @cache
 def outer_nodes(context: Word) -> int:
-    """Return how many nodes are around the slot."""
+    """Return the number of nodes around the slot."""
     return sum(0 if t == SLOT else 1 + outer_nodes(t) for t in context)
 
 
 def depth(word: Word) -> int:
-    """Return how many letters are around the slot, or the depth of a word without one."""
+    """Return the number of letters around the slot, or the depth of a word without one."""
     if SLOT in word:
         return 0
     inner = [t for t in word if has_slot(t)]
@@ -57,13 +57,13 @@ def depth(word: Word) -> int:
 
 
 def has_slot(letter: Any) -> bool:
-    """Tell whether a letter has the slot somewhere within it."""
+    """Return whether the slot is within a letter."""
     return letter != SLOT and any(t == SLOT or has_slot(t) for t in letter)
 
 
 @cache
 def moments(context: Word) -> dict[Word, int]:
-    """Return the words with a slot that integrate the moments of what is put into this one.
+    """Return the combination of contexts that takes the moments of the letter in the slot.
 
     The moments of v, along the path that the slot is on, are the integral of s dv where s is
     the weight of τ up to there: ``s v`` less the integral of v. Integrated by parts, a word

@@ -1,10 +1,9 @@
 """Relations between residuals of a method whose rows add up to those of a flat tableau.
 
-The sums of weights along the ways to stages and results make a tableau. If they are held, at
-rational numbers or at numbers ``a + b √d``, so are the weights of rooted trees, whose nodes have
-no order: combinations of those of ordered trees. Where the conditions of rooted trees are
-satisfied, and where products of vectors made of rooted trees alone vanish, that gives relations
-with exact coefficients.
+The sums of weights along the paths to stages and results are a flat tableau. If they are held at
+rational numbers, or at numbers ``a + b √d``, the weights of rooted trees are fixed, which are
+combinations of those of ordered trees. The conditions of rooted trees, and combinations of
+products of vectors of rooted trees that vanish, are relations with exact coefficients.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from ...trees.rooted import rooted_trees
 from ..systems import Equation, Term
 from ..weights import Quantity
 from .contexts import SLOT, basis, outer_nodes
-from .orthogonality import Condition, Known
+from .orthogonality import Condition, ResidualRelation
 from .quadratic import Quadratic, dependencies
 from .relations import fill
 from .words import Word, add_multiple, nodes, reciprocal_density, shuffle, words_with
@@ -35,7 +34,7 @@ _ONE = Quadratic(1)
 
 
 class FlatRows:
-    """The tableau that the weights along each way to a stage or a result add up to.
+    """The flat tableau of a method: sums of weights along the paths to stages and results.
 
     Parameters
     ----------
@@ -65,7 +64,7 @@ class FlatRows:
         self._known_along: dict[tuple[int, _Steps], list[Quadratic]] = {}
 
     def satisfied(self) -> bool:
-        """Tell whether the tableau has the orders in flat space, exactly."""
+        """Return whether the tableau has the orders in flat space, exactly."""
         return all(
             not _product(self._sums[row], self._values(tree)) - _exact(_flat(tree))
             for r, order in enumerate(self._orders)
@@ -75,7 +74,7 @@ class FlatRows:
         )
 
     def equations(self) -> list[Equation]:
-        """Return that sums of weights are what they are; of those over the same weights, one."""
+        """Return the sums of weights as equations; one of those over the same weights."""
         size = self._layout.size
         rows = []
         for i, stage in self._present:
@@ -93,7 +92,7 @@ class FlatRows:
             for i, stage in (self._present[k] for k in _independent(rows))
         ]
 
-    def relations(self, y: Sequence[arb] = ()) -> Iterator[Known]:
+    def relations(self, y: Sequence[arb] = ()) -> Iterator[ResidualRelation]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(order):
@@ -105,13 +104,13 @@ class FlatRows:
                 *self._of_contexts(most),
                 *self._of_products(most),
             ):
-                # what is zero for the method must be zero for the exact solution
+                # a relation between residuals if the exact solution satisfies it too
                 terms = (value.times(reciprocal_density(w)) for (_, w), value in relation.items())
                 if not sum(terms, Quadratic(0)):
                     yield {key: value.number for key, value in relation.items() if value}
 
     def _of_letters(self, most: int) -> Iterator[_Zero]:
-        """Yield products of any contexts with letters of rooted trees that are dependent."""
+        """Yield products of all contexts with dependent letters of rooted trees."""
         trees = [tree for count in range(most + 1) for tree in rooted_trees(count + 1)]
         for zero in dependencies([self._values(tree) for tree in trees]):
             if nodes(trees[max(zero)]) < most:
@@ -124,7 +123,7 @@ class FlatRows:
                         yield _filled(row, {context: _ONE}, {factor: 1}, letter)
 
     def _of_contexts(self, most: int) -> Iterator[_Zero]:
-        """Yield products of any letter with contexts of rooted trees that are dependent."""
+        """Yield products of all letters with dependent contexts of rooted trees."""
         rows = self._contexts(most + 1)
         for zero in dependencies([self._along(row, steps) for row, steps in rows]):
             for letter in words_with(most):
@@ -170,7 +169,7 @@ class FlatRows:
                 yield relation
 
     def _contexts(self, nodes_left: int) -> list[tuple[int, _Steps]]:
-        """Return contexts of rooted trees that leave so many nodes to what they surround."""
+        """Return contexts of rooted trees that leave `nodes_left` nodes to the slot."""
         return [
             (row, steps)
             for row, order in enumerate(self._orders)

@@ -1,4 +1,4 @@
-"""Identities between stages that explain why order conditions depend on each other.
+"""Identities of tableaux by which order conditions depend on each other.
 
 At some solutions the derivatives of the order conditions are dependent, so that no
 interval test can prove a zero of them directly. Where the solution satisfies further
@@ -95,7 +95,7 @@ class StageOrderTwo:
                 yield {word: 1}
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Tell whether a child of the root is the indicator, and the weight there is zero."""
+        """Return whether a child of the root is the indicator, and the weight there is zero."""
         return self.exception in word and self.exception in zeros
 
 
@@ -170,15 +170,15 @@ class MiddleAbscissae:
 
 
 def _before_the_indicator(word: Word) -> bool:
-    """Tell whether a letter before an indicator of stage 2 is neither τ nor [τ]."""
+    """Return whether a letter before an indicator of stage 2 is neither τ nor [τ]."""
     last = max((k for k, letter in enumerate(word) if isinstance(letter, int)), default=0)
     return any(letter not in ((), DOT) for letter in word[:last])
 
 
 def _folded(letters: Sequence[tuple[int, Word]]) -> Relation:
-    """Return how a word of centred letters differs from a multiple of words of one letter.
+    """Return a word of centred letters less a multiple of words of one letter.
 
-    Nothing if no relation comes of it.
+    Empty if there is no such relation.
     """
     even = sum(p % 2 == 0 for p, _ in letters)
     if even > 1 or even == len(letters):

@@ -1,10 +1,10 @@
-"""Conditions that follow since orthogonal vectors fill all stages, or all flows.
+"""Conditions that follow since orthogonal vectors span all stages, or all flows.
 
-Order conditions say that products of contexts and letters (`pairings`) are what the exact
-solution makes of them. Take some of both, G the matrix of what it makes of their products, U_0
-combinations of the contexts whose products are all zero for it, and V the letters. With n
-places, let a of U_0 and b of V be independent with a + b = n. Then the span of V is all that is
-orthogonal to U_0, and with v = Σ β_j v_j for another letter and u = Σ δ_i u_i for another
+An order condition gives the product of a context and a letter (`pairings`) its value for the exact
+solution. Take some contexts and letters. Let U_0 be the combinations of contexts whose products
+with all these letters are zero for the exact solution, and V the letters. With n places, stages or
+flows, let a vectors of U_0 and b of V be independent with a + b = n. Then V spans the orthogonal
+complement of U_0, and with v = Σ β_j v_j for another letter and u = Σ δ_i u_i for another
 context,
 
     (u, v) - Σ β_j (u, v_j) - Σ δ_i (u_i, v) + Σ β_j δ_i (u_i, v_j) = 0
@@ -34,7 +34,7 @@ from .reduction import Reduction
 from .spanned import Spanned, doubles, independent_rows
 from .words import Word, add_multiple, condition_words, reciprocal_density
 
-__all__ = ["Condition", "Known", "conditions_of", "find_relations", "follow"]
+__all__ = ["Condition", "ResidualRelation", "conditions_of", "find_relations", "follow"]
 
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
 _REGULARITY_BITS = 128
@@ -44,7 +44,7 @@ _CHUNK = 500  # known relations that are looked at together
 Condition = tuple[int, Word]
 """A row of weights, from 0, and the word of a condition."""
 
-Known = Mapping[Condition, Fraction | arb]
+ResidualRelation = Mapping[Condition, Fraction | arb]
 """A combination of residuals of rows and words that is zero."""
 
 _Doubles = NDArray[np.float64]
@@ -60,9 +60,9 @@ def follow(
     orders: Sequence[int],
     y: Sequence[arb],
     left_out: Sequence[Condition],
-    known: Sequence[Known] = (),
+    known: Sequence[ResidualRelation] = (),
 ) -> bool:
-    """Tell whether conditions are satisfied wherever all others are, for coefficients in balls.
+    """Return whether conditions are satisfied wherever all others are, for coefficients in balls.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def find_relations(
     orders: Sequence[int],
     y: Sequence[arb],
     most: int,
-    known: Sequence[Known] = (),
+    known: Sequence[ResidualRelation] = (),
 ) -> _Doubles:
     """Return linear relations between residuals, in double precision; arguments as of `follow`.
 
@@ -132,14 +132,14 @@ class _Choice(NamedTuple):
 
 
 class _Relations:
-    """What follows from what, for coefficients in balls."""
+    """Relations between residuals, for coefficients in balls."""
 
     def __init__(
         self,
         layout: Layout,
         orders: Sequence[int],
         y: Sequence[arb],
-        known: Sequence[Known],
+        known: Sequence[ResidualRelation],
     ) -> None:
         self._layout, self._orders, self._y, self._known = layout, orders, y, known
         self.conditions = conditions_of(orders)
@@ -152,9 +152,9 @@ class _Relations:
     def _pairings(self) -> tuple[Pairing, Pairing]:
         return pairings(self._layout, self._orders, self._y)
 
-    def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice | Known]:
+    def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice | ResidualRelation]:
         """Choose relations that are independent; on some conditions if these are named."""
-        chosen: list[_Choice | Known] = []
+        chosen: list[_Choice | ResidualRelation] = []
         seen = list(among) or list(range(len(self.conditions)))
         basis = np.zeros((0, len(seen)))
         generator = np.random.default_rng(0)
@@ -185,8 +185,8 @@ class _Relations:
         self.span = basis
         return chosen
 
-    def _offered(self) -> Iterator[tuple[Sequence[_Choice | Known], _Doubles]]:
-        """Yield relations, and what they are in double precision."""
+    def _offered(self) -> Iterator[tuple[Sequence[_Choice | ResidualRelation], _Doubles]]:
+        """Yield relations, with their coefficients in double precision."""
         for begin in range(0, len(self._known), _CHUNK):
             some = self._known[begin : begin + _CHUNK]
             rows = np.zeros((len(some), len(self.conditions)))
@@ -299,7 +299,7 @@ class _Relations:
             self._products[key] = vector
         return self._products[key]
 
-    def in_balls(self, chosen: Sequence[_Choice | Known]) -> list[dict[Condition, arb]]:
+    def in_balls(self, chosen: Sequence[_Choice | ResidualRelation]) -> list[dict[Condition, arb]]:
         """Return the relations in ball arithmetic; ZeroDivisionError if vectors are dependent."""
         by_frame: dict[int, list[_Choice]] = {}
         relations = []

@@ -25,7 +25,7 @@ Vector = list[arb]
 
 
 DIFFERENCE = 2
-"""Instead of a row of weights: the first less the second."""
+"""In place of a row of weights: the difference of the first and the second."""
 
 
 class Context(NamedTuple):
@@ -37,19 +37,19 @@ class Context(NamedTuple):
 
     @property
     def degree(self) -> int:
-        """How many nodes a word has besides the letter in the slot."""
+        """Number of nodes of a word besides the letter in the slot."""
         return outer_nodes(self.context) + nodes(self.factor)
 
 
 class Column(NamedTuple):
-    """A letter, given by the children of its tree, of which moments are taken so many times."""
+    """A letter, given by the children of its tree, or its moments, taken repeatedly."""
 
     letter: Word
     moments: int = 0
 
     @property
     def degree(self) -> int:
-        """How many nodes a word has by it besides the letter's root."""
+        """Number of nodes that it adds to a word, without the letter's root."""
         return nodes(self.letter) + self.moments
 
 
@@ -123,7 +123,7 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
         shared = set(layout.path(layout.ends[-2])) & set(layout.path(layout.ends[-1]))
         for h in [h for row, h in contexts if row == 1]:
             both = zip(around[0, h], around[1, h], strict=True)
-            # at the root the slot comes last, so that what is shared cancels
+            # a slot at the root comes last, so that the shared flows cancel
             cancelled = shared if depth(h) == 0 else set()
             around[DIFFERENCE, h] = [
                 arb(0) if m in cancelled else a - b for m, (a, b) in enumerate(both)
@@ -248,9 +248,7 @@ def _moments_of(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
         if parent == START:
             ends.append(step)
             after.append(flows[m])
-            moments_of_flows.append(
-                arb(0)
-            )  # exactly: s v and what is subtracted are the same there
+            moments_of_flows.append(arb(0))  # exactly: both terms are the same there
         else:
             moments_of_flows.append(ends[parent] * flows[m] - step * after[parent])
             ends.append(ends[parent] + step)

@@ -28,7 +28,7 @@ from ...structure.layout import Layout
 from ...support.balls import to_ball
 from ..systems import Equation, EquationSystem, Term, nearly_satisfied
 from ..weights import Quantity
-from .orthogonality import Known
+from .orthogonality import ResidualRelation
 from .words import BUSH, DOT, LINE, Word, add_multiple, shuffle, words_with
 
 __all__ = ["Path"]
@@ -129,7 +129,7 @@ class Path:
             if k != r
         ]
 
-    def relations(self, y: Sequence[arb]) -> Iterator[Known]:
+    def relations(self, y: Sequence[arb]) -> Iterator[ResidualRelation]:
         """Yield combinations of residuals that are zero, for coefficients in the balls y."""
         finite, mu = arb(0), arb(1)
         if not self._infinite:
@@ -145,7 +145,7 @@ class Path:
                                 yield _relation(w, letter, v, finite, mu)
 
 
-def _relation(w: Word, y: Word, v: Word, finite: arb, mu: arb) -> Known:
+def _relation(w: Word, y: Word, v: Word, finite: arb, mu: arb) -> ResidualRelation:
     total: dict[Word, arb] = {}
     for z, n in shuffle(LINE, y).items():
         add_multiple(total, (*w, z, *v), n * finite)

@@ -1,7 +1,6 @@
 """Residuals of all words, as combinations of those of independent conditions.
 
-Weights multiply by shuffles, and so does what the exact solution makes of words. So for words u
-and v
+Weights multiply by shuffles, and so do their values for the exact solution. So for words u and v
 
     Σ_{w in u ⧢ v} residual(w) = 1/γ(u) residual(v) + Φ(v) residual(u),
 
@@ -48,7 +47,7 @@ class Reduction:
     number : callable
         Makes a coefficient of a Fraction.
     weight : callable
-        Φ of a word: `number` of what the exact solution makes of it, or a ball that holds it.
+        Φ of a word: a ball that contains it, or the `number` of its value for the exact solution.
     """
 
     def __init__(self, number: Callable[[Any], Any], weight: Callable[[Word], Any]) -> None:

@@ -8,7 +8,7 @@ the path. Then for two letters, at every point of the path,
 
 where the products on the right are those of values at stages, letters again: on flow m,
 ``V Z_m(w) - W Z_m(v) - Z_m(w V - v W)`` doesn't change, as V changes by multiples of Z_m(v), and
-is A_m times what it is on the flow before, as ``Z_m - A_m Z_{m-1}`` is the value at stage m. It
+is A_m times its value on the flow before, since ``Z_m - A_m Z_{m-1}`` is the value at stage m. It
 is zero on the first flow. Multiplied by the integral of a word p to the left, and followed by a
 word q,
 
@@ -30,7 +30,7 @@ from ...structure.layout import Layout
 from ...structure.points import START
 from ..systems import Equation, Term, nearly_satisfied
 from ..weights import Quantity
-from .orthogonality import Known
+from .orthogonality import ResidualRelation
 from .words import Word, add_multiple, shuffle, words_with
 
 __all__ = ["TwoRegisters", "exchanges"]
@@ -52,7 +52,7 @@ class TwoRegisters:
         self._layout, self._orders, self._x = layout, orders, x
 
     def possible(self) -> bool:
-        """Tell whether each point follows the one before and is the place of a stage."""
+        """Return whether the points are a chain, each with a stage."""
         layout, points = self._layout, range(len(self._layout.parents))
         return (
             layout.rows is None
@@ -63,7 +63,7 @@ class TwoRegisters:
         )
 
     def satisfied(self) -> bool:
-        """Tell whether the method is one of two registers, as far as its places can tell."""
+        """Return whether the method has two registers, to within rounding."""
         if not self.possible():
             return False
         return nearly_satisfied(self._layout, self.equations(), self._x)
@@ -88,13 +88,13 @@ class TwoRegisters:
         return equations
 
     def _places(self, m: int, k: int) -> list[tuple[int, tuple[Quantity]]]:
-        """Return the weight of flow m on stage k as a difference of sums along ways."""
+        """Return the weight of flow m on stage k as a difference of sums along paths."""
         places = [(1, (Quantity(m + 1, (k,)),))]
         if m > k:
             places.append((-1, (Quantity(m, (k,)),)))
         return places
 
-    def relations(self, y: Sequence[arb] = ()) -> Iterator[Known]:
+    def relations(self, y: Sequence[arb] = ()) -> Iterator[ResidualRelation]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(1, order + 1):
@@ -104,7 +104,7 @@ class TwoRegisters:
 
 @cache
 def exchanges(count: int) -> tuple[dict[Word, int], ...]:
-    """Return combinations of words with so many nodes that are zero, at the root or deeper."""
+    """Return combinations of words with `count` nodes that are zero, at the root or deeper."""
     relations = [
         relation
         for first in range(1, count)

@@ -33,7 +33,7 @@ SLOT = -1  # where a letter was cut out of a word
 
 
 class Identity(Protocol):
-    """Something that a solution satisfies besides its order conditions."""
+    """A property of solutions besides their order conditions."""
 
     @property
     def name(self) -> str:
@@ -44,16 +44,16 @@ class Identity(Protocol):
         """Whether only the first weights of a pair satisfy it."""
 
     def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
-        """Return what is to be proved of the coefficients.
+        """Return the equations of the identity.
 
         `zeros` has the stages, from 0, where each row of weights is held at zero.
         """
 
     def relations(self, word: Word) -> Iterable[Relation]:
-        """Return relations that contain this word, and maybe new ones, with indicators."""
+        """Return relations that contain this word, and possibly new words with indicators."""
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Tell whether a weight is zero since the weights at the stages `zeros` are."""
+        """Return whether a weight is zero since the weights at the stages `zeros` are."""
 
 
 def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int]) -> list[Word]:
@@ -132,7 +132,7 @@ def _has_line(word: Word) -> bool:
 
 
 def places(word: Word) -> list[tuple[Word, Word]]:
-    """Return all letters of a word at any depth, each after what it leaves, with a slot."""
+    """Return all letters of a word at any depth, each with the word around it, which has a slot."""
     letters: list[tuple[Word, Word]] = []
     for k, letter in enumerate(word):
         if isinstance(letter, int):

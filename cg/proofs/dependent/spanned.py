@@ -1,4 +1,4 @@
-"""Contexts and letters that are orthogonal and together fill all places."""
+"""Sets of contexts and letters that are orthogonal and together span all places."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .words import Word, reciprocal_density
 
 __all__ = ["Spanned", "doubles", "independent_rows"]
 
-_DEPENDENT = 1e-9  # what is left of a unit vector that depends on others
+_DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others
 
 _Doubles = NDArray[np.float64]
 
 
 @dataclass
 class Spanned:
-    """Contexts and letters, some of which fill all places.
+    """Contexts and letters, some of which span all places.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Spanned:
         return combination
 
     def complete(self) -> bool:
-        """Find U_0, and what is independent; tell whether that fills all places."""
+        """Compute U_0 and independent vectors; return whether these span all places."""
         products = fmpq_mat(
             [[_exact(self.pairing.words(i, j)) for i in self.contexts] for j in self.columns]
         )
