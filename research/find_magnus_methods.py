@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from math import factorial
 from pathlib import Path
-from typing import Any
 
 import mpmath
 import numpy as np
@@ -25,6 +24,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from cg.catalogue import save
+from cg.conditions.linear import product_of_exponentials
+from cg.conditions.linear import words as all_words
 from cg.method.magnus import MagnusMethod
 from cg.trees.ordered import is_lyndon
 
@@ -32,39 +33,9 @@ Array = NDArray[np.float64]
 Word = tuple[int, ...]
 
 
-def words_through(letters: int, degree: int) -> list[Word]:
-    """Return the words of a degree at most, in letters of degrees 1 to `letters`, by degree."""
-
-    def through(degree: int) -> list[Word]:
-        rest = [
-            (j, *word) for j in range(1, min(letters, degree) + 1) for word in through(degree - j)
-        ]
-        return [(), *rest]
-
-    return sorted(through(degree), key=lambda word: (sum(word), word))
-
-
 def conditions(words: Sequence[Word], symmetric: bool) -> list[Word]:
     """Return the words of the order conditions: Lyndon words, of odd degree if symmetric."""
     return [w for w in words if is_lyndon(w) and (not symmetric or sum(w) % 2)]
-
-
-def product(x: Sequence[Sequence[Any]], words: Sequence[Word]) -> dict[Word, Any]:
-    """Return the coefficients of words in the product of exponentials with weights x.
-
-    The weights are numbers of any kind, or arrays of many products' weights.
-    """
-    one = x[0][0] * 0 + 1
-    total = {word: one * (not word) for word in words}
-    for row in x:
-        factor = {(): one}
-        for word in words[1:]:
-            factor[word] = factor[word[1:]] * row[word[0] - 1] / len(word)
-        total = {
-            word: sum(factor[word[:k]] * total[word[k:]] for k in range(len(word) + 1))
-            for word in words
-        }
-    return total
 
 
 def solution(word: Word) -> Fraction:
@@ -101,14 +72,14 @@ def expand(free: Array, flows: int, letters: int, symmetric: bool) -> Array:
 def search(order: int, flows: int, symmetric: bool, starts: int, seed: int) -> Array | None:
     """Return the free entries of the solution with the smallest Σ|x_i1|; None without any."""
     letters = order // 2
-    words = words_through(letters, order)
+    words = [word for word in all_words(order) if max(word) <= letters]
     rows = conditions(words, symmetric)
     exact = np.array([float(solution(word)) for word in rows])
     size = flows * letters // (2 if symmetric else 1)
 
     def residuals(free: Array) -> Array:
         x = np.moveaxis(expand(free, flows, letters, symmetric), (-2, -1), (0, 1))
-        weights = product(list(x), words)
+        weights = product_of_exponentials(x, words)
         return np.stack([weights[word] for word in rows], axis=-1) - exact
 
     def jacobian(free: Array) -> Array:
@@ -133,7 +104,7 @@ def refine(free: Array, order: int, flows: int, symmetric: bool) -> list[list[mp
     """Return x to 60 digits by the Gauss–Newton method, with differences for the Jacobian."""
     mpmath.mp.dps = 80
     letters = order // 2
-    words = words_through(letters, order)
+    words = [word for word in all_words(order) if max(word) <= letters]
     rows = conditions(words, symmetric)
     exact = [mpmath.mpf(c.numerator) / c.denominator for c in map(solution, rows)]
 
@@ -143,7 +114,7 @@ def refine(free: Array, order: int, flows: int, symmetric: bool) -> list[list[mp
         return x + mirrored if symmetric else x
 
     def residuals(free: list[mpmath.mpf]) -> list[mpmath.mpf]:
-        weights = product(x_of(free), words)
+        weights = product_of_exponentials(x_of(free), words)
         return [weights[word] - side for word, side in zip(rows, exact, strict=True)]
 
     point = [mpmath.mpf(float(v)) for v in free]

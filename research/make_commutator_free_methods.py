@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from recipes import run
+from recipes import merit, run
 
 import cg
 from cg.construction import (
@@ -258,15 +258,6 @@ def solutions(recipe: Recipe) -> list[tuple[int, Candidate]]:
             x[np.abs(x) < NEGLIGIBLE] = 0
             candidates.append((start.index, Candidate(system, x)))
     return [(k, p) for k, p in candidates if p.largest <= LARGEST and solved(p)]
-
-
-def merit(candidate: Candidate) -> float:
-    """Return the principal error, more where weights or abscissae are large."""
-    layout = candidate.system.layout
-    sums = np.array([candidate.x[layout.row(k)].sum() for k in range(layout.stages)])
-    outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
-    large = max(0.0, candidate.largest - 1.5)
-    return float(principal_error(candidate) * (1 + large + 2 * outside))
 
 
 def along(candidate: Candidate, goals: Goals) -> Candidate:

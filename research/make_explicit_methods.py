@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from recipes import run
+from recipes import merit, run
 
 from cg.conditions import count, residuals
 from cg.construction import (
@@ -27,7 +27,6 @@ from cg.construction import (
     eliminate,
     fewer_exponentials,
     optimise,
-    principal_error,
     refinable,
     solved,
     to_method,
@@ -154,14 +153,6 @@ def candidates(recipe: Recipe) -> Iterator[Candidate]:
         thinned = [fewer_exponentials(p, largest=3.0) for p in moved]
         moved = [optimise(p, SINGLE, frozen=zeros) for p, zeros in thinned if solved(p)]
     yield from sorted(moved, key=KEYS[recipe.aim])
-
-
-def merit(candidate: Candidate) -> float:
-    """Return the principal error, more where coefficients or abscissae are large."""
-    system = candidate.system
-    sums = np.array([candidate.x[system.layout.row(k)].sum() for k in range(system.stages)])
-    outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
-    return principal_error(candidate) * (1 + max(0.0, candidate.largest - 1.5) + 2 * outside)
 
 
 def second_residual(candidate: Candidate) -> float:

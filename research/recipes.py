@@ -1,4 +1,4 @@
-"""The command line of programs that make methods: ``FOLDER [NAME ...]``."""
+"""What programs that make methods share: a measure of candidates, and the command line."""
 
 from __future__ import annotations
 
@@ -7,12 +7,23 @@ import time
 from collections.abc import Callable, Collection
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cg.catalogue import save
+from cg.construction import Candidate, principal_error
 from cg.method.method import Method
 
-__all__ = ["run"]
+__all__ = ["merit", "run"]
+
+
+def merit(candidate: Candidate) -> float:
+    """Return the principal error, more where coefficients or abscissae are large."""
+    layout = candidate.system.layout
+    sums = np.array([candidate.x[layout.row(k)].sum() for k in range(layout.stages)])
+    outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
+    large = max(0.0, candidate.largest - 1.5)
+    return float(principal_error(candidate) * (1 + large + 2 * outside))
 
 
 def run(make: Callable[[str], Method], names: Collection[str], usage: str | None) -> None:

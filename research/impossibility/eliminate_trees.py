@@ -22,20 +22,11 @@ from typing import Any
 
 from cg.conditions import condition_trees
 from cg.conditions.exact import word_weights
-from cg.structure.points import START
 from cg.trees.ordered import forest
 from research.impossibility import PointsShape, point_shapes
 from research.impossibility.ring import Ring
 
 MIN_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: research.impossibility
-
-
-def path(parents: Sequence[int]) -> list[int]:
-    """Return the points from the start to the last one."""
-    points = [len(parents) - 1]
-    while parents[points[-1]] != START:
-        points.append(parents[points[-1]])
-    return points[::-1]
 
 
 class Conditions:
@@ -51,13 +42,13 @@ class Conditions:
     def __init__(self, shape: PointsShape, order: int) -> None:
         trees = forest(order + 1)
         points = range(shape.stages)
-        self.parents, self.way = shape.parents, path(shape.parents)
+        self.path = shape.tree.path(shape.tree.result)
         named = [t for t in range(2, len(trees) + 1) if trees.nodes[t - 1] <= 3]
         self.ring = Ring(
             [
                 *(f"w{m}_{k}" for m in reversed(points) for k in range(m, 0, -1)),
                 *(f"q{i}" for i in reversed(points) if i >= 2),
-                *(f"z{t}_{m}" for m in reversed(self.way) for t in reversed(named)),
+                *(f"z{t}_{m}" for m in reversed(self.path) for t in reversed(named)),
                 *(f"e{m}" for m in reversed(points)),
             ]
         )
@@ -77,7 +68,7 @@ class Conditions:
             letters[t] = []
             for m in points:
                 value = sum((w * phi[k] for k, w in enumerate(weights[m])), zero)
-                if t in named and m in self.way:
+                if t in named and m in self.path:
                     value = self._name(f"z{t}_{m}", value)
                 letters[t].append(value)
         for t in condition_trees(order, independent=True):
@@ -125,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for shape in point_shapes(chosen.points):
         if chosen.parents and chosen.parents.split() != str(shape).split():
             continue
-        if len(path(shape.parents)) < MIN_FLOWS[chosen.order]:
+        if len(shape.tree.path(shape.tree.result)) < MIN_FLOWS[chosen.order]:
             continue
         begin = time.perf_counter()
         none = has_none(Conditions(shape, chosen.order), chosen.characteristic, chosen.seconds)

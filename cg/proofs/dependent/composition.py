@@ -16,7 +16,6 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
-from typing import ClassVar
 
 from flint import fmpq_mat
 
@@ -24,7 +23,7 @@ from ...structure.layout import Layout, Rows
 from ...support.balls import to_flint
 from ..systems import Equation, Term, exact_residuals
 from ..weights import Quantity
-from .relations import Relation
+from .relations import Identity, Relation
 from .words import (
     Word,
     add_multiple,
@@ -131,10 +130,8 @@ def _expansions(grade: int) -> dict[Word, dict[Word, Fraction]]:
 
 
 @dataclass(frozen=True)
-class MidpointSteps:
+class MidpointSteps(Identity):
     """``a_ij = b_j`` for j < i, ``a_ii = b_i/2``, ``b_i = b_{s+1-i}``."""
-
-    first_only: ClassVar[bool] = False
 
     @property
     def name(self) -> str:
@@ -174,7 +171,3 @@ class MidpointSteps:
         if relation != {word: -1}:
             relation[word] = 1
             yield relation
-
-    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Return False."""
-        return False

@@ -13,19 +13,18 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 from math import factorial
-from typing import ClassVar
 
 from ...structure.layout import Layout
 from ..systems import Equation, Term
 from ..weights import Quantity
-from .relations import Relation, fill, places, without
+from .relations import Identity, Relation, fill, places, without
 from .words import BUSH, DOT, LINE, Word, add_multiple, shuffle, shuffle_all
 
 __all__ = ["MiddleAbscissae", "StageOrderTwo"]
 
 
 @dataclass(frozen=True)
-class StageOrderTwo:
+class StageOrderTwo(Identity):
     """``Σ_j a_ij c_j = c_i²/2`` at all stages i but one, the exception e.
 
     So the letter ``[[τ]]`` may be replaced by ``[ττ]``, up to a letter that is zero
@@ -42,8 +41,6 @@ class StageOrderTwo:
     """
 
     exception: int
-
-    first_only: ClassVar[bool] = False
 
     @property
     def name(self) -> str:
@@ -100,7 +97,7 @@ class StageOrderTwo:
 
 
 @dataclass(frozen=True)
-class MiddleAbscissae:
+class MiddleAbscissae(Identity):
     """``c_k = Σ_{j<k} b_j + b_k/2`` at all stages k with a weight that isn't zero.
 
     Along the weights, words are iterated integrals over a path that is linear on each
@@ -163,10 +160,6 @@ class MiddleAbscissae:
             relation = _folded(centred)
             if relation:
                 yield relation
-
-    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Return False."""
-        return False
 
 
 def _before_the_indicator(word: Word) -> bool:

@@ -12,9 +12,10 @@ of the *kept* words do; these are chosen such that the other columns are indepen
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
-from typing import Any, Protocol
+from typing import Any
 
 from flint import nmod, nmod_mat
 
@@ -32,28 +33,31 @@ _PRIME = 2**61 - 1
 SLOT = -1  # where a letter was cut out of a word
 
 
-class Identity(Protocol):
+class Identity(ABC):
     """A property of solutions besides their order conditions."""
 
+    first_only: bool = False
+    """Whether only the first weights of a pair satisfy it."""
+
     @property
+    @abstractmethod
     def name(self) -> str:
         """Text in certificates."""
 
-    @property
-    def first_only(self) -> bool:
-        """Whether only the first weights of a pair satisfy it."""
-
+    @abstractmethod
     def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
         """Return the equations of the identity.
 
         `zeros` has the stages, from 0, where each row of weights is held at zero.
         """
 
+    @abstractmethod
     def relations(self, word: Word) -> Iterable[Relation]:
         """Return relations that contain this word, and possibly new words with indicators."""
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
         """Return whether a weight is zero since the weights at the stages `zeros` are."""
+        return False
 
 
 def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int]) -> list[Word]:
