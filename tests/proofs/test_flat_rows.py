@@ -196,3 +196,17 @@ def test_one_more_condition_left_out_is_refused():
             check(forged, METHOD)
         refused += "that conditions follow from others is not proved" in str(error.value)
     assert refused
+
+
+@pytest.mark.slow
+def test_digits_of_order_eight_have_the_tableau(monkeypatch):
+    """Of the catalogue's certificate only the zero is proved again, which takes seconds."""
+    monkeypatch.setattr("cg.proofs.zero.follow", None)
+    method = cg.methods["CooperVerner8"]
+    weights = method.digits(60)
+    row = [Fraction(0)] * method.stages
+    for point in method.layout.path(method.result):
+        for stage, weight in weights[point].items():
+            row[stage] += Fraction(weight)
+    exact = {Fraction(1, 20), Fraction(49, 180), Fraction(16, 45), Fraction(0)}
+    assert all(min(abs(weight - one) for one in exact) < Fraction(1, 10**57) for weight in row)
