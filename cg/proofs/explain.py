@@ -56,6 +56,10 @@ STRUCTURES: dict[str, Callable[..., Structure]] = {
 class Structure(Protocol):
     """A property of a method by which conditions depend on others, beside orthogonality."""
 
+    @property
+    def assumed(self) -> tuple[Condition, ...]:
+        """Conditions that the relations assume; they can't be left out."""
+
     def satisfied(self) -> bool:
         """Return whether the method has it, as far as its digits can tell."""
 

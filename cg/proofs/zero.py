@@ -76,6 +76,8 @@ def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTe
     structure = structure_of(packed, certificate, name)
     if not left_out:
         return
+    if structure and set(structure.assumed) & set(left_out):
+        raise CertificationError(f"{certificate.name}: {name} assumes conditions that are left out")
     zero = zero_of(packed, certificate, attempt)
     known = list(structure.relations(zero)) if structure else []
     bound = bound_of(certificate)

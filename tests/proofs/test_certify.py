@@ -217,6 +217,21 @@ class TestFailures:
         with pytest.raises(CertificationError):
             check(wrong, methods["CG6(5)"])
 
+    def test_a_structure_needs_the_conditions_that_it_assumes(self):
+        honest = certificate_of(methods["CG4"])
+        name, trees = honest.identities
+        assert name == "path of order two"
+        assert not {"[[]]", "[[[]]]"} & set(trees.split())
+        check(honest, methods["CG4"])
+        messages = []
+        for free in set(methods["CG4"].layout.names) - set(honest.fixed):
+            left_out = (name, f"{trees} [[]]")
+            forged = replace(honest, identities=left_out, fixed=(*honest.fixed, free))
+            with pytest.raises(CertificationError) as caught:
+                check(forged, methods["CG4"])
+            messages.append(str(caught.value))
+        assert any("assumes conditions that are left out" in message for message in messages)
+
     @pytest.mark.parametrize("name", ["CG3", "CG4a"])
     def test_tampered_bounds(self, name):
         honest = certificate_of(methods[name])

@@ -47,6 +47,8 @@ class FlatRows:
         The d of numbers ``a + b √d`` that the sums are rounded from; 0 if they are exact.
     """
 
+    assumed: tuple[Condition, ...] = ()
+
     def __init__(
         self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction], root: int = 0
     ) -> None:

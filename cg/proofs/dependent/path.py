@@ -28,7 +28,7 @@ from ...structure.layout import Layout
 from ...support.balls import to_ball
 from ..systems import Equation, EquationSystem, Term, nearly_satisfied
 from ..weights import Quantity
-from .orthogonality import ResidualRelation
+from .orthogonality import Condition, ResidualRelation
 from .words import BUSH, DOT, LINE, Word, add_multiple, shuffle, words_with
 
 __all__ = ["Path"]
@@ -54,6 +54,11 @@ class Path:
         self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction], infinite: bool = False
     ) -> None:
         self._layout, self._orders, self._x, self._infinite = layout, orders, x, infinite
+
+    @property
+    def assumed(self) -> tuple[Condition, ...]:
+        """The conditions of orders one and two, if μ is infinite: see `equations`."""
+        return ((0, DOT), (0, LINE)) if self._infinite else ()
 
     def satisfied(self) -> bool:
         """Return whether the coefficients satisfy it to within their rounding."""

@@ -30,7 +30,7 @@ from ...structure.layout import Layout
 from ...structure.points import START
 from ..systems import Equation, Term, nearly_satisfied
 from ..weights import Quantity
-from .orthogonality import ResidualRelation
+from .orthogonality import Condition, ResidualRelation
 from .words import Word, add_multiple, shuffle, words_with
 
 __all__ = ["TwoRegisters", "exchanges"]
@@ -47,6 +47,8 @@ class TwoRegisters:
     x : sequence of Fraction
         Packed coefficients.
     """
+
+    assumed: tuple[Condition, ...] = ()
 
     def __init__(self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction]) -> None:
         self._layout, self._orders, self._x = layout, orders, x
