@@ -269,7 +269,7 @@ def index(methods: list[Method]) -> str:
             order_of(method),
             method.stages,
             method.exponentials,
-            f"{method.principal_error():.2g}",
+            f"{method.principal_error:.2g}",
             proof(method)[0],
         )
         rows.append(f"| {' | '.join(map(str, cells))} |")

@@ -10,17 +10,13 @@ found moves along the solution set to a small principal error. The best is writt
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from recipes import merit, run
 
 import cg
-from cg.catalogue import save
 from cg.construction import (
     Candidate,
     ConditionSystem,
@@ -42,8 +38,8 @@ from cg.proofs import CertificationError, certify
 SEED = 1
 GOALS = Goals(coefficients=2e-4, abscissae=0.2, bound_weight=0.03)
 ITERATIONS = 150
-LARGEST = 6.0  # weights of what is worth moving along
-NOTHING = 1e-12  # weights that are zero at a solution stay so
+LARGEST = 6.0  # largest weight of candidates for optimisation
+NEGLIGIBLE = 1e-12  # smaller weights are set to zero
 CLEARLY = 3e-3  # least norm of the residuals of order q of a pair's second result, over its weights
 ESTIMATE = 10.0  # that norm over the principal error, where it can be chosen
 
@@ -180,11 +176,11 @@ RECIPES = (
 
 
 def fewer(recipe: Recipe) -> list[tuple[int, Candidate]]:
-    """Return what is left of the starts with a given tree when stages and flows are left out."""
+    """Return the starts with a given tree, after dropping stages and flows, and their numbers."""
     assert recipe.tree is not None
     assert recipe.flows is not None
     all_flows = replace(recipe, flows=len(layout_of(recipe.tree).parents), stages=0)
-    found = []
+    candidates = []
     for k, start in attempts(all_flows):
         random = np.random.default_rng(k)
         candidate: Candidate | None = start
@@ -193,8 +189,8 @@ def fewer(recipe: Recipe) -> list[tuple[int, Candidate]]:
         while candidate and len(candidate.system.layout.parents) > recipe.flows:
             candidate = drop_flow(candidate, random, largest=LARGEST)
         if candidate:
-            found.append((k, candidate))
-    return found
+            candidates.append((k, candidate))
+    return candidates
 
 
 def attempts(recipe: Recipe) -> list[tuple[int, Candidate]]:
@@ -252,28 +248,19 @@ def solutions(recipe: Recipe) -> list[tuple[int, Candidate]]:
     assert isinstance(recipe.starts, int)
     stages = recipe.stages if recipe.tree is None else layout_of(recipe.tree).stages
     drawn = {"flows": recipe.first_flows} if recipe.tree is None else {"tree": recipe.tree}
-    found = cg.search(recipe.order, stages, recipe.starts, recipe.seed, **drawn)
+    results = cg.search(recipe.order, stages, recipe.starts, recipe.seed, **drawn)
     candidates = []
-    for start in found.starts:
+    for start in results.starts:
         if start.exact:
-            system = ConditionSystem(recipe.order, start_layout(found.settings, start.index))
+            system = ConditionSystem(recipe.order, start_layout(results.settings, start.index))
             x = np.array(start.x, dtype=float)
-            x[np.abs(x) < NOTHING] = 0
+            x[np.abs(x) < NEGLIGIBLE] = 0
             candidates.append((start.index, Candidate(system, x)))
     return [(k, p) for k, p in candidates if p.largest <= LARGEST and solved(p)]
 
 
-def merit(candidate: Candidate) -> float:
-    """Return the principal error, more where weights or abscissae are large."""
-    layout = candidate.system.layout
-    sums = np.array([candidate.x[layout.row(k)].sum() for k in range(layout.stages)])
-    outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
-    large = max(0.0, candidate.largest - 1.5)
-    return float(candidate.principal_error * (1 + large + 2 * outside))
-
-
 def along(candidate: Candidate, goals: Goals) -> Candidate:
-    """Return where the way along the solution set leads."""
+    """Return the optimised candidate."""
     return optimise(
         candidate,
         goals,
@@ -285,9 +272,9 @@ def along(candidate: Candidate, goals: Goals) -> Candidate:
 
 def method(recipe: Recipe) -> cg.CommutatorFree:
     """Return the best method."""
-    found = solutions(recipe)
-    print(f"{recipe.name}: {len(found)} of {recipe.starts} starts", flush=True)
-    moved = [(k, scaled(along(p, recipe.goals))) for k, p in found]
+    candidates = solutions(recipe)
+    print(f"{recipe.name}: {len(candidates)} of {recipe.starts} starts", flush=True)
+    moved = [(k, scaled(along(p, recipe.goals))) for k, p in candidates]
     if moved and moved[0][1].system.embedded and not recipe.pair:
         moved = [(k, p) for k, p in moved if p.estimate >= CLEARLY]
     for k, candidate in sorted(moved, key=lambda one: merit(one[1])):
@@ -333,30 +320,6 @@ def without_idle_stages(method: cg.Method) -> cg.CommutatorFree:
     )
 
 
-def main(folder: str, *names: str) -> None:
-    """Write the files and say what they hold."""
-    known = {recipe.name: recipe for recipe in RECIPES}
-    if unknown := set(names) - set(known):
-        raise SystemExit(
-            f"no recipe for {', '.join(sorted(unknown))}; there are {', '.join(known)}"
-        )
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    with threadpool_limits(1):
-        for name in names or known:
-            begun = time.process_time()
-            found = method(known[name])
-            save(found, Path(folder) / f"{name}.toml")
-            largest = max(abs(float(entry.value)) for entry in found.coefficients)
-            print(
-                f"{name}: order {found.order}, {found.stages} stages, "
-                f"{found.exponentials} exponentials, largest weight {largest:.4f}, "
-                f"principal error {found.principal_error:.4g}; "
-                f"{time.process_time() - begun:.0f} s of a core",
-                flush=True,
-            )
-
-
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(__doc__)
-    main(*sys.argv[1:])
+    RECIPE = {recipe.name: recipe for recipe in RECIPES}
+    run(lambda name: method(RECIPE[name]), RECIPE, __doc__)

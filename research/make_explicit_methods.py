@@ -10,17 +10,13 @@ for the others, which came from such runs with other guesses, digits and errors 
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from recipes import merit, run
 
-from cg.catalogue import save
 from cg.conditions import count, residuals
 from cg.construction import (
     Candidate,
@@ -45,7 +41,7 @@ from cg.runs import as_finished
 from cg.support.parallel import available_cores
 
 SEED = 1
-LARGEST = 4.0  # coefficients of what is worth moving along
+LARGEST = 4.0  # largest coefficient of candidates for optimisation
 CLEARLY = 2e-3  # least norm of the residuals of order q of a pair's second weights
 SINGLE = Goals(bound_weight=0.05)
 STRUCTURED = Goals(coefficients=1e-4, abscissae=0.2, bound_weight=0.05)
@@ -120,13 +116,13 @@ def solutions(recipe: Recipe) -> list[Candidate]:
         )
         return index, Candidate(system, fit.x)
 
-    found = dict(as_finished(run, range(recipe.starts), available_cores()))
-    candidates = [found[index] for index in range(recipe.starts)]
+    results = dict(as_finished(run, range(recipe.starts), available_cores()))
+    candidates = [results[index] for index in range(recipe.starts)]
     return [p for p in candidates if p.largest <= LARGEST and solved(p)]
 
 
 def _constructed(system: ConditionSystem, index: int) -> Candidate:
-    """Return where a start with easily enough stages ends after as many are dropped."""
+    """Return the result of a start with more stages than wanted, after dropping the others."""
     random = np.random.default_rng([SEED, index])
     start = default_start(system.order, system.structure)
     stages = max(system.stages, start.stages)
@@ -143,7 +139,7 @@ def _constructed(system: ConditionSystem, index: int) -> Candidate:
 
 
 def candidates(recipe: Recipe) -> Iterator[Candidate]:
-    """Yield what becomes of the solutions, the best first."""
+    """Yield optimised solutions, the best first."""
     candidates = solutions(recipe)
     print(f"{recipe.name}: {len(candidates)} of {recipe.starts} starts reach the solution set")
     if recipe.system.embedded:  # the tools along the set want all conditions independent
@@ -157,14 +153,6 @@ def candidates(recipe: Recipe) -> Iterator[Candidate]:
         thinned = [fewer_exponentials(p, largest=3.0) for p in moved]
         moved = [optimise(p, SINGLE, frozen=zeros) for p, zeros in thinned if solved(p)]
     yield from sorted(moved, key=KEYS[recipe.aim])
-
-
-def merit(candidate: Candidate) -> float:
-    """Return the principal error, more where coefficients or abscissae are large."""
-    system = candidate.system
-    sums = np.array([candidate.x[system.layout.row(k)].sum() for k in range(system.stages)])
-    outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
-    return candidate.principal_error * (1 + max(0.0, candidate.largest - 1.5) + 2 * outside)
 
 
 def second_residual(candidate: Candidate) -> float:
@@ -190,37 +178,14 @@ def method(recipe: Recipe) -> Tableau:
     """Return the best candidate that is exact and has a certificate."""
     for candidate in candidates(recipe):
         try:
-            found = to_method(candidate, name=recipe.name, source=recipe.source)
-            certify(found)
+            tableau = to_method(candidate, name=recipe.name, source=recipe.source)
+            certify(tableau)
         except (NotExactError, CertificationError):
             continue
-        return found
+        return tableau
     raise RuntimeError(f"{recipe.name}: no start led to a method with a certificate")
 
 
-def main(folder: str, *names: str) -> None:
-    """Write the files and say what they hold."""
-    known = {recipe.name: recipe for recipe in RECIPES}
-    if unknown := set(names) - set(known):
-        raise SystemExit(
-            f"no recipe for {', '.join(sorted(unknown))}; there are {', '.join(known)}"
-        )
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    with threadpool_limits(1):
-        for name in names or known:
-            begun = time.process_time()
-            found = method(known[name])
-            save(found, Path(folder) / f"{name}.toml")
-            largest = max(np.abs(found.a).max(), np.abs(found.b).max())
-            print(
-                f"{name}: order {found.order}, {found.stages} stages, "
-                f"{found.exponentials} exponentials, largest coefficient {largest:.4f}, "
-                f"principal error {found.principal_error:.4g}; "
-                f"{time.process_time() - begun:.0f} s of a core"
-            )
-
-
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(__doc__)
-    main(*sys.argv[1:])
+    RECIPE = {recipe.name: recipe for recipe in RECIPES}
+    run(lambda name: method(RECIPE[name]), RECIPE, __doc__)

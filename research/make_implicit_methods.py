@@ -6,20 +6,18 @@ symmetric, the latter with a change of sign. docs/implicit.md derives them. DICG
 best of a random search for one diagonal entry throughout, DICG3(2) a rational pair of
 that kind.
 
-    python research/make_implicit_methods.py [FOLDER]
+    python research/make_implicit_methods.py FOLDER [NAME ...]
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
+from recipes import run
 
-from cg.catalogue import save
 from cg.construction import Candidate, Goals, optimise
 from cg.construction.search.random_search import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
@@ -52,12 +50,12 @@ def midpoints(outer: Sequence[Fraction], order: int, **names: str) -> Tableau:
     offset = np.array(packed([Fraction()] * size), dtype=np.float64)
     unit = [[Fraction(i == j) for j in range(size)] for i in range(size)]
     directions = np.array([packed(u) for u in unit], dtype=np.float64).T - offset[:, None]
-    found = polish(
+    polished = polish(
         packed(near), ConditionSystem.tableau(order, stages, Rows.DIAGONAL), directions=directions
     )
-    if found.largest_residual > Fraction(1, 10**43):
-        raise RuntimeError(f"residuals are still {float(found.largest_residual):.1e}")
-    return make_method(Layout.tableau(stages, Rows.DIAGONAL), found.x, digits=DIGITS, **names)
+    if polished.largest_residual > Fraction(1, 10**43):
+        raise RuntimeError(f"residuals are still {float(polished.largest_residual):.1e}")
+    return make_method(Layout.tableau(stages, Rows.DIAGONAL), polished.x, digits=DIGITS, **names)
 
 
 def rational() -> Tableau:
@@ -98,10 +96,10 @@ def l_stable() -> Tableau:
     near = [Fraction(entry) for entry in best.x]
     for end in ends:
         near[end] = Fraction(round(Fraction(gamma) * 10**DIGITS), 10**DIGITS)
-    found = polish(near, system, directions=np.eye(system.size)[:, free])
+    polished = polish(near, system, directions=np.eye(system.size)[:, free])
     return make_method(
-        system.layout,
-        found.x,
+        Layout.tableau(stages, rows),
+        polished.x,
         digits=DIGITS,
         name="DICG3",
         source="Search with one diagonal entry, the root 0.4358665... of x^3 - 3x^2 + 3x/2 - 1/6 "
@@ -165,17 +163,6 @@ def methods() -> list[Tableau]:
     return [midpoint, l_stable(), damped_pair(), triple, rational(), seven]
 
 
-def main(folder: str = "cg/catalogue") -> None:
-    """Write the files and say what they hold."""
-    for method in methods():
-        save(method, Path(folder) / f"{method.name}.toml")
-        largest = max(np.abs(method.a).max(), np.abs(method.b).max())
-        print(
-            f"{method.name}: order {method.order}, {method.stages} stages, "
-            f"{method.exponentials} exponentials, largest coefficient {largest:.4f}, "
-            f"principal error {method.principal_error:.4g}"
-        )
-
-
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    METHODS = {method.name: method for method in methods()}
+    run(METHODS.__getitem__, METHODS, __doc__)

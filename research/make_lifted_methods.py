@@ -10,8 +10,6 @@ there.
 from __future__ import annotations
 
 import re
-import sys
-import time
 import tomllib
 from fractions import Fraction
 from math import isqrt
@@ -19,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from recipes import run
 
 import cg
-from cg.catalogue import save
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.splitting import FlatRows, Splitting
 from cg.method.flat import stage_orders
@@ -45,27 +42,17 @@ NOTE = "; lifted: the flat pair stays exact, its rows split into flows"
 _IRRATIONAL = re.compile(r"(?P<p>\S+) (?P<sign>[+-]) (?P<q>\S+) r(?P<square>\d+)")
 
 
-def main() -> None:
-    """Write what is asked for."""
-    folder, *names = sys.argv[1:]
-    for name, flat in tableaux().items():
-        if names and name not in names:
-            continue
-        start = time.process_time()
-        if name in STARTS:
-            method = from_start(flat)
-        else:
-            lifted = cg.lift(flat, **RECIPES[name])
-            print(f"{name}: start {lifted.index} of {lifted.starts}, {lifted.hits} hits")
-            method = lifted.method
-        if (third := third_weights(name)) is not None:
-            method = with_third(method, third)
-        save(method, Path(folder) / f"{name}.toml")
-        seconds = time.process_time() - start
-        print(
-            f"{name}: order {orders_of(method)}, {method.exponentials} flows, "
-            f"principal error {method.principal_error:.2e}, {seconds:.0f} s"
-        )
+def make(name: str) -> cg.CommutatorFree:
+    """Return a lifted method."""
+    flat = tableaux()[name]
+    if name in STARTS:
+        method = from_start(flat)
+    else:
+        lifted = cg.lift(flat, **RECIPES[name])
+        print(f"{name}: start {lifted.index} of {lifted.starts}, {lifted.hits} hits")
+        method = lifted.method
+    third = third_weights(name)
+    return method if third is None else with_third(method, third)
 
 
 def tableaux() -> dict[str, cg.Tableau]:
@@ -83,16 +70,10 @@ def tableaux() -> dict[str, cg.Tableau]:
     }
 
 
-def orders_of(method: cg.CommutatorFree) -> str:
-    """Return the orders as in names of pairs."""
-    second = method.embedded_order
-    return str(method.order) if second is None else f"{method.order}({second})"
-
-
 def third_weights(name: str) -> list[str] | None:
     """Return the third weights of a flat pair, if it has any."""
-    found: list[str] | None = tomllib.loads(FLAT.read_text(encoding="utf-8"))[name].get("b_third")
-    return found
+    weights: list[str] | None = tomllib.loads(FLAT.read_text(encoding="utf-8"))[name].get("b_third")
+    return weights
 
 
 def with_third(method: cg.CommutatorFree, third: list[str]) -> cg.CommutatorFree:
@@ -111,33 +92,33 @@ def with_third(method: cg.CommutatorFree, third: list[str]) -> cg.CommutatorFree
 
 def number(text: str) -> str:
     """Return a rational number as it is, and ``p + q r6``, with the root of 6, with 36 digits."""
-    found = _IRRATIONAL.fullmatch(text)
-    if found is None:
+    parts = _IRRATIONAL.fullmatch(text)
+    if parts is None:
         return text
-    q = Fraction(found["q"]) * (-1 if found["sign"] == "-" else 1)
-    root = Fraction(isqrt(int(found["square"]) * 10**160), 10**80)
-    return to_decimal(Fraction(found["p"]) + q * root, DECIMAL_DIGITS)
+    q = Fraction(parts["q"]) * (-1 if parts["sign"] == "-" else 1)
+    root = Fraction(isqrt(int(parts["square"]) * 10**160), 10**80)
+    return to_decimal(Fraction(parts["p"]) + q * root, DECIMAL_DIGITS)
 
 
 def start_of(flat: cg.Tableau) -> tuple[Splitting, np.ndarray]:
-    """Return a splitting that is kept in double precision."""
-    found = tomllib.loads(STARTS[flat.name].read_text(encoding="utf-8"))
-    weights = [{int(k): w for k, w in point["weights"].items()} for point in found["points"]]
+    """Return a splitting that is stored in double precision."""
+    stored = tomllib.loads(STARTS[flat.name].read_text(encoding="utf-8"))
+    weights = [{int(k): w for k, w in point["weights"].items()} for point in stored["points"]]
     layout = Layout(
-        tuple(point["parent"] for point in found["points"]),
+        tuple(point["parent"] for point in stored["points"]),
         tuple(tuple(sorted(row)) for row in weights),
-        tuple(found["stage_points"]),
-        tuple(found[key] for key in ("result", "embedded_result") if key in found),
+        tuple(stored["stage_points"]),
+        tuple(stored[key] for key in ("result", "embedded_result") if key in stored),
     )
     x = np.array([float.fromhex(row[k]) for row in weights for k in sorted(row)])
     rows = FlatRows(*flat.exact, flat.exact_embedded)
-    orders = found["order"], found.get("embedded_order", 0)
+    orders = stored["order"], stored.get("embedded_order", 0)
     splitting = Splitting(rows, layout, *orders, stage_orders(flat))
     return splitting, splitting.nearest(x)
 
 
 def from_start(flat: cg.Tableau) -> cg.CommutatorFree:
-    """Refine what is kept in double precision."""
+    """Refine a splitting stored in double precision."""
     splitting, x = start_of(flat)
     exact = refined(splitting, x)
     print(f"{flat.name}: rank {exact.rank}, residuals {exact.largest_residual:.0e}")
@@ -147,5 +128,4 @@ def from_start(flat: cg.Tableau) -> cg.CommutatorFree:
 
 
 if __name__ == "__main__":
-    with threadpool_limits(1):
-        main()
+    run(make, tableaux(), __doc__)

@@ -1,4 +1,4 @@
-"""Give lifted pairs second results by flows of their own, which see what splitting rows adds.
+"""Give lifted pairs second results with separate flows, which sense the error of splitting rows.
 
 The difference of both results by one frozen combination, Σ (b̂ - b) F, is the estimate of the flat
 pair, whatever the splitting. Here the second result starts from a point on the way to the first
@@ -9,21 +9,17 @@ one, and its weights add up to b̂. Of all starts that lead to one, the least pr
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from recipes import run
 
 import cg
-from cg.catalogue import save
 from cg.conditions import compiled as compiled_conditions
 from cg.conditions import condition_trees
 from cg.construction.lifting.exact import refined
@@ -79,8 +75,8 @@ class SecondResult(Splitting):
         order = self.embedded_order + 1
         trees = np.array(condition_trees(order)[len(condition_trees(order - 1)) :], dtype=np.intc)
         owner = np.full(len(trees), -1, dtype=np.intc)
-        found = compiled_conditions.residuals(order, self.layout, x, trees, owner)
-        return float(np.linalg.norm(found))
+        residuals = compiled_conditions.residuals(order, self.layout, x, trees, owner)
+        return float(np.linalg.norm(residuals))
 
 
 def flat_estimate(pair: cg.CommutatorFree) -> cg.CommutatorFree:
@@ -97,7 +93,7 @@ def flat_estimate(pair: cg.CommutatorFree) -> cg.CommutatorFree:
 
 
 def splitting_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
-    """Return what is to be solved for a second result with the same flat weights."""
+    """Return the splitting of the flat second weights, to be solved."""
     tree, count = method.tree, method.result + 1
     assert method.embedded_result is not None
     assert method.embedded_order is not None
@@ -119,39 +115,31 @@ def splitting_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
 def make(method: cg.CommutatorFree, recipe: Recipe) -> tuple[cg.CommutatorFree, float, int]:
     """Return the pair, the principal error of its second result, and how many starts led to one."""
     splitting = splitting_of(method, recipe)
-    found = []
+    results = []
     for index in range(recipe.tries):
         generator = np.random.default_rng(np.random.SeedSequence(_SEED, spawn_key=(index,)))
         start = generator.uniform(-_WIDTH, _WIDTH, splitting.free.size)
         end = fit(splitting, splitting.from_unknowns(start), max_iterations=_ITERATIONS)
         if end.solved:
-            found.append((splitting.second_error(end.x), index, end.x))
-    error, _, x = min(found)
+            results.append((splitting.second_error(end.x), index, end.x))
+    error, _, x = min(results)
     weights = list(refined(splitting, x).weights)
     first = [w.text for row in method.point_coefficients[: method.result + 1] for w in row.values()]
     weights[: len(first)] = first
     source = method.source.removesuffix(NOTE) + NOTE
     layout = splitting.layout
     pair = cg.CommutatorFree.from_layout(layout, weights, name=method.name, source=source)
-    return pair, error, len(found)
+    return pair, error, len(results)
 
 
-def main() -> None:
-    """Write what is asked for."""
-    folder, *names = sys.argv[1:]
-    for name in names or RECIPES:
-        begin, recipe = time.process_time(), RECIPES[name]
-        method = cg.methods[name]
-        assert isinstance(method, cg.CommutatorFree)
-        pair, error, hits = make(method, recipe)
-        save(pair, Path(folder) / f"{name}.toml")
-        seconds = time.process_time() - begin
-        print(
-            f"{name}: {pair.order}({pair.embedded_order}), {pair.pair_exponentials} flows, error "
-            f"of the second result {error:.1e}, {hits} of {recipe.tries} starts, {seconds:.0f} s"
-        )
+def lifted(name: str) -> cg.CommutatorFree:
+    """Return a lifted pair of the catalogue with a new second result."""
+    method = cg.methods[name]
+    assert isinstance(method, cg.CommutatorFree)
+    pair, error, hits = make(method, RECIPES[name])
+    print(f"{name}: {hits} of {RECIPES[name].tries} starts, second result's error {error:.1e}")
+    return pair
 
 
 if __name__ == "__main__":
-    with threadpool_limits(1):
-        main()
+    run(lifted, RECIPES, __doc__)

@@ -33,7 +33,7 @@ FOUND = (
 
 
 class Start(NamedTuple):
-    """A method to some digits; A lacks A_1, which multiplies nothing."""
+    """A method to some digits; A is without A_1, which has no effect."""
 
     name: str
     order: int
@@ -138,12 +138,12 @@ def main(folder: Path) -> None:
     for start in STARTS:
         a, b = list(map(Fraction, start.a)), list(map(Fraction, start.b))
         known = from_two_registers([Fraction(0), *a], b)
-        found = closest(a, b, start.order)
+        exact = closest(a, b, start.order)
         rounded = [
             (point.parent, {k: to_decimal(weight) for k, weight in point.weights.items()})
-            for point in found.points
+            for point in exact.points
         ]
-        method = CommutatorFree(rounded, found.stage_points, name=start.name, source=start.source)
+        method = CommutatorFree(rounded, exact.stage_points, name=start.name, source=start.source)
         save(method, folder / f"{method.name}.toml")
         pairs = zip(method.coefficients, known.coefficients, strict=True)
         moved = max(abs(float(new.value - old.value)) for new, old in pairs)

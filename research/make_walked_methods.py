@@ -9,17 +9,13 @@ and towards small weights.
 
 from __future__ import annotations
 
-import sys
-import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from make_second_results import RECIPES, flat_estimate
-from threadpoolctl import threadpool_limits
+from recipes import run
 
 import cg
-from cg.catalogue import save
 from cg.construction import (
     Candidate,
     ConditionSystem,
@@ -29,9 +25,10 @@ from cg.construction import (
     pack_method,
     to_method,
 )
+from cg.method.method import Method
 
 ROUND = 10  # iterations, after which damping starts anew
-NOTHING = 1e-9  # weights below are left out at the end
+NEGLIGIBLE = 1e-9  # smaller weights are left out at the end
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class Walk:
     start : str
         A lifted method of the catalogue.
     goals : Goals
-        What to minimise.
+        Quantities to minimise.
     rounds : int
     wide : bool
         Whether flows get weights on all stages that they could use.
@@ -82,15 +79,15 @@ def widened(candidate: Candidate) -> Candidate:
 def cleaned(candidate: Candidate) -> Candidate:
     """Return the candidate without the weights that are zero but for rounding."""
     rows = [
-        {k: weight for k, weight in row.items() if abs(weight) > NOTHING}
+        {k: weight for k, weight in row.items() if abs(weight) > NEGLIGIBLE}
         for row in candidate.system.layout.point_weights(candidate.x.tolist())
     ]
-    kept = _with(candidate, rows)
-    return correct(kept, _held(kept))
+    cleaned_candidate = _with(candidate, rows)
+    return correct(cleaned_candidate, _held(cleaned_candidate))
 
 
 def walked(walk: Walk) -> Candidate:
-    """Return where a walk leads."""
+    """Return the end of a walk."""
     start = cg.methods[walk.start]
     assert isinstance(start, cg.CommutatorFree)
     # an estimate that is one frozen combination leaves a walk more room
@@ -110,25 +107,14 @@ def walked(walk: Walk) -> Candidate:
     return cleaned(candidate)
 
 
-def main(folder: str, *names: str) -> None:
-    """Write the files and say what they hold."""
-    known = {walk.name: walk for walk in WALKS}
-    if unknown := set(names) - set(known):
-        raise SystemExit(f"no walk to {', '.join(sorted(unknown))}; there are {', '.join(known)}")
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    for name in names or known:
-        begun = time.process_time()
-        source = (
-            f"{known[name].start}, moved along the solution set with its tableau to a small "
-            "principal error and small weights"
-        )
-        found = to_method(walked(known[name]), name=name, source=source)
-        save(found, Path(folder) / f"{name}.toml")
-        print(
-            f"{name}: order {found.order}, {found.exponentials} flows, principal error "
-            f"{found.principal_error:.3g}; {time.process_time() - begun:.0f} s of a core",
-            flush=True,
-        )
+def make(name: str) -> Method:
+    """Return a method of `WALKS`."""
+    (walk,) = (walk for walk in WALKS if walk.name == name)
+    source = (
+        f"{walk.start}, moved along the solution set with its tableau to a small principal error "
+        "and small weights"
+    )
+    return to_method(walked(walk), name=name, source=source)
 
 
 def _with(candidate: Candidate, rows: list[dict[int, float]]) -> Candidate:
@@ -148,7 +134,4 @@ def _held(candidate: Candidate) -> list[int]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(__doc__)
-    with threadpool_limits(1):
-        main(*sys.argv[1:])
+    run(make, [walk.name for walk in WALKS], __doc__)

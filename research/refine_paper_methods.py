@@ -6,20 +6,19 @@ corrections by the pseudo-inverse of the Jacobian in double precision. This conv
 linearly, by some thirteen digits a step. Coefficients that are printed as zero stay zero.
 CG4 has closed forms; CG6a is kept as printed, since no exact solution is near.
 
-    python research/refine_paper_methods.py [FOLDER]
+    python research/refine_paper_methods.py FOLDER [NAME ...]
 """
 
 from __future__ import annotations
 
-import sys
 from decimal import Decimal, localcontext
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
+from recipes import run
 
-from cg import conditions
-from cg.catalogue import save
+from cg.construction.solvers.polish import polish
+from cg.construction.solvers.system import ConditionSystem
 from cg.method.packed import make_method
 from cg.method.tableau import Tableau
 from cg.reproduce.appendix_a import Printed, printed
@@ -33,30 +32,16 @@ CG4_SOURCE = (
     "B. Owren, A. Marthinsen: Runge–Kutta methods adapted to manifolds and based on rigid "
     "frames. BIT 39 (1999) 116–142; 36 digits of the closed form"
 )
-GRID = 10**60  # iterates are multiples of 1/GRID
-ENOUGH = Fraction(1, 10**48)
-RANK_CUT = 1e-10  # singular values of CG5a: 3e-4, then 7e-16
 
 
-def refined(paper: Printed, order: int) -> list[Fraction]:
-    """Return packed coefficients near the printed ones whose residuals are below `ENOUGH`."""
-    stages = len(paper.b)
+def refined(paper: Printed, order: int, source: str) -> Tableau:
+    """Return the exact method close to the printed coefficients, whose zeros are held."""
     x = [Fraction(entry) for row in (*paper.a, paper.b) for entry in row]
     free = [k for k, entry in enumerate(x) if entry != 0]
-    a, b = conditions.unpack([float(entry) for entry in x], stages)
-    jacobian = conditions.jacobian(a, b, order, independent=True)
-    inverse = np.linalg.pinv(jacobian[:, free], rcond=RANK_CUT)
-    for _ in range(10):
-        residuals = conditions.residuals_exact(
-            *conditions.unpack(x, stages), order, independent=True
-        )
-        size = max(map(abs, residuals))
-        if size < ENOUGH:
-            return x
-        correction = inverse @ [float(residual / size) for residual in residuals]
-        for k, step in zip(free, correction, strict=True):
-            x[k] -= Fraction(round(Fraction(step) * size * GRID), GRID)
-    raise RuntimeError(f"{paper.name}: residuals are still {float(size):.1e}")
+    system = ConditionSystem.tableau(order, len(paper.b))
+    polished = polish(x, system, directions=np.eye(len(x))[:, free])
+    layout = Layout.tableau(len(paper.b))
+    return make_method(layout, polished.x, digits=36, name=paper.name, source=source)
 
 
 def owren_marthinsen() -> Tableau:
@@ -86,29 +71,23 @@ def owren_marthinsen() -> Tableau:
     return make_method(Layout.tableau(5), packed, digits=36, name="CG4", source=CG4_SOURCE)
 
 
-def main(folder: Path) -> None:
-    """Write CG4, CG4a, CG5a and CG6a into `folder`."""
-    found = [owren_marthinsen()]
-    for name, order, example in (("CG4a", 4, 1), ("CG5a", 5, 2)):
-        paper = printed()[name]
-        source = f"{PAPER}, Example {example}; refined to 36 digits"
-        x = refined(paper, order)
-        layout = Layout.tableau(len(paper.b))
-        found.append(make_method(layout, x, digits=36, name=name, source=source))
-    paper = printed()["CG6a"]
-    found.append(
-        Tableau(
+def make(name: str) -> Tableau:
+    """Return CG4, CG4a, CG5a or CG6a."""
+    if name == "CG4":
+        return owren_marthinsen()
+    paper = printed()[name]
+    if name == "CG6a":
+        return Tableau(
             paper.a,
             paper.b,
-            name="CG6a",
+            name=name,
             source=f"{PAPER}, Example 3, as printed",
             nominal_order=6,
             nominal_residual="0.00001",
         )
-    )
-    for method in found:
-        save(method, folder / f"{method.name}.toml")
+    order = {"CG4a": 4, "CG5a": 5}[name]
+    return refined(paper, order, f"{PAPER}, Example {order - 3}; refined to 36 digits")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "cg/catalogue"))
+    run(make, ["CG4", "CG4a", "CG5a", "CG6a"], __doc__)

@@ -126,15 +126,14 @@ def rotation_table() -> str:
     for row in rows:
         key = (row["package"], row["integrator"], f"{row['slope']:.1f}")
         merged.setdefault(key, []).append(row)
-    lines = ["| package | version | integrator | observed order | error with 800 steps |",
-             "|---|---|---|---|---|"]  # fmt: skip
+    rows_of_table = []
     ranked = sorted(merged.items(), key=lambda item: (item[0][0], -float(item[0][2])))
     for (package, integrator, slope), equal in ranked:
         versions = ", ".join(row["version"] for row in sorted(equal, key=_release))
         error = max(row["errors"][-1] for row in equal)
-        table.append((package, versions, integrator, slope, f"{error:.0e}"))
+        rows_of_table.append((package, versions, integrator, slope, f"{error:.0e}"))
     heads = ("package", "version", "integrator", "observed order", "error with 800 steps")
-    return markdown.table(heads, table) + "\n"
+    return markdown.table(heads, rows_of_table) + "\n"
 
 
 def _release(row: dict[str, Any]) -> list[int]:

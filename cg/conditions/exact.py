@@ -30,6 +30,7 @@ __all__ = [
     "exact_weights",
     "residuals_exact",
     "result_tree",
+    "word_weights",
 ]
 
 ExactRows = Sequence[Sequence[Any]]
@@ -208,14 +209,14 @@ def exact_weights(
     zero = one * 0
     add_letter(1, [one] * len(tree.stage_points))
     for t in range(2, trees.with_nodes(order).stop):
-        ends = _word_weights(tree, inner, trees.children[t - 1], letters, one)
+        ends = word_weights(tree, inner, trees.children[t - 1], letters, one)
         add_letter(t, [ends[at] for at in tree.stage_points])
     return [
-        _word_weights(tree, last, trees.children[t - 1], letters, one)[tree.result] for t in indices
+        word_weights(tree, last, trees.children[t - 1], letters, one)[tree.result] for t in indices
     ]
 
 
-def _word_weights(
+def word_weights(
     tree: PointTree,
     points: Sequence[int],
     word: Sequence[int],

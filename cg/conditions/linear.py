@@ -19,13 +19,14 @@ from collections.abc import Sequence
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache
-from typing import TypeVar
+from typing import Any
 
 __all__ = [
     "LINEAR_ROUNDING",
     "MAX_LINEAR_ORDER",
     "linear_residuals",
     "linear_sensitivities",
+    "product_of_exponentials",
     "words",
 ]
 
@@ -38,7 +39,6 @@ LINEAR_ROUNDING = Decimal("1e-50")
 _DIGITS = Context(prec=64)
 _ROUGH = 1e-9  # far above rounding errors in double
 
-Number = TypeVar("Number", float, Decimal)
 Word = tuple[int, ...]
 Rows = Sequence[Sequence[Fraction]]
 
@@ -78,14 +78,14 @@ def linear_residuals(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[
         In the order of `words`, computed with 64 digits.
     """
     with localcontext(_DIGITS):
-        product = _product(_moments(nodes, rows, order), order)
+        product = product_of_exponentials(_moments(nodes, rows, order), words(order))
         return [product[word] - _solution(word) for word in words(order)]
 
 
 def estimated_order(nodes: Sequence[Fraction], rows: Rows) -> int:
     """Return the order that a method seems to have in double precision, an upper bound of it."""
     moments = [[float(x) for x in row] for row in _moments(nodes, rows, MAX_LINEAR_ORDER)]
-    product = _product(moments, MAX_LINEAR_ORDER)
+    product = product_of_exponentials(moments, words(MAX_LINEAR_ORDER))
     wrong = [
         sum(word)
         for word in words(MAX_LINEAR_ORDER)
@@ -117,8 +117,8 @@ def linear_sensitivities(
         for row, unit_row in zip(weights, units, strict=True)
     ]
     with localcontext(_DIGITS):
-        low = _product(_moments(sizes, weights, order), order)
-        high = _product(_moments(wide, wide_weights, order), order)
+        low = product_of_exponentials(_moments(sizes, weights, order), words(order))
+        high = product_of_exponentials(_moments(wide, wide_weights, order), words(order))
         return [high[word] - low[word] for word in words(order)]
 
 
@@ -135,18 +135,35 @@ def _moments(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[list[Dec
     ]
 
 
-def _product(moments: list[list[Number]], order: int) -> dict[Word, Number]:
-    """Return the coefficients of all words in the product of exponentials."""
-    number = type(moments[0][0])
-    product: dict[Word, Number] = {(): number(1)} | dict.fromkeys(words(order), number(0))
-    for row in moments:
-        factor: dict[Word, Number] = {(): number(1)}
-        for word in words(order):  # the coefficient of a shorter word is there already
+def product_of_exponentials(x: Sequence[Sequence[Any]], words: Sequence[Word]) -> dict[Word, Any]:
+    """Return the coefficients of words in a product of exponentials of combinations of letters.
+
+    Parameters
+    ----------
+    x : sequence of sequences of numbers or arrays
+        Weights of the letters in each exponential, in the order in which they are applied.
+    words : sequence of tuples of int
+        Nonempty words of letters, counted from 1, with all their prefixes and suffixes; shorter
+        words of smaller degree first.
+
+    Returns
+    -------
+    dict
+        With the empty word.
+
+    Examples
+    --------
+    >>> product_of_exponentials([[0.5], [0.5]], [(1,), (1, 1)])
+    {(): 1.0, (1,): 1.0, (1, 1): 0.5}
+    """
+    one = x[0][0] * 0 + 1
+    product: dict[Word, Any] = {(): one} | dict.fromkeys(words, one * 0)
+    for row in x:
+        factor: dict[Word, Any] = {(): one}
+        for word in words:
             factor[word] = factor[word[1:]] * row[word[0] - 1] / len(word)
         product = {
-            word: sum(
-                (factor[word[:k]] * product[word[k:]] for k in range(len(word) + 1)), number(0)
-            )
+            word: sum((factor[word[:k]] * product[word[k:]] for k in range(len(word) + 1)), one * 0)
             for word in product
         }
     return product

@@ -6,15 +6,15 @@
 
 from __future__ import annotations
 
-from .certificate import Beyond, Certificate, CertificationError
+from .certificate import Certificate, CertificationError, ViolatedCondition
 from .digits import refined_digits
 from .files import certificate_of, check_file, proved
 from .prove import certify, check
 
 __all__ = [
-    "Beyond",
     "Certificate",
     "CertificationError",
+    "ViolatedCondition",
     "certificate_of",
     "certify",
     "check",

@@ -1,4 +1,4 @@
-"""Certificates: what is proved of a method, as a small text file."""
+"""Certificates of orders, and their text files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 from ..support.parsing import quoted, read_fraction, read_toml, write_file
 
-__all__ = ["Beyond", "Certificate", "CertificationError"]
+__all__ = ["Certificate", "CertificationError", "ViolatedCondition"]
 
 _LARGEST = Fraction(10) ** 4000  # more digits of an integer Python doesn't write by default
 
@@ -22,7 +22,7 @@ class CertificationError(ArithmeticError):
     Attributes
     ----------
     quantities : dict
-        What was found, by name: ``conditions``, ``rank``, ``singular_values`` (the
+        Measured quantities by name: ``conditions``, ``rank``, ``singular_values`` (the
         smallest), ``residual`` and what the stored places ``allow``, ``radius``,
         ``ratio``, ``correction``, ``contraction`` (see `cg.proofs.krawczyk`), …
 
@@ -51,8 +51,8 @@ class CertificationError(ArithmeticError):
 
 
 @dataclass(frozen=True)
-class Beyond:
-    """A condition of the next order that isn't satisfied.
+class ViolatedCondition:
+    """A violated condition of the next order.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Beyond:
 
 @dataclass(frozen=True)
 class Certificate:
-    """What is proved of a method, and how to prove it again.
+    """A proved statement about a method, with the data to prove it again.
 
     In the box of this radius around the stored coefficients, with the fixed ones held at
     their stored values, there is exactly one solution of the equations, and it satisfies
@@ -89,13 +89,13 @@ class Certificate:
     bits : int
         Precision of the arithmetic.
     identities : tuple of str
-        Proved as well, since conditions depend on each other through them; or which conditions
-        are only shown to be small, and how small.
+        Identities, structures and left-out conditions; or conditions that are only shown to be
+        small, with a bound.
     fixed : tuple of str
-        The coefficients that are held, like ``a_3,1``, ``b_2`` and ``b_embedded_2``.
-    beyond : Beyond
+        The coefficients that are held, such as ``a_3,1``, ``b_2`` and ``b_embedded_2``.
+    beyond : ViolatedCondition
         Why the order isn't higher.
-    embedded_beyond : Beyond or None
+    embedded_beyond : ViolatedCondition or None
         Why that of the second weights isn't.
 
     Examples
@@ -115,8 +115,8 @@ class Certificate:
     bits: int
     identities: tuple[str, ...]
     fixed: tuple[str, ...]
-    beyond: Beyond
-    embedded_beyond: Beyond | None
+    beyond: ViolatedCondition
+    embedded_beyond: ViolatedCondition | None
 
     def __post_init__(self) -> None:
         _decimal(self.radius)
@@ -231,9 +231,9 @@ def _check(table: dict[str, Any], kinds: dict[str, type], where: str) -> None:
             )
 
 
-def _read_beyond(table: dict[str, Any], where: str) -> Beyond:
+def _read_beyond(table: dict[str, Any], where: str) -> ViolatedCondition:
     _check(table, {"tree": str, "bound": str}, where)
-    return Beyond(table["tree"], table["bound"])
+    return ViolatedCondition(table["tree"], table["bound"])
 
 
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -253,8 +253,8 @@ def _decimal(text: str) -> str:
     )
 
 
-def _beyond(found: Beyond) -> list[str]:
-    return [f'tree = "{found.tree}"', f'bound = "{found.bound}"']
+def _beyond(violation: ViolatedCondition) -> list[str]:
+    return [f'tree = "{violation.tree}"', f'bound = "{violation.bound}"']
 
 
 def _wrapped(names: tuple[str, ...]) -> str:

@@ -15,8 +15,8 @@ from ..support.quads import to_decimal
 from .certificate import Certificate, CertificationError
 from .files import certificate_of
 from .krawczyk import krawczyk
-from .statement import Packed, box, fitting, free_of, start, system_of
-from .zero import check_rational, prove_box
+from .statement import Packed, box, fitting, free_of, system_of
+from .zero import check_left_out, check_rational, prove_zero
 
 __all__ = ["MAX_DIGITS", "refined_digits"]
 
@@ -33,7 +33,8 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     ----------
     method : Method
     certificate : Certificate
-        It is proved once more, since all digits hang on it.
+        Its zero is proved once more. That conditions which it leaves out follow from the others
+        is proved again unless the certificate is the catalogue's.
     digits : int
         Significant digits of the free coefficients, at most `MAX_DIGITS`.
 
@@ -63,21 +64,30 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     if Fraction(certificate.radius) == 0 or not free:
         check_rational(packed, certificate)
         return texts
-    # a box for few digits would be wider than the certificate's, and lead to nothing
+    # a box for few digits would be wider than the certificate's
     proved = len(str(math.ceil(1 / Fraction(certificate.radius))))
     with precision(certificate.bits):
-        prove_box(packed, certificate)
+        attempt = prove_zero(packed, certificate)
+        if certificate != _stored(method):
+            check_left_out(packed, certificate, attempt)
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
         places = max(digits, proved) + guard
         with precision(math.ceil(math.log2(10) * places) + certificate.bits):
-            found = _solve(packed, certificate, free, places)
-            rounded = [_rounded(ball, digits) for ball in found]
+            zero = _solve(packed, certificate, free, places)
+            rounded = [_rounded(ball, digits) for ball in zero]
         if all(rounded):
             for k, text in zip(free, rounded, strict=True):
                 if k < len(texts):
                     texts[k] = text or ""
             return texts
     raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
+
+
+def _stored(method: Method) -> Certificate | None:
+    try:
+        return certificate_of(method)
+    except CertificationError:
+        return None
 
 
 def digits(
@@ -114,17 +124,17 @@ def digits(
         raise ValueError(f"embedded: {self.name or 'the method'} has no second weights")
     if certificate is None:
         certificate = certificate_of(self)
-    found = refined_digits(self, certificate, digits)
+    texts = refined_digits(self, certificate, digits)
     if self.layout.rows is None:
-        return self.layout.point_weights(found)
-    rows = [[str(entry) for entry in row] for row in self.layout.full_rows(found)]
+        return self.layout.point_weights(texts)
+    rows = [[str(entry) for entry in row] for row in self.layout.full_rows(texts)]
     return rows[: self.stages], rows[self.stages + embedded]
 
 
 def _solve(packed: Packed, certificate: Certificate, free: list[int], places: int) -> list[arb]:
-    """Return balls around the solution with so many decimal places."""
+    """Return balls around the solution with `places` decimal places."""
     system = system_of(packed, certificate)
-    z = start(packed, certificate)
+    z = packed.balls()
     target = arb(10) ** -places
     for _ in range(places.bit_length() + 2):
         values, jacobian = system.linearise(z)
@@ -137,19 +147,19 @@ def _solve(packed: Packed, certificate: Certificate, free: list[int], places: in
             break
     attempt = krawczyk(system, z, free, target)
     inside = box(packed, certificate)
-    found = [z[k] + arb(0, target.upper()) for k in free]
+    enclosures = [z[k] + arb(0, target.upper()) for k in free]
     # unique in either box, and one within the other: the same solution
     if not attempt.proved or not all(
-        inside[k].contains(ball) for k, ball in zip(free, found, strict=True)
+        inside[k].contains(ball) for k, ball in zip(free, enclosures, strict=True)
     ):
         raise CertificationError(
             f"{certificate.name}: {places} places aren't proved", ratio=attempt.ratio
         )
-    return found
+    return enclosures
 
 
 def _rounded(ball: arb, digits: int) -> str | None:
-    """Write a ball with so many digits; None if they aren't the same at both of its ends."""
+    """Return a ball's digits; None if both of its ends don't round to the same ones."""
     ends = {to_decimal(_exact(end), digits) for end in (ball.lower(), ball.upper())}
     return ends.pop() if len(ends) == 1 else None
 

@@ -25,7 +25,7 @@ __all__ = [
 
 
 def folder() -> Traversable:
-    """Return where the certificates are."""
+    """Return the folder of the certificates."""
     return files("cg.catalogue") / "certificates"
 
 

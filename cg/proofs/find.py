@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from .certificate import Certificate, CertificationError
-from .dependent.orthogonality import Known, conditions_of, find_relations
+from .dependent.orthogonality import ResidualRelation, conditions_of, find_relations
 from .explain import (
     STRUCTURES,
-    augment,
+    augmented_system,
     find_identities,
-    name_of,
     names_of_left_out,
     names_of_small,
 )
 from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
-from .statement import Packed, names_of, orders_of, start, system_of
+from .statement import Packed, orders_of, system_of
 from .systems import EquationSystem, order_system
 from .zero import check_left_out, check_places, largest_residual, quantities, zero_of
 
@@ -42,7 +41,7 @@ def find_zero(packed: Packed, draft: Certificate, small: bool = False) -> Certif
     ----------
     packed : Packed
     draft : Certificate
-        With everything that isn't to be found.
+        All that isn't searched for: names, orders, bits.
     small : bool
         Whether conditions that depend on others need no proof but that they are small.
 
@@ -59,38 +58,33 @@ def find_zero(packed: Packed, draft: Certificate, small: bool = False) -> Certif
     system = order_system(packed.layout, draft.order, draft.embedded_order)
     values, jacobian = system.linearise(y)
     check_places(packed, system, values, jacobian)
-    found = _try(packed, draft, system, to_double(jacobian))
-    if isinstance(found, _Proved):
-        return found.certificate
+    outcome = _try(packed, draft, system, to_double(jacobian))
+    if isinstance(outcome, _Proved):
+        return outcome.certificate
     if small:
         return _of_independent(packed, draft, to_double(jacobian))
     tried: list[str] = []
-    if packed.layout.rows is None:
-        extended, relations = _orthogonal(packed, draft, to_double(jacobian))
-        tried.append(f"orthogonality, by which {relations} conditions follow")
-        if extended is not None:
-            system = system_of(packed, extended)
-            again = _try(packed, extended, system, to_double(system.linearise(y)[1]))
-            if isinstance(again, _Proved):
-                check_left_out(packed, *again)
-                return again.certificate
-            found = again
-    for identities in find_identities(packed.layout, y, packed.zeros()):
-        names = tuple(map(name_of, identities))
-        tried.append(" and ".join(identity.heading for identity in identities))
+    for identities in find_identities(packed.layout, packed.values, packed.zeros()):
+        names = tuple(identity.name for identity in identities)
+        tried.append(" and ".join(names))
         extended = replace(draft, identities=names)
-        try:
-            augmented = augment(packed.layout, orders_of(draft), identities, packed.zeros())
-        except ArithmeticError:
-            continue
-        jacobian = augmented.linearise(start(packed, extended))[1]
-        again = _try(packed, extended, augmented, to_double(jacobian))
+        system = augmented_system(packed.layout, orders_of(draft), identities, packed.zeros())
+        again = _try(packed, extended, system, to_double(system.linearise(y)[1]))
         if isinstance(again, _Proved):
             return again.certificate
+    orthogonal, relations = _orthogonal(packed, draft, to_double(jacobian))
+    tried.append(f"orthogonality, by which {relations} conditions follow")
+    if orthogonal is not None:
+        system = system_of(packed, orthogonal)
+        again = _try(packed, orthogonal, system, to_double(system.linearise(y)[1]))
+        if isinstance(again, _Proved):
+            check_left_out(packed, *again)
+            return again.certificate
+        outcome = again
     message = f"{draft.name}: no zero of the conditions of order {draft.order} is proved"
-    if found["rank"] < found["conditions"]:
+    if outcome["rank"] < outcome["conditions"]:
         message += ", their derivatives are dependent and no known identities explain that"
-    raise CertificationError(message, **found, tried="; ".join(tried) or "no identities")
+    raise CertificationError(message, **outcome, tried="; ".join(tried))
 
 
 def _of_independent(
@@ -105,10 +99,10 @@ def _of_independent(
     draft = replace(draft, identities=names_of_small(left_out, "1e-40"))
     system = system_of(packed, draft)
     kept = np.delete(jacobian, [conditions.index(one) for one in left_out], axis=0)
-    found = _try(packed, draft, system, kept)
-    if not isinstance(found, _Proved):
-        raise CertificationError(f"{draft.name}: no zero of independent conditions", **found)
-    proved, attempt = found
+    outcome = _try(packed, draft, system, kept)
+    if not isinstance(outcome, _Proved):
+        raise CertificationError(f"{draft.name}: no zero of independent conditions", **outcome)
+    proved, attempt = outcome
     zero = zero_of(packed, proved, attempt)
     largest = float(largest_residual(packed, left_out, zero))
     # a power of ten, with room for another rounding
@@ -129,10 +123,10 @@ def _orthogonal(
     orders = orders_of(draft)
     every = {name: make(packed.layout, orders, packed.values) for name, make in STRUCTURES.items()}
     name = next((name for name, one in every.items() if one.satisfied()), "")
-    known: list[Known] = []
+    known: list[ResidualRelation] = []
     along = jacobian[:, nonzero]
     if name:
-        known = list(every[name].relations())
+        known = list(every[name].relations(packed.balls()))
         system = EquationSystem(packed.layout, tuple(every[name].equations()))
         held = to_double(system.linearise(packed.balls())[1])[:, nonzero]
         along = along @ linalg.null_space(held)
@@ -150,24 +144,26 @@ def _try(
     packed: Packed, draft: Certificate, system: EquationSystem, jacobian: NDArray[np.float64]
 ) -> _Proved | dict[str, float]:
     """Return the certificate with the zero proved, or the quantities that tell why not."""
-    names = names_of(packed, draft)
+    names = packed.layout.names
     size = len(system.equations)
-    parameters = list(range(packed.layout.size, system.unknowns))
     rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
-    found: dict[str, float] = {}
+    measures: dict[str, float] = {}
     for movable in (rough, nonzero):  # better to hold all that are exact, not zeros only
-        candidates = movable + parameters
-        rank, singular = numerical_rank(jacobian[:, candidates])
-        found = {"conditions": size, "rank": rank, "smallest_singular_value": float(singular[-1])}
-        found["largest_singular_value"] = float(singular[0])
+        rank, singular = numerical_rank(jacobian[:, movable])
+        measures = {
+            "conditions": size,
+            "rank": rank,
+            "smallest_singular_value": float(singular[-1]),
+        }
+        measures["largest_singular_value"] = float(singular[0])
         if rank < size:
             continue
-        free = choose_free(jacobian, candidates)
-        attempt = krawczyk(system, start(packed, draft), free)
-        found |= quantities(attempt)
+        free = choose_free(jacobian, movable)
+        attempt = krawczyk(system, packed.balls(), free)
+        measures |= quantities(attempt)
         if attempt.proved:
-            held = tuple(name for k, name in enumerate(names) if k not in set(free))
+            fixed = tuple(name for k, name in enumerate(names) if k not in set(free))
             radius = f"{float(attempt.radius):.1e}"
-            return _Proved(replace(draft, radius=radius, fixed=held), attempt)
-    return found
+            return _Proved(replace(draft, radius=radius, fixed=fixed), attempt)
+    return measures

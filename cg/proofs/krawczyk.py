@@ -30,7 +30,7 @@ RANK_THRESHOLD = 1e-12
 
 @dataclass(frozen=True)
 class KrawczykTest:
-    """What Krawczyk's test gave.
+    """Result of Krawczyk's test.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class KrawczykTest:
     contraction : float
         Upper bound of the maximum norm of ``I - A J(X)``.
     image : tuple of arb
-        Of the free unknowns, where the map takes the box: the zero is in it if it is proved.
+        Image of the box under the map, by free unknown; it contains the zero if that is proved.
     """
 
     radius: arb
@@ -123,7 +123,7 @@ def krawczyk(
     if not correction.is_finite():
         return infinite
     if radius is None:
-        # from two digits on up, so that what is written down is what was proved
+        # of two decimal digits, so that certificates state it exactly
         radius = arb(f"{2.2 * float(correction) or 1e-300:.1e}")
     box = list(y)
     for k in columns:

@@ -12,7 +12,7 @@ from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..support.balls import working_precision as precision
 from ..support.checks import check_flag, check_integer
-from .certificate import Beyond, Certificate, CertificationError
+from .certificate import Certificate, CertificationError, ViolatedCondition
 from .find import find_zero
 from .statement import Packed, fitting
 from .violated import check_beyond, find_beyond
@@ -84,7 +84,7 @@ def certify(method: Method | str, order: int | None = None, *, small: bool = Fal
         bits=64 * math.ceil((math.log2(10) * digits + _GUARD_BITS) / 64),
         identities=(),
         fixed=tuple(packed.layout.names),
-        beyond=Beyond("[]", "0"),
+        beyond=ViolatedCondition("[]", "0"),
         embedded_beyond=None,
     )
     with precision(draft.bits):
@@ -101,7 +101,7 @@ def check(certificate: Certificate, method: Method) -> None:
     Parameters
     ----------
     certificate : Certificate
-        Nothing in it is believed.
+        Used as a hint only.
     method : Method
 
     Raises

@@ -16,16 +16,14 @@ from ..structure.layout import Layout
 from ..support.balls import to_ball
 from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Condition
-from .dependent.parametric import RELATION_RADIUS
-from .dependent.relations import Identity
 from .explain import (
     STRUCTURES,
     Structure,
-    augment,
+    augmented_system,
     read_identity,
     read_left_out,
     read_small,
-    without,
+    reduced_system,
 )
 from .systems import EquationSystem, order_system
 
@@ -36,9 +34,7 @@ __all__ = [
     "fitting",
     "free_of",
     "left_out_of",
-    "names_of",
     "orders_of",
-    "start",
     "structure_of",
     "system_of",
 ]
@@ -105,11 +101,11 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
     packed = Packed.of(method)
-    names = names_of(packed, certificate)
+    names = packed.layout.names
     held = set(certificate.fixed)
     if len(held) != len(certificate.fixed) or not held.issubset(names):
         raise CertificationError("the fixed coefficients must be distinct ones of the method")
-    for name, coefficient in zip(names, packed.coefficients, strict=False):
+    for name, coefficient in zip(names, packed.coefficients, strict=True):
         if coefficient.value == 0 and name not in held:
             raise CertificationError(f"{name} is exactly zero, so it must be fixed")
     return packed
@@ -124,15 +120,13 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
         structure = structure_of(packed, certificate, name)
         more = structure.equations() if structure else []
         try:
-            return without(packed.layout, orders_of(certificate), left_out, more)
+            return reduced_system(packed.layout, orders_of(certificate), left_out, more)
         except ValueError as error:
             raise CertificationError(str(error)) from None
-    if Fraction(certificate.radius) >= Fraction(RELATION_RADIUS):
-        raise CertificationError("the radius is too large for the relations of identities")
     try:
-        identities = _identities(certificate)
-        return augment(packed.layout, orders_of(certificate), identities, packed.zeros())
-    except (ValueError, ArithmeticError) as error:
+        identities = [read_identity(name) for name in certificate.identities]
+        return augmented_system(packed.layout, orders_of(certificate), identities, packed.zeros())
+    except ValueError as error:
         raise CertificationError(str(error)) from None
 
 
@@ -140,10 +134,10 @@ def structure_of(packed: Packed, certificate: Certificate, name: str) -> Structu
     """Return the structure of a method; CertificationError if it hasn't that one."""
     if not name:
         return None
-    found: Structure = STRUCTURES[name](packed.layout, orders_of(certificate), packed.values)
-    if not found.satisfied():
+    structure = STRUCTURES[name](packed.layout, orders_of(certificate), packed.values)
+    if not structure.satisfied():
         raise CertificationError(f"{certificate.name}: it has no {name} of this order")
-    return found
+    return structure
 
 
 def left_out_of(certificate: Certificate) -> tuple[list[Condition], str]:
@@ -163,27 +157,6 @@ def bound_of(certificate: Certificate) -> Fraction | None:
     return read_small(certificate.identities)[1]
 
 
-def _identities(certificate: Certificate) -> list[Identity]:
-    if left_out_of(certificate)[0]:
-        return []
-    try:
-        return [read_identity(name) for name in certificate.identities]
-    except (ValueError, ZeroDivisionError) as error:
-        raise CertificationError(str(error)) from None
-
-
-def names_of(packed: Packed, certificate: Certificate) -> list[str]:
-    """Return the names of all unknowns: coefficients, and parameters of identities."""
-    count = sum(len(identity.parameters) for identity in _identities(certificate))
-    return [*packed.layout.names, *(f"parameter_{k}" for k in range(1, count + 1))]
-
-
-def start(packed: Packed, certificate: Certificate) -> list[arb]:
-    """Return the stored coefficients, and the parameters of identities, as balls."""
-    parameters = [p for identity in _identities(certificate) for p in identity.parameters]
-    return packed.balls() + [to_ball(p) for p in parameters]
-
-
 def orders_of(certificate: Certificate) -> list[int]:
     """Return the orders of all rows of weights."""
     embedded = certificate.embedded_order
@@ -193,12 +166,12 @@ def orders_of(certificate: Certificate) -> list[int]:
 def free_of(packed: Packed, certificate: Certificate) -> list[int]:
     """Return the indices of the coefficients that aren't fixed."""
     held = set(certificate.fixed)
-    return [k for k, name in enumerate(names_of(packed, certificate)) if name not in held]
+    return [k for k, name in enumerate(packed.layout.names) if name not in held]
 
 
 def box(packed: Packed, certificate: Certificate) -> list[arb]:
-    """Return balls that hold the exact solution, and the parameters of identities."""
-    y = start(packed, certificate)
+    """Return balls that hold the exact solution."""
+    y = packed.balls()
     radius = arb(certificate.radius).upper()
     for k in free_of(packed, certificate):
         y[k] = y[k] + arb(0, radius)

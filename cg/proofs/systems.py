@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, NamedTuple
+from math import prod
+from typing import NamedTuple
 
 from flint import arb, arb_mat
 
@@ -15,15 +16,24 @@ from ..support.balls import to_ball, to_flint
 from .dependent.words import Word, condition_words, reciprocal_density, text
 from .weights import Quantity, Weights
 
-__all__ = ["Equation", "EquationSystem", "Term", "condition", "exact_residuals", "order_system"]
+__all__ = [
+    "Equation",
+    "EquationSystem",
+    "Term",
+    "condition",
+    "exact_residuals",
+    "nearly_satisfied",
+    "order_system",
+]
+
+_NEGLIGIBLE = 1e-20
 
 
 class Term(NamedTuple):
-    """A rational multiple of a product of weights, and maybe of a parameter."""
+    """A rational multiple of a product of weights."""
 
     factor: Fraction
     weights: tuple[Quantity, ...]
-    parameter: int | None = None
 
 
 class Equation(NamedTuple):
@@ -32,7 +42,7 @@ class Equation(NamedTuple):
     Attributes
     ----------
     label : str
-        What it says, for messages.
+        Description for messages.
     terms : tuple of Term
     constant : Fraction or arb
         Added to the terms.
@@ -51,75 +61,64 @@ def condition(word: Word, row: int) -> Equation:
 
 @dataclass(frozen=True)
 class EquationSystem:
-    """Equations in the entries of a tableau, and in parameters of their own.
+    """Equations in the coefficients of a method.
 
     Attributes
     ----------
     layout : Layout
     equations : tuple of Equation
-    parameters : int
-        Number of further unknowns, after the entries of the tableau.
     """
 
     layout: Layout
     equations: tuple[Equation, ...]
-    parameters: int = 0
-
-    @property
-    def unknowns(self) -> int:
-        """Number of unknowns."""
-        return self.layout.size + self.parameters
 
     @cached_property
     def _position(self) -> dict[Quantity, int]:
-        found: dict[Quantity, int] = {}
-        for equation in self.equations:
-            for term in equation.terms:
-                for quantity in term.weights:
-                    found.setdefault(quantity, len(found))
-        return found
+        quantities = (
+            quantity
+            for equation in self.equations
+            for term in equation.terms
+            for quantity in term.weights
+        )
+        return {quantity: k for k, quantity in enumerate(dict.fromkeys(quantities))}
 
     def residuals(self, z: Sequence[arb]) -> list[arb]:
-        """Return what the equations should make zero."""
+        """Return the residuals of the equations."""
         return self._evaluate(z)[0]
 
     def linearise(self, z: Sequence[arb]) -> tuple[list[arb], arb_mat]:
         """Return the residuals and their derivatives by all unknowns."""
-        values, weights, found = self._evaluate(z)
+        values, weights, phi = self._evaluate(z)
         by_entry = weights.jacobian().tolist()
-        size, rest = self.layout.size, list(z[self.layout.size :])
         rows = []
         for equation in self.equations:
-            row = [arb(0)] * self.unknowns
+            row = [arb(0)] * self.layout.size
             for term in equation.terms:
-                factor = to_ball(term.factor)
-                outer = factor if term.parameter is None else factor * rest[term.parameter]
-                known = [found[self._position[quantity]] for quantity in term.weights]
+                factors = [phi[self._position[quantity]] for quantity in term.weights]
                 for k, quantity in enumerate(term.weights):
-                    others = _product([outer, *known[:k], *known[k + 1 :]])
-                    derivative = by_entry[self._position[quantity]]
-                    for p, y in enumerate(derivative):
-                        row[p] = row[p] + others * y
-                if term.parameter is not None:
-                    p = size + term.parameter
-                    row[p] = row[p] + _product([factor, *known])
+                    others = prod([*factors[:k], *factors[k + 1 :]], start=to_ball(term.factor))
+                    for p, slope in enumerate(by_entry[self._position[quantity]]):
+                        row[p] = row[p] + others * slope
             rows.append(row)
         return values, arb_mat(rows)
 
     def _evaluate(self, z: Sequence[arb]) -> tuple[list[arb], Weights, list[arb]]:
         weights = Weights(self.layout, list(self._position))
-        found = weights.evaluate(z[: self.layout.size])
-        rest = list(z[self.layout.size :])
+        phi = weights.evaluate(z)
         values = []
         for equation in self.equations:
             total = to_ball(equation.constant)
             for term in equation.terms:
-                factors = [found[self._position[quantity]] for quantity in term.weights]
-                if term.parameter is not None:
-                    factors.append(rest[term.parameter])
-                total = total + _product([to_ball(term.factor), *factors])
+                factors = (phi[self._position[quantity]] for quantity in term.weights)
+                total = total + prod(factors, start=to_ball(term.factor))
             values.append(total)
-        return values, weights, found
+        return values, weights, phi
+
+
+def nearly_satisfied(layout: Layout, equations: Sequence[Equation], x: Sequence[Fraction]) -> bool:
+    """Return whether the residuals of equations are as small as rounded coefficients make them."""
+    residuals = EquationSystem(layout, tuple(equations)).residuals([to_ball(v) for v in x])
+    return all(abs(residual) < _NEGLIGIBLE for residual in residuals)
 
 
 def order_system(layout: Layout, order: int, embedded_order: int | None) -> EquationSystem:
@@ -139,15 +138,8 @@ def exact_residuals(
 ) -> list[Fraction]:
     """Return ``Φ(t) - 1/γ(t)`` in rational arithmetic, for packed rational entries."""
     weights = Weights(layout, [Quantity(row, word) for word in words])
-    found = weights.evaluate([to_flint(entry) for entry in x])
+    weights_of_words = weights.evaluate([to_flint(entry) for entry in x])
     return [
         Fraction(int(value.p), int(value.q)) - reciprocal_density(word)
-        for value, word in zip(found, words, strict=True)
+        for value, word in zip(weights_of_words, words, strict=True)
     ]
-
-
-def _product(factors: Sequence[Any]) -> Any:
-    total = factors[0]
-    for factor in factors[1:]:
-        total = total * factor
-    return total

@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from ..support.balls import to_ball
 from ..support.quads import to_decimal
-from .certificate import Beyond, Certificate, CertificationError
+from .certificate import Certificate, CertificationError, ViolatedCondition
 from .dependent.words import Word, condition_words, nodes, parse, reciprocal_density, text
 from .statement import Packed, box, orders_of
 from .weights import Quantity, Weights
@@ -21,7 +21,7 @@ _MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coeffici
 
 def find_beyond(packed: Packed, draft: Certificate) -> Certificate:
     """Return a draft with the conditions of the next orders that are violated most."""
-    found: list[Beyond] = []
+    violations: list[ViolatedCondition] = []
     for r, order in enumerate(orders_of(draft)):
         words = [w for w in condition_words(order + 1) if nodes(w) == order + 1]
         bounds = _bounds(packed, draft, words, packed.layout.stages + r)
@@ -32,9 +32,9 @@ def find_beyond(packed: Packed, draft: Certificate) -> Certificate:
                 f"so order {order} isn't the highest, or coefficients are wrong",
                 largest_bound=float(bounds[best]),
             )
-        found.append(Beyond(text(words[best]), _rounded_down(bounds[best])))
-    second = found[1] if len(found) > 1 else None
-    return replace(draft, beyond=found[0], embedded_beyond=second)
+        violations.append(ViolatedCondition(text(words[best]), _rounded_down(bounds[best])))
+    second = violations[1] if len(violations) > 1 else None
+    return replace(draft, beyond=violations[0], embedded_beyond=second)
 
 
 def check_beyond(packed: Packed, certificate: Certificate) -> None:

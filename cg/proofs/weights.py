@@ -2,8 +2,8 @@
 
 The same recursions as in the compiled core, on numbers of python-flint: balls (``arb``)
 for proofs, rationals (``fmpq``) for exact weights without derivatives. The flow to a point
-acts on words as an exponential after what acted at its parent, so that a word is cut in
-all ways into a part for what is before, and one for the flow.
+acts on words as an exponential after the flows to its parent, so that a word is cut in
+all ways into a part for the flows before, and one for the flow.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Quantity(NamedTuple):
         From 0: the stages, then the result, then the second result.
     word : Word
     stop : int or None
-        Only the first so many points on the way count; None for all.
+        Number of points on the path that count; None for all.
     """
 
     row: int
@@ -55,17 +55,17 @@ def _segments(layout: Layout) -> list[_Segment]:
     children = [m for m in inner if layout.parents[m] != START]
     branches = [layout.parents[m] for m in children]
     ends = {*layout.stage_points, *(p for p in branches if branches.count(p) > 1)}
-    found: list[_Segment] = []
+    segments: list[_Segment] = []
     belongs = {START: START}
     for m in inner:
         parent = layout.parents[m]
         if parent == START or parent in ends:
-            belongs[m] = len(found)
-            found.append(_Segment([m], belongs[parent]))
+            belongs[m] = len(segments)
+            segments.append(_Segment([m], belongs[parent]))
         else:
             belongs[m] = belongs[parent]
-            found[belongs[m]].points.append(m)
-    return found
+            segments[belongs[m]].points.append(m)
+    return segments
 
 
 class Weights:
@@ -75,7 +75,7 @@ class Weights:
     ----------
     layout : Layout
     quantities : sequence of Quantity
-        What to evaluate.
+        Weights to evaluate.
     """
 
     def __init__(self, layout: Layout, quantities: Sequence[Quantity]) -> None:
@@ -95,12 +95,12 @@ class Weights:
         everywhere = [m for segment in self._segments for m in segment.points]
         needed = {word: set(everywhere) for word in self._stage_words}
         self._outer: dict[int, list[Word]] = {}
-        wanted: dict[int, set[Word]] = {}
+        words_at: dict[int, set[Word]] = {}
         for quantity, path in zip(self.quantities, self._paths, strict=True):
             if path:
-                wanted.setdefault(path[-1], set()).add(quantity.word)
-        for end, own in wanted.items():
-            self._outer[end] = closure(own)
+                words_at.setdefault(path[-1], set()).add(quantity.word)
+        for end, result_words in words_at.items():
+            self._outer[end] = closure(result_words)
             for word in self._outer[end]:
                 needed.setdefault(word, set()).update(layout.path(end))
         self._needed = {word: sorted(needed[word]) for word in sorted(needed, key=nodes)}
@@ -110,16 +110,17 @@ class Weights:
 
     @staticmethod
     def _letters_of(words: Iterable[Word], letters: set[Word]) -> list[Word]:
-        found = set(letters)
+        all_letters = set(letters)
         for word in words:
-            found.update(t for t in word if not isinstance(t, int) and t)
-        return sorted(found, key=nodes)
+            all_letters.update(t for t in word if not isinstance(t, int) and t)
+        return sorted(all_letters, key=nodes)
 
     def evaluate(self, x: Sequence[Any]) -> Vector:
         """Return the weights at packed unknowns, all ``arb`` or all ``fmpq``."""
         layout = self.layout
         points = len(layout.parents)
         self._x = list(x)
+        self._rights: dict[int, dict[Word, Vector]] = {}
         self._one = one = x[0] * 0 + 1
         self._zero = zero = one * 0
         self._phi: dict[Letter, Vector] = {(): [one] * layout.stages}
@@ -157,7 +158,7 @@ class Weights:
         self._flow[word], self._left[word], self._chi[word] = flow, left, chi
 
     def _values(self, letter: Letter) -> Vector:
-        """Return what a letter is at the stages."""
+        """Return the values of a letter at the stages."""
         if isinstance(letter, int) and letter not in self._phi:
             self._phi[letter] = [
                 self._one if j == letter else self._zero for j in range(self.layout.stages)
@@ -165,32 +166,25 @@ class Weights:
         return self._phi[letter]
 
     def _letter_at_points(self, letter: Letter) -> Vector:
-        """Return the combinations of a letter's values that the flows to points have.
-
-        Marks beyond the stages count the points: 1 on one flow and 0 on all others.
-        """
+        """Return the combinations of a letter's values that the flows to points have."""
         if letter not in self._letter:
             phi, layout = self._values(letter), self.layout
-            found: Vector = []
-            if isinstance(letter, int) and letter >= layout.stages:
-                points = range(layout.stages, layout.stages + len(layout.parents))
-                self._letter[letter] = [self._one if m == letter else self._zero for m in points]
-                return self._letter[letter]
+            values: Vector = []
             for begin, stages in zip(layout.starts, layout.weights, strict=False):
                 terms = [self._x[k] * phi[stage] for k, stage in enumerate(stages, begin)]
-                found.append(sum(terms[1:], start=terms[0]) if terms else self._zero)
-            self._letter[letter] = found
+                values.append(sum(terms[1:], start=terms[0]) if terms else self._zero)
+            self._letter[letter] = values
         return self._letter[letter]
 
     def _right(
         self, words: Iterable[Word], path: Sequence[int]
     ) -> tuple[dict[Word, Vector], dict[Word, Any]]:
         """Return the products of the flows after each point of a path, and of all of them."""
-        found: dict[Word, Vector] = {(): [self._one] * len(path)}
+        products: dict[Word, Vector] = {(): [self._one] * len(path)}
         whole: dict[Word, Any] = {(): self._one}
         for word in words:
             flow = self._flow[word]
-            cuts = [(self._flow[word[:cut]], found[word[cut:]]) for cut in range(1, len(word))]
+            cuts = [(self._flow[word[:cut]], products[word[cut:]]) for cut in range(1, len(word))]
             right, total = [], self._zero
             for i in range(len(path) - 1, -1, -1):
                 m = path[i]
@@ -198,10 +192,12 @@ class Weights:
                 total = total + flow[m]
                 for head, tail in cuts:
                     total = total + head[m] * tail[i]
-            found[word], whole[word] = right[::-1], total
-        return found, whole
+            products[word], whole[word] = right[::-1], total
+        return products, whole
 
-    def _slot(self, word: Word, m: int, path: Sequence[int], right: dict[Word, Vector]) -> Vector:
+    def _slopes_at(
+        self, word: Word, m: int, path: Sequence[int], right: dict[Word, Vector]
+    ) -> Vector:
         """Return the derivatives of the weight by the letters of points at place m."""
         z: Vector | None = None
         for p in range(m + 1):
@@ -218,6 +214,36 @@ class Weights:
                     z = [c + a * b / share for c, a, b in zip(z, earlier, later, strict=True)]
         assert z is not None
         return z
+
+    def slopes(self, row: int, before: Word, after: Word) -> Vector:
+        """Return the derivatives of a weight at the end of a row by one letter, after `evaluate`.
+
+        Parameters
+        ----------
+        row : int
+            One whose weights of all words with the letters of `before` and `after` were asked for.
+        before, after : Word
+            The words before and after the letter.
+
+        Returns
+        -------
+        list
+            By the letter's values on the flows to all points; zero off the path.
+        """
+        path = self.layout.path(self.layout.ends[row])
+        slopes = [self._zero] * len(self.layout.parents)
+        if path:
+            z = self._slopes_at((*before, (), *after), len(before), path, self._right_of(path))
+            for point, slope in zip(path, z, strict=True):
+                slopes[point] = slope
+        return slopes
+
+    def _right_of(self, path: list[int]) -> dict[Word, Vector]:
+        """Return the products of the flows after each point of a path, to its end."""
+        end = path[-1]
+        if end not in self._rights:
+            self._rights[end] = self._right(self._outer.get(end, self._stage_words), path)[0]
+        return self._rights[end]
 
     def jacobian(self) -> arb_mat:
         """Return the derivatives of the quantities, after `evaluate` on balls.
@@ -236,20 +262,20 @@ class Weights:
         self._branched = any(segment.origin != START for segment in segments)
         self._steps: dict[Word, list[tuple[Word, arb_mat]]] = {}
         self._direct: dict[Word, list[Vector]] = {}
-        found = [self._right(self._stage_words, segment.points) for segment in segments]
-        self._wholes = [whole for _, whole in found]
+        products = [self._right(self._stage_words, segment.points) for segment in segments]
+        self._wholes_ = [whole for _, whole in products]
         # words before others matter only where segments begin at others
         words = self._stage_words if self._branched else self._letters
         self._swept = sorted(words, key=nodes)
         for word in self._swept:
-            self._add_steps(word, [right for right, _ in found])
+            self._add_steps(word, [right for right, _ in products])
         blocks: list[Vector] = []
         for begin in range(0, len(self.quantities), _CHUNK):
             blocks += self._derive(range(len(self.quantities))[begin : begin + _CHUNK])
         return arb_mat(blocks)
 
     def _add_steps(self, word: Word, rights: Sequence[dict[Word, Vector]]) -> None:
-        """Find where the adjoint of a word goes: to weights, to letters, and to first parts."""
+        """Store the derivatives of a word by weights, by its letters, and by its prefixes."""
         segments, size = self._segments, len(self._segments)
         direct = [[self._zero] * len(self._unknowns(segment.points)) for segment in segments]
         steps: list[tuple[Word, arb_mat]] = []
@@ -257,7 +283,7 @@ class Weights:
             phi = self._values(letter)
             table = [[self._zero] * size for _ in segments]
             for s, (segment, right) in enumerate(zip(segments, rights, strict=True)):
-                z = self._slot(word, m, segment.points, right)
+                z = self._slopes_at(word, m, segment.points, right)
                 i = 0
                 for point, y in zip(segment.points, z, strict=True):
                     for k, stage in self._point_unknowns(point):
@@ -273,7 +299,7 @@ class Weights:
                 table = [[self._zero] * size for _ in segments]
                 for s, segment in enumerate(segments):
                     if segment.origin != START:
-                        table[s][segment.origin] = self._wholes[s][word[cut:]]
+                        table[s][segment.origin] = self._wholes_[s][word[cut:]]
                 steps.append((word[:cut], arb_mat(table)))
         self._direct[word], self._steps[word] = direct, steps
 
@@ -286,34 +312,32 @@ class Weights:
 
     def _derive(self, chosen: Sequence[int]) -> list[Vector]:
         count, size = len(chosen), len(self._segments)
-        own = [[self._zero] * self.layout.size for _ in range(count)]
+        slopes = [[self._zero] * self.layout.size for _ in range(count)]
         seeds: dict[Word, dict[int, Vector]] = {}
-        rights: dict[int, dict[Word, Vector]] = {}
         for c, index in enumerate(chosen):
             word, path = self.quantities[index].word, self._paths[index]
             if not path:
                 continue
-            if path[-1] not in rights:
-                rights[path[-1]] = self._right(self._outer[path[-1]], path)[0]
+            right = self._right_of(path)
             for m, letter in enumerate(word):
-                z, phi = self._slot(word, m, path, rights[path[-1]]), self._values(letter)
+                z, phi = self._slopes_at(word, m, path, right), self._values(letter)
                 inner = letter != () and not isinstance(letter, int)
                 for point, y in zip(path, z, strict=True):
                     for k, stage in self._point_unknowns(point):
-                        own[c][k] = own[c][k] + y * phi[stage]
+                        slopes[c][k] = slopes[c][k] + y * phi[stage]
                         at = self._segment_of[stage]
                         if inner and at != START:
                             seed = seeds.setdefault(letter, {}).setdefault(c, [self._zero] * size)
                             seed[at] = seed[at] + y * self._x[k]
-        return self._sweep(own, seeds)
+        return self._sweep(slopes, seeds)
 
-    def _sweep(self, own: list[Vector], seeds: dict[Word, dict[int, Vector]]) -> list[Vector]:
+    def _sweep(self, slopes: list[Vector], seeds: dict[Word, dict[int, Vector]]) -> list[Vector]:
         """Carry derivatives by the weights of words down to words with fewer nodes."""
-        count, size = len(own), len(self._segments)
+        count, size = len(slopes), len(self._segments)
         empty = [self._zero] * size
         adjoints: dict[Word, arb_mat] = {
-            word: arb_mat([found.get(c, empty) for c in range(count)])
-            for word, found in seeds.items()
+            word: arb_mat([rows.get(c, empty) for c in range(count)])
+            for word, rows in seeds.items()
         }
         columns: dict[Word, Vector] = {}
         for word in reversed(self._swept):
@@ -332,13 +356,13 @@ class Weights:
             by_weight = arb_mat([columns[word][s::size] for word in words]).transpose()
             block = (by_weight * arb_mat([self._direct[word][s] for word in words])).entries()
             for c in range(count):
-                slopes = block[c * len(unknowns) : (c + 1) * len(unknowns)]
-                for k, y in zip(unknowns, slopes, strict=True):
-                    own[c][k] = own[c][k] + y
-        return own
+                changes = block[c * len(unknowns) : (c + 1) * len(unknowns)]
+                for k, y in zip(unknowns, changes, strict=True):
+                    slopes[c][k] = slopes[c][k] + y
+        return slopes
 
     def _to_origins(self, adjoint: arb_mat) -> arb_mat:
-        """Add to each segment what depends on it through the segments that begin at its end."""
+        """Add the adjoints of segments that begin at the end of each segment."""
         if not self._branched:
             return adjoint
         rows = adjoint.tolist()

@@ -19,7 +19,6 @@ from .statement import (
     free_of,
     left_out_of,
     orders_of,
-    start,
     structure_of,
     system_of,
 )
@@ -31,6 +30,7 @@ __all__ = [
     "check_rational",
     "largest_residual",
     "prove_box",
+    "prove_zero",
     "quantities",
     "zero_of",
 ]
@@ -40,7 +40,18 @@ _MAX_IMAGES = 3
 
 
 def prove_box(packed: Packed, certificate: Certificate) -> None:
-    """Prove the zero in the box of a certificate; CertificationError if that fails."""
+    """Prove that all conditions have a zero in the box of a certificate, or raise."""
+    check_left_out(packed, certificate, prove_zero(packed, certificate))
+
+
+def prove_zero(packed: Packed, certificate: Certificate) -> KrawczykTest:
+    """Prove that the equations of a certificate have exactly one zero in its box.
+
+    Raises
+    ------
+    CertificationError
+        If that fails.
+    """
     system = system_of(packed, certificate)
     free = free_of(packed, certificate)
     if len(free) != len(system.equations):
@@ -49,24 +60,26 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
             free=len(free),
             equations=len(system.equations),
         )
-    y = start(packed, certificate)
+    y = packed.balls()
     conditions = order_system(packed.layout, certificate.order, certificate.embedded_order)
     values, jacobian = conditions.linearise(y)
     check_places(packed, conditions, values, jacobian)
     attempt = krawczyk(system, y, free, arb(certificate.radius))
     if not attempt.proved:
         raise CertificationError(f"{certificate.name}: no zero is proved", **quantities(attempt))
-    check_left_out(packed, certificate, attempt)
+    return attempt
 
 
 def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTest) -> None:
     """Prove that the conditions that are left out hold at a zero of the others that is proved."""
     left_out, name = left_out_of(certificate)
     structure = structure_of(packed, certificate, name)
-    known = list(structure.relations()) if structure else []
     if not left_out:
         return
+    if structure and set(structure.assumed) & set(left_out):
+        raise CertificationError(f"{certificate.name}: {name} assumes conditions that are left out")
     zero = zero_of(packed, certificate, attempt)
+    known = list(structure.relations(zero)) if structure else []
     bound = bound_of(certificate)
     if bound is not None:
         largest = largest_residual(packed, left_out, zero)
@@ -85,7 +98,7 @@ def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTe
 def zero_of(packed: Packed, certificate: Certificate, attempt: KrawczykTest) -> list[arb]:
     """Return balls around the zero that a test proved: the map's image, again while it is wide."""
     free = free_of(packed, certificate)
-    zero = start(packed, certificate)
+    zero = packed.balls()
     image = attempt.image
     for _ in range(_MAX_IMAGES):
         widest = max((ball.rad() for ball in image), key=float)

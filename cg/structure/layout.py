@@ -224,8 +224,8 @@ class Layout:
 
     def column(self, stage: int) -> NDArray[np.intp]:
         """Return the weights of a stage (from 0) in other stages and in results."""
-        own = self.row(stage)
-        return np.setdiff1d(np.flatnonzero(self.stage_of == stage), own)
+        row = self.row(stage)
+        return np.setdiff1d(np.flatnonzero(self.stage_of == stage), row)
 
     def without(self, stage: int) -> tuple[Layout, list[int]]:
         """Return the layout of a tableau without a stage (from 0), and the remaining unknowns.

@@ -1,9 +1,9 @@
 """Ask Singular for each tree of points whether its order conditions have a common zero.
 
-``python -m research.impossibility.eliminate_trees ORDER POINTS`` goes through all trees of so many
-points that are stages but for the last, the result, and prints whether 1 is in the ideal of the
-conditions, over the rational numbers or modulo a prime. These are Gröbner bases: fast, but nothing
-is left that could be checked without Singular, as `research.impossibility` does with its proofs.
+``python -m research.impossibility.eliminate_trees ORDER POINTS`` takes all trees of POINTS
+points, of which the last is the result and the others are stages. It prints whether 1 is in the
+ideal of the conditions, over the rational numbers or modulo a prime. Unlike the proofs of
+`research.impossibility`, these Gröbner bases can't be checked without Singular.
 
 Unknowns are the weights of each point on all stages but the first, their sum with the first, the
 letters with two or three nodes on the flows to the result, and Φ_i([τ]) at the stages. With names
@@ -18,11 +18,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from math import factorial
 from typing import Any
 
 from cg.conditions import condition_trees
-from cg.structure.points import START
+from cg.conditions.exact import word_weights
 from cg.trees.ordered import forest
 from research.impossibility import PointsShape, point_shapes
 from research.impossibility.ring import Ring
@@ -30,34 +29,26 @@ from research.impossibility.ring import Ring
 MIN_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: research.impossibility
 
 
-def path(parents: Sequence[int]) -> list[int]:
-    """Return the points from the start to the last one."""
-    found = [len(parents) - 1]
-    while parents[found[-1]] != START:
-        found.append(parents[found[-1]])
-    return found[::-1]
-
-
 class Conditions:
-    """Order conditions of a tree of points, with names for what occurs in them.
+    """Order conditions of a tree of points, with names for common subexpressions.
 
     Attributes
     ----------
     ring : Ring
     equations : list of polynomials
-        That the names stand for what they name, and the conditions.
+        The definitions of the names, and the conditions.
     """
 
     def __init__(self, shape: PointsShape, order: int) -> None:
         trees = forest(order + 1)
         points = range(shape.stages)
-        self.parents, self.way = shape.parents, path(shape.parents)
+        self.path = shape.tree.path(shape.tree.result)
         named = [t for t in range(2, len(trees) + 1) if trees.nodes[t - 1] <= 3]
         self.ring = Ring(
             [
                 *(f"w{m}_{k}" for m in reversed(points) for k in range(m, 0, -1)),
                 *(f"q{i}" for i in reversed(points) if i >= 2),
-                *(f"z{t}_{m}" for m in reversed(self.way) for t in reversed(named)),
+                *(f"z{t}_{m}" for m in reversed(self.path) for t in reversed(named)),
                 *(f"e{m}" for m in reversed(points)),
             ]
         )
@@ -70,35 +61,23 @@ class Conditions:
         letters: dict[int, list[Any]] = {}
         for t in range(1, trees.with_nodes(order).stop):
             word = trees.children[t - 1]
-            at = self._weights(word, letters)
+            at = word_weights(shape.tree, points, word, letters, one)
             phi = [at[i - 1] for i in points]
             if word == (2,):
                 phi[2:] = [self._name(f"q{i}", phi[i]) for i in points[2:]]
             letters[t] = []
             for m in points:
                 value = sum((w * phi[k] for k, w in enumerate(weights[m])), zero)
-                if t in named and m in self.way:
+                if t in named and m in self.path:
                     value = self._name(f"z{t}_{m}", value)
                 letters[t].append(value)
         for t in condition_trees(order, independent=True):
-            end = self._weights(trees.children[t - 1], letters)[shape.stages - 1]
-            self.equations.append(end - one / trees.density[t - 1])
+            ends = word_weights(shape.tree, points, trees.children[t - 1], letters, one)
+            self.equations.append(ends[shape.stages - 1] - one / trees.density[t - 1])
 
     def _name(self, name: str, value: Any) -> Any:
         self.equations.append(self.ring[name] - value)
         return self.ring[name]
-
-    def _weights(self, word: Sequence[int], letters: dict[int, list[Any]]) -> dict[int, Any]:
-        zero, one = self.ring.number(0), self.ring.number(1)
-        taken = {START: [one] + [zero] * len(word)}
-        for m, parent in enumerate(self.parents):
-            taken[m] = list(taken[parent])
-            for end in range(1, len(word) + 1):
-                product = one
-                for begin in range(end - 1, -1, -1):
-                    product *= letters[word[begin]][m]
-                    taken[m][end] += taken[parent][begin] * product / factorial(end - begin)
-        return {m: row[-1] for m, row in taken.items()}
 
 
 def has_none(conditions: Conditions, characteristic: int, seconds: float) -> bool | None:
@@ -137,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for shape in point_shapes(chosen.points):
         if chosen.parents and chosen.parents.split() != str(shape).split():
             continue
-        if len(path(shape.parents)) < MIN_FLOWS[chosen.order]:
+        if len(shape.tree.path(shape.tree.result)) < MIN_FLOWS[chosen.order]:
             continue
         begin = time.perf_counter()
         none = has_none(Conditions(shape, chosen.order), chosen.characteristic, chosen.seconds)

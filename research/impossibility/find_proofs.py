@@ -19,15 +19,15 @@ from research.impossibility.shapes import PathShape, Shape, TableauShape, point_
 
 
 def lift(
-    shape: Shape | PathShape, given: Mapping[str, Any], wanted: str, seconds: float
+    shape: Shape | PathShape, given: Mapping[str, Any], target: str, seconds: float
 ) -> dict[str, str]:
-    """Return factors that make `wanted` of the given polynomials; RuntimeError if none came."""
+    """Return factors that make `target` of the given polynomials; RuntimeError if none came."""
     names = list(given)
     program = [
         f"ring r = 0, ({','.join(shape.ring.names)}), dp;",
         "short = 0;",
         "ideal I = " + ",\n".join(str(given[name]) for name in names) + ";",
-        f"matrix M = lift(I, ideal({wanted}));",
+        f"matrix M = lift(I, ideal({target}));",
         "int k; for (k = 1; k <= ncols(I); k++) { print(string(M[k, 1])); }",
         "quit;",
     ]
@@ -58,12 +58,12 @@ def write(path: Path, order: int, stages: int, parts: Sequence[tuple[str, dict[s
 
 def independent_conditions(shape: Shape | PathShape, order: int) -> dict[str, Any]:
     """Return the conditions from which all others follow, by the texts of their trees."""
-    wanted = {str(forest(order + 1).tree(t)) for t in condition_trees(order, independent=True)}
-    return {name: value for name, value in shape.conditions(order).items() if name in wanted}
+    names = {str(forest(order + 1).tree(t)) for t in condition_trees(order, independent=True)}
+    return {name: value for name, value in shape.conditions(order).items() if name in names}
 
 
 class FlatLemmas:
-    """What is zero at flat methods of order four with four stages: D(1), c_4 = 1 and more.
+    """Zeros of flat methods of order four with four stages: D(1), c_4 = 1 and more.
 
     Let d_j = Σ_i b_i a_ij - b_j (1 - c_j), the columns of N be c, c² and R = A c - c²/2 at stages
     2 to 4, and V the rows b, b c and (1, 0, 0) there. The conditions say d N = 0, and that V N has

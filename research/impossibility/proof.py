@@ -35,8 +35,8 @@ class Lemma:
     ----------
     polynomial : str
     factors : mapping from str to str
-        What flat conditions, named by their trees, and earlier lemmas, named ``lemma`` and
-        their number, are multiplied by to make it.
+        Factors of flat conditions, named by their trees, and earlier lemmas, named ``lemma`` and
+        their number, whose sum of products is the polynomial.
     """
 
     polynomial: str
@@ -52,7 +52,7 @@ class Claim:
     shape : str
         As for `research.impossibility.shapes.read_shape`.
     factors : mapping from str to str
-        What conditions, named by their trees, and lemmas are multiplied by.
+        Factors of conditions, named by their trees, and of lemmas.
     """
 
     shape: str
@@ -78,7 +78,7 @@ class Proof:
     claims: tuple[Claim, ...]
 
     def statements(self) -> list[str]:
-        """Return what the proof says, once it is checked."""
+        """Return the statements of the proof; `check_lemmas` and `check_claim` check them."""
         shapes = {claim.shape for claim in self.claims}
         said = []
         if "tableau" in shapes:
@@ -160,7 +160,7 @@ def read_proof(name: str) -> Proof:
 
 
 def check(name: str) -> list[str]:
-    """Check a proof of the package, and return what it says.
+    """Check a proof of the package, and return its statements.
 
     Parameters
     ----------

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import permutations, product
-from math import factorial, prod
+from math import prod
 
 from cg.conditions import condition_trees, exact_weights, right_sides
+from cg.conditions.exact import word_weights
 from cg.structure.points import START, Point, PointTree
 from cg.support.checks import MAX_STAGES, check_integer
 from cg.trees.ordered import OrderedTree, forest
@@ -41,7 +42,7 @@ _LETTERS = (1, 2)  # the indices of τ and [τ]
 
 @dataclass(frozen=True)
 class PathShape:
-    """Any explicit methods whose result is reached by so many flows.
+    """Explicit methods whose result is reached by a given number of flows.
 
     Conditions are taken of words in the letters τ and [τ] alone, whose values on a flow are
     Σ_k α_k and Σ_k α_k c_k, whatever stages and weights they come from. The unknowns are these
@@ -75,25 +76,19 @@ class PathShape:
     def conditions(self, order: int) -> dict[str, Polynomial]:
         """Return χ(w) - 1/γ of the words w of order conditions, by the text of the tree."""
         trees = forest(order + 1)
-        found = {}
+        weights = {}
         for t in condition_trees(order):
             word = trees.children[t - 1]
             if set(word) <= set(_LETTERS):
                 side = self.ring.number(Fraction(1, trees.density[t - 1]))
-                found[str(trees.tree(t))] = self._weight(word) - side
-        return found
+                weights[str(trees.tree(t))] = self._weight(word) - side
+        return weights
 
     def _weight(self, word: tuple[int, ...]) -> Polynomial:
-        taken = [self.ring.number(1)] + [self.ring.number(0)] * len(word)
-        for k in range(self.flows):
-            after = list(taken)
-            for end in range(1, len(word) + 1):
-                term = self.ring.number(1)
-                for begin in range(end - 1, -1, -1):
-                    term *= self._letters[word[begin]][k]
-                    after[end] += taken[begin] * term / factorial(end - begin)
-            taken = after
-        return taken[-1]
+        chain = tuple(Point(k - 1, {}) for k in range(self.flows))
+        tree = PointTree(chain, (START,), self.flows - 1)
+        one = self.ring.number(1)
+        return word_weights(tree, range(self.flows), word, self._letters, one)[tree.result]
 
 
 @dataclass(frozen=True)
@@ -132,11 +127,11 @@ class Shape:
 
     def conditions(self, order: int) -> dict[str, Polynomial]:
         """Return Φ(t) - 1/γ(t) of all trees of order conditions, by the text of the tree."""
-        trees, wanted = forest(order + 1), condition_trees(order)
-        found = exact_weights(self.tree, order, wanted, self.ring.number)
+        trees, indices = forest(order + 1), condition_trees(order)
+        weights = exact_weights(self.tree, order, indices, self.ring.number)
         return {
             str(trees.tree(t)): phi - self.ring.number(side)
-            for t, phi, side in zip(wanted, found, right_sides(order), strict=True)
+            for t, phi, side in zip(indices, weights, right_sides(order), strict=True)
         }
 
     def flat_conditions(self, order: int) -> dict[str, Polynomial]:
@@ -161,12 +156,12 @@ class Shape:
                 memo[tree] = values
             return memo[tree]
 
-        found = {}
+        conditions = {}
         for tree in trees:
             if tree == sorted_tree(tree):
                 total = sum((w * v for w, v in zip(self.rows[-1], stages(tree), strict=True)), zero)
-                found[str(tree)] = total - one / flat_density(tree)
-        return found
+                conditions[str(tree)] = total - one / flat_density(tree)
+        return conditions
 
 
 def sorted_tree(tree: OrderedTree) -> OrderedTree:
@@ -188,13 +183,13 @@ def orderings(tree: OrderedTree) -> Counter[OrderedTree]:
     A product of letters is the sum of the words that permutations make of them. So the flat
     condition of a tree t is the sum of the conditions of [t'] over these t'.
     """
-    found: Counter[OrderedTree] = Counter()
+    counts: Counter[OrderedTree] = Counter()
     inner = [orderings(child).items() for child in tree.children]
     for chosen in product(*inner):
         times = prod(count for _, count in chosen)
         for children in permutations([child for child, _ in chosen]):
-            found[OrderedTree(children)] += times
-    return found
+            counts[OrderedTree(children)] += times
+    return counts
 
 
 @dataclass(frozen=True)
@@ -257,7 +252,7 @@ def read_shape(text: str, stages: int) -> Shape | PathShape:
     Raises
     ------
     ValueError
-        If it names none with so many stages.
+        If it names no shape with this number of stages.
     TypeError
         If it is no str, or `stages` no integer.
     """

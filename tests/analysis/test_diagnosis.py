@@ -116,7 +116,7 @@ def test_changed_coefficient(name, place):
 
 def test_different_coefficients_are_not_changed():
     planted = [k.value * Fraction(101, 100) for k in CG4A.coefficients]
-    assert kinds(cg.Tableau.from_packed(planted, 5)) == set()
+    assert kinds(CG4A.with_coefficients(planted)) == set()
 
 
 def test_catalogue_coefficients_are_recognised():

@@ -8,7 +8,6 @@ import pytest
 
 from cg import conditions
 from cg.catalogue import methods
-from cg.method.tableau import Tableau
 from cg.reproduce.appendix_a import compare, nearest_exact, printed
 
 UNIT = Fraction(1, 10**16)
@@ -53,7 +52,7 @@ class TestPublishedCoefficients:
             str(Decimal(entry.text).quantize(Decimal("1e-16"), rounding))
             for entry in methods[name].coefficients
         ]
-        cut = Tableau.from_packed(texts, methods[name].stages)
+        cut = methods[name].with_coefficients(texts)
         assert nearest_exact(name, cut, truncated=rounding == ROUND_DOWN) <= 0.5
 
     def test_exact_zeros_of_cg5a(self):

@@ -7,9 +7,9 @@ import cg
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.proofs.dependent.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
+from cg.proofs.dependent.identities import MiddleAbscissae, StageOrderTwo
 from cg.proofs.dependent.relations import kept_words
-from cg.proofs.explain import augment
+from cg.proofs.explain import augmented_system
 from cg.structure.layout import Layout, Rows
 from cg.support import quads
 
@@ -99,8 +99,8 @@ def test_number_of_equations_through_order_seven(identities, weightless, kept):
 def test_number_of_equations_of_pairs():
     # 54 conditions on b, 29 on the second weights, and two assumptions at 13 stages
     layout, zeros = Layout.tableau(15, Rows.EXPLICIT, True), [{0, 1}, {1, 14}]
-    identities = (StageOrderTwo(1), OfFirstWeights(MiddleAbscissae()))
-    labels = [e.label for e in augment(layout, [6, 5], identities, zeros).equations]
+    identities = (StageOrderTwo(1), MiddleAbscissae(first_only=True))
+    labels = [e.label for e in augmented_system(layout, [6, 5], identities, zeros).equations]
     assert len(labels) == 54 + 29 + 2 * 13
     assert sum(label.endswith("embedded") for label in labels) == 29
     assert [label for label in labels if label.startswith("middle")] == [

@@ -132,10 +132,13 @@ def test_public_objects_include_known_names():
 
 
 def test_detects_public_object_without_example():
-    from cg.proofs.certificate import Beyond
+    from cg.proofs.certificate import ViolatedCondition
     from cg.support.checks import check_real
 
-    assert without_example({"Beyond": Beyond, "check_real": check_real}) == ["Beyond", "check_real"]
+    assert without_example({"ViolatedCondition": ViolatedCondition, "check_real": check_real}) == [
+        "ViolatedCondition",
+        "check_real",
+    ]
     assert without_example({"OrderedTree": cg.trees.OrderedTree}) == []
 
 

@@ -211,13 +211,28 @@ class TestFailures:
         with pytest.raises(CertificationError, match="no zero is proved"):
             check(replace(honest, fixed=fixed), methods["CG5a"])
 
-    @pytest.mark.parametrize("middle", ["middle abscissae", "path of order two of b"])
+    @pytest.mark.parametrize("middle", ["middle abscissae", "path of order two"])
     def test_an_identity_that_the_second_weights_do_not_satisfy(self, middle):
         honest = certificate_of(methods["CG6(5)"])
         assert honest.identities == ("C(2) except at stage 2", "middle abscissae of b")
         wrong = replace(honest, identities=(honest.identities[0], middle))
         with pytest.raises(CertificationError):
             check(wrong, methods["CG6(5)"])
+
+    def test_a_structure_needs_the_conditions_that_it_assumes(self):
+        honest = certificate_of(methods["CG4"])
+        name, trees = honest.identities
+        assert name == "path of order two"
+        assert not {"[[]]", "[[[]]]"} & set(trees.split())
+        check(honest, methods["CG4"])
+        messages = []
+        for free in set(methods["CG4"].layout.names) - set(honest.fixed):
+            left_out = (name, f"{trees} [[]]")
+            forged = replace(honest, identities=left_out, fixed=(*honest.fixed, free))
+            with pytest.raises(CertificationError) as caught:
+                check(forged, methods["CG4"])
+            messages.append(str(caught.value))
+        assert any("assumes conditions that are left out" in message for message in messages)
 
     @pytest.mark.parametrize("name", ["CG3", "CG4a"])
     def test_tampered_bounds(self, name):
@@ -260,9 +275,9 @@ class TestFailures:
     def test_dependent_conditions_that_nothing_explains(self, monkeypatch):
         monkeypatch.setattr(sys.modules["cg.proofs.find"], "find_identities", lambda *_: iter(()))
         with pytest.raises(CertificationError, match="dependent") as caught:
-            certify("CG5a")
-        assert caught.value.quantities["conditions"] == 38
-        assert caught.value.quantities["rank"] == 36  # with b_2 = 0 held
+            certify("CG4c")
+        assert caught.value.quantities["conditions"] == 13
+        assert caught.value.quantities["rank"] == 12
 
     def test_orders_that_are_none(self):
         with pytest.raises(CertificationError, match="no order conditions"):

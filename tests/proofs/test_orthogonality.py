@@ -9,7 +9,7 @@ from flint import arb, fmpq
 
 import cg
 from cg.proofs import CertificationError, certify, check
-from cg.proofs.dependent.holes import HOLE, basis, depth, moments, outer_nodes
+from cg.proofs.dependent.contexts import SLOT, basis, depth, moments, outer_nodes
 from cg.proofs.dependent.orthogonality import conditions_of, find_relations, follow
 from cg.proofs.dependent.pairings import pairings
 from cg.proofs.dependent.reduction import Reduction
@@ -80,7 +80,7 @@ def test_products_of_vectors_are_weights_for_any_coefficients(name):
             generator = np.random.default_rng(3)
             pairs = [
                 (i, j)
-                for i, u in enumerate(pairing.surroundings)
+                for i, u in enumerate(pairing.contexts)
                 for j, column in enumerate(pairing.columns)
                 if u.degree + column.degree < orders[min(u.row, 1)]
             ]
@@ -109,20 +109,20 @@ def test_residuals_of_all_words_by_those_of_conditions():
 
 def test_moments_of_the_exact_solution():
     # those of θ^k / k! are k θ^(k+1) / (k+1)!
-    for hole in basis(3):
+    for context in basis(3):
         for k in range(4):
             moment = sum(
                 m * reciprocal_density(_filled(other, ((),) * k))
-                for other, m in moments(hole).items()
+                for other, m in moments(context).items()
             )
-            assert moment == k * reciprocal_density(_filled(hole, ((),) * (k + 1)))
-            assert {outer_nodes(other) for other in moments(hole)} == {outer_nodes(hole) + 1}
-            assert {depth(other) for other in moments(hole)} == {depth(hole)}
+            assert moment == k * reciprocal_density(_filled(context, ((),) * (k + 1)))
+            assert {outer_nodes(other) for other in moments(context)} == {outer_nodes(context) + 1}
+            assert {depth(other) for other in moments(context)} == {depth(context)}
 
 
-def _filled(hole, letter):
+def _filled(context, letter):
     return tuple(
-        letter if t == HOLE else t if isinstance(t, int) else _filled(t, letter) for t in hole
+        letter if t == SLOT else t if isinstance(t, int) else _filled(t, letter) for t in context
     )
 
 
@@ -163,8 +163,8 @@ def test_conditions_that_follow_since_moments_are_zero(monkeypatch):
     assert len(found()) == 46
     assert np.abs(found() @ jacobian).max() < 1e-9
 
-    def doubled(hole):
-        return {word: 2 * m if m < 0 else m for word, m in moments(hole).items()}
+    def doubled(context):
+        return {word: 2 * m if m < 0 else m for word, m in moments(context).items()}
 
     monkeypatch.setattr("cg.proofs.dependent.pairings.moments", doubled)
     assert np.abs(found() @ jacobian).max() > 1e-3

@@ -16,7 +16,6 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
-from typing import ClassVar
 
 from flint import fmpq_mat
 
@@ -24,8 +23,16 @@ from ...structure.layout import Layout, Rows
 from ...support.balls import to_flint
 from ..systems import Equation, Term, exact_residuals
 from ..weights import Quantity
-from .relations import Relation
-from .words import Word, condition_words, nodes, reciprocal_density, shuffle
+from .relations import Identity, Relation
+from .words import (
+    Word,
+    add_multiple,
+    condition_words,
+    nodes,
+    reciprocal_density,
+    shuffle,
+    words_with,
+)
 
 __all__ = ["MidpointSteps", "convolve", "coproduct", "logarithm"]
 
@@ -35,7 +42,7 @@ Functional = dict[Word, Fraction]
 @cache
 def coproduct(word: Word) -> dict[tuple[Word, Word], int]:
     """Return the parts of a word that a first and a second step take, with multiplicities."""
-    found: dict[tuple[Word, Word], int] = {}
+    parts_of_word: dict[tuple[Word, Word], int] = {}
     for cut in range(len(word) + 1):
         parts: dict[tuple[Word, Word], int] = {(word[:cut], ()): 1}
         for letter in word[cut:]:
@@ -43,12 +50,11 @@ def coproduct(word: Word) -> dict[tuple[Word, Word], int]:
             for (first, second), m in parts.items():
                 for (early, late), n in coproduct(letter).items():
                     for mixed, multiplicity in shuffle(first, early).items():
-                        key = (mixed, (*second, late))
-                        grown[key] = grown.get(key, 0) + m * n * multiplicity
+                        add_multiple(grown, (mixed, (*second, late)), m * n * multiplicity)
             parts = grown
         for key, m in parts.items():
-            found[key] = found.get(key, 0) + m
-    return found
+            add_multiple(parts_of_word, key, m)
+    return parts_of_word
 
 
 def convolve(first: Functional, second: Functional, words: Sequence[Word]) -> Functional:
@@ -76,17 +82,13 @@ def logarithm(functional: Functional, words: Sequence[Word]) -> Functional:
     return {word: value for word, value in total.items() if value}
 
 
-def _graded(grade: int) -> list[Word]:
-    return [w for w in condition_words(grade, independent=False) if nodes(w) == grade]
-
-
 @cache
 def _generators(grade: int) -> list[Functional]:
     """Return m_1, …, m_grade, where those with even index should be empty."""
     words = condition_words(grade, independent=False)
     layout = Layout.tableau(1, Rows.DIAGONAL)
-    found = exact_residuals(layout, [Fraction(1, 2), Fraction(1)], words, 1)
-    step = {w: value + reciprocal_density(w) for w, value in zip(words, found, strict=True)}
+    residuals = exact_residuals(layout, [Fraction(1, 2), Fraction(1)], words, 1)
+    step = {w: value + reciprocal_density(w) for w, value in zip(words, residuals, strict=True)}
     whole = logarithm({(): Fraction(1), **step}, words)
     return [{w: v for w, v in whole.items() if nodes(w) == k} for k in range(1, grade + 1)]
 
@@ -94,23 +96,23 @@ def _generators(grade: int) -> list[Functional]:
 @cache
 def _lie_polynomials(grade: int) -> list[Functional]:
     """Return functionals that span the Lie polynomials of a degree: brackets from the right."""
-    words = _graded(grade)
+    words = list(words_with(grade))
     generators = _generators(grade)
     assert not any(generators[1::2])
-    found = [generators[grade - 1]] if grade % 2 else []
+    polynomials = [generators[grade - 1]] if grade % 2 else []
     for k in range(1, grade, 2):
         for inner in _lie_polynomials(grade - k):
             one = convolve(generators[k - 1], inner, words)
             other = convolve(inner, generators[k - 1], words)
             bracket = {w: one.get(w, Fraction(0)) - other.get(w, Fraction(0)) for w in words}
-            found.append({w: value for w, value in bracket.items() if value})
-    return [functional for functional in found if functional]
+            polynomials.append({w: value for w, value in bracket.items() if value})
+    return [functional for functional in polynomials if functional]
 
 
 @cache
 def _expansions(grade: int) -> dict[Word, dict[Word, Fraction]]:
     """Return for each word how its residual combines those of a few."""
-    words = _graded(grade)
+    words = list(words_with(grade))
     lyndon = set(condition_words(grade))
     words.sort(key=lambda w: (w not in lyndon, len(w)))
     spanning = _lie_polynomials(grade) if grade % 2 else []
@@ -128,19 +130,15 @@ def _expansions(grade: int) -> dict[Word, dict[Word, Fraction]]:
 
 
 @dataclass(frozen=True)
-class MidpointSteps:
+class MidpointSteps(Identity):
     """``a_ij = b_j`` for j < i, ``a_ii = b_i/2``, ``b_i = b_{s+1-i}``."""
 
-    parameters: ClassVar[tuple[Fraction, ...]] = ()
-
     @property
-    def heading(self) -> str:
-        """Text from which it is read again."""
+    def name(self) -> str:
+        """Text in certificates."""
         return "symmetric midpoint steps"
 
-    def equations(
-        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
-    ) -> list[Equation]:
+    def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
         """Return what makes a tableau a symmetric sequence of midpoint steps.
 
         Raises
@@ -151,19 +149,19 @@ class MidpointSteps:
         if layout.rows is not Rows.DIAGONAL or layout.pair:
             raise ValueError("midpoint steps need a diagonally implicit tableau, no pair")
         s = layout.stages
-        found = []
+        equations = []
         for i in range(s):
             for j in range(i + 1):
                 share = Fraction(-1, 2) if j == i else Fraction(-1)
                 terms = Term(Fraction(1), (Quantity(i, (j,)),)), Term(share, (Quantity(s, (j,)),))
-                found.append(Equation(f"midpoint steps, a_{i + 1},{j + 1}", terms))
+                equations.append(Equation(f"midpoint steps, a_{i + 1},{j + 1}", terms))
         for j in range(s // 2):
             terms = (
                 Term(Fraction(1), (Quantity(s, (j,)),)),
                 Term(Fraction(-1), (Quantity(s, (s - 1 - j,)),)),
             )
-            found.append(Equation(f"symmetry of b_{j + 1}", terms))
-        return found
+            equations.append(Equation(f"symmetry of b_{j + 1}", terms))
+        return equations
 
     def relations(self, word: Word) -> Iterator[Relation]:
         """Yield the relation of the word to those that span its residuals."""
@@ -173,7 +171,3 @@ class MidpointSteps:
         if relation != {word: -1}:
             relation[word] = 1
             yield relation
-
-    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Return False."""
-        return False

@@ -1,10 +1,9 @@
 """Relations between residuals of a method whose rows add up to those of a flat tableau.
 
-The sums of weights along the ways to stages and results make a tableau. If they are held, at
-rational numbers or at numbers ``a + b √d``, so are the weights of rooted trees, whose nodes have
-no order: combinations of those of ordered trees. Where the conditions of rooted trees are
-satisfied, and where products of vectors made of rooted trees alone vanish, that gives relations
-with exact coefficients.
+The sums of weights along the paths to stages and results are a flat tableau. If they are held at
+rational numbers, or at numbers ``a + b √d``, the weights of rooted trees are fixed, which are
+combinations of those of ordered trees. The conditions of rooted trees, and combinations of
+products of vectors of rooted trees that vanish, are relations with exact coefficients.
 """
 
 from __future__ import annotations
@@ -14,14 +13,17 @@ from fractions import Fraction
 from functools import cache
 from itertools import product
 
+from flint import arb
+
 from ...structure.layout import Layout
+from ...trees.rooted import rooted_trees
 from ..systems import Equation, Term
 from ..weights import Quantity
-from .holes import HOLE, basis, outer_nodes
-from .orthogonality import Condition, Known
+from .contexts import SLOT, basis, outer_nodes
+from .orthogonality import Condition, ResidualRelation
 from .quadratic import Quadratic, dependencies
 from .relations import fill
-from .words import Word, condition_words, nodes, reciprocal_density, shuffle
+from .words import Word, add_multiple, nodes, reciprocal_density, shuffle, words_with
 
 __all__ = ["FlatRows"]
 
@@ -32,7 +34,7 @@ _ONE = Quadratic(1)
 
 
 class FlatRows:
-    """The tableau that the weights along each way to a stage or a result add up to.
+    """The flat tableau of a method: sums of weights along the paths to stages and results.
 
     Parameters
     ----------
@@ -44,6 +46,8 @@ class FlatRows:
     root : int
         The d of numbers ``a + b √d`` that the sums are rounded from; 0 if they are exact.
     """
+
+    assumed: tuple[Condition, ...] = ()
 
     def __init__(
         self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction], root: int = 0
@@ -62,17 +66,17 @@ class FlatRows:
         self._known_along: dict[tuple[int, _Steps], list[Quadratic]] = {}
 
     def satisfied(self) -> bool:
-        """Tell whether the tableau has the orders in flat space, exactly."""
+        """Return whether the tableau has the orders in flat space, exactly."""
         return all(
             not _product(self._sums[row], self._values(tree)) - _exact(_flat(tree))
             for r, order in enumerate(self._orders)
             for row in [self._layout.stages + r]
             for count in range(order)
-            for tree in _rooted(count)
+            for tree in rooted_trees(count + 1)
         )
 
     def equations(self) -> list[Equation]:
-        """Return that sums of weights are what they are; of those over the same weights, one."""
+        """Return the sums of weights as equations; one of those over the same weights."""
         size = self._layout.size
         rows = []
         for i, stage in self._present:
@@ -80,58 +84,58 @@ class FlatRows:
             for point in self._layout.path(self._layout.ends[i]):
                 for k, other in enumerate(self._layout.weights[point], self._layout.starts[point]):
                     row[k] += other == stage
-            rows.append(row)
+            rows.append([Quadratic(entry) for entry in row])
         return [
             Equation(
                 f"the sum of weights on stage {stage + 1} in row {i + 1}",
                 (Term(Fraction(1), (Quantity(i, (stage,)),)),),
                 -self._sums[i][stage].number,
             )
-            for i, stage in (self._present[k] for k in _pivots(rows))
+            for i, stage in (self._present[k] for k in _independent(rows))
         ]
 
-    def relations(self) -> Iterator[Known]:
+    def relations(self, y: Sequence[arb] = ()) -> Iterator[ResidualRelation]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(order):
-                for tree in _rooted(count):
+                for tree in rooted_trees(count + 1):
                     yield {(row, (word,)): Fraction(m) for word, m in _flat(tree).items()}
         for most in range(self._orders[0]):
-            for found in (
+            for relation in (
                 *self._of_letters(most),
-                *self._of_surroundings(most),
+                *self._of_contexts(most),
                 *self._of_products(most),
             ):
-                # what is zero for the method must be zero for the exact solution
-                terms = (value.times(reciprocal_density(w)) for (_, w), value in found.items())
+                # a relation between residuals if the exact solution satisfies it too
+                terms = (value.times(reciprocal_density(w)) for (_, w), value in relation.items())
                 if not sum(terms, Quadratic(0)):
-                    yield {key: value.number for key, value in found.items() if value}
+                    yield {key: value.number for key, value in relation.items() if value}
 
     def _of_letters(self, most: int) -> Iterator[_Zero]:
-        """Yield products of any surroundings with letters of rooted trees that are dependent."""
-        trees = [tree for count in range(most + 1) for tree in _rooted(count)]
+        """Yield products of all contexts with dependent letters of rooted trees."""
+        trees = [tree for count in range(most + 1) for tree in rooted_trees(count + 1)]
         for zero in dependencies([self._values(tree) for tree in trees]):
             if nodes(trees[max(zero)]) < most:
-                continue  # with more surroundings before
+                continue  # with more contexts before
             letter = _sum((_flat(trees[k]), share) for k, share in zero.items())
             for row, order in enumerate(self._orders):
                 free = order - 1 - most
-                for hole in ((HOLE,), *basis(free)) if free >= 0 else ():
-                    for factor in _words(free - outer_nodes(hole)):
-                        yield _filled(row, {hole: _ONE}, {factor: 1}, letter)
+                for context in ((SLOT,), *basis(free)) if free >= 0 else ():
+                    for factor in _letters(free - outer_nodes(context)):
+                        yield _filled(row, {context: _ONE}, {factor: 1}, letter)
 
-    def _of_surroundings(self, most: int) -> Iterator[_Zero]:
-        """Yield products of any letter with surroundings of rooted trees that are dependent."""
-        rows = self._surroundings(most + 1)
+    def _of_contexts(self, most: int) -> Iterator[_Zero]:
+        """Yield products of all letters with dependent contexts of rooted trees."""
+        rows = self._contexts(most + 1)
         for zero in dependencies([self._along(row, steps) for row, steps in rows]):
-            for letter in (word for word in _words(most) if nodes(word) == most):
-                found: _Zero = {}
+            for letter in words_with(most):
+                relation: _Zero = {}
                 for k, share in zero.items():
-                    _add(found, self._around(*rows[k], share, letter))
-                yield found
+                    _add(relation, self._around(*rows[k], share, letter))
+                yield relation
 
     def _of_products(self, most: int) -> Iterator[_Zero]:
-        """Yield combinations of products of surroundings and letters of rooted trees.
+        """Yield combinations of products of contexts and letters of rooted trees.
 
         Those that are zero for all rows i and stages k such that flows on the way to the end of
         row i have weights on stage k: then they are zero with any words on these ways, `most`
@@ -139,9 +143,11 @@ class FlatRows:
         """
         if not most:
             return
-        trees = [tree for count in range(self._orders[0] - most) for tree in _rooted(count)]
+        trees = [
+            tree for count in range(self._orders[0] - most) for tree in rooted_trees(count + 1)
+        ]
         trees = [trees[k] for k in _independent([self._values(tree) for tree in trees])]
-        rows = self._surroundings(most + 1)
+        rows = self._contexts(most + 1)
         rows = [rows[k] for k in _independent([self._along(*one) for one in rows])]
         rows += [(row, ()) for row in range(len(self._orders))]
         both = [
@@ -155,17 +161,17 @@ class FlatRows:
             left, right = self._at_ends(row, steps), self._values(tree)
             products.append([left[i] * right[k] for i, k in self._present])
         for zero in dependencies(products):
-            for hole in _holes(most):
-                found: _Zero = {}
+            for context in _root_contexts(most):
+                relation: _Zero = {}
                 for k, share in zero.items():
                     row, steps, tree = both[k]
-                    for (_, word), value in self._around(row, steps, share, hole).items():
+                    for (_, word), value in self._around(row, steps, share, context).items():
                         filled = {(row, fill(word, z)): m for z, m in _flat(tree).items()}
-                        _add(found, {one: value.times(m) for one, m in filled.items()})
-                yield found
+                        _add(relation, {one: value.times(m) for one, m in filled.items()})
+                yield relation
 
-    def _surroundings(self, nodes_left: int) -> list[tuple[int, _Steps]]:
-        """Return surroundings of rooted trees that leave so many nodes to what they surround."""
+    def _contexts(self, nodes_left: int) -> list[tuple[int, _Steps]]:
+        """Return contexts of rooted trees that leave `nodes_left` nodes to the slot."""
         return [
             (row, steps)
             for row, order in enumerate(self._orders)
@@ -174,14 +180,14 @@ class FlatRows:
         ]
 
     def _around(self, row: int, steps: _Steps, share: Quadratic, word: Word) -> _Zero:
-        """Return a multiple of a surrounding of rooted trees, with a word in the hole."""
+        """Return a multiple of a context of rooted trees, with a word in the slot."""
         if not steps:
             return {(row, word): share}
-        holes = _sum([(_around(steps), share)])
-        return _filled(row, holes, _flat(steps[-1]), {word: _ONE})
+        contexts = _sum([(_around(steps), share)])
+        return _filled(row, contexts, _flat(steps[-1]), {word: _ONE})
 
     def _at_ends(self, row: int, steps: _Steps) -> list[Quadratic]:
-        """Return a surrounding as a vector over stages and results; a row itself for no steps."""
+        """Return a context as a vector over stages and results; a row itself for no steps."""
         stages = self._layout.stages
         if steps:
             return self._along(row, steps) + [Quadratic(0)] * len(self._orders)
@@ -190,92 +196,83 @@ class FlatRows:
     def _values(self, tree: Word) -> list[Quadratic]:
         """Return the weights of a rooted tree at the stages."""
         if tree not in self._known_values:
-            found = [_ONE] * self._layout.stages
+            values = [_ONE] * self._layout.stages
             for child in tree:
                 inner = self._values(child)
                 rows = self._sums[: self._layout.stages]
-                found = [x * _product(row, inner) for x, row in zip(found, rows, strict=True)]
-            self._known_values[tree] = found
+                values = [x * _product(row, inner) for x, row in zip(values, rows, strict=True)]
+            self._known_values[tree] = values
         return self._known_values[tree]
 
     def _along(self, row: int, steps: _Steps) -> list[Quadratic]:
-        """Return a surrounding of rooted trees as a vector over the stages."""
+        """Return a context of rooted trees as a vector over the stages."""
         if (row, steps) not in self._known_along:
-            found = self._sums[self._layout.stages + row]
+            vector = self._sums[self._layout.stages + row]
             if len(steps) > 1:
                 before = self._along(row, steps[:-1])
                 columns = zip(*self._sums[: self._layout.stages], strict=True)
-                found = [_product(before, column) for column in columns]
+                vector = [_product(before, column) for column in columns]
             values = self._values(steps[-1])
-            self._known_along[row, steps] = [a * b for a, b in zip(found, values, strict=True)]
+            self._known_along[row, steps] = [a * b for a, b in zip(vector, values, strict=True)]
         return self._known_along[row, steps]
-
-
-@cache
-def _rooted(count: int) -> tuple[Word, ...]:
-    """Return the children of rooted trees with so many nodes besides the root."""
-    found = {()} if count == 0 else set()
-    for inner in range(count):
-        for child in _rooted(inner):
-            for rest in _rooted(count - 1 - inner):
-                found.add(tuple(sorted((child, *rest))))
-    return tuple(sorted(found))
 
 
 @cache
 def _flat(tree: Word) -> Combination:
     """Return a rooted tree as a combination of letters: children of ordered trees."""
-    found: Combination = {(): 1}
+    total: Combination = {(): 1}
     for child in tree:
         longer: Combination = {}
-        for word, factor in found.items():
+        for word, factor in total.items():
             for letter, share in _flat(child).items():
                 for z, multiplicity in shuffle(word, (letter,)).items():
-                    longer[z] = longer.get(z, 0) + factor * share * multiplicity
-        found = longer
-    return found
+                    add_multiple(longer, z, factor * share * multiplicity)
+        total = longer
+    return total
 
 
 @cache
 def _chains(degree: int) -> tuple[_Steps, ...]:
-    """Return surroundings of rooted trees: children of the nodes from the root to the hole."""
-    found: list[_Steps] = [(tree,) for tree in _rooted(degree)]
+    """Return contexts of rooted trees: children of the nodes from the root to the slot."""
+    chains: list[_Steps] = [(tree,) for tree in rooted_trees(degree + 1)]
     for first in range(degree):
-        for tree in _rooted(first):
-            found += [(tree, *rest) for rest in _chains(degree - 1 - first)]
-    return tuple(found)
+        for tree in rooted_trees(first + 1):
+            chains += [(tree, *rest) for rest in _chains(degree - 1 - first)]
+    return tuple(chains)
 
 
 @cache
 def _around(steps: _Steps) -> Combination:
-    """Return a surrounding of rooted trees as words with a hole, but for the last factor."""
-    found: Combination = {(HOLE,): 1}
+    """Return a context of rooted trees as words with a slot, but for the last factor."""
+    relation: Combination = {(SLOT,): 1}
     for tree in steps[:-1]:
         longer: Combination = {}
-        for hole, factor in found.items():
+        for context, factor in relation.items():
             for word, share in _flat(tree).items():
-                for inner, multiplicity in shuffle(word, (HOLE,)).items():
-                    deeper = fill(hole, inner)
-                    longer[deeper] = longer.get(deeper, 0) + factor * share * multiplicity
-        found = longer
-    return found
+                for inner, multiplicity in shuffle(word, (SLOT,)).items():
+                    add_multiple(longer, fill(context, inner), factor * share * multiplicity)
+        relation = longer
+    return relation
 
 
-def _words(most: int) -> tuple[Word, ...]:
-    """Return the letters with at most so many nodes besides their roots."""
-    return ((), *condition_words(most, independent=False)) if most > 0 else ((),)
+def _letters(most: int) -> Iterator[Word]:
+    """Yield the letters with at most `most` nodes besides their roots."""
+    for count in range(most + 1):
+        yield from words_with(count)
 
 
 @cache
-def _holes(count: int) -> tuple[Word, ...]:
-    """Return the words with a hole at the root, and so many nodes around it."""
-    words = [((), *condition_words(count, independent=False))] if count else [((),)]
-    found = [(*left, HOLE, *right) for left, right in product(words[0], repeat=2)]
-    return tuple(hole for hole in found if outer_nodes(hole) == count)
+def _root_contexts(count: int) -> tuple[Word, ...]:
+    """Return the words with a slot at the root, and `count` nodes around it."""
+    return tuple(
+        (*left, SLOT, *right)
+        for before in range(count + 1)
+        for left, right in product(words_with(before), words_with(count - before))
+    )
 
 
 def _degree(steps: _Steps) -> int:
-    """Return how many nodes a surrounding of rooted trees has."""
+    """Return how many nodes a context of rooted trees has."""
     return len(steps) - 1 + sum(map(nodes, steps))
 
 
@@ -291,40 +288,35 @@ def _product(row: Sequence[Quadratic], values: Sequence[Quadratic]) -> Quadratic
 
 def _add(total: _Zero, more: _Zero) -> None:
     for one, value in more.items():
-        total[one] = total[one] + value if one in total else value
+        add_multiple(total, one, value)
 
 
 def _sum(terms: Iterable[tuple[Combination, Quadratic]]) -> dict[Word, Quadratic]:
-    found: dict[Word, Quadratic] = {}
+    total: dict[Word, Quadratic] = {}
     for combination, share in terms:
         for word, m in combination.items():
-            change = share.times(m)
-            found[word] = found[word] + change if word in found else change
-    return found
+            add_multiple(total, word, share.times(m))
+    return total
 
 
 def _filled(
     row: int,
-    holes: dict[Word, Quadratic],
+    contexts: dict[Word, Quadratic],
     factors: Combination,
     letters: dict[Word, Quadratic],
 ) -> _Zero:
-    """Return the words of surroundings times factors, with letters in the hole."""
-    found: _Zero = {}
+    """Return the words of contexts times factors, with letters in the slot."""
+    relation: _Zero = {}
     for factor, first in factors.items():
         for letter, second in letters.items():
             for z, multiplicity in shuffle(factor, letter).items():
-                for hole, share in holes.items():
+                for context, share in contexts.items():
                     value = (share * second).times(first * multiplicity)
-                    _add(found, {(row, fill(hole, z)): value})
-    return found
+                    add_multiple(relation, (row, fill(context, z)), value)
+    return relation
 
 
 def _independent(vectors: Sequence[Sequence[Quadratic]]) -> list[int]:
     """Return the vectors that don't depend on those before."""
-    gone = {max(zero) for zero in dependencies(vectors)}
-    return [k for k in range(len(vectors)) if k not in gone]
-
-
-def _pivots(rows: Sequence[Sequence[int]]) -> list[int]:
-    return _independent([[Quadratic(entry) for entry in row] for row in rows])
+    dependent = {max(zero) for zero in dependencies(vectors)}
+    return [k for k in range(len(vectors)) if k not in dependent]

@@ -1,4 +1,4 @@
-"""Identities between stages that explain why order conditions depend on each other.
+"""Identities of tableaux by which order conditions depend on each other.
 
 At some solutions the derivatives of the order conditions are dependent, so that no
 interval test can prove a zero of them directly. Where the solution satisfies further
@@ -13,31 +13,25 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 from math import factorial
-from typing import Any, ClassVar
 
 from ...structure.layout import Layout
 from ..systems import Equation, Term
 from ..weights import Quantity
 from .relations import Identity, Relation, fill, places, without
-from .words import Word, shuffle
+from .words import BUSH, DOT, LINE, Word, add_multiple, shuffle, shuffle_all
 
-__all__ = ["MiddleAbscissae", "OfFirstWeights", "PathOrderTwo", "StageOrderTwo"]
-
-
-_DOT: Word = ((),)  # τ as a word
-_LINE: Word = (((),),)  # [τ] as a word, [[τ]] as a letter
-_BUSH: Word = ((), ())  # ττ as a word, [ττ] as a letter
+__all__ = ["MiddleAbscissae", "StageOrderTwo"]
 
 
 @dataclass(frozen=True)
-class StageOrderTwo:
+class StageOrderTwo(Identity):
     """``Σ_j a_ij c_j = c_i²/2`` at all stages i but one, the exception e.
 
     So the letter ``[[τ]]`` may be replaced by ``[ττ]``, up to a letter that is zero
-    except on stage e: a mark. Weights are linear in the values of each letter, and both
+    except on stage e: an indicator. Weights are linear in the values of each letter, and both
     trees have the same number of nodes and the same reciprocal_density, so
 
-        residual(t with [[τ]]) = residual(t with [ττ]) + κ Φ(t with the mark),
+        residual(t with [[τ]]) = residual(t with [ττ]) + κ Φ(t with the indicator),
         κ = Σ_j a_ej c_j - c_e²/2.
 
     Attributes
@@ -48,16 +42,12 @@ class StageOrderTwo:
 
     exception: int
 
-    parameters: ClassVar[tuple[Fraction, ...]] = ()
-
     @property
-    def heading(self) -> str:
-        """Text from which it is read again."""
+    def name(self) -> str:
+        """Text in certificates."""
         return f"C(2) except at stage {self.exception + 1}"
 
-    def equations(
-        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
-    ) -> list[Equation]:
+    def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
         """Return ``Σ_j a_ij c_j - c_i²/2`` for all i but the exception.
 
         Raises
@@ -68,7 +58,7 @@ class StageOrderTwo:
         if not self.exception < layout.stages:
             raise ValueError(f"there is no stage {self.exception + 1}")
         return [
-            Equation(f"C(2) at stage {i + 1}", _difference(Quantity(i, _LINE), Quantity(i, _BUSH)))
+            Equation(f"C(2) at stage {i + 1}", _difference(Quantity(i, LINE), Quantity(i, BUSH)))
             for i in range(layout.stages)
             if i != self.exception and layout.lengths[i]
         ]
@@ -78,104 +68,36 @@ class StageOrderTwo:
 
         Such a letter is ``[z]`` with z in ``[τ] ⧢ y`` or in ``ττ ⧢ y`` for some word y.
         At stage i, the sum over the first has the value ``Σ_j a_ij c_j Φ_i([y])``, that
-        over the second ``c_i²/2 Φ_i([y])``. Their difference is a multiple of the mark,
-        which is left out where y isn't empty: then the word with the mark is one with
-        fewer nodes. The factor κ is taken into the mark, whose weights are zero or not
+        over the second ``c_i²/2 Φ_i([y])``. Their difference is a multiple of the indicator,
+        which is left out where y isn't empty: then the word with the indicator is one with
+        fewer nodes. The factor κ is taken into the indicator, whose weights are zero or not
         with it.
 
-        Letters before a mark of stage 2 count on stages 1 and 2 only. There, all letters but
+        Letters before an indicator of stage 2 count on stages 1 and 2 only. There, all letters but
         τ are zero or multiples of ``[τ]``, so that words are zero or multiples of one with
         fewer nodes.
         """
         for context, letter in places(word):
-            for y in without(letter, _LINE) | without(letter, _BUSH):
+            for y in without(letter, LINE) | without(letter, BUSH):
                 relation: Relation = {}
-                for piece, sign in ((_LINE, 1), (_BUSH, -1)):
+                for piece, sign in ((LINE, 1), (BUSH, -1)):
                     for z, multiplicity in shuffle(piece, y).items():
-                        _add(relation, fill(context, z), sign * multiplicity)
+                        add_multiple(relation, fill(context, z), sign * multiplicity)
                 if not y:
-                    _add(relation, fill(context, self.exception), -1)
+                    add_multiple(relation, fill(context, self.exception), -1)
                 yield relation
         if self.exception == 1:
             rows = (letter for _, letter in places(word))
-            if any(map(_before_the_mark, rows)):
+            if any(map(_before_the_indicator, rows)):
                 yield {word: 1}
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Tell whether a child of the root is the mark, and the weight there is zero."""
+        """Return whether a child of the root is the indicator, and the weight there is zero."""
         return self.exception in word and self.exception in zeros
 
 
 @dataclass(frozen=True)
-class PathOrderTwo:
-    """``Σ_{j<k} b_j (c_k - c_j) = c_k²/2`` at all stages k with a weight that isn't zero.
-
-    Along the weights, words are iterated integrals over a path that is linear on each
-    stage, and letters are constant there. With B and C for those of τ and [τ] up to a
-    point of the path on stage k, the left side is ``B c_k - C``, wherever on the stage.
-    Multiplied by the weights of a word w to the left, by a letter [y], and followed by a
-    word v to the right, it says of residuals, as weights of the exact solution satisfy it,
-
-        Σ_{τ ⧢ w} Σ_{τ ⧢ y} w [y] v - Σ_{[τ] ⧢ w} w [y] v - Σ_{ττ ⧢ y} w [y] v = 0.
-    """
-
-    parameters: ClassVar[tuple[Fraction, ...]] = ()
-
-    @property
-    def heading(self) -> str:
-        """Text from which it is read again."""
-        return "path of order two"
-
-    def equations(
-        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
-    ) -> list[Equation]:
-        """Return ``Σ_{j<k} b_j (c_k - c_j) - c_k²/2`` where the weight isn't zero.
-
-        But ``c_k - 1`` for the last of these stages: at the end of the path B = 1 and
-        C = 1/2 by the conditions of orders one and two, so that the identity there is
-        ``(c_k - 1)² = 0``, whose derivative is zero.
-        """
-        found = []
-        for r, held in enumerate(zeros, layout.stages):
-            active = [k for k in range(layout.stages) if k not in held]
-            for k in active[:-1]:
-                own = Quantity(k, _DOT)
-                terms = (
-                    Term(Fraction(1), (Quantity(r, _DOT, k), own)),
-                    Term(Fraction(-1), (Quantity(r, _LINE, k),)),
-                    Term(Fraction(-1), (Quantity(k, _BUSH),)),
-                )
-                if layout.lengths[k]:
-                    found.append(Equation(f"path at stage {k + 1}", terms))
-            last = Quantity(active[-1], _DOT)
-            term = Term(Fraction(1), (last,))
-            found.append(Equation(f"c_{active[-1] + 1} = 1", (term,), Fraction(-1)))
-        return found
-
-    def relations(self, word: Word) -> Iterator[Relation]:
-        """Yield the relations with the word in the last of their three sums."""
-        for k, letter in enumerate(word):
-            if isinstance(letter, int):
-                continue
-            left, right = word[:k], word[k + 1 :]
-            for y in without(letter, _BUSH):
-                relation: Relation = {}
-                for w, m in shuffle(_DOT, left).items():
-                    for z, n in shuffle(_DOT, y).items():
-                        _add(relation, (*w, z, *right), m * n)
-                for w, m in shuffle(_LINE, left).items():
-                    _add(relation, (*w, y, *right), -m)
-                for z, n in shuffle(_BUSH, y).items():
-                    _add(relation, (*left, z, *right), -n)
-                yield relation
-
-    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Return False."""
-        return False
-
-
-@dataclass(frozen=True)
-class MiddleAbscissae:
+class MiddleAbscissae(Identity):
     """``c_k = Σ_{j<k} b_j + b_k/2`` at all stages k with a weight that isn't zero.
 
     Along the weights, words are iterated integrals over a path that is linear on each
@@ -196,32 +118,35 @@ class MiddleAbscissae:
     With one letter of even p, all m have to be on one stage. There such a word is a number
     times ``b_k^N Φ_k(y)``, with N = m + Σp and y in the shuffles of all y: a multiple of the
     words of one letter with ``p = N - 1``.
+
+    Attributes
+    ----------
+    first_only : bool
+        Of a pair, whether only the first weights satisfy it. Both can't with different weights.
     """
 
-    parameters: ClassVar[tuple[Fraction, ...]] = ()
+    first_only: bool = False
 
     @property
-    def heading(self) -> str:
-        """Text from which it is read again."""
-        return "middle abscissae"
+    def name(self) -> str:
+        """Text in certificates."""
+        return "middle abscissae of b" if self.first_only else "middle abscissae"
 
-    def equations(
-        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
-    ) -> list[Equation]:
+    def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
         """Return ``c_k - Σ_{j<k} b_j - b_k/2`` where the weight isn't zero."""
-        found = []
-        for r, held in enumerate(zeros, layout.stages):
+        equations = []
+        for r, zero in enumerate(zeros[:1] if self.first_only else zeros, layout.stages):
             for k in range(layout.stages):
-                if k in held:
+                if k in zero:
                     continue
-                own = [Term(Fraction(1), (Quantity(k, _DOT),))] if layout.lengths[k] else []
+                abscissa = [Term(Fraction(1), (Quantity(k, DOT),))] if layout.lengths[k] else []
                 terms = (
-                    *own,
-                    Term(Fraction(-1), (Quantity(r, _DOT, k),)),
+                    *abscissa,
+                    Term(Fraction(-1), (Quantity(r, DOT, k),)),
                     Term(Fraction(-1, 2), (Quantity(r, (k,)),)),
                 )
-                found.append(Equation(f"middle of stage {k + 1}", terms))
-        return found
+                equations.append(Equation(f"middle of stage {k + 1}", terms))
+        return equations
 
     def relations(self, word: Word) -> Iterator[Relation]:
         """Yield the relations in which the word occurs with all of τ^p within its letters."""
@@ -232,62 +157,21 @@ class MiddleAbscissae:
             powers = range(len(letter) + 1)
             choices.append([(p, y) for p in powers for y in without(letter, ((),) * p)])
         for centred in product(*choices):
-            found = _folded(centred)
-            if found:
-                yield found
-
-    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Return False."""
-        return False
+            relation = _folded(centred)
+            if relation:
+                yield relation
 
 
-@dataclass(frozen=True)
-class OfFirstWeights:
-    """An identity that only the first weights of a pair satisfy.
-
-    The abscissae can't be in the middle for both, as these weights would then be equal.
-    The conditions on the second weights don't follow by it.
-
-    Attributes
-    ----------
-    identity : Identity
-        Without parameters.
-    """
-
-    identity: Identity
-
-    parameters: ClassVar[tuple[Fraction, ...]] = ()
-
-    @property
-    def heading(self) -> str:
-        """Text from which it is read again."""
-        return f"{self.identity.heading} of b"
-
-    def equations(
-        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
-    ) -> list[Equation]:
-        """Return the equations of the identity for ``b`` alone."""
-        return self.identity.equations(layout, zeros[:1], first)
-
-    def relations(self, word: Word) -> Iterator[Relation]:
-        """Yield the relations of the identity, which hold for residuals of ``b``."""
-        yield from self.identity.relations(word)
-
-    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Tell whether a weight of ``b`` is zero since these are."""
-        return self.identity.vanishes(word, zeros)
-
-
-def _before_the_mark(word: Word) -> bool:
-    """Tell whether a letter before a mark of stage 2 is neither τ nor [τ]."""
+def _before_the_indicator(word: Word) -> bool:
+    """Return whether a letter before an indicator of stage 2 is neither τ nor [τ]."""
     last = max((k for k, letter in enumerate(word) if isinstance(letter, int)), default=0)
-    return any(letter not in ((), _DOT) for letter in word[:last])
+    return any(letter not in ((), DOT) for letter in word[:last])
 
 
 def _folded(letters: Sequence[tuple[int, Word]]) -> Relation:
-    """Return how a word of centred letters differs from a multiple of words of one letter.
+    """Return a word of centred letters less a multiple of words of one letter.
 
-    Nothing if no relation comes of it.
+    Empty if there is no such relation.
     """
     even = sum(p % 2 == 0 for p, _ in letters)
     if even > 1 or even == len(letters):
@@ -296,17 +180,10 @@ def _folded(letters: Sequence[tuple[int, Word]]) -> Relation:
     if even:
         whole = sum(p + 1 for p, _ in letters) - 1
         share = _on_a_stage(letters) / _on_a_stage([(whole, ())])
-        for y, multiplicity in _shuffled(letters).items():
+        for y, multiplicity in shuffle_all([y for _, y in letters]).items():
             for word, m in _centred([(whole, y)]).items():
-                _add(relation, word, -share * multiplicity * m)
+                add_multiple(relation, word, -share * multiplicity * m)
     return {word: c for word, c in relation.items() if c}
-
-
-def _shuffled(letters: Sequence[tuple[int, Word]]) -> Relation:
-    words: Relation = {(): 1}
-    for _, y in letters:
-        words = _product(words, y)
-    return words
 
 
 def _centred(letters: Sequence[tuple[int, Word]]) -> Relation:
@@ -328,28 +205,16 @@ def _on_a_stage(letters: Sequence[tuple[int, Word]]) -> Fraction:
     return sum((c * half**k for k, c in enumerate(integral)), Fraction(0))
 
 
-def _product(words: Relation, other: Word) -> Relation:
-    found: Relation = {}
-    for word, multiplicity in words.items():
-        for z, m in shuffle(word, other).items():
-            _add(found, z, multiplicity * m)
-    return found
-
-
 def _append(words: Relation, p: int, y: Word) -> Relation:
     """Return the words followed by a centred letter."""
-    found: Relation = {}
+    longer: Relation = {}
     for inner in range(p + 1):
         for word, multiplicity in words.items():
             for before, m in shuffle(((),) * (p - inner), word).items():
                 for z, n in shuffle(((),) * inner, y).items():
-                    _add(found, (*before, z), (-1) ** inner * multiplicity * m * n)
-    return found
+                    add_multiple(longer, (*before, z), (-1) ** inner * multiplicity * m * n)
+    return longer
 
 
 def _difference(first: Quantity, second: Quantity) -> tuple[Term, ...]:
     return Term(Fraction(1), (first,)), Term(Fraction(-1), (second,))
-
-
-def _add(relation: Relation, word: Word, multiplicity: Any) -> None:
-    relation[word] = relation.get(word, 0) + multiplicity

@@ -1,11 +1,11 @@
-"""Conditions that follow since orthogonal vectors fill all stages, or all flows.
+"""Conditions that follow since orthogonal vectors span all stages, or all flows.
 
-Order conditions say that products of surroundings and letters (`pairings`) are what the exact
-solution makes of them. Take some of both, G the matrix of what it makes of their products, U_0
-combinations of the surroundings whose products are all zero for it, and V the letters. With n
-places, let a of U_0 and b of V be independent with a + b = n. Then the span of V is all that is
-orthogonal to U_0, and with v = Σ β_j v_j for another letter and u = Σ δ_i u_i for another
-surrounding,
+An order condition gives the product of a context and a letter (`pairings`) its value for the exact
+solution. Take some contexts and letters. Let U_0 be the combinations of contexts whose products
+with all these letters are zero for the exact solution, and V the letters. With n places, stages or
+flows, let a vectors of U_0 and b of V be independent with a + b = n. Then V spans the orthogonal
+complement of U_0, and with v = Σ β_j v_j for another letter and u = Σ δ_i u_i for another
+context,
 
     (u, v) - Σ β_j (u, v_j) - Σ δ_i (u_i, v) + Σ β_j δ_i (u_i, v_j) = 0
 
@@ -27,23 +27,24 @@ from flint import arb, arb_mat
 from numpy.typing import NDArray
 
 from ...structure.layout import Layout
-from ...support.balls import to_ball
+from ...support.balls import to_ball, working_precision
 from ..weights import Quantity, Weights
 from .pairings import Pairing, pairings
 from .reduction import Reduction
-from .relations import regular
 from .spanned import Spanned, doubles, independent_rows
-from .words import Word, condition_words, reciprocal_density
+from .words import Word, add_multiple, condition_words, reciprocal_density
 
-__all__ = ["Condition", "Known", "conditions_of", "find_relations", "follow"]
+__all__ = ["Condition", "ResidualRelation", "conditions_of", "find_relations", "follow"]
 
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
+_REGULARITY_BITS = 128
+_PROBES = 4
 _CHUNK = 500  # known relations that are looked at together
 
 Condition = tuple[int, Word]
 """A row of weights, from 0, and the word of a condition."""
 
-Known = Mapping[Condition, Fraction | arb]
+ResidualRelation = Mapping[Condition, Fraction | arb]
 """A combination of residuals of rows and words that is zero."""
 
 _Doubles = NDArray[np.float64]
@@ -59,9 +60,9 @@ def follow(
     orders: Sequence[int],
     y: Sequence[arb],
     left_out: Sequence[Condition],
-    known: Sequence[Known] = (),
+    known: Sequence[ResidualRelation] = (),
 ) -> bool:
-    """Tell whether conditions are satisfied wherever all others are, for coefficients in balls.
+    """Return whether conditions are satisfied wherever all others are, for coefficients in balls.
 
     Parameters
     ----------
@@ -74,15 +75,15 @@ def follow(
     known : sequence of dict
         Combinations of residuals of any words that are zero for other reasons.
     """
-    found = _Relations(layout, orders, y, known)
-    chosen = found.choose(len(left_out), [found.position[one] for one in left_out])
+    relations = _Relations(layout, orders, y, known)
+    chosen = relations.choose(len(left_out), [relations.position[one] for one in left_out])
     if len(chosen) < len(left_out):
         return False
     try:
-        rows = found.in_balls(chosen)
+        rows = relations.in_balls(chosen)
     except ZeroDivisionError:
         return False
-    return regular(arb_mat([[row.get(one, arb(0)) for one in left_out] for row in rows]))
+    return _regular(arb_mat([[row.get(one, arb(0)) for one in left_out] for row in rows]))
 
 
 def find_relations(
@@ -90,73 +91,102 @@ def find_relations(
     orders: Sequence[int],
     y: Sequence[arb],
     most: int,
-    known: Sequence[Known] = (),
+    known: Sequence[ResidualRelation] = (),
 ) -> _Doubles:
     """Return linear relations between residuals, in double precision; arguments as of `follow`.
 
     Returns
     -------
-    ndarray, shape (found, conditions)
+    ndarray, shape (relations, conditions)
         Orthonormal rows, at most `most`; the conditions as `conditions_of` has them.
     """
-    found = _Relations(layout, orders, y, known)
-    found.choose(most)
-    return found.span
+    relations = _Relations(layout, orders, y, known)
+    relations.choose(most)
+    return relations.span
+
+
+def _regular(matrix: arb_mat) -> bool:
+    """Return whether all matrices in a square ball matrix are regular."""
+    size = matrix.nrows()
+    try:
+        inverse = np.linalg.inv(doubles(matrix.tolist())) if size else np.eye(0)
+    except np.linalg.LinAlgError:
+        return False
+    if not np.isfinite(inverse).all():
+        return False
+    with working_precision(_REGULARITY_BITS):
+        # close to the identity in the maximum norm, so regular
+        rows = (arb_mat(inverse.tolist()) * matrix).tolist()
+        return all(
+            sum((abs(x - int(i == j)) for j, x in enumerate(row)), arb(0)) < 1
+            for i, row in enumerate(rows)
+        )
 
 
 class _Choice(NamedTuple):
-    """A surrounding and a letter, beside those that fill all places."""
+    """A context and a letter, beside those that fill all places."""
 
     frame: Spanned
-    surrounding: int
+    context: int
     column: int
 
 
 class _Relations:
-    """What follows from what, for coefficients in balls."""
+    """Relations between residuals, for coefficients in balls."""
 
     def __init__(
         self,
         layout: Layout,
         orders: Sequence[int],
         y: Sequence[arb],
-        known: Sequence[Known],
+        known: Sequence[ResidualRelation],
     ) -> None:
         self._layout, self._orders, self._y, self._known = layout, orders, y, known
         self.conditions = conditions_of(orders)
         self.position = {one: k for k, one in enumerate(self.conditions)}
-        self._pairings = pairings(layout, orders, y)
         self._rough = Reduction(float, lambda word: float(reciprocal_density(word)))
         self._products: dict[tuple[int, int, int], _Doubles] = {}
         self.span: _Doubles = np.zeros((0, len(self.conditions)))
 
-    def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice | Known]:
+    @cached_property
+    def _pairings(self) -> tuple[Pairing, Pairing]:
+        return pairings(self._layout, self._orders, self._y)
+
+    def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice | ResidualRelation]:
         """Choose relations that are independent; on some conditions if these are named."""
-        chosen: list[_Choice | Known] = []
+        chosen: list[_Choice | ResidualRelation] = []
         seen = list(among) or list(range(len(self.conditions)))
         basis = np.zeros((0, len(seen)))
+        generator = np.random.default_rng(0)
         for choices, rows in self._offered():
             if len(chosen) == most:
                 break
             sizes = np.linalg.norm(rows, axis=1)
-            rest = rows[:, seen] / np.maximum(sizes, 1e-300)[:, None]
-            rest = rest - rest @ basis.T @ basis
+            unit = rows[:, seen] / np.maximum(sizes, 1e-300)[:, None]
+            unit[sizes <= _NEW * sizes.max()] = 0
+            # random combinations are in the span of the basis only if all rows are
+            probes = generator.standard_normal((_PROBES, len(unit))) @ unit
+            if np.linalg.norm(probes - probes @ basis.T @ basis, axis=1).max() < _NEW / 10:
+                continue
+            rest = unit - unit @ basis.T @ basis
+            places = np.arange(len(rest))
             while len(chosen) < most:
-                left = np.linalg.norm(rest, axis=1) * (sizes > _NEW * sizes.max())
-                best = int(np.argmax(left))
-                if left[best] < _NEW:
+                sizes = np.linalg.norm(rest, axis=1)
+                places, rest, sizes = (array[sizes >= _NEW] for array in (places, rest, sizes))
+                if not len(places):
                     break
-                new = rest[best] / np.linalg.norm(rest[best])
+                best = int(np.argmax(sizes))
+                new = rest[best] / sizes[best]
                 new = new - new @ basis.T @ basis
                 new /= np.linalg.norm(new)
                 basis = np.vstack([basis, new])
                 rest = rest - np.outer(rest @ new, new)
-                chosen.append(choices[best])
+                chosen.append(choices[places[best]])
         self.span = basis
         return chosen
 
-    def _offered(self) -> Iterator[tuple[Sequence[_Choice | Known], _Doubles]]:
-        """Yield relations, and what they are in double precision."""
+    def _offered(self) -> Iterator[tuple[Sequence[_Choice | ResidualRelation], _Doubles]]:
+        """Yield relations, with their coefficients in double precision."""
         for begin in range(0, len(self._known), _CHUNK):
             some = self._known[begin : begin + _CHUNK]
             rows = np.zeros((len(some), len(self.conditions)))
@@ -175,35 +205,35 @@ class _Relations:
             vector[self.position[row, one]] += factor * value
 
     def _frames(self) -> Iterator[Spanned]:
-        """Yield surroundings and letters that fill all places, and have more."""
+        """Yield contexts and letters that fill all places, and have more."""
         seen: set[tuple[Any, ...]] = set()
         for which, pairing in enumerate(self._pairings):
-            degrees = np.array([u.degree for u in pairing.surroundings])
-            rows = np.array([u.row for u in pairing.surroundings])
+            degrees = np.array([u.degree for u in pairing.contexts])
+            rows = np.array([u.row for u in pairing.contexts])
             sizes = np.array([c.degree for c in pairing.columns])
             left = doubles(pairing.left)
             right = doubles(pairing.right)
             around, within = _nonzero(pairing.left), _nonzero(pairing.right)
             for few, many, most_of_rows, most in self._cuts(within, around):
                 columns = np.flatnonzero(few & (sizes <= most))
-                surroundings = np.flatnonzero(many & (degrees <= np.array(most_of_rows)[rows]))
-                if not len(columns) or not len(surroundings):
+                contexts = np.flatnonzero(many & (degrees <= np.array(most_of_rows)[rows]))
+                if not len(columns) or not len(contexts):
                     continue
-                inside = around[surroundings].any(axis=0) & within[columns].any(axis=0)
+                inside = around[contexts].any(axis=0) & within[columns].any(axis=0)
                 places = np.flatnonzero(inside)
-                key = (which, tuple(surroundings), tuple(columns))
+                key = (which, tuple(contexts), tuple(columns))
                 if key in seen or not len(places):
                     continue
                 seen.add(key)
                 second = independent_rows(right[np.ix_(columns, places)])
-                rank = len(independent_rows(left[np.ix_(surroundings, places)]))
+                rank = len(independent_rows(left[np.ix_(contexts, places)]))
                 # U_0 has at most `rank` dimensions, and at least as many less those of V's powers
                 if len(second) == len(columns) or rank + len(second) < len(places):
                     continue
                 frame = Spanned(
                     pairing,
                     places.tolist(),
-                    surroundings.tolist(),
+                    contexts.tolist(),
                     columns.tolist(),
                     second=[int(columns[k]) for k in second],
                 )
@@ -213,17 +243,17 @@ class _Relations:
     def _cuts(
         self, within: NDArray[np.bool_], around: NDArray[np.bool_]
     ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_], tuple[int, ...], int]]:
-        """Yield which letters and surroundings to take, and their largest degrees.
+        """Yield which letters and contexts to take, and their largest degrees.
 
         Those that are zero, for any coefficients, at the same places: then these don't count.
         """
-        for letters, holes in product(_alike(within), _alike(around)):
+        for letters, contexts in product(_alike(within), _alike(around)):
             for most in range(1, self._orders[0]):
                 for degrees in self._degrees(most):
-                    yield letters, holes, degrees, most
+                    yield letters, contexts, degrees, most
 
     def _degrees(self, most: int) -> Iterator[tuple[int, ...]]:
-        """Yield the largest degrees of surroundings of rows, and of their difference."""
+        """Yield the largest degrees of contexts of rows, and of their difference."""
         first = self._orders[0] - 1 - most
         if len(self._orders) == 1:
             yield (first,)
@@ -235,7 +265,7 @@ class _Relations:
             yield -1, -1, others
 
     def _in_doubles(self, frame: Spanned) -> tuple[list[int], list[int], _Doubles]:
-        """Return surroundings, letters, and the relation of each with each."""
+        """Return contexts, letters, and the relation of each with each."""
         us = [i for i in frame.shares if i not in set(frame.first)]
         vs = [j for j in frame.columns if j not in set(frame.second)]
         left = {i: np.array([float(x) for x in frame.left(i)]) for i in frame.shares}
@@ -243,12 +273,9 @@ class _Relations:
         delta = _coefficients([left[i] for i in frame.first], [left[i] for i in us])
         beta = _coefficients([right[j] for j in frame.second], [right[j] for j in vs])
         products = np.array(
-            [
-                [self._product(frame.pairing, i, j) for j in frame.columns]
-                for i in frame.surroundings
-            ]
+            [[self._product(frame.pairing, i, j) for j in frame.columns] for i in frame.contexts]
         )
-        at = {i: k for k, i in enumerate(frame.surroundings)}
+        at = {i: k for k, i in enumerate(frame.contexts)}
         reduced = products.copy()
         for i, shares in frame.shares.items():
             for other, share in zip(frame.reference, shares, strict=True):
@@ -258,10 +285,10 @@ class _Relations:
         rest = reduced[:, [column[j] for j in vs]] - np.einsum(
             "iqt,jq->ijt", reduced[:, [column[j] for j in frame.second]], beta
         )
-        found = rest[[at[i] for i in us]] - np.einsum(
+        relations = rest[[at[i] for i in us]] - np.einsum(
             "pjt,ip->ijt", rest[[at[i] for i in frame.first]], delta
         )
-        return us, vs, found.reshape(-1, len(self.conditions))
+        return us, vs, relations.reshape(-1, len(self.conditions))
 
     def _product(self, pairing: Pairing, i: int, j: int) -> _Doubles:
         key = (id(pairing), i, j)
@@ -272,18 +299,18 @@ class _Relations:
             self._products[key] = vector
         return self._products[key]
 
-    def in_balls(self, chosen: Sequence[_Choice | Known]) -> list[dict[Condition, arb]]:
+    def in_balls(self, chosen: Sequence[_Choice | ResidualRelation]) -> list[dict[Condition, arb]]:
         """Return the relations in ball arithmetic; ZeroDivisionError if vectors are dependent."""
         by_frame: dict[int, list[_Choice]] = {}
-        found = []
+        relations = []
         for one in chosen:
             if isinstance(one, _Choice):
                 by_frame.setdefault(id(one.frame), []).append(one)
             else:
-                found.append(self._reduced({key: to_ball(value) for key, value in one.items()}))
+                relations.append(self._reduced({key: to_ball(value) for key, value in one.items()}))
         for group in by_frame.values():
             frame = group[0].frame
-            us = sorted({one.surrounding for one in group})
+            us = sorted({one.context for one in group})
             vs = sorted({one.column for one in group})
             delta, beta = _projections(
                 [frame.left(i) for i in frame.first],
@@ -293,47 +320,47 @@ class _Relations:
             )
             for one in group:
                 left: dict[int, Any] = {}
-                shares = [arb(1), *(-share for share in delta[us.index(one.surrounding)])]
-                for i, share in zip([one.surrounding, *frame.first], shares, strict=True):
+                shares = [arb(1), *(-share for share in delta[us.index(one.context)])]
+                for i, share in zip([one.context, *frame.first], shares, strict=True):
                     for k, factor in frame.raw(i).items():
                         left[k] = left.get(k, arb(0)) + share * arb(factor)
                 right = {one.column: arb(1)}
                 for k, j in enumerate(frame.second):
                     right[j] = -beta[vs.index(one.column)][k]
-                found.append(self._combined(frame.pairing, left, right))
-        return found
+                relations.append(self._combined(frame.pairing, left, right))
+        return relations
 
     @cached_property
     def _reductions(self) -> list[Reduction]:
         """For each row of weights, with the weights that balls of coefficients have."""
-        found = []
+        reductions = []
         for row, order in enumerate(self._orders):
             words = condition_words(order - 1, independent=False) if order > 1 else ()
             quantities = [Quantity(self._layout.stages + row, word) for word in words]
             values = Weights(self._layout, quantities).evaluate(self._y[: self._layout.size])
             known = dict(zip(words, values, strict=True))
-            found.append(Reduction(to_ball, known.__getitem__))
-        return found
+            reductions.append(Reduction(to_ball, known.__getitem__))
+        return reductions
 
     def _combined(
         self, pairing: Pairing, left: dict[int, arb], right: dict[int, arb]
     ) -> dict[Condition, arb]:
-        found: dict[Condition, arb] = {}
+        combination: dict[Condition, arb] = {}
         for i, a in left.items():
             for j, b in right.items():
                 product = a * b
                 for key, multiplicity in pairing.words(i, j).items():
-                    found[key] = found.get(key, arb(0)) + product * multiplicity
-        return self._reduced(found)
+                    add_multiple(combination, key, product * multiplicity)
+        return self._reduced(combination)
 
     def _reduced(self, combination: dict[Condition, arb]) -> dict[Condition, arb]:
         """Return a combination of residuals of words as one of those of conditions."""
-        found: dict[Condition, arb] = {}
+        reduced: dict[Condition, arb] = {}
         for row, reduction in enumerate(self._reductions):
             terms = [(word, value) for (r, word), value in combination.items() if r == row]
             for word, value in reduction.total(terms).items():
-                found[row, word] = value
-        return found
+                reduced[row, word] = value
+        return reduced
 
 
 def _projections(
@@ -362,8 +389,8 @@ def _nonzero(vectors: Sequence[Sequence[arb]]) -> NDArray[np.bool_]:
 def _alike(nonzero: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
     """Return sets of vectors: all, and those that are zero wherever one of them is."""
     zeros = sorted({tuple(row) for row in ~nonzero}, key=lambda row: (sum(row), row))
-    found = [np.array([True] * len(nonzero))]
+    sets = [np.array([True] * len(nonzero))]
     for row in zeros:
         if any(row):
-            found.append(np.array([not any(one) for one in nonzero[:, list(row)]]))
-    return found
+            sets.append(np.array([not any(one) for one in nonzero[:, list(row)]]))
+    return sets

@@ -1,6 +1,6 @@
-"""Words with a hole and letters, as vectors over stages or flows, and their inner products.
+"""Words with a slot and letters, as vectors over stages or flows, and their inner products.
 
-A word with a hole is linear in the letter that is put there. So it is a vector over the flows, and
+A word with a slot is linear in the letter that is put there. So it is a vector over the flows, and
 over the stages, whose product with the vector of a letter's values is the weight of a word.
 """
 
@@ -15,87 +15,86 @@ from flint import arb
 from ...structure.layout import Layout
 from ...structure.points import START
 from ..weights import Quantity, Weights
-from .holes import HOLE, basis, depth, moments, outer_nodes
+from .contexts import SLOT, basis, depth, has_slot, moments, outer_nodes
 from .relations import fill
-from .words import Word, condition_words, nodes, shuffle
+from .words import Word, add_multiple, condition_words, nodes, shuffle
 
-__all__ = ["DIFFERENCE", "Column", "Pairing", "Surrounding", "pairings"]
+__all__ = ["DIFFERENCE", "Column", "Context", "Pairing", "pairings"]
 
 Vector = list[arb]
 
 
 DIFFERENCE = 2
-"""Instead of a row of weights: the first less the second."""
+"""In place of a row of weights: the difference of the first and the second."""
 
 
-class Surrounding(NamedTuple):
-    """A word with a hole along a row of weights, times the values of a letter at stages."""
+class Context(NamedTuple):
+    """A word with a slot along a row of weights, times the values of a letter at stages."""
 
     row: int
-    hole: Word
+    context: Word
     factor: Word = ()
 
     @property
     def degree(self) -> int:
-        """How many nodes a word has besides the letter in the hole."""
-        return outer_nodes(self.hole) + nodes(self.factor)
+        """Number of nodes of a word besides the letter in the slot."""
+        return outer_nodes(self.context) + nodes(self.factor)
 
 
 class Column(NamedTuple):
-    """A letter, given by the children of its tree, of which moments are taken so many times."""
+    """A letter, given by the children of its tree, or its moments, taken repeatedly."""
 
     letter: Word
     moments: int = 0
 
     @property
     def degree(self) -> int:
-        """How many nodes a word has by it besides the letter's root."""
+        """Number of nodes that it adds to a word, without the letter's root."""
         return nodes(self.letter) + self.moments
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """Surroundings and letters as vectors over the same places, stages or flows.
+    """Contexts and letters as vectors over the same places, stages or flows.
 
     Attributes
     ----------
-    surroundings : list of Surrounding
+    contexts : list of Context
     columns : list of Column
     left : list of list of arb
-        A vector for each surrounding; exactly zero where it is for all coefficients.
+        A vector for each context; exactly zero where it is for all coefficients.
     right : list of list of arb
         A vector for each column.
     """
 
-    surroundings: list[Surrounding]
+    contexts: list[Context]
     columns: list[Column]
     left: list[Vector]
     right: list[Vector]
 
     def words(self, i: int, j: int) -> dict[tuple[int, Word], int]:
         """Return the rows and words whose weights add up to the product of two vectors."""
-        u, column = self.surroundings[i], self.columns[j]
-        holes = {u.hole: 1}
+        u, column = self.contexts[i], self.columns[j]
+        contexts = {u.context: 1}
         for _ in range(column.moments):
-            holes = _moments(holes)
+            contexts = _moments(contexts)
         letters = shuffle(u.factor, column.letter)
         signs = ((0, 1), (1, -1)) if u.row == DIFFERENCE else ((u.row, 1),)
-        found: dict[tuple[int, Word], int] = {}
-        for hole, factor in holes.items():
+        weights: dict[tuple[int, Word], int] = {}
+        for context, factor in contexts.items():
             for letter, multiplicity in letters.items():
-                word = fill(hole, letter)
+                word = fill(context, letter)
                 for row, sign in signs:
-                    total = found.get((row, word), 0) + sign * factor * multiplicity
-                    found[row, word] = total
-        return found
+                    add_multiple(weights, (row, word), sign * factor * multiplicity)
+        return weights
 
 
-def _moments(holes: dict[Word, int]) -> dict[Word, int]:
-    found: dict[Word, int] = {}
-    for hole, factor in holes.items():
-        for other, multiplicity in moments(hole).items():
-            found[other] = found.get(other, 0) + factor * multiplicity
-    return found
+def _moments(contexts: dict[Word, int]) -> dict[Word, int]:
+    words: dict[Word, int] = {}
+    for context, factor in contexts.items():
+        for other, multiplicity in moments(context).items():
+            add_multiple(words, other, factor * multiplicity)
+    return words
 
 
 def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[Pairing, Pairing]:
@@ -112,29 +111,28 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
     most = orders[0] - 1
     letters = [(), *condition_words(most, independent=False)]
     letters.sort(key=nodes)
-    holes = [(row, h) for row, q in enumerate(orders) for h in ((HOLE,), *basis(q - 2))]
-    quantities = [Quantity(j, w) for w in letters for j in range(layout.stages)]
-    flows = range(len(layout.parents))
-    quantities += [
-        Quantity(layout.stages + row, fill(h, layout.stages + m)) for row, h in holes for m in flows
-    ]
-    found = iter(Weights(layout, quantities).evaluate(y[: layout.size]))
-    values = {w: [next(found) for _ in range(layout.stages)] for w in letters}
-    around = {key: [next(found) for _ in flows] for key in holes}
+    contexts = [(row, h) for row, q in enumerate(orders) for h in ((SLOT,), *basis(q - 2))]
+    ends = range(len(layout.ends))
+    weights = Weights(layout, [Quantity(end, w) for w in letters for end in ends])
+    values_of_weights = iter(weights.evaluate(y[: layout.size]))
+    at_ends = {w: [next(values_of_weights) for _ in ends] for w in letters}
+    values = {w: vector[: layout.stages] for w, vector in at_ends.items()}
+    adjoints = _Adjoints(layout, y, weights)
+    around = {(row, h): adjoints.of_result(row, h) for row, h in contexts}
     if len(orders) > 1:
         shared = set(layout.path(layout.ends[-2])) & set(layout.path(layout.ends[-1]))
-        for h in [h for row, h in holes if row == 1]:
+        for h in [h for row, h in contexts if row == 1]:
             both = zip(around[0, h], around[1, h], strict=True)
-            # at the root the hole comes last, so that what is shared cancels
-            gone = shared if depth(h) == 0 else set()
+            # a slot at the root comes last, so that the shared flows cancel
+            cancelled = shared if depth(h) == 0 else set()
             around[DIFFERENCE, h] = [
-                arb(0) if m in gone else a - b for m, (a, b) in enumerate(both)
+                arb(0) if m in cancelled else a - b for m, (a, b) in enumerate(both)
             ]
-            holes.append((DIFFERENCE, h))
+            contexts.append((DIFFERENCE, h))
 
     of_stages = [
-        Surrounding(row, h, factor)
-        for row, h in holes
+        Context(row, h, factor)
+        for row, h in contexts
         for factor in letters
         if outer_nodes(h) + nodes(factor) <= orders[min(row, 1)] - 2
     ]
@@ -144,12 +142,12 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
         of_stages,
         [Column(w) for w in letters],
         [
-            [a * b for a, b in zip(at_stages[u.row, u.hole], values[u.factor], strict=True)]
+            [a * b for a, b in zip(at_stages[u.row, u.context], values[u.factor], strict=True)]
             for u in of_stages
         ],
         [values[w] for w in letters],
     )
-    of_flows = sorted((Surrounding(row, h) for row, h in holes), key=lambda u: u.degree)
+    of_flows = sorted((Context(row, h) for row, h in contexts), key=lambda u: u.degree)
     columns = sorted(
         (Column(w, k) for w in letters for k in range(most - nodes(w) + 1)), key=lambda c: c.degree
     )
@@ -162,10 +160,59 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
     flows_ = Pairing(
         of_flows,
         columns,
-        [around[u.row, u.hole] for u in of_flows],
+        [around[u.row, u.context] for u in of_flows],
         [right[c] for c in columns],
     )
     return stages, flows_
+
+
+class _Adjoints:
+    """Words with a slot as vectors over the flows: derivatives by the letter in the slot."""
+
+    def __init__(self, layout: Layout, y: Sequence[arb], weights: Weights) -> None:
+        self._layout, self._y, self._weights = layout, y, weights
+        self._known: dict[tuple[int, Word], Vector] = {}
+        self._slopes: dict[tuple[int, Word], Vector] = {}
+
+    def of_result(self, row: int, context: Word) -> Vector:
+        """Return the derivatives of a weight of a result."""
+        if (row, context) not in self._known:
+            outer, inner = _cut(context)
+            if inner:
+                before = _to_stages(self._layout, self._y, self.of_result(row, outer))
+                vector = self._of_stages(before, inner)
+            else:
+                vector = self._of_row(self._layout.stages + row, outer)
+            self._known[row, context] = vector
+        return self._known[row, context]
+
+    def _of_stages(self, factors: Vector, context: Word) -> Vector:
+        """Return the derivatives of a sum of weights at stages, with these factors."""
+        outer, inner = _cut(context)
+        total: Vector = [arb(0)] * len(self._layout.parents)
+        for stage, factor in enumerate(factors):
+            if not factor.is_zero():
+                for m in self._layout.path(self._layout.stage_points[stage]):
+                    total[m] = total[m] + factor * self._of_row(stage, outer)[m]
+        if not inner:
+            return total
+        return self._of_stages(_to_stages(self._layout, self._y, total), inner)
+
+    def _of_row(self, row: int, context: Word) -> Vector:
+        if (row, context) not in self._slopes:
+            place = context.index(SLOT)
+            self._slopes[row, context] = self._weights.slopes(
+                row, context[:place], context[place + 1 :]
+            )
+        return self._slopes[row, context]
+
+
+def _cut(context: Word) -> tuple[Word, Word]:
+    """Return a word with the slot in place of the letter that has it, and that letter's word."""
+    for k, letter in enumerate(context):
+        if has_slot(letter):
+            return (*context[:k], SLOT, *context[k + 1 :]), letter
+    return context, ()
 
 
 def _terms(layout: Layout, point: int) -> list[tuple[int, int]]:
@@ -174,11 +221,11 @@ def _terms(layout: Layout, point: int) -> list[tuple[int, int]]:
 
 
 def _to_stages(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
-    found: list[Any] = [arb(0)] * layout.stages
+    vector: list[Any] = [arb(0)] * layout.stages
     for m, value in enumerate(flows):
         for k, stage in _terms(layout, m):
-            found[stage] = found[stage] + y[k] * value
-    return found
+            vector[stage] = vector[stage] + y[k] * value
+    return vector
 
 
 def _to_flows(layout: Layout, y: Sequence[arb], stages: Vector) -> Vector:
@@ -187,23 +234,23 @@ def _to_flows(layout: Layout, y: Sequence[arb], stages: Vector) -> Vector:
 
 
 def _moments_of(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
-    """Return the vector whose products are those of the moments of surroundings with this one.
+    """Return the vector whose products are those of the moments of contexts with this one.
 
-    On a path, let f be a surrounding, F its integral from a point to the end, and s the weight of
+    On a path, let f be a context, F its integral from a point to the end, and s the weight of
     τ. Products with the moments are the sums over flows of v times the mean of ``-(s F)'``,
     ``s f - F`` at the two ends of the flow: f is a vector of means, so that F is known there.
     """
     ends: list[Any] = []
     after: list[Any] = []  # of each flow: the sum of v on the way to its end
-    found: list[Any] = []
+    moments_of_flows: list[Any] = []
     for m, parent in enumerate(layout.parents):
         step = sum((y[k] for k, _ in _terms(layout, m)), arb(0))
         if parent == START:
             ends.append(step)
             after.append(flows[m])
-            found.append(arb(0))  # exactly: s v and what is subtracted are the same there
+            moments_of_flows.append(arb(0))  # exactly: both terms are the same there
         else:
-            found.append(ends[parent] * flows[m] - step * after[parent])
+            moments_of_flows.append(ends[parent] * flows[m] - step * after[parent])
             ends.append(ends[parent] + step)
             after.append(after[parent] + flows[m])
-    return found
+    return moments_of_flows

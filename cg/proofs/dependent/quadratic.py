@@ -31,9 +31,9 @@ class Quadratic:
 
     @classmethod
     def near(cls, x: Fraction, d: int) -> Quadratic:
-        """Return the number with small numerators that a decimal seems to be.
+        """Return the number with small numerators that is closest to a decimal.
 
-        Nothing tells that it is the one: what is made of it must be checked.
+        This is a guess, so results that use it must be checked.
         """
         if d == 0:
             return cls(fmpq(x.numerator, x.denominator))

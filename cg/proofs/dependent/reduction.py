@@ -1,7 +1,6 @@
 """Residuals of all words, as combinations of those of independent conditions.
 
-Weights multiply by shuffles, and so does what the exact solution makes of words. So for words u
-and v
+Weights multiply by shuffles, and so do their values for the exact solution. So for words u and v
 
     Σ_{w in u ⧢ v} residual(w) = 1/γ(u) residual(v) + Φ(v) residual(u),
 
@@ -14,7 +13,14 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
 
-from .words import Word, condition_words, nodes, reciprocal_density, shuffle
+from .words import (
+    Word,
+    add_multiple,
+    condition_words,
+    nodes,
+    reciprocal_density,
+    shuffle,
+)
 
 __all__ = ["Reduction"]
 
@@ -41,7 +47,7 @@ class Reduction:
     number : callable
         Makes a coefficient of a Fraction.
     weight : callable
-        Φ of a word: `number` of what the exact solution makes of it, or a ball that holds it.
+        Φ of a word: a ball that contains it, or the `number` of its value for the exact solution.
     """
 
     def __init__(self, number: Callable[[Any], Any], weight: Callable[[Word], Any]) -> None:
@@ -56,12 +62,11 @@ class Reduction:
 
     def total(self, terms: Iterable[tuple[Word, Any]]) -> Combination:
         """Return a combination of residuals of words, coefficients of the number type."""
-        found: Combination = {}
+        total: Combination = {}
         for word, factor in terms:
             for one, value in self(word).items():
-                product = factor * value
-                found[one] = found[one] + product if one in found else product
-        return found
+                add_multiple(total, one, factor * value)
+        return total
 
     def _reduced(self, word: Word) -> Combination:
         cut = _first_condition(word)

@@ -8,7 +8,7 @@ the path. Then for two letters, at every point of the path,
 
 where the products on the right are those of values at stages, letters again: on flow m,
 ``V Z_m(w) - W Z_m(v) - Z_m(w V - v W)`` doesn't change, as V changes by multiples of Z_m(v), and
-is A_m times what it is on the flow before, as ``Z_m - A_m Z_{m-1}`` is the value at stage m. It
+is A_m times its value on the flow before, since ``Z_m - A_m Z_{m-1}`` is the value at stage m. It
 is zero on the first flow. Multiplied by the integral of a word p to the left, and followed by a
 word q,
 
@@ -24,16 +24,16 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from functools import cache
 
+from flint import arb
+
 from ...structure.layout import Layout
 from ...structure.points import START
-from ..systems import Equation, Term
+from ..systems import Equation, Term, nearly_satisfied
 from ..weights import Quantity
-from .orthogonality import Condition
-from .words import Word, condition_words, nodes, shuffle
+from .orthogonality import Condition, ResidualRelation
+from .words import Word, add_multiple, shuffle, words_with
 
 __all__ = ["TwoRegisters", "exchanges"]
-
-_SMALL = Fraction(1, 10**20)  # what counts as zero when the structure is looked for
 
 
 class TwoRegisters:
@@ -48,11 +48,13 @@ class TwoRegisters:
         Packed coefficients.
     """
 
+    assumed: tuple[Condition, ...] = ()
+
     def __init__(self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction]) -> None:
         self._layout, self._orders, self._x = layout, orders, x
 
     def possible(self) -> bool:
-        """Tell whether each point follows the one before and is the place of a stage."""
+        """Return whether the points are a chain, each with a stage."""
         layout, points = self._layout, range(len(self._layout.parents))
         return (
             layout.rows is None
@@ -63,17 +65,10 @@ class TwoRegisters:
         )
 
     def satisfied(self) -> bool:
-        """Tell whether the method is one of two registers, as far as its places can tell."""
+        """Return whether the method has two registers, to within rounding."""
         if not self.possible():
             return False
-        weight = self._weight
-        return all(
-            abs(weight(m, k) * weight(k + 1, k + 1) - weight(m, k + 1) * weight(k + 1, k)) < _SMALL
-            for m, k in self._entries()
-        )
-
-    def _weight(self, m: int, k: int) -> Fraction:
-        return self._x[self._layout.starts[m] + k]
+        return nearly_satisfied(self._layout, self.equations(), self._x)
 
     def _entries(self) -> Iterator[tuple[int, int]]:
         for m in range(2, len(self._layout.parents)):
@@ -82,7 +77,7 @@ class TwoRegisters:
 
     def equations(self) -> list[Equation]:
         """Return that the weights on two stages have the same ratio in all flows."""
-        found = []
+        equations = []
         for m, k in self._entries():
             products = (((m, k), (k + 1, k + 1), 1), ((m, k + 1), (k + 1, k), -1))
             terms = [
@@ -91,63 +86,56 @@ class TwoRegisters:
                 for a, one in self._places(*first)
                 for b, other in self._places(*second)
             ]
-            found.append(Equation(f"weights {k + 1} and {k + 2} of flow {m + 1}", tuple(terms)))
-        return found
+            equations.append(Equation(f"weights {k + 1} and {k + 2} of flow {m + 1}", tuple(terms)))
+        return equations
 
     def _places(self, m: int, k: int) -> list[tuple[int, tuple[Quantity]]]:
-        """Return the weight of flow m on stage k as a difference of sums along ways."""
-        found = [(1, (Quantity(m + 1, (k,)),))]
+        """Return the weight of flow m on stage k as a difference of sums along paths."""
+        places = [(1, (Quantity(m + 1, (k,)),))]
         if m > k:
-            found.append((-1, (Quantity(m, (k,)),)))
-        return found
+            places.append((-1, (Quantity(m, (k,)),)))
+        return places
 
-    def relations(self) -> Iterator[dict[Condition, Fraction]]:
+    def relations(self, y: Sequence[arb] = ()) -> Iterator[ResidualRelation]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(1, order + 1):
-                for found in exchanges(count):
-                    yield {(row, word): Fraction(m) for word, m in found.items()}
-
-
-@cache
-def _words(count: int) -> tuple[Word, ...]:
-    if count == 0:
-        return ((),)
-    return tuple(w for w in condition_words(count, independent=False) if nodes(w) == count)
+                for relation in exchanges(count):
+                    yield {(row, word): Fraction(m) for word, m in relation.items()}
 
 
 @cache
 def exchanges(count: int) -> tuple[dict[Word, int], ...]:
-    """Return combinations of words with so many nodes that are zero, at the root or deeper."""
-    found = [
+    """Return combinations of words with `count` nodes that are zero, at the root or deeper."""
+    relations = [
         relation
         for first in range(1, count)
         for second in range(1, count - first + 1)
         for left in range(count - first - second + 1)
-        for v in _words(first - 1)
-        for w in _words(second - 1)
-        for p in _words(left)
-        for q in _words(count - first - second - left)
+        for v in words_with(first - 1)
+        for w in words_with(second - 1)
+        for p in words_with(left)
+        for q in words_with(count - first - second - left)
         if (relation := _exchange(p, v, w, q))
     ]
     for inside in range(2, count):
         for left in range(count - inside):
-            for p in _words(left):
-                for q in _words(count - 1 - inside - left):
-                    found += [
+            for p in words_with(left):
+                for q in words_with(count - 1 - inside - left):
+                    relations += [
                         {(*p, letter, *q): m for letter, m in relation.items()}
                         for relation in exchanges(inside)
                     ]
-    return tuple(found)
+    return tuple(relations)
 
 
 def _exchange(p: Word, v: Word, w: Word, q: Word) -> dict[Word, int]:
-    found: dict[Word, int] = {}
+    relation: dict[Word, int] = {}
     for first, second, sign in ((v, w, 1), (w, v, -1)):
         for word, m in shuffle(p, (first,)).items():
             whole = (*word, second, *q)
-            found[whole] = found.get(whole, 0) + sign * m
+            add_multiple(relation, whole, sign * m)
         for letter, m in shuffle(second, (first,)).items():
             whole = (*p, letter, *q)
-            found[whole] = found.get(whole, 0) - sign * m
-    return {word: m for word, m in found.items() if m}
+            add_multiple(relation, whole, -sign * m)
+    return {word: m for word, m in relation.items() if m}

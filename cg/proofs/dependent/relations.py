@@ -6,57 +6,58 @@ those of words with fewer nodes being zero. Then the relations
 - of the shuffle product, ``Σ_{w in u ⧢ v} residual(w) = 0``, and
 - of the identities
 
-are a homogeneous linear system. Its solution vanishes if the residuals of the *kept*
-words do; these are chosen such that the other columns are independent.
+are a homogeneous linear system with rational coefficients. Its solution vanishes if the residuals
+of the *kept* words do; these are chosen such that the other columns are independent.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
-from typing import Any, Protocol
+from typing import Any
 
-import numpy as np
-from flint import arb, arb_mat
-from numpy.typing import NDArray
+from flint import nmod, nmod_mat
 
 from ...structure.layout import Layout
 from ..systems import Equation
-from .words import Word, condition_words, nodes, shuffle
+from .words import Word, condition_words, shuffle, words_with
 
-__all__ = ["HOLE", "Identity", "Relation", "fill", "kept_words", "places", "regular", "without"]
+__all__ = ["SLOT", "Identity", "Relation", "fill", "kept_words", "places", "without"]
 
 Relation = dict[Word, Any]
-"""Coefficients, integers, Fractions or balls, of a sum of residuals that is zero."""
+"""Coefficients, integers or Fractions, of a sum of residuals that is zero."""
 
-HOLE = -1  # where a letter was cut out of a word
+_PRIME = 2**61 - 1
+
+SLOT = -1  # where a letter was cut out of a word
 
 
-class Identity(Protocol):
-    """Something that a solution satisfies besides its order conditions."""
+class Identity(ABC):
+    """A property of solutions besides their order conditions."""
+
+    first_only: bool = False
+    """Whether only the first weights of a pair satisfy it."""
 
     @property
-    def heading(self) -> str:
-        """Text that tells it from others, without its parameters."""
+    @abstractmethod
+    def name(self) -> str:
+        """Text in certificates."""
 
-    @property
-    def parameters(self) -> tuple[Fraction, ...]:
-        """Approximations of unknown coefficients of its own."""
+    @abstractmethod
+    def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
+        """Return the equations of the identity.
 
-    def equations(
-        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
-    ) -> list[Equation]:
-        """Return what is to be proved of the coefficients.
-
-        `zeros` has the stages, from 0, where each row of weights is held at zero, `first`
-        is the index of the first parameter.
+        `zeros` has the stages, from 0, where each row of weights is held at zero.
         """
 
+    @abstractmethod
     def relations(self, word: Word) -> Iterable[Relation]:
-        """Return relations that contain this word, and maybe new ones, with marks."""
+        """Return relations that contain this word, and possibly new words with indicators."""
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
-        """Tell whether a weight is zero since the weights at the stages `zeros` are."""
+        """Return whether a weight is zero since the weights at the stages `zeros` are."""
+        return False
 
 
 def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int]) -> list[Word]:
@@ -69,12 +70,11 @@ def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int
     zeros : collection of int
         Stages, from 0, where the weights are held at zero.
 
-    Raises
-    ------
-    ArithmeticError
-        If the relations don't have the rank that was expected of them.
+    Returns
+    -------
+    list of Word
     """
-    plain = [w for w in condition_words(grade, independent=False) if nodes(w) == grade]
+    plain = words_with(grade)
     lyndon = set(condition_words(grade))
     words, relations = _close(plain, identities)
     relations += _shuffles(words)
@@ -82,81 +82,49 @@ def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int
     # leftmost are eliminated first
     columns.sort(key=lambda w: (w in lyndon, not _has_line(w), -_depth(w), len(w)))
     position = {word: k for k, word in enumerate(columns)}
-    rows = [
-        {position[w]: c for w, c in relation.items() if w in position} for relation in relations
-    ]
-    matrix = np.zeros((len(rows), len(columns)))
-    for entries, row in zip(rows, matrix, strict=True):
-        for k, coefficient in entries.items():
-            row[k] = float(coefficient)
-    used, eliminated = _pivots(matrix)
-    square = arb_mat([[_ball(rows[i].get(k, 0)) for k in eliminated] for i in used])
-    if eliminated and not regular(square):
-        raise ArithmeticError(f"the relations between words with {grade} nodes are degenerate")
-    gone = set(eliminated)
-    return [word for k, word in enumerate(columns) if k not in gone]
+    table = nmod_mat(len(relations), len(columns), _PRIME)
+    for i, relation in enumerate(relations):
+        for word, factor in relation.items():
+            if word in position:
+                table[i, position[word]] = _modular(factor)
+    reduced, rank = table.rref()
+    # columns that are independent modulo a prime are independent
+    eliminated = {
+        next(k for k, entry in enumerate(row) if int(entry)) for row in reduced.tolist()[:rank]
+    }
+    return [word for k, word in enumerate(columns) if k not in eliminated]
+
+
+def _modular(value: Fraction | int) -> nmod:
+    return nmod(value.numerator, _PRIME) / nmod(value.denominator, _PRIME)
 
 
 def _close(
     plain: Sequence[Word], identities: Sequence[Identity]
 ) -> tuple[list[Word], list[Relation]]:
-    words, found = dict.fromkeys(plain), dict[frozenset[tuple[Word, float]], Relation]()
+    words = dict.fromkeys(plain)
+    relations: dict[frozenset[tuple[Word, Fraction | int]], Relation] = {}
     pending = list(plain)
     while pending:
         word = pending.pop()
         for identity in identities:
             for relation in identity.relations(word):
-                found[frozenset((w, float(c)) for w, c in relation.items())] = relation
+                relations[frozenset(relation.items())] = relation
                 pending += [new for new in relation if new not in words]
                 words.update(dict.fromkeys(relation))
-    return list(words), list(found.values())
+    return list(words), list(relations.values())
 
 
 def _shuffles(words: Sequence[Word]) -> list[Relation]:
     """Return ``Σ residual(u ⧢ v) = 0`` for all ways to cut these words in two."""
     known = set(words)
-    found: list[Relation] = []
+    relations: list[Relation] = []
     for word in words:
         for cut in range(1, len(word)):
             relation = shuffle(word[:cut], word[cut:])
             if known.issuperset(relation):
-                found.append(relation)
-    return found
-
-
-def _ball(value: Any) -> arb:
-    if isinstance(value, Fraction):
-        return arb(value.numerator) / value.denominator
-    return arb(value)
-
-
-def regular(matrix: arb_mat) -> bool:
-    """Tell whether all matrices in a square ball matrix are regular."""
-    try:
-        matrix.solve(arb_mat([[0] for _ in range(matrix.nrows())]))
-    except ZeroDivisionError:
-        return False
-    return True
-
-
-def _pivots(matrix: NDArray[np.float64]) -> tuple[list[int], list[int]]:
-    """Return rows and columns of a regular square part of full rank, leftmost columns."""
-    work = matrix.copy()
-    left = list(range(len(work)))
-    rows: list[int] = []
-    columns: list[int] = []
-    for k in range(work.shape[1]):
-        if not left:
-            break
-        best = max(left, key=lambda i: abs(float(work[i, k])))
-        if abs(work[best, k]) < 1e-9:
-            continue
-        left.remove(best)
-        rows.append(best)
-        columns.append(k)
-        others = np.array(left, dtype=np.intp)
-        work[others] -= np.outer(work[others, k] / work[best, k], work[best])
-    return rows, columns
+                relations.append(relation)
+    return relations
 
 
 def _depth(word: Word) -> int:
@@ -168,20 +136,20 @@ def _has_line(word: Word) -> bool:
 
 
 def places(word: Word) -> list[tuple[Word, Word]]:
-    """Return all letters of a word at any depth, each after what it leaves, with a hole."""
-    found: list[tuple[Word, Word]] = []
+    """Return all letters of a word at any depth, each with the word around it, which has a slot."""
+    letters: list[tuple[Word, Word]] = []
     for k, letter in enumerate(word):
         if isinstance(letter, int):
             continue
-        found.append(((*word[:k], HOLE, *word[k + 1 :]), letter))
-        found += [((*word[:k], rest, *word[k + 1 :]), t) for rest, t in places(letter)]
-    return found
+        letters.append(((*word[:k], SLOT, *word[k + 1 :]), letter))
+        letters += [((*word[:k], rest, *word[k + 1 :]), t) for rest, t in places(letter)]
+    return letters
 
 
 def fill(context: Word, letter: Any) -> Word:
-    """Put a letter into the hole of what `places` returned."""
+    """Put a letter into the slot of what `places` returned."""
     return tuple(
-        letter if t == HOLE else t if isinstance(t, int) else fill(t, letter) for t in context
+        letter if t == SLOT else t if isinstance(t, int) else fill(t, letter) for t in context
     )
 
 
@@ -189,8 +157,8 @@ def without(word: Word, part: Word) -> set[Word]:
     """Return the words y such that `word` occurs in ``part ⧢ y``."""
     if not part:
         return {word}
-    found: set[Word] = set()
+    words: set[Word] = set()
     for k, letter in enumerate(word):
         if letter == part[0]:
-            found |= {word[:k] + rest for rest in without(word[k + 1 :], part[1:])}
-    return found
+            words |= {word[:k] + rest for rest in without(word[k + 1 :], part[1:])}
+    return words

@@ -1,4 +1,4 @@
-"""Surroundings and letters that are orthogonal and together fill all places."""
+"""Sets of contexts and letters that are orthogonal and together span all places."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from .words import Word, reciprocal_density
 
 __all__ = ["Spanned", "doubles", "independent_rows"]
 
-_DEPENDENT = 1e-9  # what is left of a unit vector that depends on others
+_DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others
 
 _Doubles = NDArray[np.float64]
 
 
 @dataclass
 class Spanned:
-    """Surroundings and letters, some of which fill all places.
+    """Contexts and letters, some of which span all places.
 
     Attributes
     ----------
     pairing : Pairing
     places : list of int
-        Where neither all surroundings nor all letters are zero for any coefficients.
-    surroundings, columns : list of int
+        Where neither all contexts nor all letters are zero for any coefficients.
+    contexts, columns : list of int
         Which of the pairing.
     reference : list of int
-        Surroundings, with the lowest degrees, that others are reduced by.
+        Contexts, with the lowest degrees, that others are reduced by.
     shares : dict of lists of fmpq
-        For each other surrounding, by which multiples of those in `reference`; then it is in U_0.
+        For each other context, by which multiples of those in `reference`; then it is in U_0.
     first, second : list of int
-        Surroundings in U_0, and columns, that are independent and fill all places.
+        Contexts in U_0, and columns, that are independent and fill all places.
     """
 
     pairing: Pairing
     places: list[int]
-    surroundings: list[int]
+    contexts: list[int]
     columns: list[int]
     reference: list[int] = field(default_factory=list)
     shares: dict[int, list[fmpq]] = field(default_factory=dict)
@@ -55,36 +55,37 @@ class Spanned:
         vector = self.pairing.right[column]
         return [vector[j] for j in self.places]
 
-    def left(self, surrounding: int) -> list[arb]:
-        """Return a surrounding's vector, in U_0."""
-        found = [self.pairing.left[surrounding][j] for j in self.places]
-        for other, share in zip(self.reference, self.shares[surrounding], strict=True):
+    def left(self, context: int) -> list[arb]:
+        """Return a context's vector, in U_0."""
+        vector = [self.pairing.left[context][j] for j in self.places]
+        for other, share in zip(self.reference, self.shares[context], strict=True):
             if share != 0:
-                vector = self.pairing.left[other]
-                factor = arb(share)
-                found = [x - factor * vector[j] for x, j in zip(found, self.places, strict=True)]
-        return found
+                reference = self.pairing.left[other]
+                vector = [
+                    x - arb(share) * reference[j] for x, j in zip(vector, self.places, strict=True)
+                ]
+        return vector
 
-    def raw(self, surrounding: int) -> dict[int, Any]:
-        """Return a surrounding, in U_0, as a combination of those of the pairing."""
-        found: dict[int, Any] = {surrounding: fmpq(1)}
-        for other, share in zip(self.reference, self.shares[surrounding], strict=True):
+    def raw(self, context: int) -> dict[int, Any]:
+        """Return a context, in U_0, as a combination of those of the pairing."""
+        combination: dict[int, Any] = {context: fmpq(1)}
+        for other, share in zip(self.reference, self.shares[context], strict=True):
             if share != 0:
-                found[other] = found.get(other, fmpq(0)) - share
-        return found
+                combination[other] = combination.get(other, fmpq(0)) - share
+        return combination
 
     def complete(self) -> bool:
-        """Find U_0, and what is independent; tell whether that fills all places."""
+        """Compute U_0 and independent vectors; return whether these span all places."""
         products = fmpq_mat(
-            [[_exact(self.pairing.words(i, j)) for i in self.surroundings] for j in self.columns]
+            [[_exact(self.pairing.words(i, j)) for i in self.contexts] for j in self.columns]
         )
         reduced, rank = products.rref()
         rows = reduced.tolist()[:rank]
         pivots = [next(k for k, entry in enumerate(row) if entry != 0) for row in rows]
-        self.reference = [self.surroundings[k] for k in pivots]
+        self.reference = [self.contexts[k] for k in pivots]
         taken = set(pivots)
         self.shares = {
-            i: [row[k] for row in rows] for k, i in enumerate(self.surroundings) if k not in taken
+            i: [row[k] for row in rows] for k, i in enumerate(self.contexts) if k not in taken
         }
         self.first = _independent({i: self.left(i) for i in self.shares})
         return len(self.first) + len(self.second) == len(self.places)

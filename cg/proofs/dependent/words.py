@@ -1,8 +1,8 @@
-"""Words of ordered trees, with marks: the arguments of elementary weights.
+"""Words of ordered trees, with indicators: the arguments of elementary weights.
 
 Here a tree is the tuple of its children, ``()`` for ``τ``, and a word is a tuple of
 letters; the weight of a tree is that of the word of its children. Besides trees, a
-letter may be a *mark*, the integer k: it stands for the letter that is 1 on stage k
+letter may be a *indicator*, the integer k: it stands for the letter that is 1 on stage k
 (from 0) and 0 on all others.
 """
 
@@ -17,31 +17,44 @@ from ...conditions import condition_trees
 from ...trees.ordered import MAX_NODES, OrderedTree, forest
 
 __all__ = [
+    "BUSH",
+    "DOT",
+    "LINE",
     "Letter",
     "Word",
+    "add_multiple",
     "closure",
     "condition_words",
     "nodes",
     "reciprocal_density",
     "shuffle",
+    "shuffle_all",
     "text",
+    "words_with",
 ]
 
-Letter = Any  # a Word or a mark
+Letter = Any  # a Word or an indicator
 Word = tuple[Letter, ...]
 
-MARK_NODES = 3  # a mark takes the place of a tree with three nodes
+DOT: Word = ((),)
+"""τ as a word of one letter."""
+LINE: Word = (((),),)
+"""[τ] as a word of one letter."""
+BUSH: Word = ((), ())
+"""ττ, a word of two letters."""
+
+INDICATOR_NODES = 3  # an indicator takes the place of a tree with three nodes
 
 
 @cache
 def nodes(word: Word) -> int:
     """Return the number of nodes of the letters of a word, one less than of its tree."""
-    return sum(MARK_NODES if isinstance(t, int) else 1 + nodes(t) for t in word)
+    return sum(INDICATOR_NODES if isinstance(t, int) else 1 + nodes(t) for t in word)
 
 
 @cache
 def reciprocal_density(word: Word) -> Fraction:
-    """Return ``1/γ`` of the tree with these children; zero if there is a mark in it."""
+    """Return ``1/γ`` of the tree with these children; zero if there is an indicator in it."""
     product, before = Fraction(1), 0
     for letter in word:
         if isinstance(letter, int):
@@ -62,6 +75,19 @@ def condition_words(order: int, independent: bool = True) -> tuple[Word, ...]:
 
 
 @cache
+def words_with(count: int) -> tuple[Word, ...]:
+    """Return all words of trees with `count` nodes; there is one with none, the empty word."""
+    if count == 0:
+        return ((),)
+    return tuple(w for w in condition_words(count, independent=False) if nodes(w) == count)
+
+
+def add_multiple(total: dict[Any, Any], key: Any, change: Any) -> None:
+    """Add to the coefficient of a word, or another key, in a combination."""
+    total[key] = total[key] + change if key in total else change
+
+
+@cache
 def shuffle(left: Word, right: Word) -> dict[Word, int]:
     """Return the shuffle product of two words, as multiplicities of words."""
     if not left or not right:
@@ -76,18 +102,30 @@ def shuffle(left: Word, right: Word) -> dict[Word, int]:
     return product
 
 
+def shuffle_all(words: Iterable[Word]) -> dict[Word, int]:
+    """Return the shuffle product of any number of words."""
+    total: dict[Word, int] = {(): 1}
+    for word in words:
+        longer: dict[Word, int] = {}
+        for other, multiplicity in total.items():
+            for mixed, m in shuffle(other, word).items():
+                add_multiple(longer, mixed, multiplicity * m)
+        total = longer
+    return total
+
+
 def closure(words: Iterable[Word]) -> list[Word]:
     """Return all nonempty factors of some words, and of the trees among their letters.
 
     They come by increasing number of nodes, so that letters stand before words that
     have them.
     """
-    found: set[Word] = set()
+    factors: set[Word] = set()
 
     def add(word: Word) -> None:
         for begin in range(len(word)):
             for end in range(begin + 1, len(word) + 1):
-                found.add(word[begin:end])
+                factors.add(word[begin:end])
 
     pending = list(words)
     seen: set[Word] = set(pending)
@@ -98,16 +136,16 @@ def closure(words: Iterable[Word]) -> list[Word]:
             if not isinstance(letter, int) and letter and letter not in seen:
                 seen.add(letter)
                 pending.append(letter)
-    return sorted(found, key=nodes)
+    return sorted(factors, key=nodes)
 
 
 def text(word: Word) -> str:
-    """Write a word as the tree with these children, in brackets; marks as ``(k)``, from 1."""
+    """Write a word as the tree with these children, in brackets; indicators as ``(k)``, from 1."""
     return "[" + "".join(f"({t + 1})" if isinstance(t, int) else text(t) for t in word) + "]"
 
 
 def parse(tree: str) -> Word:
-    """Read what `text` writes for words without marks.
+    """Read what `text` writes for words without indicators.
 
     Raises
     ------
@@ -118,7 +156,7 @@ def parse(tree: str) -> Word:
     if tree.count("[") > MAX_NODES:
         raise ValueError(f"a tree must have at most {MAX_NODES} nodes, got {tree[:80]!r}")
 
-    def convert(found: OrderedTree) -> Word:
-        return tuple(convert(child) for child in found.children)
+    def convert(tree: OrderedTree) -> Word:
+        return tuple(convert(child) for child in tree.children)
 
     return convert(OrderedTree.parse(tree))

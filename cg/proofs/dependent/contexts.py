@@ -1,0 +1,85 @@
+"""Contexts: words with a slot, in place of a letter, which is filled with other letters.
+
+The weight is linear in the values of the letter in the slot.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from .relations import SLOT
+from .words import Word, add_multiple, shuffle, words_with
+
+__all__ = ["SLOT", "basis", "depth", "has_slot", "moments", "outer_nodes"]
+
+
+@cache
+def basis(order: int) -> tuple[Word, ...]:
+    """Return words with a slot and with at most `order` nodes around it.
+
+    The others follow by shuffles: at the root, the slot is in the last letter.
+    """
+    return tuple(h for count in range(1, order + 1) for h in _with_slot(count, last=True))
+
+
+@cache
+def _with_slot(count: int, last: bool) -> tuple[Word, ...]:
+    words: list[Word] = []
+    for inside in range(count + 1):
+        # the letter with the slot, and words before and after it
+        letters = [SLOT] if inside == 0 else list(_with_slot(inside - 1, last=False))
+        for before in range(count - inside + 1):
+            after = count - inside - before
+            if after and last:
+                continue
+            words += [
+                (*left, letter, *right)
+                for letter in letters
+                for left in words_with(before)
+                for right in words_with(after)
+            ]
+    return tuple(words)
+
+
+@cache
+def outer_nodes(context: Word) -> int:
+    """Return the number of nodes around the slot."""
+    return sum(0 if t == SLOT else 1 + outer_nodes(t) for t in context)
+
+
+def depth(word: Word) -> int:
+    """Return the number of letters around the slot, or the depth of a word without one."""
+    if SLOT in word:
+        return 0
+    inner = [t for t in word if has_slot(t)]
+    return 1 + max(map(depth, inner or word), default=-1)
+
+
+def has_slot(letter: Any) -> bool:
+    """Return whether the slot is within a letter."""
+    return letter != SLOT and any(t == SLOT or has_slot(t) for t in letter)
+
+
+@cache
+def moments(context: Word) -> dict[Word, int]:
+    """Return the combination of contexts that takes the moments of the letter in the slot.
+
+    The moments of v, along the path that the slot is on, are the integral of s dv where s is
+    the weight of τ up to there: ``s v`` less the integral of v. Integrated by parts, a word
+    ``p * q`` of it is ``(τ ⧢ p) * q`` less all ``p' * p'' τ q`` with ``p = p' p''``.
+    """
+    words: dict[Word, int] = {}
+
+    if SLOT in context:
+        place = context.index(SLOT)
+        before, after = context[:place], context[place + 1 :]
+        for word, multiplicity in shuffle(((),), before).items():
+            add_multiple(words, (*word, SLOT, *after), multiplicity)
+        for cut in range(place + 1):
+            add_multiple(words, (*before[:cut], SLOT, *before[cut:], (), *after), -1)
+    for k, letter in enumerate(context):
+        if has_slot(letter):
+            for inner, factor in moments(letter).items():
+                add_multiple(words, (*context[:k], inner, *context[k + 1 :]), factor)
+    return words

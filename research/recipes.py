@@ -1,0 +1,59 @@
+"""What programs that make methods share: a measure of candidates, and the command line."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from cg.catalogue import save
+from cg.construction import Candidate
+from cg.method.method import Method
+
+__all__ = ["merit", "run"]
+
+
+def merit(candidate: Candidate) -> float:
+    """Return the principal error, more where coefficients or abscissae are large."""
+    layout = candidate.system.layout
+    sums = np.array([candidate.x[layout.row(k)].sum() for k in range(layout.stages)])
+    outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
+    large = max(0.0, candidate.largest - 1.5)
+    return float(candidate.principal_error * (1 + large + 2 * outside))
+
+
+def run(make: Callable[[str], Method], names: Collection[str], usage: str | None) -> None:
+    """Make methods, write each to a file in a folder, and print a summary of each.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the method with a name.
+    names : collection of str
+        All names; made if the command line has none.
+    usage : str
+        Printed if the command line has no folder.
+    """
+    if len(sys.argv) < 2:
+        raise SystemExit(usage)
+    folder, chosen = Path(sys.argv[1]), sys.argv[2:]
+    if unknown := sorted(set(chosen) - set(names)):
+        raise SystemExit(f"no recipe for {', '.join(unknown)}; there are {', '.join(names)}")
+    folder.mkdir(parents=True, exist_ok=True)
+    with threadpool_limits(1):
+        for name in chosen or names:
+            begin = time.process_time()
+            method = make(name)
+            save(method, folder / f"{name}.toml")
+            second = f"({method.embedded_order})" if method.embedded_order else ""
+            largest = max(abs(float(entry.value)) for entry in method.coefficients)
+            print(
+                f"{name}: order {method.order}{second}, {method.stages} stages, "
+                f"{method.exponentials} exponentials, largest coefficient {largest:.4f}, principal "
+                f"error {method.principal_error:.4g}; {time.process_time() - begin:.0f} s",
+                flush=True,
+            )
