@@ -82,7 +82,7 @@ def integrate_compiled(
     problem
         The spinning top, or a field with affine coefficients.
     method
-        Name of an explicit method of the catalogue, or a tableau.
+        Name of a method of the catalogue that runs in compiled code, or such a method.
     h
         Step size, positive; a float means its exact binary value, a string a decimal or a
         quotient.

@@ -100,6 +100,26 @@ class TestOrder:
             errors.append(abs(run.y[-1, 0] - np.cos(2.0)))
         assert max(errors) < 1e-11
 
+    def test_stiff_order_on_rotations(self):
+        """A rotation is drawn to a moving one: of the order of the stages, with small errors."""
+        frame = SO3()
+
+        def moving(t):
+            turned = frame.flow([0.5 * np.sin(t), 0.3 * t, 0.0], np.eye(3))
+            return frame.flow([0.0, 0.0, t], np.eye(3)) @ turned
+
+        def f(t, y):
+            m = y.T @ moving(t)
+            error = 0.5 * np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+            return 1e4 * np.array([1.0, 0.5, 2.0]) * error + np.array([0.3, 0.1 * t, 0.2])
+
+        options = {"frame": frame, "method": RADAU}
+        exact = cg.solve_ivp(f, (0, 2), moving(0.0), rtol=1e-12, atol=1e-12, **options).y[-1]
+        h = np.array([0.2, 0.1, 0.05])
+        errors = final_errors(f, (0, 2), moving(0.0), exact, h=h, **options)
+        assert observed_order(h, errors, floor=1e-14).order == pytest.approx(3.0, abs=0.3)
+        assert errors[0] < 2e-8
+
 
 class TestLikeScipy:
     @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])

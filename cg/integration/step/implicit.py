@@ -64,9 +64,9 @@ class ConvergenceError(RuntimeError):
     """
 
     def __init__(self, reason: str, iterations: int, residual: float, t: float, h: float) -> None:
-        remainder = "" if math.isnan(residual) else f", with a residual of {residual:.3g},"
+        remainder = "" if math.isnan(residual) else f" the residual is {residual:.3g}"
         super().__init__(
-            f"the implicit stages did not converge ({reason}) after {iterations} iterations"
+            f"the implicit stages did not converge ({reason}): after {iterations} iterations"
             f"{remainder} in the step of h = {h:.6g} from t = {t:.17g}; "
             "a smaller step or another stage_solver may help"
         )
