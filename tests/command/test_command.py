@@ -11,7 +11,7 @@ import pytest
 from watching import interrupted_search
 
 import cg
-from cg.catalogue import dumps, loads, munthe_kaas
+from cg.catalogue import dumps, loads, magnus, munthe_kaas
 from cg.catalogue.summary import compute_summary, summary_of
 from cg.command import main, proving, searching
 
@@ -76,7 +76,7 @@ class TestList:
         every = json.loads(shown)
         assert code == 0
         assert [m["name"] for m in every if m["kind"] != "Munthe-Kaas"] != sorted(cg.methods)
-        assert {m["name"] for m in every} == {*cg.methods, *munthe_kaas}
+        assert {m["name"] for m in every} == {*cg.methods, *munthe_kaas, *magnus}
         assert [m["order"] for m in every] == sorted(m["order"] for m in every)
         proved = {m["name"]: m["proved"] for m in every}
         assert (proved["CG4a"], proved["CF8a"], proved["CG6a"]) == ("whole", "partly", "no")
@@ -97,7 +97,7 @@ class TestList:
         _, shown, _ = run("list", "--order", "6", "--max-evaluations", "7", "--sort", "name")
         heads, *rows = [line.split() for line in shown.splitlines()]
         assert heads == ["name", "kind", "order", "evaluations", "flows", "error"]
-        assert [row[0] for row in rows] == ["CF6a", "CF6b", "DICG6"]
+        assert [row[0] for row in rows] == ["CF6a", "CF6b", "CFM6(4)", "CFM6(4)b", "DICG6"]
         assert rows[1][2:5] == ["6", "7", "14"]
 
     @pytest.mark.parametrize("name", QUICK)
