@@ -3,7 +3,7 @@
     python research/find_magnus_methods.py ORDER FLOWS [FOLDER] [--symmetric] [--optimise]
 
 ``6 4`` finds four flows for order six, ``8 8 --symmetric`` eight flows for order eight, ``6 6
---symmetric --optimise --seed 5 --starts 4`` six flows for order six with a small error. A(t) is
+--symmetric --optimise --seed 1 --starts 2`` six flows for order six with a small error. A(t) is
 expanded in K = ORDER/2 Legendre polynomials on the step, with --optimise in one more; Lobatto's
 formula with K + 1 nodes integrates all that the order needs. With x_ij the weight of polynomial j
 in exponential i, the order conditions are those of Lyndon words in K letters of degrees 1 to K (of

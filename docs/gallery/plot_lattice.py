@@ -7,14 +7,15 @@ periodic lattice with 16 sites: 64 matrices, a point of a manifold of dimension 
 """
 
 import matplotlib.pyplot as plt
+from gradient_flow import GradientFlow
 
 import cg
 
 fig, ax = plt.subplots(figsize=(6, 3.6), layout="constrained")
 for roughness, style in zip((0.25, 0.5, 1.0), ("-", "--", "-."), strict=True):
-    problem = cg.problems.GradientFlow(roughness=roughness)
+    problem = GradientFlow(roughness=roughness)
     run = cg.integrate(problem.f, (0, 1), problem.y0, frame=problem.frame, method="CF3", h=0.02)
-    action = problem.action(run.y) / (6 * problem.lattice.sites)
+    action = [problem.action(y) for y in run.y]
     ax.semilogy(run.t, action, style, label=f"roughness {roughness:g}")
 ax.set(xlabel="flow time", ylabel="action per plaquette")
 ax.legend()

@@ -37,7 +37,7 @@ def test_plots_page(tmp_path, monkeypatch):
 
     names = run("docs/plots.md")
     assert (tmp_path / "cf4.png").stat().st_size > 1000
-    assert names["ax"].name == "3d"
+    assert names["ax"].get_ylabel() == "Euler angles (°)"
     plt.close("all")
     page = (ROOT / "docs/plots.md").read_text(encoding="utf-8")
     assert all(f"`{name}(" in page for name in cg.plot.__all__)

@@ -39,7 +39,8 @@ def test_front_page_prints_what_it_shows(capsys):
     "name",
     [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in GALLERY],
 )
-def test_program_of_gallery_draws_a_figure(name):
+def test_program_of_gallery_draws_a_figure(name, monkeypatch):
+    monkeypatch.syspath_prepend(DOCS / "gallery")
     pytest.importorskip("matplotlib").use("Agg")
     from matplotlib import pyplot as plt
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 GALLERY = Path(__file__).resolve().parents[2] / "docs/gallery"
-NAMES = sorted(path.stem for path in GALLERY.glob("*.py"))
+NAMES = sorted(path.stem for path in GALLERY.glob("*.py") if not path.stem.startswith("plot_"))
 
 
 def load(name):

@@ -104,7 +104,7 @@ def masked(x):
         ),
         *(
             (lambda x=x: make_method(Layout.tableau(1), x), ValueError, "x must")
-            for x in ("1", 5, None, {1: 2})
+            for x in ("1", 5, None)
         ),
         (
             lambda: make_method(Layout.tableau(1), [1], digits=1.5),
@@ -189,7 +189,7 @@ def test_method_names_must_be_strings(name):
 
 
 def test_similar_names_of_methods_are_suggested():
-    with pytest.raises(KeyError, match=r"no method is named 'CG4A'; .*; similar names are CG4a"):
+    with pytest.raises(KeyError, match=r"no method is named 'CG4A'; similar names are CG4a"):
         cg.methods["CG4A"]
 
 
@@ -203,7 +203,6 @@ def test_similar_names_of_methods_are_suggested():
         lambda order: conditions.residuals([[0]], [1], order),
         lambda order: residuals_exact([[0]], [1], order),
         CG3.largest_residual,
-        CG3.principal_error,
     ],
 )
 def test_orders_must_be_integers(function):
