@@ -166,7 +166,7 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
     for catalogue in catalogues.values():
         if method in catalogue:
             return catalogue[method]
+    rest = "" if method in _IN_SCIPY else f"; {_all(methods, munthe_kaas)}"
     raise ValueError(
-        f"method must be the name of a method, got {method!r}{similar_names(method)}; "
-        f"{_all(methods, munthe_kaas)}"
+        f"method must be the name of a method, got {method!r}{similar_names(method)}{rest}"
     )

@@ -116,7 +116,7 @@ def solve_ivp(
         Number of adaptive steps, rejected ones included, after which the integration ends
         without success; by default 1,000,000.
     args
-        Further arguments of ``f`` and of the events.
+        Further arguments of ``f``, of ``jac`` and of the events.
     parameters
         Numbers, shape ``(k,)``, passed to ``f`` and the events as last argument; a compiled
         ``f`` receives their address.

@@ -252,6 +252,8 @@ class Stepper:
             If the integration has ended.
         """
         target = check_real_time(t, "t", infinite=False)
+        if self.status == "finished" and target != self.t:
+            self._check_running()
         if self.direction * (target - self.t) < 0.0 or (
             self.direction * (target - self.t_bound) > 0.0
         ):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from itertools import permutations
 from typing import Any
 
@@ -19,6 +20,7 @@ _SEQUENCES = {"".join(axes) for axes in permutations("xyz")} | {
 }
 _DASHES = ("-", "--", "-.")
 _ORDER = ("first", "second", "third")
+_POINTS = 1000  # drawn of a solution with dense output
 
 
 def attitude(
@@ -30,7 +32,8 @@ def attitude(
     ----------
     y : Solution, scipy.spatial.transform.Rotation or array_like
         A solution on `SO3`, `UnitQuaternion`, `SE3` or a product with one of them, rotations,
-        matrices of shape ``(n, 3, 3)``, or quaternions of shape ``(n, 4)``, scalar last.
+        matrices of shape ``(n, 3, 3)``, or quaternions of shape ``(n, 4)``, scalar last.  A
+        solution with dense output is drawn between its steps too.
     ax : matplotlib.axes.Axes, optional
         By default those of a new figure.
     show : str, optional
@@ -57,12 +60,18 @@ def attitude(
     TypeError
         If `ax` isn't axes of matplotlib.
 
+    Warns
+    -----
+    UserWarning
+        If the attitude turns by more than 90 degrees between two times, so that the curves between
+        them mean nothing.
+
     Examples
     --------
     >>> import cg
     >>> run = cg.solve_ivp(
     ...     lambda t, y: [0.4, 0.2 * y[3], 1.0], (0, 3), [0.0, 0.0, 0.0, 1.0],
-    ...     frame=cg.frames.UnitQuaternion(),
+    ...     frame=cg.frames.UnitQuaternion(), dense_output=True,
     ... )
     >>> ax = cg.plot.attitude(run, show="vector")
     >>> ax.get_ylabel()
@@ -81,8 +90,13 @@ def attitude(
             "reference must be given with show='error', and only then, got "
             f"reference={reference!r} and show={show!r}"
         )
-    rotations, times_of_solution = rotations_of(y)
+    within = None
+    if t is None and show != "error" and getattr(y, "sol", None) is not None:
+        within = np.linspace(y.t[0], y.t[-1], _POINTS)
+    rotations, times_of_solution = rotations_of(y, at=within)
     times = _times(t, times_of_solution, len(rotations))
+    if show != "error":
+        _warn_of_long_steps(rotations)
     labels = [f"{axis} axis" for axis in "xyz"]
     if show == "error":
         exact, _ = rotations_of(reference, "reference", times)
@@ -114,6 +128,20 @@ def attitude(
     unit = "° / unit of time" if show == "rate" else "°"
     ax.set(xlabel="t", ylabel=f"{title} ({unit})")
     return ax
+
+
+def _warn_of_long_steps(rotations: Any) -> None:
+    """Warn if an attitude turns too far between two times."""
+    turns = (
+        np.rad2deg((rotations[:-1].inv() * rotations[1:]).magnitude()) if len(rotations) > 1 else 0
+    )
+    if np.max(turns, initial=0.0) > 90.0:
+        warnings.warn(
+            f"the attitude turns by {np.max(turns):.0f} degrees between two times, so that the "
+            "curves between them mean nothing: integrate with dense_output=True, or give more "
+            "points",
+            stacklevel=3,
+        )
 
 
 def _times(t: Any, times: NDArray[np.float64] | None, count: int) -> NDArray[np.float64]:

@@ -47,6 +47,10 @@ def rotations_of(
     frame, times = getattr(y, "frame", None), None
     if isinstance(frame, Frame):
         times, points = np.asarray(y.t, dtype=np.float64), np.asarray(y.y)
+        if points.ndim != 1 + len(frame.point_shape):
+            raise ValueError(
+                f"{name} must be a solution of one point, such as run[0] of an ensemble"
+            )
         if at is not None and y.sol is not None:
             times, points = at, np.asarray(y.sol(at))
         rotations = _of_frame(frame, points)

@@ -19,7 +19,7 @@ frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(6))
 
 
 def f(t, y):
-    """Return the angular velocity in orbit axes, and rates of the body and of the wheels."""
+    """Return the angular velocity relative to the orbit, and rates of the body and the wheels."""
     q, omega, wheels = y[:4], y[4:7], y[7:]
     to_orbit = frame.factors[0].as_rotation(q).as_matrix()
     up, normal = to_orbit[0], to_orbit[2]  # orbit axes in the body

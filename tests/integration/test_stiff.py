@@ -238,7 +238,7 @@ class TestJacobian:
             solve(jac=jac)
 
     def test_other_methods_take_none(self):
-        with pytest.raises(ValueError, match='jac must be None unless method is "RadauIIA5"'):
+        with pytest.raises(ValueError, match='jac must be None unless method="RadauIIA5"'):
             solve(method="auto", jac=jacobian)
 
 

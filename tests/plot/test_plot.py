@@ -308,7 +308,9 @@ class TestAttitude:
         coefficients[2 if isinstance(frame, cg.frames.Product) else 0] = 0.5
         run = cg.solve_ivp(lambda t, y: coefficients, (0, 3), y0, frame=frame, dense_output=True)
         cg.plot.attitude(run, ax, show="vector")
-        np.testing.assert_allclose(ax.lines[0].get_ydata(), np.rad2deg(0.5 * run.t), atol=1e-12)
+        times, angles = ax.lines[0].get_data()
+        assert len(times) > 100
+        np.testing.assert_allclose(angles, np.rad2deg(0.5 * times), atol=1e-10)
         exact = Rotation.from_rotvec([[0.5, 0, 0], [1.0, 0.1, 0]])
         cg.plot.attitude(exact, ax, show="error", t=[1.0, 2.0], reference=run)
         np.testing.assert_allclose(ax.lines[-1].get_ydata()[0], 0.0, atol=1e-12)
@@ -334,6 +336,26 @@ class TestAttitude:
     def test_rejects(self, ax, arguments, message):
         with pytest.raises(ValueError, match=message):
             cg.plot.attitude(**{"y": self.turns, "ax": ax, **arguments})
+
+    def test_long_steps(self, ax):
+        """A turn by several radians in a step is drawn if there is dense output, else warned of."""
+        frame, spin = cg.frames.SO3(), lambda t, y: [0.0, 0.0, 2.0]
+        run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame)
+        with pytest.warns(UserWarning, match="the attitude turns by 1.. degrees between two times"):
+            cg.plot.attitude(run, ax)
+        run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame, dense_output=True)
+        cg.plot.attitude(run, ax)
+        assert ax.lines[3].get_ydata()[-1] == pytest.approx(np.rad2deg(200.0))
+
+    def test_rejects_ensembles(self, ax):
+        run = cg.solve_ensemble(
+            lambda t, y: [0, 0, 1.0], (0, 1), np.stack([np.eye(3)] * 2), frame=cg.frames.SO3()
+        )
+        with pytest.raises(
+            ValueError, match=r"y must be a solution of one point, such as run\[0\]"
+        ):
+            cg.plot.attitude(run, ax)
+        cg.plot.attitude(run[0], ax)
 
     def test_rejects_a_frame_without_rotations(self, ax):
         run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))

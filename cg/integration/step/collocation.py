@@ -166,7 +166,7 @@ def jacobian_of(
     from cg.integration.variational.problem import check_function
 
     if not is_collocation(method):
-        raise ValueError(f'jac must be None unless method is "RadauIIA5", got {method!r}')
+        raise ValueError(f'jac must be None unless method="RadauIIA5", and it is {method!r}')
     check_function(jac, "jac", rhs.vectorized)
     count = 0 if rhs.parameters is None else rhs.parameters.shape[-1]
     jacobian = Jacobian(VariationalField(frame, f, jac, None, count, rhs.vectorized), rhs=rhs)
