@@ -97,25 +97,7 @@ def attitude(
     times = _times(t, times_of_solution, len(rotations))
     if show != "error":
         _warn_of_long_steps(rotations)
-    labels = [f"{axis} axis" for axis in "xyz"]
-    if show == "error":
-        exact, _ = rotations_of(reference, "reference", times)
-        if len(exact) != len(rotations):
-            raise ValueError(
-                f"reference must hold {len(rotations)} rotations, as y, got {len(exact)}"
-            )
-        angles = np.asarray((exact.inv() * rotations).magnitude())
-        curves, labels, title = angles[:, None], [""], "error"
-    elif show == "rate":
-        step = np.diff(times)
-        curves = (rotations[:-1].inv() * rotations[1:]).as_rotvec() / step[:, None]
-        times, title = times[:-1] + step / 2, "angular velocity"
-    elif show == "vector":
-        curves, title = rotations.as_rotvec(), "rotation vector"
-    else:
-        sequence: Any = show
-        curves, title = np.unwrap(rotations.as_euler(sequence), axis=0), "Euler angles"
-        labels = [f"{order} angle, {axis}" for order, axis in zip(_ORDER, show, strict=True)]
+    times, curves, labels, title = _curves(show, rotations, times, reference)
     ax = axes_for(ax)
     for curve, label, colour, dashes in zip(
         np.rad2deg(curves.T), labels, COLOURS, _DASHES, strict=False
@@ -128,6 +110,30 @@ def attitude(
     unit = "° / unit of time" if show == "rate" else "°"
     ax.set(xlabel="t", ylabel=f"{title} ({unit})")
     return ax
+
+
+def _curves(
+    show: str, rotations: Any, times: NDArray[np.float64], reference: Any
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str], str]:
+    """Return times, curves in radians, shape ``(n, curves)``, their labels and what they are."""
+    labels = [f"{axis} axis" for axis in "xyz"]
+    if show == "error":
+        exact, _ = rotations_of(reference, "reference", times)
+        if len(exact) != len(rotations):
+            raise ValueError(
+                f"reference must hold {len(rotations)} rotations, as y, got {len(exact)}"
+            )
+        angles = np.asarray((exact.inv() * rotations).magnitude())
+        return times, angles[:, None], [""], "error"
+    if show == "rate":
+        step = np.diff(times)
+        rates = (rotations[:-1].inv() * rotations[1:]).as_rotvec() / step[:, None]
+        return times[:-1] + step / 2, rates, labels, "angular velocity"
+    if show == "vector":
+        return times, rotations.as_rotvec(), labels, "rotation vector"
+    sequence: Any = show
+    labels = [f"{order} angle, {axis}" for order, axis in zip(_ORDER, show, strict=True)]
+    return times, np.unwrap(rotations.as_euler(sequence), axis=0), labels, "Euler angles"
 
 
 def _warn_of_long_steps(rotations: Any) -> None:
