@@ -46,7 +46,7 @@ def named(name: str) -> Method:
     if any(name in catalogue for catalogue in catalogues.values()):
         return resolve_method(name)
     raise ValueError(
-        f"no method is named {name!r}, and it is no .toml or .json file{similar_names(name)}"
+        f"no method is named {name!r}, and no .toml or .json file is there{similar_names(name)}"
     )
 
 

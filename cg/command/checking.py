@@ -19,7 +19,7 @@ class _Diagnosed(MethodArgument):
     ) -> Diagnosis:
         try:
             return diagnose_file(value) if is_file(value) else diagnose(named(value))
-        except (MethodError, OSError, ValueError) as problem:
+        except (MethodError, OSError, TypeError, ValueError) as problem:
             raise self._refused(param, problem) from None
 
 

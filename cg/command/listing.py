@@ -90,7 +90,7 @@ def list_command(
         as_json([facts.as_dict() | {"proved": proved(catalogue[facts.name])} for facts in selected])
         return
     if not selected:
-        say("no method of the catalogue meets these conditions")
+        say("no method of the catalogue matches these options")
         return
     heads = ("name", "kind", "order", "evaluations", "flows", "error")
     say(table([heads, *map(_row, selected)]))

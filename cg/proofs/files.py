@@ -55,7 +55,7 @@ def certificate_of(method: Method) -> Certificate:
         raise CertificationError(
             f"{name or 'the method'} isn't in the catalogue"
             f"{', and no certificate lies beside its file' * (method.file is not None)}: "
-            "see cg.certify"
+            "pass certificate=cg.certify(method)"
         )
     path = folder() / f"{name}.toml"
     if not path.is_file():

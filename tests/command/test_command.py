@@ -159,6 +159,12 @@ class TestShow:
 
 
 class TestCheck:
+    def test_magnus_methods_are_rejected_in_a_line(self, run):
+        code, shown, error = run("check", "CFM6(4)")
+        assert (code, shown) == (2, "")
+        assert "method must be one for nonlinear equations" in error
+        assert len(error.splitlines()) == 1
+
     def test_a_method_without_mistake(self, run):
         code, shown, _ = run("check", "CG4a", "--order", "4")
         assert code == 0

@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 def certificates():
     counts = Counter(map(proved, cg.methods.values()))
     yield (
-        f"Of the {len(cg.methods)} methods of the catalogue the orders of {counts['whole']} are "
+        f"Of the {len(cg.methods)} methods of `cg.methods` the orders of {counts['whole']} are "
         f"proved; of {counts['partly']} it is"
     )
     for name, method in cg.methods.items():

@@ -73,7 +73,7 @@ class TestDigits:
         with pytest.raises(
             ValueError,
             match=r"digits must be at most 34, which are stored, since mine isn't in the "
-            r"catalogue: see cg.certify; got 50",
+            r"catalogue: pass certificate=cg.certify\(method\); got 50",
         ):
             method.export("json", digits=50)
         certificate = cg.certify(method)
