@@ -67,25 +67,10 @@ def proof(method: Method) -> tuple[str, str]:
         certificate = certificate_of(method)
     except CertificationError:
         return "no", "No proof is stored."
-    found = f"**Proved: order {order_of(method)}**"
-    where = (
-        "the stored coefficients satisfy all order conditions exactly"
-        if Fraction(certificate.radius) == 0
-        else "coefficients that satisfy all order conditions exactly lie within "
-        f"{certificate.radius} of the stored ones"
-    )
-    if not certificate.complete:
-        found = f"**Proved in part: order {order_of(method)}**"
-        small, _, trees = certificate.identities[0].partition(":")
-        where = (
-            f"of the independent conditions, all but {len(trees.split())} hold exactly for "
-            f"coefficients within {certificate.radius} of the stored ones; there the others are "
-            f"{small.removeprefix('only small, ')}"
-        )
     details = certificate.dumps()
-    return ("yes" if certificate.complete else "in part"), (
-        f"{found}: {where}. The order is not {certificate.order + 1}. "
-        "[How orders are proved](../certificates.md)\n\n"
+    return certificate.proved, (
+        f"**{certificate.heading.capitalize()}**: {certificate.statement}. The order is not "
+        f"{certificate.order + 1}. [How orders are proved](../certificates.md)\n\n"
         f"<details><summary>The certificate</summary>\n\n```toml\n{details}```\n\n</details>"
     )
 

@@ -40,7 +40,7 @@ def main() -> int:
                 print(f"{'FAILED' if claimed else 'no proof of'} {method.name}: {error}")
             else:
                 known.save(CERTIFICATES / f"{method.name}.toml")
-                print(f"proved {known}")
+                print(known)
         names = without if known is None else whole if known.complete else partly
         names.append(method.name)
     shown = markdown(table(compute(Context(Settings(), Path()))))

@@ -10,9 +10,11 @@ import click
 
 from cg.catalogue import catalogues
 from cg.catalogue.summary import MethodSummary, summary_of
+from cg.proofs import proved
 from cg.support.parsing import visible
 
 from .arguments import as_json, json_option, say
+from .main import NO
 
 __all__ = ["list_command", "table"]
 
@@ -43,6 +45,9 @@ _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magn
     "--pair/--no-pair", default=None, help="Only pairs, or only methods without an error estimate."
 )
 @click.option(
+    "--proved", "only_proved", is_flag=True, help="Only methods whose order is proved in full."
+)
+@click.option(
     "--kind", type=click.Choice(_KINDS, case_sensitive=False), help="Only methods of this kind."
 )
 @click.option(
@@ -56,20 +61,24 @@ def list_command(
     max_evaluations: int | None,
     max_flows: int | None,
     pair: bool | None,
+    only_proved: bool,
     kind: str | None,
     sort: str,
     in_json: bool,
-) -> None:
+) -> int:
     """List the methods of the catalogue.
 
     The flows of a pair include those of its error estimate. The error is the principal error, the
-    norm of the residuals of the next order. In JSON, "proved" says whether a certificate proves
-    the order: "whole", "partly" or "no".
+    norm of the residuals of the next order. "proved" says whether a certificate proves the order:
+    "yes", "in part" or "no".
+
+    Exits with 1 if no method matches.
 
     \b
     Examples:
       crouch-grossman list
       crouch-grossman list --min-order 5 --pair --sort flows
+      crouch-grossman list --order 6 --proved
       crouch-grossman list --kind implicit --json
     """
     catalogue = {name: method for own in catalogues.values() for name, method in own.items()}
@@ -84,19 +93,20 @@ def list_command(
         and (kind is None or facts.kind == kind)
     ]
     selected.sort(key=lambda f: (_KEYS[sort](f), f.evaluations, f.flows, f.name))
+    proofs = {facts.name: proved(catalogue[facts.name]) for facts in selected}
+    if only_proved:
+        selected = [facts for facts in selected if proofs[facts.name] == "yes"]
     if in_json:
-        from cg.proofs import proved
-
-        as_json([facts.as_dict() | {"proved": proved(catalogue[facts.name])} for facts in selected])
-        return
-    if not selected:
+        as_json([facts.as_dict() | {"proved": proofs[facts.name]} for facts in selected])
+    elif selected:
+        heads = ("name", "kind", "proved", "order", "evaluations", "flows", "error")
+        say(table([heads, *(_row(facts, proofs[facts.name]) for facts in selected)], left=3))
+    else:
         say("no method of the catalogue matches these options")
-        return
-    heads = ("name", "kind", "order", "evaluations", "flows", "error")
-    say(table([heads, *map(_row, selected)]))
+    return 0 if selected else NO
 
 
-def _row(summary: MethodSummary) -> tuple[str, ...]:
+def _row(summary: MethodSummary, proof: str) -> tuple[str, ...]:
     pair = "" if summary.embedded_order is None else f"({summary.embedded_order})"
     error = "" if summary.principal_error is None else f"{summary.principal_error:.3g}"
     about = "≈" if summary.approximate else ""
@@ -106,7 +116,7 @@ def _row(summary: MethodSummary) -> tuple[str, ...]:
         str(summary.pair_flows),
         error,
     )
-    return visible(summary.name), summary.kind, *numbers
+    return visible(summary.name), summary.kind, proof, *numbers
 
 
 def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:

@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     -------
     int
         The exit code: 0 for success; 1 for a negative result (a method has a mistake, a proof
-        fails, a search finds nothing); 2 for a wrong argument, which a line on standard error
+        fails, a list or a search is empty); 2 for a wrong argument, which a line on standard error
         names; 130 after an interrupt.
     """
     given = None if arguments is None else list(arguments)

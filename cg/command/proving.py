@@ -21,8 +21,12 @@ __all__ = ["certify_command"]
     "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
     help="Output file of the certificate.",
 )  # fmt: skip
+@click.option(
+    "--small", is_flag=True,
+    help="Accept a proof in part: some conditions are only shown to be small.",
+)  # fmt: skip
 @json_option
-def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
+def certify_command(method: Method, output: Path | None, small: bool, in_json: bool) -> int:
     """Prove the order of a method in ball arithmetic.
 
     Prints the certificate: a box around the coefficients contains exactly one method that has the
@@ -34,15 +38,16 @@ def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
     Examples:
       crouch-grossman certify CG4a
       crouch-grossman certify my_method.toml -o my_method.certificate.toml
+      crouch-grossman certify CF5c --small
     """
     check_output(output)
     try:
-        certificate = certify(method)
+        certificate = certify(method, small=small)
     except TypeError as error:
         raise click.BadParameter(str(error), param_hint="NAME|FILE") from None
     except CertificationError as error:
         if in_json:
-            as_json({"name": method.name, "proved": False, "message": str(error)})
+            as_json({"name": method.name, "proved": "no", "message": str(error)})
         else:
             say(f"not proved: {error}")
         return NO
@@ -53,7 +58,7 @@ def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
         as_json(
             {
                 "name": certificate.name,
-                "proved": True,
+                "proved": certificate.proved,
                 "order": certificate.order,
                 "embedded_order": certificate.embedded_order,
                 "radius": certificate.radius,
@@ -65,5 +70,5 @@ def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
     else:
         if output is None:
             say(certificate.dumps())
-        say(f"proved {certificate}")
+        say(str(certificate))
     return 0

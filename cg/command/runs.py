@@ -167,7 +167,7 @@ def publish_start(
     say(f"{made.method!r}")
     say(f"principal error {made.initial_principal_error:.3g}, now {made.principal_error:.3g}")
     if made.reason:
-        say(f"{'not' if made.certificate is None else 'only in part'} proved: {made.reason}")
+        say(f"not proved{'' if made.certificate is None else ' in full'}: {made.reason}")
     if made.certificate is not None:
         say(str(made.certificate))
     for file in made.files:

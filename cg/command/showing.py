@@ -11,28 +11,31 @@ import click
 from cg.analysis.diagnosis import draw_points
 from cg.catalogue.summary import MethodSummary, summary_of
 from cg.formats import export
+from cg.formats.digits import MAX_DIGITS, known_digits, numbers_of
 from cg.method.coefficients import Coefficient
 from cg.method.commutator_free import CommutatorFree
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.support.parsing import visible
+from cg.support.quads import to_decimal
 
 from .arguments import METHOD, as_json, certificate_of_file, json_option, say
 from .listing import table
 
 __all__ = ["show_command"]
 
+_DIGITS = 6  # printed by default
 _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
 
 
 @click.command("show", short_help="Show all data of one method.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @click.option(
-    "--digits", type=click.IntRange(1, 36), default=6, show_default=True, metavar="N",
-    help="Significant digits of the printed coefficients.",
+    "--digits", type=click.IntRange(1, MAX_DIGITS), metavar="N",
+    help="Significant digits, by default 6; those beyond the stored ones come from the certificate.",
 )  # fmt: skip
 @json_option
-def show_command(method: Method, digits: int, in_json: bool) -> None:
+def show_command(method: Method, digits: int | None, in_json: bool) -> None:
     """Show the tableau or points, order, principal error, stability, proof and source of a method.
 
     Points are drawn as a tree: a flow leads from each point to those below it. F1 is the field
@@ -51,6 +54,9 @@ def show_command(method: Method, digits: int, in_json: bool) -> None:
         data = {**summary.as_dict(), "certificate": certificate, "source": method.source}
         as_json(data | {"method": json.loads(export(method, "json"))})
         return
+    if digits is not None and digits > (known_digits(method) or digits):
+        method = numbers_of(method, digits, None).rounded()
+    drawing = _drawing(method, digits or _DIGITS)
     say(f"{visible(method.name) or 'a method'}, {summary.kind}\n")
     lines = [
         *_numbers(summary),
@@ -60,7 +66,7 @@ def show_command(method: Method, digits: int, in_json: bool) -> None:
     width = max(len(label) for label, _ in lines)
     for label, value in lines:
         say(f"  {label.ljust(width)}  {value}".rstrip())
-    say("\n" + _drawing(method, digits))
+    say("\n" + drawing)
 
 
 def _drawing(method: Method, digits: int) -> str:
@@ -147,9 +153,9 @@ def _sum(row: Sequence[Fraction], digits: int) -> str:
     total = sum(row, Fraction(0))
     # Python may be unable to write a longer fraction
     text = str(total) if total.denominator.bit_length() <= _MAX_BITS else ""
-    return text if 0 < len(text) <= digits + 1 else f"{float(total):.{digits}g}"
+    return text if 0 < len(text) <= digits + 1 else to_decimal(total, digits)
 
 
 def _text(x: Coefficient, digits: int) -> str:
     text = x.text
-    return text if len(text) <= digits + 1 and "x" not in text else f"{float(x.value):.{digits}g}"
+    return text if len(text) <= digits + 1 and "x" not in text else to_decimal(x.value, digits)

@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(items: Sequence[str], prove: Callable[[str], Certificate]) -> int:
-    counts = {"proved": 0, "partly": 0, "failed": 0}
+    counts = {"yes": 0, "in part": 0, "failed": 0}
     for item in items:
         begin = time.perf_counter()
         try:
@@ -51,11 +51,11 @@ def _run(items: Sequence[str], prove: Callable[[str], Certificate]) -> int:
             counts["failed"] += 1
             message = f"FAILED {item}: {error}"
         else:
-            counts["proved" if certificate.complete else "partly"] += 1
-            message = f"{'proved' if certificate.complete else 'partly proved'} {certificate}"
+            counts[certificate.proved] += 1
+            message = str(certificate)
         print(f"{visible_lines(message)} [{time.perf_counter() - begin:.1f} s]", flush=True)
-    others = (f", {count} {how}" for how, count in counts.items() if count and how != "proved")
-    print(f"{counts['proved']} proved{''.join(others)}")
+    others = (f", {count} {how}" for how, count in counts.items() if count and how != "yes")
+    print(f"{counts['yes']} proved{''.join(others)}")
     return 1 if counts["failed"] else 0
 
 

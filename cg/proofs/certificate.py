@@ -128,22 +128,36 @@ class Certificate:
         """Whether all conditions are proved; otherwise some are only shown to be small."""
         return not any(name.startswith("only small") for name in self.identities)
 
-    def __str__(self) -> str:
+    @property
+    def proved(self) -> str:
+        """How much of the order is proved: ``"yes"``, or ``"in part"`` if not `complete`."""
+        return "yes" if self.complete else "in part"
+
+    @property
+    def heading(self) -> str:
+        """What is proved, in a few words: ``"order 8 is proved"``, or ``"… in part"``."""
         pair = f"({self.embedded_order})" if self.embedded_order else ""
+        return f"order {self.order}{pair} is proved{'' if self.complete else ' in part'}"
+
+    @property
+    def statement(self) -> str:
+        """What is proved, in a clause."""
         if Fraction(self.radius) == 0:
-            proved = "by its rational coefficients themselves"
-        else:
-            proved = f"within {self.radius} of the stored coefficients"
-        headings = [name.partition(":")[0] for name in self.identities]
-        identities = f", with {' and '.join(headings)}" if headings else ""
-        if not self.complete:
-            left = len(self.identities[0].partition(":")[2].split())
-            proved += f" but for {left} conditions"
-            identities = f"; those are{headings[0].removeprefix('only small,')} there"
+            return "the stored coefficients satisfy all order conditions exactly"
+        exact = f"coefficients within {self.radius} of the stored ones satisfy all"
+        if self.complete:
+            return f"{exact} order conditions exactly"
+        bound, _, trees = self.identities[0].removeprefix("only small, ").partition(":")
+        left = len(trees.split())
+        return f"{exact} but {left} of the independent conditions exactly, and those are {bound}"
+
+    def __str__(self) -> str:
+        names = [name.partition(":")[0] for name in self.identities] if self.complete else []
+        identities = f", with {' and '.join(names)}" if names else ""
+        held = f"; {len(self.fixed)} coefficients are held" if Fraction(self.radius) else ""
         return (
-            f"{self.name}: order {self.order}{pair} {proved}, {len(self.fixed)} of them held"
-            f"{identities}; not order {self.order + 1}: {self.beyond.tree} is off by "
-            f"at least {self.beyond.bound}"
+            f"{self.name}: {self.heading}: {self.statement}{identities}{held}; not order "
+            f"{self.order + 1}: {self.beyond.tree} is off by at least {self.beyond.bound}"
         )
 
     def dumps(self) -> str:

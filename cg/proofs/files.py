@@ -72,14 +72,13 @@ def proved(method: Method) -> str:
     Returns
     -------
     str
-        ``"whole"``; ``"partly"`` if some conditions are only shown to be small; ``"no"`` without
-        a certificate.
+        ``"yes"``; ``"in part"`` if some conditions are only shown to be small; ``"no"`` without a
+        certificate.
     """
     try:
-        certificate = certificate_of(method)
+        return certificate_of(method).proved
     except CertificationError:
         return "no"
-    return "whole" if certificate.complete else "partly"
 
 
 def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:

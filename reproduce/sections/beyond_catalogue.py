@@ -29,7 +29,7 @@ _EXPLANATION = (
     "rational arithmetic. Rank: that of the Jacobian of the independent conditions, and their "
     "number. These columns were computed in this run. The last column is read from the "
     "certificates' files: the radius around the stored coefficients within which an exact method "
-    "was proved to exist, 0 if the coefficients are exact, and partly if this was proved for "
+    "was proved to exist, 0 if the coefficients are exact, and in part if this was proved for "
     "independent conditions and the others were proved to be tiny. python -m cg.proofs --check "
     "repeats the proofs."
 )
@@ -157,7 +157,7 @@ def _proved(certificate: Data | None) -> str:
     if certificate is None:
         return number(None)
     radius = number(float(certificate["radius"]), 2)
-    return radius if certificate["complete"] else f"partly {radius}"
+    return radius if certificate["complete"] else f"in part {radius}"
 
 
 def markdown(shown: Table) -> str:

@@ -67,7 +67,7 @@ def test_pages_of_methods(from_docs):
     assert set(pages.METHODS) == {*cg.methods, *munthe_kaas}
     for name, method in pages.METHODS.items():
         words, sentences = pages.proof(method)
-        assert (words == "yes") == (sentences.startswith(f"**Proved: order {method.order}")), name
+        assert (words == "yes") == ("is proved:" in sentences.replace("**", "")), name
         assert pages.coefficients(method).startswith("| "), name
         *entries, own = pages.citations(method)
         assert f"method {name}}}" in own

@@ -75,7 +75,7 @@ class TestProofs:
 
     def test_what_must_be_proved(self):
         found = {name: proved(method) for name, method in methods.items()}
-        assert found == dict.fromkeys(methods, "whole") | dict.fromkeys(PARTLY, "partly") | {
+        assert found == dict.fromkeys(methods, "yes") | dict.fromkeys(PARTLY, "in part") | {
             "CG6a": "no"
         }
         assert set(CERTIFIED) == set(methods) - {"CG6a"}
@@ -288,7 +288,7 @@ class TestCommand:
     def test_all_small_ones(self, capsys):
         assert main(["--check", *PROVED_HERE]) == 0
         out = capsys.readouterr().out
-        assert "CG5a: order 5 within" in out
+        assert "CG5a: order 5 is proved: coefficients within" in out
         assert out.splitlines()[-1] == f"{len(PROVED_HERE)} proved"
 
     def test_partial_proofs_are_counted_apart(self, tmp_path, capsys):
@@ -296,9 +296,9 @@ class TestCommand:
         certify("CF5c", small=True).save(path)
         assert main(["--check", "CG3", str(path), "nonsense"]) == 1
         first, second, _, last = capsys.readouterr().out.splitlines()
-        assert first.startswith("proved CG3")
-        assert second.startswith("partly proved CF5c")
-        assert last == "1 proved, 1 partly, 1 failed"
+        assert first.startswith("CG3: order 3 is proved: ")
+        assert second.startswith("CF5c: order 5 is proved in part: ")
+        assert last == "1 proved, 1 in part, 1 failed"
 
     def test_failures_have_an_exit_code(self, tmp_path, capsys):
         path = tmp_path / "CG4a.toml"
@@ -323,7 +323,7 @@ class TestCommand:
             text=True,
             check=True,
         )
-        assert "proved CG3" in run.stdout
+        assert "CG3: order 3 is proved" in run.stdout
 
 
 class TestDigits:
@@ -413,7 +413,7 @@ class TestOnlySmall:
         certificate = certify(method, small=True)
         assert not certificate.complete
         assert certificate_of(method).complete
-        assert "but for 8 conditions" in str(certificate)
+        assert "all but 8 of the independent conditions" in str(certificate)
         assert "those are below 1e-" in str(certificate)
         assert Certificate.loads(certificate.dumps()) == certificate
         check(certificate, method)

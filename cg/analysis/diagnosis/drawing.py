@@ -7,6 +7,7 @@ from typing import Any
 
 from ...structure.points import START, points_of
 from ...support.checks import check_integer
+from ...support.quads import to_decimal
 from ...trees.ordered import OrderedTree
 
 __all__ = ["draw_points", "draw_tree"]
@@ -42,7 +43,7 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     ----------
     method : cg.Method or PointTree
     digits : int, optional
-        Significant digits of weights, at most 17.
+        Significant digits of weights.
 
     Examples
     --------
@@ -53,7 +54,7 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     │   └── point 3: -0.0833333 F1 + 0.75 F3; result
     └── point 2: 0.666667 F2; stage 3
     """
-    tree, digits = points_of(method), check_integer("digits", digits, 1, 17)
+    tree, digits = points_of(method), check_integer("digits", digits, 1, 4000)
     below: dict[int, list[int]] = {m: [] for m in range(START, len(tree.points))}
     for m, point in enumerate(tree.points):
         below[point.parent].append(m)
@@ -62,7 +63,7 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     def label(m: int) -> str:
         if m == START:
             return f"start: {', '.join(roles[m])}" if m in roles else "start"
-        terms = [(f"{float(w):.{digits}g}", k + 1) for k, w in tree.points[m].weights.items()]
+        terms = [(to_decimal(w, digits), k + 1) for k, w in tree.points[m].weights.items()]
         flow = " + ".join(f"{weight} F{stage}" for weight, stage in terms).replace("+ -", "- ")
         return "; ".join([f"point {m + 1}: {flow or 'no flow'}", *roles.get(m, [])])
 
