@@ -87,7 +87,7 @@ def reproduce_command(
     workers: int | None,
     listing: bool,
 ) -> int:
-    r"""Reproduce the figures, tables and claims of the paper, and more, as one report.
+    """Reproduce the figures, tables and claims of the paper, and more, as one report.
 
     The same as reproduce-paper. The numbers do not depend on the number of workers.
 

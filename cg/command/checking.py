@@ -25,7 +25,7 @@ class _Diagnosed(MethodArgument):
 
 @click.command("check", short_help="Determine the order of a method and recognise mistakes.")
 @click.argument("diagnosis", metavar="NAME|FILE", type=_Diagnosed())
-@click.option("--order", type=click.IntRange(1), help="Required order.")
+@click.option("--order", type=click.IntRange(1), metavar="N", help="Required order.")
 @json_option
 def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int:
     """Determine the order of a method and recognise mistakes in its coefficients.

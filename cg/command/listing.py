@@ -31,8 +31,10 @@ _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magn
 
 
 @click.command("list")
-@click.option("--order", type=click.IntRange(1), help="Only methods of this order.")
-@click.option("--min-order", type=click.IntRange(1), help="Only methods of this order or higher.")
+@click.option("--order", type=click.IntRange(1), metavar="N", help="Only methods of this order.")
+@click.option(
+    "--min-order", type=click.IntRange(1), metavar="N", help="Only methods of this order or higher."
+)
 @click.option(
     "--max-evaluations", type=click.IntRange(1), metavar="N",
     help="Only methods with at most N evaluations per step.",

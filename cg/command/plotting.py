@@ -28,7 +28,7 @@ def plot_command(method: Method, what: str, output: Path) -> None:
     \b
     Examples:
       crouch-grossman plot CF5a points -o cf5a.svg
-      crouch-grossman plot DP5(4) stability -o stability.png
+      crouch-grossman plot "DP5(4)" stability -o stability.png
     """
     check_output(output)
     import matplotlib as mpl

@@ -34,7 +34,7 @@ def runs_command() -> None:
     \b
     Examples:
       crouch-grossman runs list runs.db
-      crouch-grossman runs best runs.db 1 --objective principal-error
+      crouch-grossman runs best runs.db 1 --objective principal_error
       crouch-grossman runs publish runs.db 1 Mine
     """
 
@@ -121,7 +121,8 @@ def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
 @_NUMBER
 @click.option("--objective", type=click.Choice(OBJECTIVES), default=OBJECTIVES[0],
               show_default=True, help="What to minimise.")  # fmt: skip
-@click.option("--count", type=click.IntRange(1), default=10, show_default=True, metavar="N")
+@click.option("--count", type=click.IntRange(1), default=10, show_default=True, metavar="N",
+              help="Solutions at most.")  # fmt: skip
 @json_option
 @_of_run
 def best_of_run(_: Store, run: StoredRun, objective: str, count: int, in_json: bool) -> int:

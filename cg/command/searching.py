@@ -31,7 +31,8 @@ def search_command(**options: Any) -> int:
     The methods are tableaux of Crouch-Grossman type, explicit or with --rows implicit. With --flows
     they are commutator-free methods with random trees of points, with --tree those with the tree of
     a method. Prints a line for each method, sorted by the largest coefficient or by what --minimise
-    names. Neither --workers nor the executor changes the result.
+    names. The minima are local: other starts may lead to smaller ones. Neither --workers nor the
+    executor changes the result.
 
     Progress is shown on standard error. With --store, the same command resumes an interrupted
     search, and `runs` shows the results. Exits with 1 if no start led to a method.
@@ -114,9 +115,20 @@ def _run(
     elif plain:
         click.echo(dumps(methods[0]), nl=False)
     else:
-        for method in methods:
-            say(f"{method!r}, largest coefficient {_largest(method):.3g}")
+        _list(methods, arguments.get("minimise"))
     return 0 if methods else NO
+
+
+def _list(methods: Sequence[Method], minimise: str | None) -> None:
+    """Print a line for each method, with what was minimised."""
+    for method in methods:
+        largest = max(abs(float(coefficient.value)) for coefficient in method.coefficients)
+        text = f"{method!r}, largest coefficient {largest:.3g}"
+        if minimise == "principal_error":
+            text += f", principal error {method.principal_error:.3g}"
+        say(text)
+    if minimise:
+        say("these minima are local: other starts may lead to smaller ones", err=True)
 
 
 def _of_options(message: str, names: Iterable[str]) -> str:
@@ -124,7 +136,3 @@ def _of_options(message: str, names: Iterable[str]) -> str:
     message = message.replace("pass force=True", "pass --force")
     first, _, rest = message.partition(" ")
     return f"--{first.replace('_', '-')} {rest}" if first in names else message
-
-
-def _largest(method: Method) -> float:
-    return max(abs(float(coefficient.value)) for coefficient in method.coefficients)

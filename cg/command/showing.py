@@ -32,7 +32,7 @@ _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @click.option(
     "--digits", type=click.IntRange(1, MAX_DIGITS), metavar="N",
-    help="Significant digits, by default 6; those beyond the stored ones come from the certificate.",
+    help="Significant digits, by default 6; beyond the stored ones they come from the certificate.",
 )  # fmt: skip
 @json_option
 def show_command(method: Method, digits: int | None, in_json: bool) -> None:

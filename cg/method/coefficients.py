@@ -33,6 +33,9 @@ _QUAD_UNIT = Fraction(
     1, 2**112
 )  # coefficients are refined in binary128, so that no digit beyond it is significant
 
+_DOUBLE_DIGITS = 17  # decimal digits that distinguish all doubles
+_PRINTED_UNIT = Fraction(1, 2**52)  # of a decimal that may be a printed double
+
 _RATIONAL = re.compile(r"[+-]?\d+(/\d+)?", re.ASCII)
 _DECIMAL = re.compile(
     r"[+-]? (?=\.?\d) \d* (\.(?P<part>\d*))? ([eE](?P<exponent>[+-]?\d{1,4}))?",
@@ -56,7 +59,8 @@ class Coefficient:
         Largest distance of the intended number from `value`. It is 0 for zero, integers,
         rationals and decimals with fewer than `MIN_ROUNDED_PLACES` places; one unit in the last
         place for other decimals, which may have been truncated or rounded, but at least
-        ``2**-112`` of the magnitude; ``2**-53`` of the magnitude for doubles.
+        ``2**-52`` of the magnitude with up to 17 digits, which may be a printed double, and
+        ``2**-112`` with more; ``2**-53`` of the magnitude for doubles.
     """
 
     value: Fraction
@@ -111,7 +115,9 @@ class Coefficient:
             places = len(match["part"] or "") - int(match["exponent"] or 0)
             if places < MIN_ROUNDED_PLACES:
                 return cls(value, text, Fraction(0))
-            return cls(value, text, max(Fraction(1, 10**places), abs(value) * _QUAD_UNIT))
+            digits = len(str(abs(int(value * Fraction(10) ** places))))
+            relative = _PRINTED_UNIT if digits <= _DOUBLE_DIGITS else _QUAD_UNIT
+            return cls(value, text, max(Fraction(1, 10**places), abs(value) * relative))
         if _BINARY.fullmatch(text):
             double = float.fromhex(text)
             if double == 0:

@@ -188,6 +188,19 @@ def test_row_sums_differ_from_c():
         cg.diagnose(CG4A, c="0")
 
 
+@pytest.mark.parametrize("text", ["{:.17g}", "{!r}", "{:.17f}", "{:.16f}", "{:.15g}"])
+@pytest.mark.parametrize("name", ["CG3", "CG4a", "CG5a"])
+def test_printed_doubles(name, text):
+    """A double has 15 to 17 digits, of which the last may be off by several units."""
+    method = cg.methods[name]
+    c = [text.format(float(sum(row))) for row in method.exact[0]]
+    assert kinds(method, c=c) == set()
+    a = [[text.format(float(x)) for x in row[:i]] for i, row in enumerate(method.exact[0])]
+    tableau = cg.Tableau(a, [text.format(float(x)) for x in method.exact[1]])
+    found = cg.diagnose(tableau, c=c)
+    assert (found.order, found.mistakes) == (method.order, ())
+
+
 def test_equal_second_weights(tmp_path):
     a, b = texts(CG4A)
     second = [b[0][:-3] + "999", *b[1:]]

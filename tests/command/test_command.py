@@ -14,6 +14,7 @@ import cg
 from cg.catalogue import dumps, loads, magnus, munthe_kaas
 from cg.catalogue.summary import compute_summary, summary_of
 from cg.command import main, proving, searching
+from cg.proofs import certificate_of
 
 pytestmark = pytest.mark.no_core
 
@@ -96,9 +97,22 @@ class TestList:
     def test_the_table(self, run):
         _, shown, _ = run("list", "--order", "6", "--max-evaluations", "7", "--sort", "name")
         heads, *rows = [line.split() for line in shown.splitlines()]
-        assert heads == ["name", "kind", "order", "evaluations", "flows", "error"]
+        assert heads == ["name", "kind", "proved", "order", "evaluations", "flows", "error"]
         assert [row[0] for row in rows] == ["CF6a", "CF6b", "CFM6(4)", "CFM6(4)b", "DICG6"]
-        assert rows[1][2:5] == ["6", "7", "14"]
+        assert rows[1][2:6] == ["yes", "6", "7", "14"]
+
+    def test_proved_methods_only(self, run):
+        every = json.loads(run("list", "--min-order", "6", "--json")[1])
+        code, shown, _ = run("list", "--min-order", "6", "--proved")
+        rows = [line.split() for line in shown.splitlines()[1:]]
+        assert code == 0
+        assert [row[0] for row in rows] == [m["name"] for m in every if m["proved"] == "yes"]
+        assert 3 < len(rows) < len(every)
+
+    def test_no_match_is_a_negative_result(self, run):
+        message = "no method of the catalogue matches these options\n"
+        assert run("list", "--order", "99") == (1, message, "")
+        assert run("list", "--order", "99", "--json") == (1, "[]\n", "")
 
     @pytest.mark.parametrize("name", QUICK)
     def test_stored_facts_equal_computed(self, name):
@@ -141,6 +155,37 @@ class TestShow:
     def test_points(self, run):
         _, shown, _ = run("show", "CF3", "--digits", "3")
         assert "│   └── point 3: -0.0833 F1 + 0.75 F3; result" in shown
+
+    @pytest.mark.parametrize("name", ["CG4a", "CF5(4)"])
+    def test_digits_beyond_the_stored_ones(self, run, name):
+        method = cg.methods[name]
+        code, shown, _ = run("show", name, "--digits", "60")
+        assert code == 0
+        texts = (
+            [x for row in method.digits(60)[0] for x in row]
+            if name == "CG4a"
+            else [x.lstrip("-") for row in method.digits(60) for x in row.values()]
+        )
+        assert max(map(len, texts)) > 60
+        assert all(text in shown for text in texts if text != "0")
+
+    def test_stored_digits(self, run):
+        shown = run("show", "CG4a", "--digits", "30")[1]
+        assert "0.817722798812485183864383415847" in shown  # not those of a double
+
+    def test_digits_that_nothing_proves(self, run):
+        code, shown, error = run("show", "CF8a", "--digits", "60")
+        assert (code, shown) == (2, "")
+        assert "digits must be at most 34, which are stored" in error
+        assert run("show", "CG6a")[0] == 0
+
+    def test_proof_in_part(self, run):
+        """The command words a proof as the certificate does."""
+        (line,) = [x for x in run("show", "CF8a")[1].splitlines() if "certificate" in x]
+        certificate = certificate_of(cg.methods["CF8a"])
+        assert line.split(maxsplit=1)[1] == str(certificate)
+        assert "order 8 is proved in part: coefficients within 1.7e-35 of the stored ones" in line
+        assert certificate.statement in str(certificate)
 
     @pytest.mark.parametrize("name", ["CG4a", "CF5(4)", "RKMK8(5,3)", "DICG3(2)", "CG6a"])
     def test_json_has_the_whole_method(self, run, name):
@@ -215,7 +260,12 @@ class TestNewMethods:
         assert (code, shown[:24]) == (0, "CG3: order 3 is proved: ")
         assert cg.Certificate.load(file) == cg.certify("CG3")
         code, shown, _ = run("certify", "CG6a", "--json")
-        assert (code, json.loads(shown)["proved"]) == (1, False)
+        assert (code, json.loads(shown)["proved"]) == (1, "no")
+
+    def test_certify_small(self, run):
+        code, shown, _ = run("certify", "CF5c", "--small", "--json")
+        assert (code, json.loads(shown)["proved"]) == (0, "in part")
+        assert json.loads(shown)["message"] == str(cg.certify("CF5c", small=True))
 
 
 class TestExport:

@@ -66,7 +66,7 @@ def test_best(capsys, path):
     assert code == 0
     assert errors == sorted(errors)
     assert len(errors) == 3
-    code, out, _ = told(capsys, "best", path, "1", "--objective", "largest-coefficient")
+    code, out, _ = told(capsys, "best", path, "1", "--objective", "largest_coefficient")
     largest = [float(line.split()[4]) for line in out.splitlines()[1:]]
     assert largest == sorted(largest)
     assert len(largest) == 10

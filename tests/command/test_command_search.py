@@ -97,6 +97,18 @@ def test_tree_by_name_or_file(given, tmp_path):
     assert given("construct --order 4 --tree CF4 --stages 4")["tree"].stages == 4
 
 
+def test_what_was_minimised_is_shown(capsys):
+    command = "search --order 3 --stages 3 --starts 6 --seed 1 --quiet --minimise"
+    assert main([*command.split(), "principal_error"]) == 0
+    shown, note = capsys.readouterr()
+    found = cg.search(3, 3, 6, 1, minimise="principal_error").methods
+    errors = [float(line.rpartition("principal error ")[2]) for line in shown.splitlines()]
+    assert errors == pytest.approx([method.principal_error for method in found], rel=1e-2)
+    assert note == "these minima are local: other starts may lead to smaller ones\n"
+    assert main([*command.split()[:-1], "--json"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_a_search_with_a_tree(capsys):
     assert main(["search", "--order", "4", "--tree", "CF4", "--starts", "10", "--quiet"]) == 0
     found = cg.search(4, 4, 10, 0, tree=cg.methods["CF4"]).methods

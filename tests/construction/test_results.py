@@ -127,7 +127,7 @@ def test_publish_rejects_bad_arguments(store, tmp_path):
         publish(store.run(1), "There", tmp_path)
     with pytest.raises(NotADirectoryError, match="folder must be an existing folder"):
         publish(store.run(1), "New", tmp_path / "none")
-    with pytest.raises(ValueError, match="objective must be one of principal-error"):
+    with pytest.raises(ValueError, match="objective must be one of principal_error"):
         best(store.run(1), "beauty")
     with pytest.raises(ValueError, match="count must be at least 1"):
         best(store.run(1), count=0)
@@ -146,7 +146,7 @@ class TestFromAStoreToTheCatalogue:
 
     @pytest.mark.filterwarnings("error")
     def test_a_method_of_the_user(self, store, tmp_path, capsys):
-        result = best(store.run(1), "principal-error", 1)[0]
+        result = best(store.run(1), "principal_error", 1)[0]
         made = publish(store.run(1), "Mine", tmp_path, number=result.record.number)
         file = str(tmp_path / "Mine.toml")
         assert cg.Method.load(file) == made.method

@@ -30,7 +30,7 @@ _MAX_STEP, _MIN_STEP = 0.3, 1e-3
 _MIN_GAIN = 1e-3  # of a step, relative to the remaining distance
 
 _ROUNDING = 1e-8  # largest residual of a condition at a solution
-OBJECTIVES = ("principal-error", "largest-coefficient", "flows", "residual", "seconds")
+OBJECTIVES = ("principal_error", "largest_coefficient", "flows", "residual", "seconds")
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Solution:
     def objective(self, name: str) -> float:
         """Return the value of one of `OBJECTIVES`, small for a good solution."""
         match name:
-            case "principal-error":
+            case "principal_error":
                 return self.principal_error
-            case "largest-coefficient":
+            case "largest_coefficient":
                 return self.candidate.largest
             case "flows":
                 layout = self.candidate.system.layout
@@ -92,13 +92,13 @@ def solutions(run: StoredRun) -> Iterator[Solution]:
             yield Solution(record, candidate)
 
 
-def best(run: StoredRun, objective: str = "principal-error", count: int = 10) -> list[Solution]:
+def best(run: StoredRun, objective: str = "principal_error", count: int = 10) -> list[Solution]:
     """Return the best distinct solutions of a run, the best one first.
 
     Parameters
     ----------
     run : StoredRun
-    objective : {"principal-error", "largest-coefficient", "flows", "residual", "seconds"}, optional
+    objective : {"principal_error", "largest_coefficient", "flows", "residual", "seconds"}, optional
     count : int, optional
         Largest number of solutions to return.
 

@@ -135,7 +135,8 @@ def search(
     bound : float, optional
         Bound on the magnitudes of the coefficients of the methods.
     minimise : {"principal_error", "largest_coefficient"}, optional
-        Move each method along its solution set to reduce this, and sort the methods by it. With
+        Move each method along its solution set to reduce this, and sort the methods by it. The
+        minima are local: other starts may lead to smaller ones. With
         `abscissae` or `bound`, methods beyond these are moved as well, and left out if that fails.
         None of the three changes the starts, or what a store has.
 
