@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -123,6 +124,11 @@ def solve_ensemble(
     RuntimeError
         If the workers of all members died.
 
+    Warns
+    -----
+    UserWarning
+        If members failed; it names their number and the first one.
+
     Examples
     --------
     >>> import numpy as np
@@ -189,7 +195,10 @@ def solve_members(
             result.add(members, _integrate(_select_members(problem, members), watch))
             watch.count_finished(members.stop - first)
     watch.finish()
-    return result.solution()
+    solution = result.solution()
+    if not solution.success:
+        warnings.warn(solution.message, stacklevel=3)
+    return solution
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,14 @@ from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput
-from cg.integration.loop.messages import FINISHED, LEFT_MANIFOLD, MANY_REJECTIONS, TERMINAL_EVENT
+from cg.integration.loop.long_steps import is_too_long
+from cg.integration.loop.messages import (
+    FINISHED,
+    LEFT_MANIFOLD,
+    LONG_STEPS,
+    MANY_REJECTIONS,
+    TERMINAL_EVENT,
+)
 from cg.integration.loop.progress import Progress
 from cg.integration.loop.run import COUNTS, Output, Run
 from cg.integration.problem import Problem, make_problem
@@ -155,7 +162,8 @@ def solve_ivp(
     UserWarning
         If ``rtol`` is too small to be attained, and is raised; or if thousands of steps are
         rejected, as happens where ``f`` has kinks that aren't named as ``breakpoints``; or if the
-        last point is off the manifold, as may happen with a frame of your own.
+        last point is off the manifold, as may happen with a frame of your own; or if ``h`` is far
+        too large, as for `integrate`.
 
     Examples
     --------
@@ -270,6 +278,12 @@ def integrate(
     RuntimeError
         If a compiled ``f`` returns another number than zero.
 
+    Warns
+    -----
+    UserWarning
+        If ``h`` is far too large for another method: if ``h f`` changes by more than the radius of
+        dexp⁻¹, for rotations a full turn, between the stages of the last step.
+
     References
     ----------
     .. [1] Z. Jackiewicz, A. Marthinsen, B. Owren, "Construction of Runge-Kutta methods of
@@ -339,6 +353,9 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
     counts = dict(zip(COUNTS, run.counts[0].tolist(), strict=True))
     if counts["nrejected"] >= _REJECTIONS and 2 * counts["nrejected"] > counts["steps"]:
         warnings.warn(MANY_REJECTIONS.format(**counts), stacklevel=3)
+    h = problem.control.h
+    if h is not None and counts["steps"] and is_too_long(plan.frame, run.last_stages()):
+        warnings.warn(LONG_STEPS.format(h=h), stacklevel=3)
     warn_off_manifold(plan, plan.points(run.end, (1,)), stacklevel=4)
     return Solution(
         t=t,
@@ -351,7 +368,7 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
         success=status >= 0,
         method=plan.method,
         frame=plan.frame,
-        h=problem.control.h,
+        h=h,
     )
 
 

@@ -409,14 +409,6 @@ class Stepper:
 
     def _state(self) -> dict[str, Any]:
         run = self._run
-        members, dim = run.members, self.frame.dim
-        reals, integers = np.empty((members, 9)), np.empty((members, 11), dtype=np.int64)
-        points = np.empty((members, 2, run.plan.width))
-        slopes = np.empty((members, 2 + run.kept, dim))
-        self._core.loop_state(
-            run.address, False, reals.T, integers.T, points.transpose(2, 1, 0),
-            slopes.transpose(2, 1, 0),
-        )  # fmt: skip
         stages, jacobian = run.callbacks.stages, run.callbacks.jacobian
         state = {
             name: value
@@ -425,7 +417,7 @@ class Stepper:
         }
         state["parameters"] = self._rhs.parameters
         state["vectorized"] = self._rhs.vectorized
-        state["trajectories"] = reals, integers, points, slopes
+        state["trajectories"] = run.state()
         state["counts"] = run.counts.copy(), run.status.copy(), run.flag.copy()
         state["stages"] = None if stages is None else stages.state()
         kept = {} if jacobian is None else jacobian.kept

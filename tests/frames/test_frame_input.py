@@ -1,10 +1,12 @@
 """Bad input to frames, refused by its name; and odd, but honest input, taken as it is meant."""
 
+import re
 import warnings
 
 import numpy as np
 import pytest
 from frame_examples import FRAMES, name
+from scipy.spatial.transform import Rotation
 
 from cg.frames import (
     GL,
@@ -266,3 +268,55 @@ def test_overflowing_brackets_do_not_count_as_commuting(u):
         assert np.isnan(SO3().dexpinv(u, [0.1, 0.2, 0.3])).all()
         frame = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]])
         assert np.isnan(frame.dexpinv([u[0], 0.2], [0.2, 0.1], order=4)).all()
+
+
+QUATERNIONS = "; quaternions are points of cg.frames.UnitQuaternion()"
+MATRICES = "; rotation matrices are points of cg.frames.SO3()"
+
+
+@pytest.mark.parametrize(
+    ("frame", "shape", "hint"),
+    [
+        (SO3(), (4,), QUATERNIONS),
+        (SO(3), (4,), QUATERNIONS),
+        (SU(2), (4,), QUATERNIONS),
+        (UnitQuaternion(), (3, 3), MATRICES),
+        (SU(2), (3, 3), MATRICES),
+        (SO3(), (3,), ""),
+        (SE3(), (4,), ""),  # nor rotations alone
+        (SO(4), (3, 3), ""),
+        (Sphere(3), (3, 3), ""),
+    ],
+)
+def test_hints_at_the_frame_of_a_representation(frame, shape, hint):
+    message = f"y0 must have shape {frame.point_shape}, got {shape}{hint}"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        frame.check_point(np.ones(shape), name="y0")
+
+
+@pytest.mark.parametrize(
+    ("frame", "y", "projects"),
+    [
+        (SO3(), 2.0 * np.eye(3), True),
+        (UnitQuaternion(), [2.0, 0.0, 0.0, 0.0], True),
+        (SO3(), np.diag([1.0, 1.0, -1.0]), False),  # several rotations are as near
+        (SO(4), np.diag([1.0, 1.0, 1.0, -1.0]), False),
+        (SE3(), np.diag([1.0, 1.0, -1.0, 1.0]), False),
+        (UnitQuaternion(), np.zeros(4), False),
+    ],
+)
+def test_projection_is_advised_where_there_is_one(frame, y, projects):
+    with pytest.raises(ValueError, match="y0 must be a point of") as error:
+        frame.check_point(y, name="y0")
+    assert str(error.value).endswith("; frame.project(y0) is the nearest point") == projects
+
+
+def test_rotations_of_scipy():
+    rotation = Rotation.from_rotvec([0.1, 0.2, 0.3])
+    for frame in (SO3(), UnitQuaternion()):
+        assert frame.relative_error(frame.check_point(rotation)) < 1e-15
+    np.testing.assert_array_equal(SO3().check_point(rotation), rotation.as_matrix())
+    with pytest.raises(ValueError, match=r"y0 must have shape \(3, 3\), got \(2, 3, 3\)"):
+        SO3().check_point(Rotation.concatenate([rotation] * 2), name="y0")
+    with pytest.raises(ValueError, match="y0 must be an array of real numbers, got Rotation"):
+        Sphere(3).check_point(rotation, name="y0")

@@ -176,6 +176,7 @@ def test_python_lock_is_released(function):
     assert data.callers == 2
 
 
+@pytest.mark.filterwarnings("ignore:Failure of")
 def test_workers_run_at_the_same_time(function):
     f, data = meeting(function, 20_000)
     cg.solve_ensemble(f, (0, 1), np.zeros((2, 1)), workers=2, **OPTIONS)

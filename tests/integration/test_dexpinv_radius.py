@@ -158,6 +158,7 @@ def test_a_chosen_step_that_is_too_long_is_rejected(frame):
     )
 
 
+@pytest.mark.filterwarnings("ignore:Failure of")
 def test_functions_in_c(affine):
     problem = PROBLEMS["SE3 body"]
     f, _keep = affine(problem)

@@ -29,7 +29,9 @@ OUTPUTS = {
 def test_a_member_that_fails_ends_alone(options, output, function):
     rates = np.stack([RATES, [NEVER, NEVER, NEVER, 0.6]], axis=-1)
     f = function("decays")
-    found = cg.solve_ensemble(f, (0, 1), [1.0], parameters=rates, **options, **OUTPUTS[output])
+    with pytest.warns(UserWarning, match=r"Failure of 1 of 4 trajectories; of y0\[3\]") as warned:
+        found = cg.solve_ensemble(f, (0, 1), [1.0], parameters=rates, **options, **OUTPUTS[output])
+    assert [(str(w.message), w.filename) for w in warned] == [(found.message, __file__)]
     assert found.status.tolist() == [0, 0, 0, -1]
     assert not found.success
     assert list(found.messages) == [3]
@@ -61,6 +63,7 @@ def test_a_member_that_fails_ends_alone(options, output, function):
     ],
 )
 @pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.filterwarnings("ignore:Failure of")
 def test_failures_are_named(name, good, bad, options, message, output, function):
     span = (0.0, 1.0) if "h" in options else (0.0, 0.5)
     found = cg.solve_ensemble(
@@ -73,6 +76,7 @@ def test_failures_are_named(name, good, bad, options, message, output, function)
     assert np.isnan(found.y).ravel().tolist() == [False] * 4 + [True, False]
 
 
+@pytest.mark.filterwarnings("ignore:Failure of")
 def test_where_all_fail_what_they_reached_is_kept(function):
     numbers = [[-1.0, 0.6], [-1.0, 0.6]]
     found = cg.solve_ensemble(
@@ -87,6 +91,7 @@ def test_where_all_fail_what_they_reached_is_kept(function):
     assert np.isnan(found.y[n:]).all()
 
 
+@pytest.mark.filterwarnings("ignore:Failure of")
 def test_a_function_too_large_for_any_step(affine):
     problem = AffineField(Euclidean(1), [0.0])
     problem.constant[:] = 1e308
@@ -228,6 +233,7 @@ def test_a_compiled_function_that_writes_into_its_point(function):
 
 
 @pytest.mark.parametrize("which", [min, max])
+@pytest.mark.filterwarnings("ignore:Failure of")
 def test_functions_that_fail_between_steps(which):
     """What is evaluated for output alone isn't evaluated by any step."""
     signature = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)

@@ -117,6 +117,7 @@ def test_python_members_are_those_of_the_whole(step, vectorized):
     assert apart.success
 
 
+@pytest.mark.filterwarnings("ignore:Failure of")
 def test_all_members_that_fail_are_named(library):
     f = cg.CompiledFunction(library, "rhs")
     y0 = FRAME.random_point(np.random.default_rng(4), (40,))
@@ -133,6 +134,7 @@ def test_all_members_that_fail_are_named(library):
 
 
 @pytest.mark.parametrize("out", [None, np.full((2, 10, 3, 3), 777.0)], ids=["own", "out"])
+@pytest.mark.filterwarnings("ignore:Failure of")
 def test_workers_that_die(out, monkeypatch):
     dead = [3]
 

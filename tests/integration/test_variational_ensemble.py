@@ -141,6 +141,7 @@ def test_results_can_be_pickled():
     np.testing.assert_array_equal(again.sol.transition(0.5), found.sol.transition(0.5))
 
 
+@pytest.mark.filterwarnings("ignore:Failure of")
 def test_members_that_fail_are_nan():
     def f(t, y, p):
         return [p[0] * y[0] ** 2]

@@ -13,6 +13,7 @@ __all__ = [
     "DERIVATIVES",
     "FINISHED",
     "LEFT_MANIFOLD",
+    "LONG_STEPS",
     "MANY_REJECTIONS",
     "TERMINAL_EVENT",
     "failed_members",
@@ -28,6 +29,10 @@ LEFT_MANIFOLD = (
     "the solution has left the manifold: its relative distance at the end is {distance:.3g}, more "
     "than {tolerance:.3g}; a restore of the frame would keep it there, and frame.check() tells "
     "whether its flows do"
+)
+LONG_STEPS = (
+    "h = {h:.6g} is far too long a step: between the stages of the last step h f changes by more "
+    "than the radius of dexp⁻¹, for rotations a full turn; take a smaller h"
 )
 MANY_REJECTIONS = (
     "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at "

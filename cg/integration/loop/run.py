@@ -372,6 +372,26 @@ class Run:
         self._dense.clear()
         self.record.dense_capacity = 0
 
+    def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
+        """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
+        lanes = self._lanes
+        reals, integers = np.empty((lanes, 9)), np.empty((lanes, 11), dtype=np.int64)
+        points = np.empty((lanes, 2, self.plan.width))
+        slopes = np.empty((lanes, 2 + self.kept, self.plan.frame.dim))
+        self._core.loop_state(
+            self.address, False, reals.T, integers.T, points.transpose(2, 1, 0),
+            slopes.transpose(2, 1, 0),
+        )  # fmt: skip
+        return reals, integers, points, slopes
+
+    def last_stages(self) -> Array:
+        """Return the coefficients at the stages of the last step of a single trajectory.
+
+        Each times the step size, shape ``(stages, dim)``; one row if the stages aren't kept.
+        """
+        reals, _, _, slopes = self.state()
+        return np.asarray(reals[0, 5] * slopes[0, 2 : 2 + self.plan.kept])
+
     def replace_rhs(self, rhs: CompiledRhs | PythonRhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
         self.rhs = rhs

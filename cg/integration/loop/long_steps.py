@@ -1,0 +1,32 @@
+"""Detection of steps that are far too long, for a warning after an integration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cg.frames.arrays import Array
+from cg.frames.base import Frame
+from cg.integration.step.plan import has_brackets
+
+__all__ = ["is_too_long"]
+
+_SHORT = 1.0  # length of coefficients that no frame has beyond the radius of dexp⁻¹
+
+
+def is_too_long(frame: Frame, stages: Array) -> bool:
+    """Return whether coefficients differ between stages by more than the radius of dexp⁻¹.
+
+    For rotations the radius is a full turn. Coefficients that commute have none, and those that
+    the stages have in common don't matter: flows along them are exact.
+
+    Parameters
+    ----------
+    frame
+        The frame.
+    stages
+        The coefficients at the stages of a step times its size, shape ``(stages, dim)``.
+    """
+    change = stages - stages[0]
+    if not np.square(change).sum(axis=1).max() > _SHORT or not has_brackets(frame):
+        return False
+    return not np.isfinite(frame.dexpinv(change, stages)).all()
