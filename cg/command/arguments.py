@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -15,21 +15,18 @@ from cg.method.method import Method
 from cg.structure.points import MethodError
 from cg.support.parsing import to_json, visible_lines
 
-if TYPE_CHECKING:
-    from cg.proofs import Certificate
-
 __all__ = [
     "METHOD",
     "F",
     "MethodArgument",
     "NamedMethod",
     "as_json",
-    "certificate_of_file",
     "check_output",
     "is_file",
     "json_option",
     "named",
     "say",
+    "table",
     "workers_option",
 ]
 
@@ -87,19 +84,6 @@ class NamedMethod(MethodArgument):
         return method
 
 
-def certificate_of_file(method: Method) -> Certificate | None:
-    """Return the certificate beside the file of the method; None if there is no such file.
-
-    Raises
-    ------
-    CertificationError
-        If the file isn't a certificate, or is one of another method.
-    """
-    from cg.proofs.files import certificate_beside
-
-    return None if method.file is None else certificate_beside(method.file, method)
-
-
 METHOD = NamedMethod()
 
 
@@ -111,6 +95,19 @@ def as_json(data: Any) -> None:
 def say(text: str, *, err: bool = False) -> None:
     """Print lines of text with all other control characters escaped."""
     click.echo(visible_lines(text), err=err)
+
+
+def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
+    """Return rows as aligned columns of text, the first `left` columns flush left."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.ljust(width) if k < left else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
 
 
 def check_output(path: Path | None, option: str = "--output") -> None:

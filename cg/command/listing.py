@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import click
@@ -13,10 +13,10 @@ from cg.catalogue.summary import MethodSummary, summary_of
 from cg.proofs import proved
 from cg.support.parsing import visible
 
-from .arguments import as_json, json_option, say
+from .arguments import as_json, json_option, say, table
 from .main import NO
 
-__all__ = ["list_command", "table"]
+__all__ = ["list_command"]
 
 _KEYS: dict[str, Callable[[MethodSummary], Any]] = {
     "name": lambda summary: summary.name,
@@ -119,16 +119,3 @@ def _row(summary: MethodSummary, proof: str) -> tuple[str, ...]:
         error,
     )
     return visible(summary.name), summary.kind, proof, *numbers
-
-
-def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
-    """Return rows as aligned columns of text, the first `left` columns flush left."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for row in rows:
-        cells = [
-            cell.ljust(width) if k < left else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)

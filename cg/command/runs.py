@@ -15,13 +15,14 @@ from cg.construction.results import Solution, best, families, publish, solutions
 from cg.construction.results.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
 
-from .arguments import as_json, check_output, json_option, say
+from .arguments import as_json, check_output, json_option, say, table
 from .main import NO
 
 __all__ = ["runs_command"]
 
 _FILE = click.argument("file", metavar="FILE", type=click.Path(exists=True, dir_okay=False))
 _NUMBER = click.argument("number", metavar="RUN", type=click.IntRange(1))
+_SETTINGS = ("order", "stages", "flows", "seed")
 _MAX_FOR_FAMILIES = 200  # solutions; the time grows with their number
 
 
@@ -64,18 +65,16 @@ def list_runs(file: str, in_json: bool) -> int:
     if in_json:
         as_json([_data(run) for run in runs])
         return 0
-    say("run  kind       order  stages  flows  seed   starts  solved  failed  smallest f")
-    for run in runs:
-        settings = run.settings
-        flows = settings.get("flows")
-        best_f = "-" if run.best is None else f"{run.best:.1e}"
-        say(
-            f"{run.number:>3}  {run.kind:<9}  {settings['order']:>5}  {settings['stages']:>6}  "
-            f"{'-' if flows is None else flows:>5}  {settings['seed']:>4}  {run.starts:>7}  "
-            f"{run.solved:>6}  {run.failed:>6}  {best_f:>10}"
-            f"{'  running' if run.running else ''}"
-        )
+    heads = ("run", "kind", *_SETTINGS, "starts", "solved", "failed", "smallest f", "")
+    say(table([heads, *map(_row, runs)]))
     return 0
+
+
+def _row(run: RunSummary) -> tuple[str, ...]:
+    settings = ("-" if (value := run.settings.get(k)) is None else str(value) for k in _SETTINGS)
+    counts = (str(count) for count in (run.starts, run.solved, run.failed))
+    smallest = "-" if run.best is None else f"{run.best:.1e}"
+    return str(run.number), run.kind, *settings, *counts, smallest, "running" * run.running
 
 
 @runs_command.command("show", short_help="Show one run.")
@@ -127,18 +126,16 @@ def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
 @_of_run
 def best_of_run(_: Store, run: StoredRun, objective: str, count: int, in_json: bool) -> int:
     """List the best distinct solutions of a run. Exits with 1 if there are none."""
-    chosen = best(run, objective, count)
+    chosen = [_solution_data(solution) for solution in best(run, objective, count)]
     if in_json:
-        as_json([_solution_data(solution) for solution in chosen])
+        as_json(chosen)
     elif chosen:
-        say("start  stages  flows  rank  largest coefficient  principal error")
-        for solution in chosen:
-            data = _solution_data(solution)
-            say(
-                f"{data['start']:>5}  {data['stages']:>6}  {data['flows']:>5}  "
-                f"{data['rank']:>4}  {data['largest_coefficient']:>19.3g}  "
-                f"{data['principal_error']:>15.3g}"
-            )
+        keys = ("start", "stages", "flows", "rank", "largest_coefficient", "principal_error")
+        rows = [
+            [f"{x:.3g}" if isinstance(x, float) else str(x) for x in map(data.__getitem__, keys)]
+            for data in chosen
+        ]
+        say(table([[key.replace("_", " ") for key in keys], *rows], left=0))
     else:
         say("no start led to a method")
     return 0 if chosen else NO

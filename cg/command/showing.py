@@ -19,8 +19,7 @@ from cg.method.method import Method
 from cg.support.parsing import visible
 from cg.support.quads import to_decimal
 
-from .arguments import METHOD, as_json, certificate_of_file, json_option, say
-from .listing import table
+from .arguments import METHOD, as_json, json_option, say, table
 
 __all__ = ["show_command"]
 
@@ -115,21 +114,18 @@ def _number(x: float | None, other: str) -> str:
 
 def _certificate(method: Method) -> str | None:
     from cg.proofs import CertificationError, certificate_of, check
+    from cg.proofs.files import certificate_beside
 
     try:
-        certificate = certificate_of_file(method)
+        beside = None if method.file is None else certificate_beside(method.file, method)
+        if beside is not None:  # nothing of a file of the user's is believed
+            check(beside, method)
     except CertificationError as error:
         return f"proves nothing: {error}"
-    if certificate is None:
-        try:
-            return str(certificate_of(method))
-        except CertificationError:
-            return None
-    try:  # nothing of a file of the user's is believed
-        check(certificate, method)
-    except CertificationError as error:
-        return f"proves nothing: {error}"
-    return str(certificate)
+    try:
+        return str(beside or certificate_of(method))
+    except CertificationError:
+        return None
 
 
 def _tableau(method: Any, digits: int) -> str:

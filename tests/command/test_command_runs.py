@@ -1,6 +1,7 @@
 """The subcommand `runs`."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -70,6 +71,18 @@ def test_best(capsys, path):
     largest = [float(line.split()[4]) for line in out.splitlines()[1:]]
     assert largest == sorted(largest)
     assert len(largest) == 10
+    assert len({len(line) for line in out.splitlines()}) == 1  # columns are aligned
+
+
+def test_numbers_of_starts_have_all_digits(capsys, tmp_path):
+    path = tmp_path / "runs.db"
+    settings = cg.search(2, 2, 1, 1, store=path).settings
+    with Store(path) as store:
+        (record,) = store.run(1).records()
+        rerun = store.begin("search", vars(settings) | {"seed": 2})
+        rerun.append([replace(record, number=1_234_567)])
+        rerun.close()
+    assert told(capsys, "best", str(path), "2")[1].splitlines()[1].split()[0] == "1234567"
     code, out, _ = told(capsys, "best", path, "2")
     assert (code, out) == (1, "no start led to a method\n")
 
