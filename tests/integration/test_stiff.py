@@ -395,6 +395,7 @@ class TestDetection:
         assert "max_steps = 50" in run.message
         assert "stiff" not in run.message
 
+    @pytest.mark.filterwarnings("ignore:Failure of")
     def test_in_ensembles(self):
         run = cg.solve_ensemble(
             van_der_pol, (0, 2000), [START, [1.0, 0.0]], frame=PLANE, max_steps=500
