@@ -12,7 +12,7 @@ module newton_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use frames_m, only: frame_t
-  use lu_m, only: lu_factor, lu_solve
+  use lapack_m, only: dgetrf, dgetrs, zgetrf, zgetrs
   use shared_numbers, only: factor_operation, solve_operation
   implicit none
   private
@@ -65,7 +65,7 @@ contains
     end associate
   end subroutine reserve
 
-  ! Factors both matrices for a step size.
+  ! Factors both matrices for a step size. Those that aren't finite count as singular.
   subroutine factor(frame, transformation, h, newton, singular)
     type(frame_t), intent(in) :: frame
     type(transformation_t), intent(in) :: transformation
@@ -73,7 +73,7 @@ contains
     type(newton_t), intent(inout) :: newton
     logical, intent(out) :: singular
     real(wp) :: answer(1)
-    integer :: i
+    integer :: i, info
 
     newton%factored_h = h
     associate (gamma => transformation%gamma / h, mu => transformation%mu / h)
@@ -84,6 +84,8 @@ contains
         singular = .not. answer(1) <= 0
         return
       end if
+      singular = .not. all(abs(newton%jacobian) <= huge(1.0_wp))
+      if (singular) return
       newton%lu = -newton%jacobian
       newton%complex_lu = cmplx(-newton%jacobian, kind=wp)
       do i = 1, size(newton%lu, 1)
@@ -91,8 +93,11 @@ contains
         newton%complex_lu(i, i) = newton%complex_lu(i, i) + cmplx(mu(1), mu(2), wp)
       end do
     end associate
-    call lu_factor(newton%lu, newton%pivot, singular)
-    if (.not. singular) call lu_factor(newton%complex_lu, newton%complex_pivot, singular)
+    associate (n => size(newton%pivot))
+      call dgetrf(n, n, newton%lu, n, newton%pivot, info)
+      if (info == 0) call zgetrf(n, n, newton%complex_lu, n, newton%complex_pivot, info)
+    end associate
+    singular = info /= 0
   end subroutine factor
 
   ! Solves (gamma / h - J) x = b.
@@ -100,11 +105,12 @@ contains
     type(frame_t), intent(in) :: frame
     type(newton_t), intent(in) :: newton
     real(wp), contiguous, intent(inout) :: b(:)
+    integer :: info
 
     if (newton%sparse) then
       call frame%callback%apply(solve_operation, [real(newton%member - 1, wp)], (b), b)
     else
-      call lu_solve(newton%lu, newton%pivot, b)
+      call dgetrs('N', size(b), 1, newton%lu, size(b), newton%pivot, b, size(b), info)
     end if
   end subroutine solve
 
@@ -115,6 +121,7 @@ contains
     real(wp), intent(inout) :: b(:, :)                 ! (dimension, 2)
     complex(wp) :: x(size(b, 1))
     real(wp) :: pair(2 * size(b, 1))
+    integer :: info
 
     if (newton%sparse) then
       pair = [b]
@@ -122,7 +129,8 @@ contains
       b = reshape(pair, shape(b))
     else
       x = cmplx(b(:, 1), b(:, 2), wp)
-      call lu_solve(newton%complex_lu, newton%complex_pivot, x)
+      call zgetrs('N', size(x), 1, newton%complex_lu, size(x), newton%complex_pivot, x, size(x), &
+                  info)
       b(:, 1) = x%re
       b(:, 2) = x%im
     end if
