@@ -100,41 +100,29 @@ contains
     singular = info /= 0
   end subroutine factor
 
-  ! Solves (gamma / h - J) x = b.
-  subroutine solve(frame, newton, b)
+  ! Solves (gamma / h - J) x = b or, of two columns, (mu / h - J) (x_1 + i x_2) = b_1 + i b_2.
+  subroutine solve(frame, newton, n, columns, b)
     type(frame_t), intent(in) :: frame
     type(newton_t), intent(in) :: newton
-    real(wp), contiguous, intent(inout) :: b(:)
+    integer, intent(in) :: n, columns
+    real(wp), intent(inout) :: b(n, columns)
+    complex(wp) :: x(n)
+    real(wp) :: numbers(n * columns)
     integer :: info
 
     if (newton%sparse) then
-      call frame%callback%apply(solve_operation, [real(newton%member - 1, wp)], (b), b)
-    else
-      call dgetrs('N', size(b), 1, newton%lu, size(b), newton%pivot, b, size(b), info)
-    end if
-  end subroutine solve
-
-  ! Solves (mu / h - J) (x_1 + i x_2) = b_1 + i b_2.
-  subroutine solve_pair(frame, newton, b)
-    type(frame_t), intent(in) :: frame
-    type(newton_t), intent(in) :: newton
-    real(wp), intent(inout) :: b(:, :)                 ! (dimension, 2)
-    complex(wp) :: x(size(b, 1))
-    real(wp) :: pair(2 * size(b, 1))
-    integer :: info
-
-    if (newton%sparse) then
-      pair = [b]
-      call frame%callback%apply(solve_operation, [real(newton%member - 1, wp)], (pair), pair)
-      b = reshape(pair, shape(b))
+      numbers = [b]
+      call frame%callback%apply(solve_operation, [real(newton%member - 1, wp)], (numbers), numbers)
+      b = reshape(numbers, shape(b))
+    else if (columns == 1) then
+      call dgetrs('N', n, 1, newton%lu, n, newton%pivot, b, n, info)
     else
       x = cmplx(b(:, 1), b(:, 2), wp)
-      call zgetrs('N', size(x), 1, newton%complex_lu, size(x), newton%complex_pivot, x, size(x), &
-                  info)
+      call zgetrs('N', n, 1, newton%complex_lu, n, newton%complex_pivot, x, n, info)
       b(:, 1) = x%re
       b(:, 2) = x%im
     end if
-  end subroutine solve_pair
+  end subroutine solve
 
   ! Computes the correction of z from the derivatives at the stages.
   subroutine correction(frame, transformation, h, f, newton, dz)
@@ -148,8 +136,8 @@ contains
 
     call derivatives(transformation, h, newton%z, d)
     d = matmul(f - d, transpose(transformation%t_inverse))
-    call solve(frame, newton, d(:, 1))
-    call solve_pair(frame, newton, d(:, 2:3))
+    call solve(frame, newton, size(f, 1), 1, d(:, 1))
+    call solve(frame, newton, size(f, 1), 2, d(:, 2:3))
     dz = matmul(d, transpose(transformation%t))
   end subroutine correction
 
@@ -171,7 +159,7 @@ contains
     real(wp), contiguous, intent(inout) :: v(:)        ! (dimension)
 
     v = v * (transformation%gamma / newton%factored_h)
-    call solve(frame, newton, v)
+    call solve(frame, newton, size(v), 1, v)
   end subroutine filtered
 
   ! Predicts z from the polynomial u of the last step, at theta = 1 + c h / last_h: to first order in
