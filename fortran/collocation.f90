@@ -9,8 +9,8 @@ module collocation_m
   use frames_m, only: flow_along
   use newton_m, only: correction, derivatives, factor, filtered, predict
   use requests_m, only: reject_stage, request
-  use trajectory_m, only: copy, fail, phase_column_received, phase_next_stage, phase_finish_step, &
-                          phase_stage_received, problem_t, trajectory_t
+  use phases_m
+  use trajectory_m, only: copy, fail, problem_t, trajectory_t
   use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
   implicit none
   private

@@ -6,10 +6,8 @@ module requests_m
   use controller_m, only: rejected_size
   use shared_numbers, only: field_not_finite, finished, needs_field, needs_maximum, raised, &
                             raised_in_python, stage_not_finite, stopped_by_field
-  use trajectory_m, only: fail, finite, phase_choose_step, phase_curvature_received, &
-                          phase_decide_step, phase_error_received, phase_finish_step, &
-                          phase_next_stage, phase_node_received, phase_stage_received, &
-                          phase_start_received, problem_t, trajectory_t
+  use phases_m
+  use trajectory_m, only: fail, finite, problem_t, trajectory_t
   implicit none
   private
   public :: check_coefficients, evaluate_events, reject_stage, request

@@ -7,6 +7,7 @@ module trajectory_m
   use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use method_m, only: method_t
   use newton_m, only: newton_t, reserve
+  use phases_m
   use time_grid_m, only: grid_t
   use vector_field_m, only: vector_field_t
   use iso_fortran_env, only: int64
@@ -14,12 +15,7 @@ module trajectory_m
   implicit none
   private
   public :: events_t, problem_t, trajectory_t, continue_run, copy, fail, finite, follow_grid, &
-            forget_step, set_start, start, phase_begin_segment, phase_guess_size, &
-            phase_choose_step, phase_next_stage, phase_finish_step, phase_decide_step, &
-            phase_accepted, phase_request_end, phase_next_node, phase_record_step, &
-            phase_start_received, phase_curvature_received, phase_stage_received, &
-            phase_end_received, phase_node_received, phase_guess_shared, phase_size_shared, &
-            phase_ended, phase_column_received, phase_error_received
+            forget_step, set_start, start
 
   ! Functions whose zeros along the solution are events
   type, abstract :: events_t
@@ -73,17 +69,6 @@ module trajectory_m
     logical :: has_jacobian = .false.        ! whether Python evaluates it
     logical :: sparse = .false.              ! whether Python keeps it and factors it
   end type problem_t
-
-  ! The phases of a trajectory. Each is named after what `resume` does next, or after the
-  ! coefficients or the shared number that it has received.
-  enum, bind(c)
-    enumerator :: phase_begin_segment = 1, phase_guess_size, phase_guess_shared, &
-                  phase_curvature_received, phase_size_shared, phase_choose_step, &
-                  phase_start_received, phase_next_stage, phase_stage_received, &
-                  phase_finish_step, phase_decide_step, phase_accepted, phase_request_end, &
-                  phase_end_received, phase_next_node, phase_node_received, phase_record_step, &
-                  phase_column_received, phase_error_received, phase_ended
-  end enum
 
   type :: trajectory_t
     ! the present point
