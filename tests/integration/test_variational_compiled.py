@@ -154,7 +154,7 @@ def test_data_of_their_own(functions, function):
 
 def test_coefficients_can_be_asked_for_from_python(functions):
     problem = cg.integration.problem.make_problem(
-        functions["f"], SPAN, Y0, method="CG4a", h=0.1, parameters=P, frame=BODY
+        functions["f"], SPAN, Y0, frame=BODY, options={"method": "CG4a", "h": 0.1, "parameters": P}
     )
     joint = add_derivatives(problem, **functions, control_derivatives=False)
     assert isinstance(joint.rhs, CompiledVariation)

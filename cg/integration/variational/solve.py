@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,10 +12,10 @@ from scipy import LowLevelCallable
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid
-from cg.integration.default_method import AUTO
 from cg.integration.ensemble import solve_members
 from cg.integration.ivp import grid_steps, solve_one
 from cg.integration.loop.progress import Progress
+from cg.integration.options import Options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
@@ -29,13 +28,13 @@ from cg.integration.variational.results import (
     VariationalSolution,
     split_results,
 )
-from cg.method.method import Method
 from cg.runs import ExecutorLike
 from cg.support.checks import check_flag
 
 __all__ = ["solve_variational", "solve_variational_ensemble"]
 
 
+@expand_options
 def solve_variational(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
@@ -44,23 +43,11 @@ def solve_variational(
     frame: Frame,
     jac: Function | None = None,
     df_dp: Function | None = None,
-    parameters: ArrayLike | None = None,
     P0: ArrayLike | None = None,
     control_derivatives: bool = False,
-    method: str | Method = AUTO,
-    h: float | None = None,
-    rtol: float | None = None,
-    atol: ArrayLike | None = None,
-    t_eval: ArrayLike | None = None,
-    dense_output: bool = False,
-    events: Any = None,
-    breakpoints: ArrayLike | None = None,
-    max_step: float = math.inf,
-    first_step: float | None = None,
-    max_steps: int | None = None,
-    args: Iterable[Any] | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     progress: Callable[[float, float], None] | None = None,
+    **options: Unpack[Options],
 ) -> VariationalSolution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)` together with the derivatives of the solution.
 
@@ -152,15 +139,11 @@ def solve_variational(
     array([[ 0.54030231,  0.84147098],
            [-0.84147098,  0.54030231]])
     """
-    problem = make_problem(
-        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
-        rtol=rtol, atol=atol, max_step=max_step, first_step=first_step, max_steps=max_steps,
-        t_eval=t_eval, dense_output=dense_output, events=events, breakpoints=breakpoints,
-        stage_solver=stage_solver,
-    )  # fmt: skip
+    problem = make_problem(f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver)
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, None)
     every = int(joint.t_eval is None)
+    h = joint.control.h
     if h is not None:
         check_grid(joint.plan, h, grid_steps(joint), every, joint.dense)
     solution = solve_one(joint, every, Progress(progress, joint.t0, joint.t1))
@@ -194,6 +177,7 @@ def _time_derivatives(
     return derivatives
 
 
+@expand_options
 def solve_variational_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
@@ -202,27 +186,15 @@ def solve_variational_ensemble(
     frame: Frame,
     jac: Function | None = None,
     df_dp: Function | None = None,
-    parameters: ArrayLike | None = None,
     P0: ArrayLike | None = None,
     control_derivatives: bool = False,
-    method: str | Method = AUTO,
-    rtol: float | None = None,
-    atol: ArrayLike | None = None,
-    h: float | None = None,
-    t_eval: ArrayLike | None = None,
-    dense_output: bool = False,
-    events: Any = None,
-    breakpoints: ArrayLike | None = None,
-    args: Iterable[Any] | None = None,
     vectorized: bool = False,
     common_steps: bool = False,
-    max_step: float = math.inf,
-    first_step: float | None = None,
-    max_steps: int | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     executor: ExecutorLike = None,
     workers: int | None = None,
     progress: Callable[[float, float], None] | None = None,
+    **options: Unpack[Options],
 ) -> EnsembleVariationalSolution:
     """Solve an initial value problem from many points, with the derivatives of each solution.
 
@@ -273,10 +245,8 @@ def solve_variational_ensemble(
     vectorized = check_flag("vectorized", vectorized)
     common = check_flag("common_steps", common_steps)
     problem = make_problem(
-        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, many=True,
-        vectorized=vectorized, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
-        first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
-        events=events, breakpoints=breakpoints, stage_solver=stage_solver,
+        f, t_span, y0, frame=frame, options=options, many=True, vectorized=vectorized,
+        common=common, stage_solver=stage_solver,
     )  # fmt: skip
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, len(problem.points))
