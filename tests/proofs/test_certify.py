@@ -74,8 +74,8 @@ class TestProofs:
         assert Certificate.loads(certificate.dumps()) == certificate
 
     def test_what_must_be_proved(self):
-        found = {name: proved(method) for name, method in methods.items()}
-        assert found == dict.fromkeys(methods, "whole") | dict.fromkeys(PARTLY, "partly") | {
+        values = {name: proved(method) for name, method in methods.items()}
+        assert values == dict.fromkeys(methods, "whole") | dict.fromkeys(PARTLY, "partly") | {
             "CG6a": "no"
         }
         assert set(CERTIFIED) == set(methods) - {"CG6a"}
@@ -95,8 +95,8 @@ class TestProofs:
     def test_cg6a_is_refused(self):
         with pytest.raises(CertificationError, match="more than the last places") as caught:
             certify("CG6a")
-        found = caught.value.quantities
-        assert found["residual"] > found["allowed"] > 0
+        actual = caught.value.quantities
+        assert actual["residual"] > actual["allowed"] > 0
 
     @pytest.mark.parametrize("rows", [Rows.DIAGONAL, Rows.FULL])
     def test_implicit_methods(self, rows):
@@ -130,8 +130,8 @@ class TestProofs:
         refined = cg.support.quads.decode(refine(start, ConditionSystem.tableau(4, 5), free=free).x)
         with precision(certificate.bits):
             for k, ball in enumerate(box(packed, certificate)):
-                found = arb(refined[k].numerator) / refined[k].denominator
-                assert (ball + arb(0, 1e-31)).contains(found)  # what binary128 can tell
+                actual = arb(refined[k].numerator) / refined[k].denominator
+                assert (ball + arb(0, 1e-31)).contains(actual)  # what binary128 can tell
                 assert k in free or packed.values[k] - refined[k] < Fraction(1, 10**33)
 
 
@@ -142,8 +142,8 @@ def pair_of_order_four():
         guess[system.free] = np.random.default_rng(seed).uniform(-1, 1, len(system.free))
         fit = fit_conditions(guess, system, ftol=1e-27)
         if fit.f < 1e-24:
-            found = cg.support.quads.decode(refine(cg.support.quads.from_float(fit.x), system).x)
-            *a, b, second = system.layout.cut([cg.support.quads.to_decimal(v) for v in found])
+            actual = cg.support.quads.decode(refine(cg.support.quads.from_float(fit.x), system).x)
+            *a, b, second = system.layout.cut([cg.support.quads.to_decimal(v) for v in actual])
             return Tableau(a, b, name="pair", b_embedded=second)
     raise AssertionError("no pair found")
 
@@ -452,12 +452,12 @@ class TestOnlySmall:
         with precision(certificate.bits):
             system, free = system_of(packed, certificate), free_of(packed, certificate)
             wide = krawczyk(system, packed.balls(), free, arb("1e-12"))
-            found = zero_of(packed, certificate, wide)
+            actual = zero_of(packed, certificate, wide)
             assert wide.proved
             assert max(float(ball.rad()) for ball in wide.image) > 1e-30
-            assert max(float(found[k].rad()) for k in free) < 1e-45
-            assert all(wide.image[i].contains(found[k]) for i, k in enumerate(free))
-            assert all(abs(value) < 1e-40 for value in system.residuals(found))
+            assert max(float(actual[k].rad()) for k in free) < 1e-45
+            assert all(wide.image[i].contains(actual[k]) for i, k in enumerate(free))
+            assert all(abs(value) < 1e-40 for value in system.residuals(actual))
 
     def test_not_needed_where_all_are_independent(self):
         assert certify("CG3", small=True).complete
