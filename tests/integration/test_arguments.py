@@ -64,9 +64,9 @@ def check_rejected(calls, changes, error, message):
         names = inspect.signature(function).parameters
         if changes.keys() <= names.keys():
             count += 1
-            given = {name: value for name, value in valid.items() if name in names}
+            arguments = {name: value for name, value in valid.items() if name in names}
             with pytest.raises(error, match=message):
-                function(**given | changes)
+                function(**arguments | changes)
     assert count
 
 

@@ -38,8 +38,8 @@ from mpi4py.futures import MPIPoolExecutor
 import cg
 if __name__ == "__main__":
     with MPIPoolExecutor() as pool:
-        found = cg.search(3, 3, 30, 5, executor=pool, store=sys.argv[1])
-        assert found == cg.search(3, 3, 30, 5), "other results"
+        result = cg.search(3, 3, 30, 5, executor=pool, store=sys.argv[1])
+        assert result == cg.search(3, 3, 30, 5), "other results"
         print("equal,", pool.num_workers, "workers")
 """
 FOREVER = """
@@ -231,13 +231,13 @@ class TestDeath:
             yield execution.Finished(0, None, failure="Killed")
             yield from (execution.Finished(k, run(k), 0.1) for k in (2, 1))
 
-        found = cg.search(3, 3, 3, 5)
-        run = found.starts.__getitem__
+        result = cg.search(3, 3, 3, 5)
+        run = result.starts.__getitem__
         path = tmp_path / "runs.db"
         monkeypatch.setattr(cg.runs.long_run, "completed", ended)
         for store in (None, path):
             again = cg.search(3, 3, 3, 5, store=store)
-            assert list(again.starts) == list(found.starts[1:])
+            assert list(again.starts) == list(result.starts[1:])
             assert [(f.index, f.message) for f in again.failures] == [(0, "Killed")]
         monkeypatch.undo()
         # it would die again
@@ -306,8 +306,8 @@ class TestDeath:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(running.pid, signal.SIGKILL)
         with Store(path) as opened:
-            (kept,) = opened.runs()
-            starts = kept.starts + 3
+            (run,) = opened.runs()
+            starts = run.starts + 3
         assert cg.search(5, 9, starts, 1, maxfev=60, store=path) == cg.search(
             5, 9, starts, 1, maxfev=60
         )
@@ -409,33 +409,33 @@ class TestEngines:
             distributed.Client(cluster) as client,
             client.get_executor() as pool,
         ):
-            found = cg.search(**SEARCH, executor=pool, store=tmp_path / "runs.db")
-            assert found == cg.search(**SEARCH)
+            result = cg.search(**SEARCH, executor=pool, store=tmp_path / "runs.db")
+            assert result == cg.search(**SEARCH)
             assert execution._workers_of(pool) == 2
             store = tmp_path / "command.db"
             command = ["search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "30"]
             address = cluster.scheduler_address
             assert main([*command, "--store", str(store), "--dask", address]) == 0
-        assert cg.search(**SEARCH, store=store) == found
+        assert cg.search(**SEARCH, store=store) == result
 
     def test_loky(self):
         loky = pytest.importorskip("loky")
-        found = cg.search(**SEARCH, executor=lambda: loky.get_reusable_executor(2))
-        assert found == cg.search(**SEARCH)
+        result = cg.search(**SEARCH, executor=lambda: loky.get_reusable_executor(2))
+        assert result == cg.search(**SEARCH)
 
     def test_mpi(self, tmp_path):
         pytest.importorskip("mpi4py")
         script = tmp_path / "run.py"
         script.write_text(MPI)
         command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
-        told = subprocess.run(
+        process = subprocess.run(
             [*command, "-m", "mpi4py.futures", str(script), str(tmp_path / "runs.db")],
             capture_output=True,
             text=True,
             timeout=300,
             check=False,
         )
-        assert told.stdout == "equal, 2 workers\n", told.stderr
+        assert process.stdout == "equal, 2 workers\n", process.stderr
 
     def test_mpi_from_the_command(self, tmp_path):
         pytest.importorskip("mpi4py")

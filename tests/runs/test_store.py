@@ -31,7 +31,7 @@ TREES: dict[str, Any] = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries"
 RECORD = Record(0, 3, None, None, "double", 0.5, 1, 2, None, None, None, 0.7, False, bytes(96))
 
 
-def kept(path: Path, run: int = 1) -> list[int]:
+def stored_numbers(path: Path, run: int = 1) -> list[int]:
     with Store(path) as opened:
         return list(opened.run(run).numbers())
 
@@ -92,9 +92,9 @@ class TestSearch:
         path = tmp_path / "runs.db"
         changes: list[dict[str, Any]] = [{}, {"order": 2}, {"seed": 6}, {"algorithm": "lmdif"}]
         changes += [{"rows": "diagonal"}, {"width": 0.5}, {"maxfev": 7}, {"flows": 4}]
-        found = [search(**{**SMALL, **change}, starts=2, store=path) for change in changes]
+        results = [search(**{**SMALL, **change}, starts=2, store=path) for change in changes]
         construction = cg.construct(**CONSTRUCT, store=path)
-        for change, result in zip(changes, found, strict=True):
+        for change, result in zip(changes, results, strict=True):
             assert result == search(**{**SMALL, **change}, starts=2)
         assert cg.construct(**CONSTRUCT, store=path) == construction
         with Store(path) as opened:
@@ -148,18 +148,18 @@ class TestSearch:
 
         class Interrupted(sqlite3.Connection):
             def execute(self, statement, *values):
-                found = super().execute(statement, *values)
+                cursor = super().execute(statement, *values)
                 begun.extend([statement] if statement == "BEGIN IMMEDIATE" else [])
                 if len(begun) == 4 and statement == "BEGIN IMMEDIATE":
                     raise KeyboardInterrupt
-                return found
+                return cursor
 
         path = tmp_path / "runs.db"
         monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Interrupted))
         with pytest.raises(KeyboardInterrupt):
             search(**SMALL, starts=5, store=path, workers=1)
         assert len(begun) > 4  # the run was closed
-        assert len(kept(path)) < 5
+        assert len(stored_numbers(path)) < 5
         assert search(**SMALL, starts=5, store=path) == search(**SMALL, starts=5)
 
     def test_exception_of_progress_keeps_finished_starts(self, tmp_path, monkeypatch):
@@ -173,7 +173,7 @@ class TestSearch:
             search(**SMALL, starts=5, store=path, progress=stop, workers=1)
         assert not [t for t in threading.enumerate() if t.name.startswith("ThreadPoolExecutor")]
         del caught
-        assert kept(path) == [0, 1]
+        assert stored_numbers(path) == [0, 1]
         runs = self.counted_runs(monkeypatch)
         search(**SMALL, starts=5, store=path)
         assert sorted(runs) == [2, 3, 4]
@@ -199,7 +199,7 @@ def test_killed_run_keeps_stored_starts(tmp_path, moment):
     finally:
         process.send_signal(signal.SIGKILL)
         process.wait()
-    numbers = kept(path)
+    numbers = stored_numbers(path)
     assert len(numbers) >= before
     assert max(numbers) < len(numbers) + 4  # two workers, two chunks each
     starts = len(numbers) + 4
@@ -316,8 +316,8 @@ class TestLog:
     def test_warns_if_reader_prevents_folding(self, tmp_path, monkeypatch, caplog):
         monkeypatch.setattr(database, "_FOLD_SECONDS", 0.1)
         path = tmp_path / "runs.db"
-        found = search(**SMALL, starts=2, store=path)
-        with closing(iter(found.starts)) as reading:
+        result = search(**SMALL, starts=2, store=path)
+        with closing(iter(result.starts)) as reading:
             next(reading)
             search(**SMALL, starts=9, store=path)
         assert "is still in its log runs.db-wal (other connections are open)" in caplog.text
@@ -389,14 +389,14 @@ class TestFile:
         command = [sys.executable, "-c", script, str(path)]
         settings = vars(search(**SMALL, starts=1, store=path).settings)
         with Store(path) as opened, closing(opened.begin("search", settings)):
-            told = subprocess.run(command, capture_output=True, text=True, check=False)
-            assert told.returncode == 1
-            assert f"in use by process {os.getpid()}" in told.stderr
+            process = subprocess.run(command, capture_output=True, text=True, check=False)
+            assert process.returncode == 1
+            assert f"in use by process {os.getpid()}" in process.stderr
             with pytest.raises(BlockingIOError, match="in use by process"):
                 search(**SMALL, starts=4, store=path)
             assert opened.runs()[0].running
         assert subprocess.run(command, check=False).returncode == 0
-        assert kept(path) == [0, 1, 2, 3]
+        assert stored_numbers(path) == [0, 1, 2, 3]
 
     @pytest.mark.parametrize(
         "owner",
@@ -471,7 +471,7 @@ class TestFile:
                 run.append(many)
             complete = list(run.numbers())
             assert complete == [0]  # all of a call or nothing
-        assert kept(path) == complete
+        assert stored_numbers(path) == complete
 
     def test_error_for_readonly_file(self, tmp_path, monkeypatch):
         path = tmp_path / "runs.db"
@@ -485,20 +485,20 @@ class TestFile:
         with pytest.raises(OSError, match="readonly database"):
             search(**SMALL, starts=2, store=path)
         monkeypatch.undo()
-        assert kept(path) == [0]
+        assert stored_numbers(path) == [0]
 
     def test_result_reads_its_own_file_after_chdir(self, tmp_path, monkeypatch):
         for name, seed in (("a", 1), ("b", 9)):
             (tmp_path / name).mkdir()
             monkeypatch.chdir(tmp_path / name)
-            found = search(2, 2, 3, seed, store="runs.db")
-            wanted = search(2, 2, 3, seed)
+            result = search(2, 2, 3, seed, store="runs.db")
+            expected = search(2, 2, 3, seed)
         monkeypatch.chdir(tmp_path / "a")
-        assert found.starts == wanted.starts
-        assert repr(found) == repr(wanted)
+        assert result.starts == expected.starts
+        assert repr(result) == repr(expected)
         os.remove(tmp_path / "b" / "runs.db")
         with pytest.raises(FileNotFoundError, match="store must be an existing file"):
-            list(found.starts)
+            list(result.starts)
         assert not (tmp_path / "b" / "runs.db").exists()
 
     @pytest.mark.parametrize("name", [":memory:", "file:x?mode=memory", "a?b#c%20.db", "ü ñ.db"])
