@@ -33,7 +33,7 @@ from cg.method.method import Method
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import Stop
 
-__all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
+__all__ = ["integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
 
 _REJECTIONS = 1000
 
@@ -167,11 +167,7 @@ def solve_ivp(
     problem = make_problem(
         f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver, jac=jac
     )
-    every = int(problem.t_eval is None)
-    h = problem.control.h
-    if h is not None:
-        check_grid(problem.plan, h, grid_steps(problem), every, problem.dense)
-    return solve_one(problem, every, Progress(progress, problem.t0, problem.t1))
+    return solve_one(problem, int(problem.t_eval is None), progress)
 
 
 def integrate(
@@ -283,17 +279,12 @@ def integrate(
         f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver, jac=jac
     )
     every = min(check_integer("save_every", save_every, 1), 2**62)
-    check_grid(problem.plan, h, grid_steps(problem), every, False)
-    return solve_one(problem, every, Progress(progress, problem.t0, problem.t1))
+    return solve_one(problem, every, progress)
 
 
-def grid_steps(problem: Problem) -> int:
-    """Return the number of equal steps of a problem; ValueError if there are too many."""
-    assert problem.control.h is not None
-    return equal_steps(problem.control.h, [problem.t0, *problem.stops.tolist()])
-
-
-def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
+def solve_one(
+    problem: Problem, every: int, progress: Callable[[float, float], None] | None
+) -> Solution:
     """Integrate one point.
 
     Parameters
@@ -301,16 +292,21 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
     problem
         What to integrate.
     every
-        Every so many steps one is stored; zero for none.
-    watch
-        Receives the progress.
+        Number of steps between stored steps; zero to store none.
+    progress
+        As for `solve_ivp`.
     """
-    plan = problem.plan
+    plan, h = problem.plan, problem.control.h
+    steps = 0
+    if h is not None:
+        steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
+        check_grid(plan, h, steps, every, problem.dense)
+    watch = Progress(progress, problem.t0, problem.t1)
     times, y, capacity = problem.t_eval, None, 0
     if times is not None:
         y = np.empty((len(times), 1, plan.width))
-    elif problem.control.h is not None and problem.events is None:
-        capacity = grid_steps(problem) // every + len(problem.stops) + 2
+    elif h is not None and problem.events is None:
+        capacity = steps // every + len(problem.stops) + 2
     table = problem.event_table() if problem.events is not None else None
     run = problem.run(
         Output(times, every if times is None else 0, problem.dense, y, capacity), table
@@ -340,7 +336,7 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
         success=status >= 0,
         method=plan.method,
         frame=plan.frame,
-        h=problem.control.h,
+        h=h,
     )
 
 

@@ -37,6 +37,7 @@ from cg.integration.step.collocation import Jacobian, jacobian_of
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
 from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.method.magnus import MagnusMethod
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.warnings import check_order, check_pair
 from cg.support.checks import check_flag
@@ -189,6 +190,21 @@ def _check_of_time(rhs: CompiledRhs, t: float, point: Points) -> None:
         )
 
 
+def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | None) -> Method:
+    """Return the method after checking that it suits ``f`` and the frame."""
+    if isinstance(method, str) and method == AUTO:
+        method = choose_method(frame, rtol)
+    chosen = resolve_method(method)
+    if isinstance(chosen, MagnusMethod) and not isinstance(f, _OF_TIME):
+        raise ValueError(
+            f"method must be one for nonlinear equations, got {chosen!r}, which is for "
+            "cg.solve_linear"
+        )
+    if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
+        check_algebra(frame, chosen)
+    return chosen
+
+
 def make_problem(
     f: Any,
     t_span: Any,
@@ -209,17 +225,7 @@ def make_problem(
     check_stage_solver(stage_solver)
     if adaptive:
         given["rtol"] = check_rtol(given["rtol"])
-    method = given["method"]
-    if isinstance(method, str) and method == AUTO:
-        method = choose_method(frame, given["rtol"] if adaptive else None)
-    chosen = resolve_method(method)
-    if isinstance(chosen, MagnusMethod) and not isinstance(f, _OF_TIME):
-        raise ValueError(
-            f"method must be one for nonlinear equations, got {chosen!r}, which is for "
-            "cg.solve_linear"
-        )
-    if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
-        check_algebra(frame, chosen)
+    chosen = _choose_method(given["method"], f, frame, given["rtol"] if adaptive else None)
     plan = plan_of(frame, chosen)
     points, numbers = check_points(plan, y0, given["parameters"], many)
     plan.detect_coordinates(points[0])

@@ -100,10 +100,8 @@ class Run:
         lanes: int | None = None,
     ) -> None:
         self._core = plan.core
-        self.plan = plan
-        self.rhs = rhs
-        self.control = control
-        self.output = output
+        self.plan, self.rhs = plan, rhs
+        self.control, self.output = control, output
         self.members = members = len(points)
         if lanes is None:
             lanes = members if common else _LANES if rhs.vectorized else 1
@@ -131,8 +129,7 @@ class Run:
         self._share("stops", np.array(stops))
         self._share("atol", control.atol.flatten())
         if events is not None and len(events):
-            columns = *events.functions.T, events.direction, events.max_counts, events.jumps
-            self._share("event_table", np.stack(columns, axis=-1, dtype=np.int64))
+            self._share("event_table", events.rows)
         self._open(points[0])
 
     def _make_record(

@@ -11,12 +11,11 @@ from scipy import LowLevelCallable
 
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
-from cg.integration.arguments import check_grid
 from cg.integration.ensemble import solve_members
-from cg.integration.ivp import grid_steps, solve_one
-from cg.integration.loop.progress import Progress
+from cg.integration.ivp import solve_one
 from cg.integration.options import Options, expand_options
 from cg.integration.problem import make_problem
+from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
@@ -142,28 +141,43 @@ def solve_variational(
     problem = make_problem(f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver)
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, None)
-    every = int(joint.t_eval is None)
-    h = joint.control.h
-    if h is not None:
-        check_grid(joint.plan, h, grid_steps(joint), every, joint.dense)
-    solution = solve_one(joint, every, Progress(progress, joint.t0, joint.t1))
-    field = joint.variational
-    changed: dict[str, Any] = {**split_results(solution.y, field, covariance), "frame": frame}
+    solution = solve_one(joint, int(joint.t_eval is None), progress)
+    fields = _with_derivatives(joint, solution, covariance, VariationalOutput)
+    return VariationalSolution(**fields)
+
+
+def _with_derivatives(
+    problem: VariationalProblem,
+    solution: Solution | EnsembleSolution,
+    covariance: Array | None,
+    output_kind: type[VariationalOutput],
+) -> dict[str, Any]:
+    """Return the fields of a solution whose points hold derivatives, split into their parts."""
+    field = problem.variational
+    changed: dict[str, Any] = {
+        **split_results(solution.y, field, covariance), "frame": field.frame, "dt_events": None
+    }  # fmt: skip
     if solution.sol is not None:
-        changed["sol"] = VariationalOutput(solution.sol, field, covariance)
-    changed["dt_events"] = None
-    if (
-        solution.t_events is not None
-        and solution.y_events is not None
-        and solution.y_after is not None
-    ):
-        changed["y_events"] = [field.split(z)[0] for z in solution.y_events]
-        changed["y_after"] = [field.split(z)[0] for z in solution.y_after]
-        rows = zip(solution.t_events, solution.y_events, strict=True)
-        changed["dt_events"] = [
-            _time_derivatives(joint, index, 0, t, z) for index, (t, z) in enumerate(rows)
+        changed["sol"] = output_kind(solution.sol, field, covariance)
+    many = isinstance(solution, EnsembleSolution)
+    if solution.t_events is not None:
+        # for each event a list over the members
+        results: tuple[Any, ...] = solution.t_events, solution.y_events, solution.y_after
+        t, y, y_after = (lists if many else [[array] for array in lists] for lists in results)
+        events: dict[str, list[list[Any]]] = {
+            name: [[field.split(z)[0] for z in members] for members in lists]
+            for name, lists in (("y_events", y), ("y_after", y_after))
+        }
+        events["dt_events"] = [
+            [
+                _time_derivatives(problem, index, member, *at)
+                for member, at in enumerate(zip(times, points, strict=True))
+            ]
+            for index, (times, points) in enumerate(zip(t, y, strict=True))
         ]
-    return VariationalSolution(**(vars(solution) | changed))
+        for name, lists in events.items():
+            changed[name] = lists if many else [array for (array,) in lists]
+    return vars(solution) | changed
 
 
 def _time_derivatives(
@@ -250,26 +264,6 @@ def solve_variational_ensemble(
     )  # fmt: skip
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, len(problem.points))
-    field = joint.variational
     solution = solve_members(joint, joint.source, executor, workers, None, progress)
-    changed: dict[str, Any] = {**split_results(solution.y, field, covariance), "frame": frame}
-    if solution.sol is not None:
-        changed["sol"] = EnsembleVariationalOutput(solution.sol, field, covariance)
-    changed["dt_events"] = None
-    if (
-        solution.t_events is not None
-        and solution.y_events is not None
-        and solution.y_after is not None
-    ):
-        for name, lists in (("y_events", solution.y_events), ("y_after", solution.y_after)):
-            changed[name] = [[field.split(z)[0] for z in each] for each in lists]
-        changed["dt_events"] = [
-            [
-                _time_derivatives(joint, index, member, t, z)
-                for member, (t, z) in enumerate(zip(times, points, strict=True))
-            ]
-            for index, (times, points) in enumerate(
-                zip(solution.t_events, solution.y_events, strict=True)
-            )
-        ]
-    return EnsembleVariationalSolution(**(vars(solution) | changed))
+    fields = _with_derivatives(joint, solution, covariance, EnsembleVariationalOutput)
+    return EnsembleVariationalSolution(**fields)
