@@ -327,8 +327,8 @@ class TestLoop:
         np.testing.assert_array_equal(run.y[-1], each)
         common = cg.solve_ensemble(f, (0, 20), START, vectorized=True, common_steps=True, **options)
         np.testing.assert_allclose(common.y[-1], each, rtol=1e-5)
-        given = cg.solve_ensemble(alone, (0, 20), START, jac=jac, workers=2, **options)
-        np.testing.assert_allclose(given.y[-1], each, rtol=1e-5)
+        exact = cg.solve_ensemble(alone, (0, 20), START, jac=jac, workers=2, **options)
+        np.testing.assert_allclose(exact.y[-1], each, rtol=1e-5)
 
     def test_derivatives(self):
         options = {"frame": PLANE, "rtol": 1e-8, "atol": 1e-8}
