@@ -22,6 +22,8 @@ __all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
 
 _BRIEF = 10**8  # multiplications in about 0.1 seconds
 
+provide_lapack()
+
 
 @dataclass(frozen=True)
 class MinimumNormFit:
@@ -90,7 +92,6 @@ def fit_conditions(
     damping = check_real("damping", damping, positive=True)
     max_iterations = check_integer("max_iterations", max_iterations, 0, MAX_COUNT)
     accurate = check_flag("accurate", accurate)
-    provide_lapack()
     trees, owner = system.conditions(independent=True)
     moving = (indices + 1).astype(np.intc)
     problem = (system.order, system.layout, x, trees, owner)
