@@ -1,9 +1,5 @@
 """Methods that were moved along the solution set together with their tableaux."""
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,10 +8,8 @@ from cg.construction import Goals, pack_method, solved
 
 
 @pytest.fixture
-def tool(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "research"))
-    yield importlib.import_module("make_walked_methods")
-    sys.modules.pop("make_walked_methods", None)
+def tool(load_script):
+    return load_script("research/make_walked_methods")
 
 
 def test_wider_flows_are_the_same_method(tool):

@@ -1,4 +1,4 @@
-"""What runs found: solutions told apart, the best of them, and methods made of them."""
+"""Results of runs: distinct solutions, the best ones, and published methods."""
 
 import json
 import sqlite3
@@ -142,7 +142,7 @@ def test_decades(store):
 
 
 class TestFromAStoreToTheCatalogue:
-    """A published method is like those of the package: known by name, with its proof and a page."""
+    """A published method has a name, a certificate and a page, like those of the package."""
 
     @pytest.mark.filterwarnings("error")
     def test_a_method_of_the_user(self, store, tmp_path, capsys):

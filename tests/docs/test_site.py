@@ -1,4 +1,4 @@
-"""The front page, the gallery, the pages of methods, and words that people search for."""
+"""The front page, the gallery, the pages of methods, and search terms."""
 
 import importlib
 import re

@@ -200,7 +200,7 @@ class TestLatex:
 
 
 def test_julia_parses():
-    """Parsed by a grammar; nothing runs it here."""
+    """The exports are parsed by a grammar of Julia, not run."""
     tree_sitter = pytest.importorskip("tree_sitter")
     language = pytest.importorskip("tree_sitter_julia")
     parser = tree_sitter.Parser(tree_sitter.Language(language.language()))

@@ -67,7 +67,7 @@ def test_error_estimate_has_the_order_of_the_embedded_method(frame, name):
 
 
 def first_estimate(step, t, y, h):
-    """Return the error that the second result tells, or the first combination of stages."""
+    """Return the error estimate: the difference of results, or a combination of stages."""
     y1, error = step.trial(t, y, h, 1.0, 0.0)
     return step.estimates(y, h, y1, 1.0, 0.0)[0] if step.paths.errors else error
 
@@ -251,7 +251,7 @@ def test_sizes_that_errors_are_relative_to():
     ),
 )
 def test_steps_are_those_that_the_formulas_choose(frame, name, sign):
-    """Errors in tolerances, of which some steps have more than one, and what follows from them."""
+    """The sizes follow from errors in units of the tolerance, some of them above one."""
     f, y0 = generic(frame, seed=3)
     tolerance = {2: 1e-5, 3: 1e-5, 8: 1e-12}.get(PAIRS[name].order, 1e-8)
     options = {"frame": frame, "method": PAIRS[name], "rtol": tolerance, "atol": tolerance / 3}
@@ -278,7 +278,7 @@ def test_tolerances_of_each_coordinate_by_the_formulas():
 
 
 def test_the_largest_and_the_smallest_change_of_the_size():
-    """By five where there is no error; by a fifth, or a fourth where there is no number."""
+    """The factor is 5 for zero errors, and at least 1/5, or 1/4 after a NaN."""
     still = {"frame": Euclidean(1), "method": PAIRS["CG2(3)"], "first_step": 1e-3}
     solution = cg.solve_ivp(lambda t, y: [1.0], (0, 10), [0.0], **still)
     np.testing.assert_allclose(np.diff(solution.t)[:5], 1e-3 * 5.0 ** np.arange(5), rtol=1e-11)

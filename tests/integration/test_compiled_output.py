@@ -1,4 +1,4 @@
-"""Fixed steps with output between them, and events, of a compiled f: as in Python."""
+"""Output between fixed steps and events of a compiled f equal those of f in Python."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Coordinates beyond the radius of dexp⁻¹: no step is taken there, and no number returned."""
+"""Coordinates beyond the radius of dexp⁻¹ are rejected."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ ALL = [frame for frame in CLOSED_FORMS if not isinstance(frame, Euclidean)] + WI
 
 
 def sized(frame, radius, seed=3):
-    """Return coefficients whose brackets have a spectral radius, and others."""
+    """Return coefficients whose brackets have a given spectral radius, and general ones."""
     u, v = vectors(frame, seed, 2)
     adjoint = frame.bracket(u, np.eye(frame.dim))
     return u * (radius / np.abs(np.linalg.eigvals(adjoint)).max()), v
@@ -176,7 +176,7 @@ def test_functions_in_c(affine):
 
 @pytest.mark.parametrize(("turns", "coordinates"), [(1.0, True), (8.0, False)])
 def test_steps_beyond_it_of_methods_with_flows_have_output_too(turns, coordinates):
-    """Coordinates of a step of many turns may not exist where the axis moves."""
+    """Coordinates of a step of many turns may not exist if the axis moves."""
 
     def f(t, y):
         return [0.1 * np.sin(t), 0.1 * np.cos(t), turns]

@@ -1,4 +1,4 @@
-"""Members of ensembles that end before others, by events or failures; steps in common."""
+"""Members of ensembles that end early by events or failures; common steps."""
 
 import ctypes
 import itertools
@@ -214,7 +214,7 @@ class TestCommonSteps:
 
 
 def test_a_compiled_function_that_writes_into_its_point(function):
-    """It is given a copy: whatever leads to it, the answer is the same."""
+    """It receives a copy, so that the result does not change."""
     for options in (
         {"method": "CG5a", "h": 0.01},
         {"rtol": 1e-10, "atol": 1e-10, "t_eval": [1.0]},
@@ -231,7 +231,7 @@ def test_a_compiled_function_that_writes_into_its_point(function):
 
 @pytest.mark.parametrize("which", [min, max])
 def test_functions_that_fail_between_steps(which):
-    """What is evaluated for output alone isn't evaluated by any step."""
+    """Evaluations for output are not evaluations of steps."""
     signature = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)
     options = {"method": "CG4(3)", **LINE}
     expected = {"t_eval": [0.31, 0.72], **options}

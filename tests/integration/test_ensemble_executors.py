@@ -1,4 +1,4 @@
-"""Ensembles on executors: every member by itself, the same wherever it runs."""
+"""Ensembles on executors: each member is the same on every executor."""
 
 import ctypes
 import math
@@ -188,7 +188,7 @@ def test_zarr_and_hdf5(library, tmp_path):
 
 
 def test_methods_of_the_package_travel_by_name(monkeypatch):
-    """So that what was found out about one isn't found out again for each chunk."""
+    """Thus data that are cached for a method are computed once per process."""
     known, complete = [], ensemble.completed
 
     def noted(work, *args, **options):

@@ -1,6 +1,5 @@
-"""Error estimates tell the errors: those of default methods, and of lifted pairs."""
+"""Ratios of errors to error estimates, for default methods and lifted pairs."""
 
-import importlib
 import sys
 from pathlib import Path
 
@@ -30,9 +29,8 @@ def equations():
 
 
 @pytest.fixture
-def tool(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "research"))
-    return importlib.import_module("make_second_results")
+def tool(load_script):
+    return load_script("research/make_second_results")
 
 
 def quotients(equations, method):

@@ -1,4 +1,4 @@
-"""The fixed-step integrator: what it computes, what it counts, what it refuses."""
+"""The fixed-step integrator: results, counts, rejected arguments."""
 
 from fractions import Fraction
 

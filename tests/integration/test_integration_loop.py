@@ -1,4 +1,4 @@
-"""The loop over steps in detail: its grids, first steps, counts, and the ends of what it keeps."""
+"""The loop over steps: grids, first steps, counts, ends of output."""
 
 import re
 from fractions import Fraction

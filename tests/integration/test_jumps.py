@@ -1,4 +1,4 @@
-"""Jumps of the solution at events: where they happen, what is kept of both sides, how they end."""
+"""Jumps at events: their times, the points before and after, terminal jumps."""
 
 import numpy as np
 import pytest

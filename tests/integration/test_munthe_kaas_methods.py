@@ -1,4 +1,4 @@
-"""Methods of Munthe-Kaas as such: orders, coefficients, files, what is refused."""
+"""Munthe-Kaas methods of the catalogue: orders, coefficients, files, rejected input."""
 
 import pickle
 

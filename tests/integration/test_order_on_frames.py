@@ -1,4 +1,4 @@
-"""Orders of methods on frames of all kinds, of which `test_order_slopes.py` measures some only."""
+"""Orders of a few methods on all frames."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""Orders of all explicit methods, measured where every coefficient counts."""
+"""Orders of all explicit methods, on problems that depend on every coefficient."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What long integrations tell of themselves, and results as datasets."""
+"""Progress of integrations, and results as datasets of xarray."""
 
 import time
 

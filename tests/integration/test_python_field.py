@@ -1,4 +1,4 @@
-"""What compiled code gives to functions in Python, and takes of them."""
+"""Arguments and results of Python functions called by compiled code."""
 
 import numpy as np
 import pytest
@@ -101,7 +101,7 @@ def test_an_ensemble_needs_the_shape_of_its_coefficients():
 
 
 def points_seen(keep, frame=FRAME, y0=Y0):
-    """Return what f stored of its points, and copies of the points."""
+    """Return the objects that f stored of its points, and copies of the points."""
     stored, copies = [], []
 
     def f(t, y):

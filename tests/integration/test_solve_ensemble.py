@@ -1,4 +1,4 @@
-"""Ensembles: every member is what it is alone, whatever else is asked for."""
+"""Ensembles: each member equals its solution alone, with all options."""
 
 import itertools
 import pickle

@@ -1,4 +1,4 @@
-"""How long compiled code runs between looks for an interrupt."""
+"""The time that compiled code runs between checks for interrupts."""
 
 from itertools import pairwise
 

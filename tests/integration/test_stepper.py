@@ -1,4 +1,4 @@
-"""Steps taken one at a time, and what goes on from the middle of them."""
+"""The stepper: single steps, restarts, copies and pickles."""
 
 import copy
 import pickle

@@ -1,4 +1,4 @@
-"""Derivatives of solutions: against differences of solutions, theory, and each other."""
+"""Derivatives of solutions against difference quotients and closed forms."""
 
 import numpy as np
 import pytest
@@ -343,7 +343,7 @@ class TestBadInput:
 
 
 def test_a_power_is_its_members():
-    """Bodies that don't see each other have a transition matrix of blocks."""
+    """Independent bodies have a block-diagonal transition matrix."""
     one = Wave(SO3(), k=1)
 
     def both(t, y, p):

@@ -1,4 +1,4 @@
-"""Derivatives of solutions with compiled functions, against the same in Python."""
+"""Derivatives of solutions with compiled functions against those with Python functions."""
 
 import ctypes
 
@@ -145,7 +145,7 @@ def test_ensembles_in_other_processes(library):
 
 
 def test_data_of_their_own(functions, function):
-    """Without parameters f has data of its top, and others get these."""
+    """Without parameters all compiled functions receive the data of f."""
     data = P.copy()
     top = LowLevelCallable(function("top"), ctypes.c_void_p(data.ctypes.data))
     solution = solve({"f": top, "jac": functions["jac"]}, parameters=None)

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax
 
 
 class TestTransforms:
-    """Derivatives of ends of adaptive runs, against each other and against difference quotients."""
+    """Derivatives of end points of adaptive runs against difference quotients."""
 
     STEPS = 1024
     KEPT = diffrax.RecursiveCheckpointAdjoint(checkpoints=STEPS)

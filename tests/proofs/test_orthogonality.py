@@ -1,4 +1,4 @@
-"""Proofs where few stages, or few flows, make conditions follow from others."""
+"""Orthogonality: conditions that follow from others if stages or flows are few."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -215,7 +215,7 @@ def test_certificates_that_leave_out_something_else():
 
 
 def test_a_certificate_that_leaves_out_an_independent_condition():
-    """The others have a zero with one coefficient more held: only `follow` tells."""
+    """The others have a zero with one more coefficient fixed; only `follow` rejects it."""
     method = cg.methods["CF5d"]
     certificate = certify(method)
     left_out = read_left_out(certificate.identities)[0]

@@ -1,4 +1,4 @@
-"""Children that a process forks while its other threads are at work."""
+"""Child processes that are forked while other threads work."""
 
 import os
 import subprocess

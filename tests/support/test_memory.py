@@ -1,4 +1,4 @@
-"""Too little memory is a MemoryError, never the end of the process."""
+"""Allocations that fail raise MemoryError."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Several threads at once: equal results, and settings of the process as they were before."""
+"""Several threads at once: equal results, and unchanged settings of the process."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""Files are replaced as a whole: what goes wrong on the way leaves the old one as it was."""
+"""Files are replaced atomically: after a failure the old file is unchanged."""
 
 import os
 import stat
