@@ -89,7 +89,7 @@ def test_norm_sees_no_zeros_and_no_signs(faces: Faces, fits: list[float], zero: 
     assert norm >= abs(x).max() * (1 - 4 * EPS)
 
 
-def test_norm_sees_what_is_not_a_number(faces: Faces) -> None:
+def test_norm_of_nan(faces: Faces) -> None:
     assert math.isnan(faces.enorm(np.array([1.0, np.nan, 2.0])))
 
 

@@ -157,7 +157,7 @@ class TestFromAStoreToTheCatalogue:
         assert main(["certify", file]) == 0
         assert main(["export", file, "json", "--digits", "60"]) == 0
 
-    def test_the_certificate_of_another_method_is_none(self, store, tmp_path):
+    def test_the_certificate_of_another_method_is_rejected(self, store, tmp_path):
         first = publish(store.run(1), "Mine", tmp_path)
         publish(store.run(2), "Other", tmp_path)
         other = (tmp_path / "Other.certificate.toml").read_text()

@@ -30,7 +30,7 @@ def from_docs():
     monkeypatch.undo()
 
 
-def test_front_page_prints_what_it_shows(capsys):
+def test_front_page_output(capsys):
     run("docs/index.md")
     assert capsys.readouterr().out == source_in("docs/index.md", "text")
 

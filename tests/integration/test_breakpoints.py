@@ -39,7 +39,7 @@ def compiled(keep, side):
 @pytest.mark.parametrize("way", WAYS, ids=str)
 @pytest.mark.parametrize("backward", [False, True])
 @pytest.mark.parametrize("in_c", [False, True])
-def test_steps_end_there_and_see_their_own_side(way, backward, in_c):
+def test_steps_end_at_breakpoints_and_use_one_side(way, backward, in_c):
     times, side = [], "left" if backward else "right"
 
     def f(t, y):
@@ -104,7 +104,7 @@ def test_those_beyond_the_span_are_left_out():
     np.testing.assert_array_equal(solution.y, plain.y)
 
 
-def test_kinks_that_are_not_named_are_warned_of():
+def test_warning_for_kinks_without_breakpoints():
     """The data are interpolated linearly."""
     times = np.linspace(0.0, 1.0, 1001)
     rates = np.random.default_rng(1).standard_normal((3, len(times)))

@@ -113,7 +113,7 @@ def test_it_is_continuous_at_the_ends_without_their_being_set(frame):
 @pytest.mark.parametrize(
     "frame", [Euclidean(1), SO3(), UnitQuaternion(), Sphere(2), Stiefel(3, 1)], ids=repr
 )
-def test_bits_are_the_same_however_many_steps_are_made_at_once(frame, method, monkeypatch):
+def test_results_do_not_depend_on_steps_per_call(frame, method, monkeypatch):
     """Results do not depend on the number of steps per call, which time and buffers limit."""
     f, y0 = generic(frame)
     options = {"frame": frame, "method": method, "h": 0.1, "dense_output": True}
@@ -153,7 +153,7 @@ def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
 
 
 @pytest.mark.parametrize("count", range(2, 9))
-def test_the_last_flow_takes_away_the_leading_error(count):
+def test_the_last_flow_removes_the_leading_error(count):
     """This holds for coefficients that are a polynomial of one degree more than interpolated."""
     rng = np.random.default_rng(count)
     nodes = nodes_of(count)
@@ -187,7 +187,7 @@ def test_many_turns_in_one_step_do_not_lose_their_count(method):
 
 
 @pytest.mark.parametrize("method", ["CG2(3)", "CG4a", "CG5a", "CG6g"])
-def test_what_it_costs(method):
+def test_evaluations_of_dense_output(method):
     f, y0 = generic(SO3())
     extra = extra_evaluations(cg.methods[method])
     assert extra <= cg.methods[method].stages

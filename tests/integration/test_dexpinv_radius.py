@@ -81,7 +81,7 @@ def test_within_it_there_is(frame):
 
 
 @pytest.mark.parametrize("frame", ALL, ids=name)
-def test_what_commutes_is_left_as_it_is(frame):
+def test_commuting_coefficients_are_unchanged(frame):
     u, _ = sized(frame, 3.5 * TURN)
     for dexpinv in functions(frame):
         np.testing.assert_allclose(dexpinv(u, -2.0 * u), -2.0 * u, rtol=1e-13, atol=1e-13)
@@ -93,7 +93,7 @@ def test_a_nilpotent_algebra_has_no_radius():
     np.testing.assert_allclose(HEISENBERG_GROUP.dexpinv(u, v), expected, rtol=1e-13)
 
 
-def test_a_factor_that_commutes_is_none_of_the_others():
+def test_commuting_factors_are_independent():
     frame = Product(SO3(), Euclidean(2), UnitQuaternion())
     u = np.array([9.0, 0.0, 0.0, 50.0, 60.0, 0.1, 0.2, 0.3])
     v = np.array([1.0, 0.0, 0.0, 1.0, 2.0, 1.0, 2.0, 3.0])

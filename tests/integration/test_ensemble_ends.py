@@ -73,7 +73,7 @@ def test_failures_are_named(name, good, bad, options, message, output, function)
     assert np.isnan(solution.y).ravel().tolist() == [False] * 4 + [True, False]
 
 
-def test_where_all_fail_what_they_reached_is_kept(function):
+def test_points_are_kept_if_all_members_fail(function):
     numbers = [[-1.0, 0.6], [-1.0, 0.6]]
     solution = cg.solve_ensemble(
         function("decays"), (0, 1), [1.0], parameters=numbers, t_eval=np.arange(33) / 32, **FIXED
@@ -154,7 +154,7 @@ class TestCommonSteps:
     """All members take the steps that the one with the largest error calls for."""
 
     @pytest.mark.parametrize("vectorized", [False, True])
-    def test_one_member_takes_its_own(self, vectorized):
+    def test_one_member_takes_its_own_steps(self, vectorized):
         y0 = SO3().random_point(np.random.default_rng(1), 1)
         options = {"frame": SO3(), "rtol": 1e-6, "dense_output": True}
 

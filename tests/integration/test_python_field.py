@@ -113,7 +113,7 @@ def points_seen(keep, frame=FRAME, y0=Y0):
     return stored, copies
 
 
-def test_points_that_f_keeps_stay_as_they_were():
+def test_points_stored_by_f_do_not_change():
     stored, copies = points_seen(lambda y: y)
     np.testing.assert_array_equal(stored, copies)
     assert len({y.tobytes() for y in stored}) > 8
@@ -133,7 +133,7 @@ def test_points_that_f_keeps_stay_as_they_were():
 
 
 @pytest.mark.parametrize("frame", [FRAME, SU(3), Power(SO3(), 2)], ids=repr)
-def test_what_f_does_to_its_point_is_undone(frame):
+def test_changes_of_the_point_by_f_have_no_effect(frame):
     y0 = frame.random_point(np.random.default_rng(1))
     v = np.linspace(0.1, 0.7, frame.dim)
     points = []

@@ -317,7 +317,7 @@ class TestBadInput:
         ],
         ids=["shape", "text", "None", "NaN", "complex"],
     )
-    def test_of_what_functions_return(self, name, value, message):
+    def test_of_values_of_functions(self, name, value, message):
         arguments = {name: lambda t, y, p: value}
         message = message.format(name=name, shape=r"\(3, 3\)")
         with pytest.raises(ValueError, match=message):

@@ -74,7 +74,7 @@ class TestValues:
         close(moved, frame.flow(v, y))
         close(tangent, frame.field(w, y))
 
-    def test_what_belongs_to_coordinates(self, frame, example):
+    def test_coefficients_sizes_and_dexpinv(self, frame, example):
         y, v, w = example
         rules = rules_of(frame)
         end, tangent = frame.flow(v, y), frame.field(w, y)

@@ -172,7 +172,7 @@ def test_certificates_are_proved_a_second_way(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["CG4a.toml", "CF4.toml", "CG5(4).toml", "CG3.toml"])
-def test_the_second_way_refuses_what_is_wrong(name: str) -> None:
+def test_the_second_implementation_rejects_wrong_certificates(name: str) -> None:
     entry, certificate = method(name), CERTIFICATES[name]
     changes: list[dict[str, Any]] = [
         {"order": certificate["order"] + 1},

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.no_core
 class TestOnlySmall:
     """Certificates of methods whose dependent conditions are only shown to be small."""
 
-    def test_what_depends_on_others_is_below_a_bound(self):
+    def test_dependent_conditions_are_below_a_bound(self):
         method = methods["CF5c"]
         certificate = certify(method, small=True)
         assert not certificate.complete

@@ -148,7 +148,7 @@ def test_shapes_are_kept():
 
 
 @given(patterns)
-def test_36_decimal_digits_tell_quads_apart(pattern):
+def test_36_decimal_digits_distinguish_quads(pattern):
     value = decode(quads(pattern))[0]
     assert decode(encode([to_decimal(value)])) == [value]
 
