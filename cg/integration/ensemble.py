@@ -277,7 +277,7 @@ def _check_pickle(work: _MemberTask) -> None:
         pickle.dumps(work)
     except Exception as error:
         raise TypeError(
-            "f, frame and all other arguments must be such that other processes can be told of "
-            "them (pickled); functions must be those of a module, a compiled one "
+            "f, frame and all other arguments must be such that they can be pickled for other "
+            "processes; functions must be those of a module, a compiled one "
             f"cg.CompiledFunction(path, symbol); got {work.f!r}: {error}"
         ) from error

@@ -228,7 +228,7 @@ def integrate(
     jac
         As for `cg.solve_ivp`.
     save_every
-        Store every so many steps, besides the initial and the final point.
+        Number of steps between stored points; the initial and the final point are always stored.
     progress
         Called with the time covered so far and the length of ``t_span``, at most ten times a
         second and when the end is reached.

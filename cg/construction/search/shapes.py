@@ -237,7 +237,7 @@ class ShapeArguments:
 
     @property
     def of_points(self) -> bool:
-        """Whether methods of points are meant, not tableaux."""
+        """Whether the arguments describe methods of points, not tableaux."""
         return self.tree is not None or self.flows is not None
 
     def check_tableau(self) -> None:
