@@ -19,7 +19,7 @@ from cg.reproduce.reference_runs import integrate_compiled
 pytestmark = pytest.mark.sanitize
 
 ORDERS = {
-    **{key: (m, m.order) for key, m in METHODS.items()},
+    **{key: (m, m.order) for key, m in METHODS.items() if m.explicit},
     **{
         f"{key}, second": (m.embedded, m.embedded_order) for key, m in METHODS.items() if m.embedded
     },
