@@ -128,10 +128,10 @@ def diffrax_solvers(case: Case) -> Solvers:
 
 def _rows(case: Case, solve: Solvers, aims: Mapping[float, float], rounds: int) -> list[Row]:
     curves = run_curves(case, solve, [10.0**-k for k in range(3, 14)], rounds)
-    own = curves.pop(_OWN)
+    ours = curves.pop(_OWN)
     rows = []
     for error, aim in aims.items():
-        here = own.at(error, "time")
+        here = ours.at(error, "time")
         there, name = min(
             ((curve.at(error, "time"), name) for name, curve in curves.items()),
             key=lambda pair: (math.isnan(pair[0]), pair),

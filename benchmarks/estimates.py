@@ -94,16 +94,16 @@ def run(quick: bool, figures: Path | None) -> Result:
     """Run all pairs with all tolerances on the spins and on the ten problems."""
     tolerances = _TOLERANCES[:6] if quick else _TOLERANCES
     rounds = 1 if quick else 3
-    turning = [_runs(case, tolerances, 1) for case in spins(3 if quick else _SPINS)]
+    spinning = [_runs(case, tolerances, 1) for case in spins(3 if quick else _SPINS)]
     problems = [_runs(case, tolerances, rounds) for case in cases(["heavy_top"] if quick else None)]
     names = list(problems[0])
-    runs = turning + problems
+    runs = spinning + problems
     tables = (
-        _by_tolerance(names, turning, problems), _work(problems, rounds), _work(turning, 0)
+        _by_tolerance(names, spinning, problems), _work(problems, rounds), _work(spinning, 0)
     )  # fmt: skip
     rows = tuple(row for name in names for row in _rows(name, runs))
     return Result(
-        TITLE, method_text(tolerances[-1], len(turning)), (), (_defaults(runs, problems),),
+        TITLE, method_text(tolerances[-1], len(spinning)), (), (_defaults(runs, problems),),
         details=Result(TITLE, DETAILS, rows, tables),
     )  # fmt: skip
 
@@ -157,18 +157,20 @@ def write_table(result: Result, page: Path) -> None:
         honest = numbers["median"] <= MEDIAN and numbers["largest"] <= LARGEST
         cells = [f"{number:.2g}" for number in numbers.values()]
         rows.append([f"`{name}`", *cells, "yes" if honest else "**no**"])
-    shown = table(("pair", "median", "90 % below", "largest", "honest"), rows)
-    replace_between(page, BEGIN, END, f"{shown}\n")
+    text = table(("pair", "median", "90 % below", "largest", "honest"), rows)
+    replace_between(page, BEGIN, END, f"{text}\n")
 
 
-def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -> str:
-    shown = [k for k in turning[0][names[0]] if k <= _MAX_TOLERANCE]
-    heads = [f"{kind}, {tolerance:g}" for kind in ("spins", "problems") for tolerance in shown[::2]]
+def _by_tolerance(names: list[str], spinning: list[Runs], problems: list[Runs]) -> str:
+    tolerances = [k for k in spinning[0][names[0]] if k <= _MAX_TOLERANCE]
+    heads = [
+        f"{kind}, {tolerance:g}" for kind in ("spins", "problems") for tolerance in tolerances[::2]
+    ]
     rows = []
     for name in names:
         cells = []
-        for runs in (turning, problems):
-            for tolerance in shown[::2]:
+        for runs in (spinning, problems):
+            for tolerance in tolerances[::2]:
                 here = [r[name][tolerance].error / tolerance for r in runs if tolerance in r[name]]
                 cells.append(f"{median(here):.2g}, {max(here):.2g}" if here else "")
         rows.append([f"`{name}`", *cells])

@@ -103,8 +103,8 @@ def _table(rows: tuple[Row, ...]) -> str:
     """Return the table of some rows, without the columns that are empty in all of them."""
     heads = ("", "here", "compared with", "there", "ratio", "aim")
     lines = [_cells(row) for row in rows]
-    shown = [k for k in range(len(heads)) if k < 2 or any(line[k] for line in lines)]
-    return table([heads[k] for k in shown], [[line[k] for k in shown] for line in lines])
+    columns = [k for k in range(len(heads)) if k < 2 or any(line[k] for line in lines)]
+    return table([heads[k] for k in columns], [[line[k] for k in columns] for line in lines])
 
 
 def _cells(row: Row) -> tuple[str, ...]:

@@ -90,12 +90,12 @@ def ratios_of_default(rows: Sequence[Row]) -> str:
         if separator and row.ratio is not None:
             by_title.setdefault(title, {})[error] = f"{row.ratio:.3g}"
     heads = [f"{error:g}" for error in errors]
-    shown = [
+    lines = [
         [title, *(ratios.get(head, "") for head in heads)] for title, ratios in by_title.items()
     ]
     return (
         "Time of SciPy's DOP853 with projection divided by the time of the default method of "
-        f"`cg.solve_ivp`, by error at the end:\n\n{table(['', *heads], shown)}"
+        f"`cg.solve_ivp`, by error at the end:\n\n{table(['', *heads], lines)}"
     )
 
 
@@ -159,12 +159,12 @@ def _best(curves: list[Curve], kinds: tuple[str, ...], error: float, quantity: s
 
 def _rows(case: Case, curves: list[Curve]) -> list[Row]:
     """Return the comparisons that have an aim."""
-    named = {curve.name: curve for curve in curves}
+    by_name = {curve.name: curve for curve in curves}
     rows: list[Row] = []
 
     def compare(name: str | None, other: str, quantity: str, error: float, aim: float) -> None:
-        if name in named and other in named:
-            row = _row(case, named[name], named[other], quantity, error, aim)
+        if name in by_name and other in by_name:
+            row = _row(case, by_name[name], by_name[other], quantity, error, aim)
             rows.extend([] if row is None else [row])
 
     fastest = _best(curves, ("pair", "fixed"), 1e-8, "time")
@@ -217,22 +217,22 @@ def verdict(wins: Mapping[str, Sequence[int]]) -> str:
 
 def _table(case: Case, curves: list[Curve]) -> str:
     """Return a table of the best solvers of each kind and of all competitors."""
-    named = {curve.name: curve for curve in curves}
-    shown: dict[str, None] = {}
+    by_name = {curve.name: curve for curve in curves}
+    selected: dict[str, None] = {}
     for kinds in (("pair",), ("fixed",)):
         for quantity in QUANTITIES:
             for error in _ERRORS:
                 best = _best(curves, kinds, error, quantity)
                 if best is not None:
-                    shown[best] = None
+                    selected[best] = None
     for name in (_DEFAULT, "DP5(4)", "DOP853", "CF4"):
-        if name in named:
-            shown[name] = None
+        if name in by_name:
+            selected[name] = None
     rivals = [curve.name for curve in curves if curve.kind in ("rkmk", "rival")]
     heads = [f"{quantity}, {error:g}" for error in _ERRORS for quantity in QUANTITIES]
     rows = []
-    for name in (*shown, *rivals):
-        curve = named[name]
+    for name in (*selected, *rivals):
+        curve = by_name[name]
         cells = []
         for error in _ERRORS:
             for quantity in QUANTITIES:

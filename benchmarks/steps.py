@@ -83,10 +83,10 @@ def _top(rounds: int, folder: Path, loop: PlainLoop) -> list[Row]:
     if "CG4a, Lielab" in contestants:
         rows += [
             times.row(
-                f"`CG4a`, heavy top, `f` in {what}", f"CG4a, {own}", "µs per step", "Lielab",
+                f"`CG4a`, heavy top, `f` in {what}", f"CG4a, {label}", "µs per step", "Lielab",
                 "CG4a, Lielab", pieces=(count, lielabs), aim=Aim(bound, above=True),
             )
-            for what, own, count, bound in (("C", "here", c, 60), ("Python", "Python", python, 2))
+            for what, label, count, bound in (("C", "here", c, 60), ("Python", "Python", python, 2))
         ]  # fmt: skip
     return rows
 

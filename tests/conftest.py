@@ -1,6 +1,7 @@
 """Settings of all tests."""
 
 import ctypes
+import importlib
 import signal
 import subprocess
 import sys
@@ -48,10 +49,10 @@ def library(tmp_path_factory):
 @pytest.fixture
 def function(library):
     def get(name):
-        actual = library[name]  # a new object each time, unlike an attribute
-        actual.restype = ctypes.c_int
-        actual.argtypes = [ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p]
-        return actual
+        symbol = library[name]  # a new object each time, unlike an attribute
+        symbol.restype = ctypes.c_int
+        symbol.argtypes = [ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p]
+        return symbol
 
     return get
 
@@ -66,6 +67,34 @@ def affine(function):
         return callable_, data
 
     return make
+
+
+@pytest.fixture
+def run_command(capsys):
+    """Run the command in this process; return its exit code, its output and its errors."""
+    from cg.command import main
+
+    def run(*arguments):
+        code = main(list(arguments))
+        output = capsys.readouterr()
+        return code, output.out, output.err
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def load_script():
+    """Import a script of a folder that is no package, such as ``research/make_lifted_methods``."""
+
+    def load(path):
+        folder, name = (Path(__file__).parents[1] / path).parent, Path(path).name
+        sys.path.insert(0, str(folder))
+        try:
+            return importlib.import_module(name)
+        finally:
+            sys.path.remove(str(folder))
+
+    return load
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -23,7 +23,7 @@ LARGEST = 1e-25  # residual of a condition that is left out
 
 
 class NotProvedError(Exception):
-    """What a certificate says isn't proved."""
+    """The statement of a certificate is not proved."""
 
 
 class Dual:
@@ -67,7 +67,7 @@ def read_points(entry):
 
 
 def exact(number):
-    """Return the number that a text says."""
+    """Return the number in a text."""
     text = str(number)
     return Fraction(float.fromhex(text)) if "0x" in text else Fraction(text)
 

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from cg.conditions import Rows
-from cg.construction.results import Solution, best, families, publish, solutions
+from cg.construction.results import StoredSolution, best, families, publish, solutions
 from cg.construction.results.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
 
@@ -173,7 +173,7 @@ def publish_start(
     return NO if made.reason else 0
 
 
-def _solution_data(solution: Solution) -> dict[str, Any]:
+def _solution_data(solution: StoredSolution) -> dict[str, Any]:
     layout = solution.candidate.system.layout
     return {
         "start": solution.record.number,

@@ -35,7 +35,7 @@ def fixed_entries(system: ConditionSystem) -> list[int]:
 
 
 def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> Candidate:
-    """Solve from a start, a second time if f is at most `promising` after the first run."""
+    """Solve from a start, and again if f is at most `promising` after the first run."""
     system, frozen = candidate.system, fixed_entries(candidate.system)
     first = correct(
         candidate, frozen, ftol=1e-27, damping=1e-2, max_iterations=iterations, accurate=False

@@ -61,7 +61,7 @@ class ConstructionArguments(ShapeArguments):
 
     @property
     def of_points(self) -> bool:
-        """Whether a method of points is meant, not a tableau."""
+        """Whether the arguments describe a method of points, not a tableau."""
         return super().of_points or self.first_flows is not None
 
     def checked(self) -> ConstructionSettings:

@@ -157,7 +157,7 @@ def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> 
     steps
         Number of steps.
     every
-        Every so many steps one is stored; zero if none are.
+        Number of steps between stored steps; zero if none are stored.
     between
         Whether interpolants are stored as well.
     """

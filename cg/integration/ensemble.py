@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.catalogue import catalogues
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
@@ -29,7 +28,6 @@ from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.step.plan import plan_of
 from cg.runs import ExecutorLike, check_executor, completed
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import Stop
@@ -135,12 +133,11 @@ def solve_ensemble(
         f, t_span, y0, frame=frame, options=options, many=True, vectorized=vectorized,
         common=common, stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
-    return solve_members(problem, f, executor, workers, out, progress)
+    return solve_members(problem, executor, workers, out, progress)
 
 
 def solve_members(
     problem: Problem,
-    f: Any,
     executor: ExecutorLike,
     workers: int | None,
     out: Any,
@@ -152,8 +149,6 @@ def solve_members(
     ----------
     problem
         What to integrate.
-    f
-        The right-hand side as the user gave it, for workers in other processes.
     executor, workers, out, progress
         As for `solve_ensemble`.
     """
@@ -173,7 +168,7 @@ def solve_members(
     result = EnsembleResults(problem, out)
     watch = Progress(progress, problem.t0, problem.t1, len(problem.points))
     if distributed:
-        _distribute(problem, f, executor, workers, result, watch)
+        _distribute(problem, executor, workers, result, watch)
     else:
         size = len(problem.points) if common else _MEMBERS_PER_RUN
         for first in range(0, len(problem.points), size):
@@ -218,47 +213,26 @@ def _integrate(problem: Problem, watch: Progress | None) -> MemberResults:
 
 @dataclass(frozen=True)
 class _MemberTask:
-    """The task of a worker: integrate some members of a problem."""
+    """The task of a worker: integrate some members of a problem, of which it has only the first."""
 
     problem: Problem
-    f: Any
 
     def __call__(self, data: tuple[Points, Array | None]) -> MemberResults:
         """Integrate some members, given their points and parameters."""
         points, numbers = data
         problem = self.problem
         rhs, _ = make_rhs(
-            self.f, problem.plan.frame, problem.args or None, numbers, problem.rhs.vectorized,
+            problem.f, problem.plan.frame, problem.args or None, numbers, problem.rhs.vectorized,
             len(points),
         )  # fmt: skip
         return _integrate(replace(problem, points=points, rhs=rhs), None)
 
-    def __getstate__(self) -> dict[str, Any]:
-        # a method is sent by its name, so that each process has one instance with its cached data
-        problem, method = self.problem, self.problem.plan.method
-        known = any(own.get(method.name) is method for own in catalogues.values())
-        plan = problem.plan.frame, method.name if known else method
-        parts = {name: value for name, value in vars(problem).items() if name != "plan"}
-        vectorized = problem.rhs.vectorized
-        parts |= {"rhs": vectorized, "points": None}
-        return {"f": self.f, "plan": plan, "kind": type(problem), "parts": parts}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        from cg.catalogue import resolve_method
-
-        frame, method = state["plan"]
-        parts = state["parts"]
-        parts["rhs"], _ = make_rhs(state["f"], frame, parts["args"] or None, None, parts["rhs"], 1)
-        problem = state["kind"](plan_of(frame, resolve_method(method)), **parts)
-        object.__setattr__(self, "problem", problem)
-        object.__setattr__(self, "f", state["f"])
-
 
 def _distribute(
-    problem: Problem, f: Any, executor: Any, workers: Any, result: EnsembleResults, watch: Progress
+    problem: Problem, executor: Any, workers: Any, result: EnsembleResults, watch: Progress
 ) -> None:
     """Integrate members on an executor."""
-    work = _MemberTask(problem, f)
+    work = _MemberTask(_select_members(problem, slice(0, 1)))
     if executor is not None and executor != "threads":
         _check_pickle(work)
     points, numbers = problem.points, problem.rhs.parameters
@@ -286,7 +260,7 @@ def _check_pickle(work: _MemberTask) -> None:
         pickle.dumps(work)
     except Exception as error:
         raise TypeError(
-            "f, frame and all other arguments must be such that other processes can be told of "
-            "them (pickled); functions must be those of a module, a compiled one "
-            f"cg.CompiledFunction(path, symbol); got {work.f!r}: {error}"
+            "f, frame and all other arguments must be such that they can be pickled for other "
+            "processes; functions must be those of a module, a compiled one "
+            f"cg.CompiledFunction(path, symbol); got {work.problem.f!r}: {error}"
         ) from error

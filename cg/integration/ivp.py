@@ -218,28 +218,15 @@ def integrate(
         Python's lock, on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in
         space, Euclidean space and their products, isospectral orbits of real matrices up to
         n = 12, and linear actions of sparse matrices.
-    t_span
-        Initial and final time.  If the final time is smaller, integration runs backward.
-    y0
-        Initial point, shape ``frame.point_shape``.
-    frame
-        The frame that holds the points and supplies the flows.
-    method
-        Name of a method of the catalogue, or a method; see `cg.solve_ivp`.
+    t_span, y0, frame, method
+        As for `cg.solve_ivp`.
     h
         Step size, positive whatever the direction.  If it doesn't divide the span, the last
         step is shorter.
-    args, parameters
-        Further arguments of ``f``; see `cg.solve_ivp`.
-    stage_solver
-        Iteration for the stages of an implicit method: ``"newton"`` or ``"fixed-point"``.
-    jac
+    args, parameters, stage_solver, jac, progress
         As for `cg.solve_ivp`.
     save_every
-        Store every so many steps, besides the initial and the final point.
-    progress
-        Called with the time covered so far and the length of ``t_span``, at most ten times a
-        second and when the end is reached.
+        Number of steps between stored points; the initial and the final point are always stored.
 
     Returns
     -------
@@ -247,19 +234,8 @@ def integrate(
 
     Raises
     ------
-    TypeError
-        If ``f`` isn't callable, ``frame`` isn't a `Frame`, ``method`` is neither a name nor a
-        tableau, or ``h`` isn't a real number.
-    ValueError
-        If ``t_span``, ``y0``, ``method`` or ``h`` has an impossible value, or if ``f`` returns
-        another shape or numbers that aren't finite; or if the steps need more memory than there
-        is.
-    OverflowError
-        If the solution exceeds the range of floating point.
-    ConvergenceError
-        If the iteration for the stages of an implicit method doesn't converge.
-    StepTooLongError
-        If a step of a method on a Lie algebra is too long for dexp⁻¹.
+    TypeError, ValueError, OverflowError, ConvergenceError, StepTooLongError
+        As for `cg.solve_ivp` with fixed steps; or if the steps need more memory than there is.
     RuntimeError
         If a compiled ``f`` returns another number than zero.
 

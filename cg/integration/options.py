@@ -40,20 +40,10 @@ class Options(StepOptions, total=False):
     events: Any
 
 
-_DEFAULTS: Options = {
+_DEFAULTS: dict[str, Any] = dict.fromkeys(Options.__annotations__) | {
     "method": AUTO,
-    "h": None,
-    "rtol": None,
-    "atol": None,
     "max_step": math.inf,
-    "first_step": None,
-    "breakpoints": None,
-    "args": None,
-    "parameters": None,
-    "max_steps": None,
-    "t_eval": None,
     "dense_output": False,
-    "events": None,
 }
 
 
@@ -76,7 +66,7 @@ def expand_options(function: _Function) -> _Function:
         inspect.Parameter(
             name,
             inspect.Parameter.KEYWORD_ONLY,
-            default=cast(dict[str, Any], _DEFAULTS)[name],
+            default=_DEFAULTS[name],
             annotation=getattr(annotation, "__forward_arg__", annotation),
         )
         for name, annotation in kind.__annotations__.items()

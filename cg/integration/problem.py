@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.catalogue import resolve_method
+from cg.catalogue import catalogues, resolve_method
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.integration.arguments import (
@@ -65,6 +65,8 @@ class Problem:
         Breakpoints, then the final time.
     control
         The step size control.
+    f
+        The right-hand side as the user passed it.
     events
         The events as the user passed them.
     args
@@ -87,6 +89,7 @@ class Problem:
     t0: float
     stops: Array
     control: Control
+    f: Any
     events: Any = None
     args: tuple[Any, ...] = ()
     t_eval: Array | None = None
@@ -115,13 +118,32 @@ class Problem:
         """Return the events with their further arguments."""
         return EventTable(self.events, self.plan.frame, self.arguments())
 
-    def run(self, output: Output, table: EventTable | None) -> Run:
-        """Return the run of all members."""
+    def run(self, output: Output, table: EventTable | None = None, **options: Any) -> Run:
+        """Return the run of all members, with further options of `Run`."""
         return Run(
             self.plan, self.rhs, self.points, self.t0, self.stops, self.control, output,
             events=table, common=self.common, stage_solver=self.stage_solver,
-            jacobian=self.jacobian,
+            jacobian=self.jacobian, **options,
         )  # fmt: skip
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what the plan and the right-hand side are made of, and all other fields."""
+        frame, method = self.plan.frame, self.plan.method
+        # a method is sent by its name, so that each process has one instance with its cached data
+        known = any(catalogue.get(method.name) is method for catalogue in catalogues.values())
+        state = {name: value for name, value in vars(self).items() if name not in ("plan", "rhs")}
+        state["plan"] = frame, method.name if known else method
+        state["rhs"] = self.rhs.parameters, self.rhs.vectorized
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        frame, method = state["plan"]
+        numbers, vectorized = state["rhs"]
+        args, members = state["args"] or None, len(state["points"])
+        rhs, _ = make_rhs(state["f"], frame, args, numbers, vectorized, members)
+        made = {"plan": plan_of(frame, resolve_method(method)), "rhs": rhs}
+        for name, value in (state | made).items():
+            object.__setattr__(self, name, value)
 
 
 def make_rhs(
@@ -240,7 +262,7 @@ def make_problem(
     control = make_control(plan, given, abs(stop - start))
     t_eval = given["t_eval"]
     problem = Problem(
-        plan, rhs, points, start, stops, control, given["events"], extra,
+        plan, rhs, points, start, stops, control, f, given["events"], extra,
         None if t_eval is None else check_t_eval(t_eval, start, stop),
         check_flag("dense_output", given["dense_output"]), stage_solver, common, jacobian,
     )  # fmt: skip

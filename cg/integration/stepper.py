@@ -6,6 +6,7 @@ import copy
 import math
 import pickle
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -24,7 +25,6 @@ from cg.integration.problem import make_problem, make_rhs
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.step.plan import plan_of
 from cg.integration.stepper_state import get_state, set_state
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import Stop
@@ -134,34 +134,27 @@ class Stepper:
         self.t_bound = bound
         self._many = many
         self._common = common
-        self._stage_solver = stage_solver
-        self._jacobian = problem.jacobian
-        self._control = problem.control
         self._first_step = None if first_step is None else check_step(first_step, "first_step")
         end = bound
         if math.isinf(bound) and h is not None:
             end = start + self.direction * _FAR * float(h)
         self._stops = check_stops(breakpoints, start, end)
-        self._args = problem.args
-        self._rhs = problem.rhs
+        control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
+        self._problem = replace(problem, stops=self._stops, control=control)
         self.t_old: float | None = None
         self.step_size: float | None = None
         self.status = "running" if start != bound else "finished"
-        self._run = self._make_run(start, problem.points)
+        self._run = self._make_run()
 
-    def _make_run(self, t: float, points: Points) -> Run:
-        control = self._control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
-        run = Run(
-            plan_of(self.frame, self.method), self._rhs, points, t, self._stops, control,
-            Output(), common=self._common, stage_solver=self._stage_solver, keep_last=True,
-            lanes=len(points), jacobian=self._jacobian,
-        )  # fmt: skip
+    def _make_run(self) -> Run:
+        problem = self._problem
+        run = problem.run(Output(), keep_last=True, lanes=len(problem.points))
         self._core = run._core
         self._target = np.empty(1)
         first = self._first_step or 0.0
-        self._core.loop_restart(run.address, t, run.end.T, first, self._rhs.data_address)
+        self._core.loop_restart(run.address, run.t0, run.end.T, first, run.rhs.data_address)
         self._stops_are_set = True  # whether compiled code uses `_stops`
-        self.t = t
+        self.t = run.t0
         return run
 
     @property
@@ -319,20 +312,22 @@ class Stepper:
         if y is not None:
             rows = run.plan.doubles(self._check_points(y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
-        if parameters is not None or (args is not None and not hasattr(self._rhs, "set_args")):
-            numbers = self._rhs.parameters if parameters is None else np.array(parameters, float)
+        rhs, extra = self._problem.rhs, self._problem.args
+        if parameters is not None or (args is not None and not hasattr(rhs, "set_args")):
+            numbers = rhs.parameters if parameters is None else np.array(parameters, float)
             if numbers is not None and parameters is not None and not self._many:
                 numbers = numbers[None]
-            self._rhs, self._args = make_rhs(
-                self.f, self.frame, self._args or None if args is None else args, numbers,
-                self._rhs.vectorized, run.members,
+            rhs, extra = make_rhs(
+                self.f, self.frame, extra or None if args is None else args, numbers,
+                rhs.vectorized, run.members,
             )  # fmt: skip
         elif args is not None:
-            assert isinstance(self._rhs, PythonRhs)
-            self._args = check_args(args)
-            self._rhs.set_args(self._args)
-        run.replace_rhs(self._rhs)
-        self._core.loop_restart(run.address, self.t, rows.T, first or 0.0, self._rhs.data_address)
+            assert isinstance(rhs, PythonRhs)
+            extra = check_args(args)
+            rhs.set_args(extra)
+        self._problem = replace(self._problem, rhs=rhs, args=extra)
+        run.replace_rhs(rhs)
+        self._core.loop_restart(run.address, self.t, rows.T, first or 0.0, rhs.data_address)
         if rows is not run.end:
             run.end[...] = rows
         run.reached[...] = self.t

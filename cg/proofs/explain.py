@@ -64,7 +64,7 @@ def read_identity(name: str) -> Identity:
     for identity in (MidpointSteps(), MiddleAbscissae(), MiddleAbscissae(first_only=True)):
         if identity.name == name:
             return identity
-    raise ValueError(f"no identity is known as {name!r}")
+    raise ValueError(f"there is no identity named {name!r}")
 
 
 def find_identities(

@@ -28,7 +28,7 @@ __all__ = ["find_zero"]
 
 
 class _Proved(NamedTuple):
-    """A certificate whose zero is proved, and the test that did it."""
+    """A proved certificate and its Krawczyk test."""
 
     certificate: Certificate
     attempt: KrawczykTest

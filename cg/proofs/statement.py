@@ -72,7 +72,7 @@ class Packed:
         return [to_ball(v) for v in self.values]
 
     def zeros(self) -> list[frozenset[int]]:
-        """Return at which stages each row of weights is exactly zero."""
+        """Return the stages at which each row of weights is exactly zero."""
         held = [k for k, coefficient in enumerate(self.coefficients) if coefficient.value == 0]
         rows = map(self.layout.row, range(self.layout.stages, len(self.layout.ends)))
         return [frozenset(self.layout.stage_of[k].item() for k in held if k in row) for row in rows]

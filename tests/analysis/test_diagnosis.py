@@ -32,7 +32,7 @@ def texts(method):
 
 
 def cut(text, places):
-    """Cut a decimal text after so many places."""
+    """Return a decimal text cut after a number of places."""
     whole, _, part = text.partition(".")
     return f"{whole}.{part[:places]}" if part else text
 

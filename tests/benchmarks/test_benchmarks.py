@@ -1,4 +1,4 @@
-"""Solvers and problems of the benchmarks are right, and the pages show the stored results."""
+"""Solvers, problems and pages of the benchmarks."""
 
 import importlib.util
 import shutil

@@ -1,4 +1,4 @@
-"""The linear equations of the benchmarks are the same ones for all packages."""
+"""The linear equations of the benchmarks, in the forms of all packages."""
 
 import pytest
 

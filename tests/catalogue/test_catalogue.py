@@ -97,7 +97,7 @@ def test_coefficients_are_written_with_all_digits(name):
 
 @pytest.mark.parametrize("name", [*methods, *munthe_kaas])
 def test_every_stage_and_every_point_is_used(name):
-    """By a result, by the estimate of a pair, or by a stage that is used itself."""
+    """Each is used by a result, by the estimate of a pair, or by another stage that is used."""
     method = {**methods, **munthe_kaas}[name]
     stages, points = set(), set()
     if method.explicit:

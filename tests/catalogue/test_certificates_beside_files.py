@@ -1,4 +1,4 @@
-"""The certificate of a method in a file is beside the file."""
+"""Certificates stored beside files of methods."""
 
 import json
 import re
@@ -10,21 +10,10 @@ import pytest
 
 import cg
 from cg.catalogue import loads, save
-from cg.command import main
 from cg.proofs import certify
 
 METHOD = cg.Tableau(cg.methods["CG3(2)"].entries, cg.methods["CG3(2)"].weights, name="Mine")
 Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    def call(*arguments: str) -> tuple[int, str, str]:
-        code = main(list(arguments))
-        output = capsys.readouterr()
-        return code, output.out, output.err
-
-    return call
 
 
 @pytest.fixture(params=["mine.certificate.toml", "certificates/mine.toml"])
@@ -35,55 +24,62 @@ def proof(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return path
 
 
-def certificate_line(run: Run, file: Path) -> str:
+def certificate_line(run_command: Run, file: Path) -> str:
     """Return what ``show`` writes about the certificate."""
-    (line,) = re.findall("^  certificate +(.*)$", run("show", str(file))[1], re.MULTILINE)
+    text = run_command("show", str(file))[1]
+    (line,) = re.findall("^  certificate +(.*)$", text, re.MULTILINE)
     return str(line)
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_show_and_export_find_it(suffix: str, proof: Path, run: Run, tmp_path: Path) -> None:
+def test_show_and_export_find_it(
+    suffix: str, proof: Path, run_command: Run, tmp_path: Path
+) -> None:
     file = tmp_path / f"mine{suffix}"
     save(METHOD, file)
-    assert str(certify(METHOD)) in run("show", str(file))[1]
-    assert json.loads(run("show", str(file), "--json")[1])["certificate"] == str(certify(METHOD))
-    code, output, _ = run("export", str(file), "json", "--digits", "60")
+    assert str(certify(METHOD)) in run_command("show", str(file))[1]
+    assert json.loads(run_command("show", str(file), "--json")[1])["certificate"] == str(
+        certify(METHOD)
+    )
+    code, output, _ = run_command("export", str(file), "json", "--digits", "60")
     assert code == 0
     residuals = cg.conditions.exact_residuals_of(loads(output), 3)
     assert max(map(abs, residuals)) < 1e-58
     assert proof.is_file()
 
 
-def test_certificate_is_proved_again(proof: Path, run: Run, tmp_path: Path) -> None:
+def test_certificate_is_proved_again(proof: Path, run_command: Run, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     save(METHOD, file)
     text = proof.read_text(encoding="utf-8")
     proof.write_text(text.replace("order = 3", "order = 4", 1), encoding="utf-8")
-    assert certificate_line(run, file).startswith("proves nothing: ")
-    assert run("export", str(file), "json", "--digits", "60")[0] == 2
-    assert run("export", str(file), "json", "--digits", "20")[0] == 0
+    assert certificate_line(run_command, file).startswith("proves nothing: ")
+    assert run_command("export", str(file), "json", "--digits", "60")[0] == 2
+    assert run_command("export", str(file), "json", "--digits", "20")[0] == 0
     proof.write_text("nothing", encoding="utf-8")
-    assert certificate_line(run, file).startswith(f"proves nothing: {proof}: not a TOML file")
-    assert str(proof) in run("export", str(file), "json", "--digits", "60")[2]
+    assert certificate_line(run_command, file).startswith(
+        f"proves nothing: {proof}: not a TOML file"
+    )
+    assert str(proof) in run_command("export", str(file), "json", "--digits", "60")[2]
     proof.write_bytes(b"\xff")
-    assert certificate_line(run, file).startswith(f"proves nothing: {proof}: not UTF-8")
+    assert certificate_line(run_command, file).startswith(f"proves nothing: {proof}: not UTF-8")
     proof.unlink()
-    assert certificate_line(run, file) == "none"
+    assert certificate_line(run_command, file) == "none"
 
 
-def test_certificate_of_other_coefficients(proof: Path, run: Run, tmp_path: Path) -> None:
+def test_certificate_of_other_coefficients(proof: Path, run_command: Run, tmp_path: Path) -> None:
     assert proof.is_file()
     file = tmp_path / "mine.toml"
     save(cg.Tableau([[], ["1/3"]], [0, 1], name="Mine"), file)
-    assert certificate_line(run, file).startswith("proves nothing: ")
+    assert certificate_line(run_command, file).startswith("proves nothing: ")
 
 
-def test_certificate_with_another_radius(run: Run, tmp_path: Path) -> None:
+def test_certificate_with_another_radius(run_command: Run, tmp_path: Path) -> None:
     file = tmp_path / "CG4a.toml"
     save(cg.methods["CG4a"], file)
     certificate = certify("CG4a")
     path = tmp_path / "CG4a.certificate.toml"
     certificate.save(path)
-    assert certificate_line(run, file) == str(certificate)
+    assert certificate_line(run_command, file) == str(certificate)
     replace(certificate, radius="1e-60").save(path)
-    assert certificate_line(run, file).startswith("proves nothing: ")
+    assert certificate_line(run_command, file).startswith("proves nothing: ")

@@ -1,4 +1,4 @@
-"""The implicit methods of the catalogue, and what docs/implicit.md says of such methods."""
+"""Implicit methods of the catalogue, and the statements of docs/implicit.md."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -74,18 +74,18 @@ def on_path(b, diagonal):
 
 
 def flat_adjoint(a, b):
-    """What the adjoint's tableau would be if all flows commuted."""
+    """Return the tableau of the adjoint method in flat space."""
     return [[b[-1 - j] - row[-1 - j] for j in range(len(b))] for row in reversed(a)], b[::-1]
 
 
 def adjoint(a, b):
-    """The adjoint: every stage twice, in reverse order for b and in the given one for -a."""
+    """Return the adjoint tableau: each stage twice, for b in reverse order and then for -a."""
     rows = [[*reversed(b), *(-entry for entry in row)] for row in a]
     return [*reversed(rows), *rows], [*reversed(b), *[0] * len(b)]
 
 
 def step(frame, f, method, t, y, h):
-    """One step of (2.3), its stages found by fixed-point iteration."""
+    """Return one step of (2.3), whose stages are solved by fixed-point iteration."""
 
     def compose(row, fields):
         point = y
@@ -260,7 +260,7 @@ class TestSelfAdjoint:
 
 
 def stability(a, b, z):
-    """The factor of y' = z y in a step of size 1 in flat space."""
+    """Return the stability function at z."""
     stages = len(b)
     return 1 + z * np.array(b) @ np.linalg.solve(np.eye(stages) - z * np.array(a), np.ones(stages))
 
@@ -269,7 +269,7 @@ PULLED = Product(SO3(), Euclidean(3))
 
 
 def pulled(damping):
-    """An attitude driven by velocities that are pulled to cos t, and its solution at time 1."""
+    """Return an attitude whose velocities relax to cos t, and its solution at time 1."""
 
     def f(t, y):
         return np.concatenate([[0.3, 0.1 * np.sin(t), y[9]], -damping * (y[9:] - np.cos(t))])
@@ -353,7 +353,7 @@ class TestDampedPair:
         assert min(errors[name] for name in SELF_ADJOINT) > 0.2
 
     def test_a_spacecraft_with_strong_damping(self):
-        """Velocities of attitude and body that are tied to each other."""
+        """Attitude and body rates are coupled by strong damping."""
         craft = load("spacecraft")
         craft.DAMPING = 1e4
         options = {"frame": craft.frame, "method": "DICG3(2)"}

@@ -1,4 +1,4 @@
-"""Files of methods and of their certificates."""
+"""Files of methods, their checks and representations."""
 
 import json
 from dataclasses import replace
@@ -149,7 +149,7 @@ def test_repr():
 
 
 def test_certificate_of_a_munthe_kaas_method_is_refused():
-    """Coefficients are the same, conditions aren't."""
+    """It has the coefficients of its tableau but other order conditions."""
     tableau = cg.Tableau([[], ["1/2"]], [0, 1], name="X")
     with pytest.raises(CertificationError, match="method must be a Tableau or CommutatorFree"):
         check(cg.certify(tableau), cg.MuntheKaas(tableau))

@@ -1,4 +1,4 @@
-"""CG4, CG4a, CG5a and CG6a against their closed forms, the print and what is known of them."""
+"""CG4, CG4a, CG5a and CG6a against closed forms, printed coefficients and known properties."""
 
 from decimal import ROUND_DOWN, ROUND_HALF_EVEN, Decimal, localcontext
 from fractions import Fraction
@@ -47,7 +47,7 @@ class TestPublishedCoefficients:
     @pytest.mark.parametrize("name", REFINED)
     @pytest.mark.parametrize("rounding", [ROUND_DOWN, ROUND_HALF_EVEN])
     def test_truncation_is_detected(self, name, rounding):
-        """Digits of an exact method, cut off in either way, are found to be so."""
+        """Rounded and truncated digits of an exact method are recognised."""
         texts = [
             str(Decimal(entry.text).quantize(Decimal("1e-16"), rounding))
             for entry in methods[name].coefficients

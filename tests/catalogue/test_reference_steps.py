@@ -1,8 +1,6 @@
-"""Reference steps: as the tool makes them, as the core takes them, and next to the solution."""
+"""Reference steps: computed by the tool and by the core, and close to the solution."""
 
-import importlib
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,6 @@ from cg.problems import rotation as problem_module
 
 pytestmark = pytest.mark.no_core
 
-TOOLS = Path(__file__).parents[2] / "tools"
 FILE = Path(cg.catalogue.__file__).parent / "reference_steps.json"
 REFERENCE = json.loads(FILE.read_text(encoding="utf-8"))
 METHODS = {**cg.methods, **munthe_kaas}
@@ -23,10 +20,8 @@ H = 0.25
 
 
 @pytest.fixture(scope="module")
-def tool():
-    sys.path.insert(0, str(TOOLS))
-    yield importlib.import_module("make_reference_steps")
-    sys.path.remove(str(TOOLS))
+def tool(load_script):
+    return load_script("tools/make_reference_steps")
 
 
 def as_rotation(texts):

@@ -1,9 +1,5 @@
 """Methods that were moved along the solution set together with their tableaux."""
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,10 +8,8 @@ from cg.construction import Goals, pack_method, solved
 
 
 @pytest.fixture
-def tool(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "research"))
-    yield importlib.import_module("make_walked_methods")
-    sys.modules.pop("make_walked_methods", None)
+def tool(load_script):
+    return load_script("research/make_walked_methods")
 
 
 def test_wider_flows_are_the_same_method(tool):
@@ -28,7 +22,7 @@ def test_wider_flows_are_the_same_method(tool):
     np.testing.assert_allclose(cleaned.x, lifted.x, rtol=0, atol=1e-13)
 
 
-def test_a_walk_leads_down_and_moves_the_tableau(tool):
+def test_a_walk_reduces_the_error_and_moves_the_tableau(tool):
     candidate = tool.walked(tool.Walk("x", "DP5(4)", Goals(bound=2.0, bound_weight=1e-4), 5))
     before = pack_method(cg.methods["DP5(4)"])
     assert solved(candidate)
@@ -43,7 +37,7 @@ def test_a_walk_leads_down_and_moves_the_tableau(tool):
     ("name", "error", "weight"),
     [("CF7(6)", 3, 8), pytest.param("CF8a", 2, 1.1, marks=pytest.mark.slow)],
 )
-def test_they_are_better_than_what_they_came_from(tool, name, error, weight):
+def test_walked_methods_are_better_than_their_starts(tool, name, error, weight):
     (walk,) = (walk for walk in tool.WALKS if walk.name == name)
     better, start = cg.methods[name], cg.methods[walk.start]
     assert (better.order, better.embedded_order) == (start.order, start.embedded_order)

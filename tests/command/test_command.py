@@ -13,7 +13,7 @@ from watching import interrupted_search
 import cg
 from cg.catalogue import dumps, loads, magnus, munthe_kaas
 from cg.catalogue.summary import compute_summary, summary_of
-from cg.command import main, proving, searching
+from cg.command import proving, searching
 from cg.proofs import certificate_of
 
 pytestmark = pytest.mark.no_core
@@ -29,13 +29,8 @@ QUICK = ["CG2(3)", "CG4a", "CG5a", "CF4b", "CF5(4)", "DP5(4)", "DICG4", "LieEule
 
 
 @pytest.fixture
-def run(capsys):
-    def call(*arguments):
-        code = main(list(arguments))
-        output = capsys.readouterr()
-        return code, output.out, output.err
-
-    return call
+def run(run_command):
+    return run_command
 
 
 def process(*arguments, **options):
@@ -354,7 +349,7 @@ def test_broken_files_are_named(run, tmp_path):
     ],
 )
 def test_output_is_checked_first(run, arguments, tmp_path, monkeypatch):
-    """A folder of the kernel's can't be written by anyone."""
+    """No user can write to a folder of the kernel."""
 
     def never(*arguments, **options):
         raise AssertionError

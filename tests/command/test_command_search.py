@@ -22,7 +22,7 @@ OF_FUNCTIONS_ALONE = {"executor", "progress"}  # which the options above stand f
 
 @pytest.fixture
 def arguments_of(monkeypatch):
-    """Return what the functions are called with, instead of calling them."""
+    """Replace the functions; return a function of a command that returns their arguments."""
     calls = []
 
     def note(**arguments):

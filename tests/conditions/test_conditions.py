@@ -27,7 +27,7 @@ def as_floats(a, b):
 
 
 def defined_weight(row, a, tree):
-    """The definition in math, word by word, over all stages that don't decrease."""
+    """Return a weight by its definition: a sum over nondecreasing stages."""
 
     @cache
     def stage_weight(stage, subtree):

@@ -1,4 +1,4 @@
-"""Random methods by two ways that share no code: the compiled core and exact arithmetic."""
+"""Conditions of random methods in the compiled core and in exact arithmetic."""
 
 import random
 from fractions import Fraction
@@ -20,7 +20,7 @@ ROUNDINGS = 64
 
 
 def drawn(rng):
-    """Return an entry with any sign and one to three digits above and below the line."""
+    """Return a random fraction with one to three digits above and below the line."""
     return Fraction(rng.randint(-99, 99), rng.choice((1, 2, 3, 7, 16, 60, 97, 128, 999)))
 
 
@@ -45,7 +45,7 @@ def random_points(rng):
 
 
 def compare(seed):
-    """Compare residuals in both kinds with exact ones; return the largest errors in roundings."""
+    """Return the largest errors of residuals in both precisions, in units of rounding."""
     rng = random.Random(seed)
     layout, x = random_points(rng) if seed % 2 else random_tableau(rng)
     order, independent = rng.randint(1, HIGHEST), rng.random() < 0.3

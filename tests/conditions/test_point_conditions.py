@@ -8,6 +8,7 @@ import pytest
 from flint import arb, fmpq
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from point_trees import CF3, floats, values
 from quad_core import residuals_quad
 from strategies import dyadics, point_trees, rationals, tableaux
 
@@ -21,19 +22,9 @@ from cg.structure.layout import Layout
 from cg.structure.points import START, PointTree, tree_of_rows
 from cg.trees.ordered import forest
 
-CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
-
-
-def values(tree):
-    return [weight for point in tree.points for weight in point.weights.values()]
-
-
-def floats(tree):
-    return np.array(values(tree), dtype=np.float64)
-
 
 def by_definition(tree, t):
-    """Φ(t) of the result: sums over all ways to give the children to points, in their order."""
+    """Return Φ(t) of the result by its definition: a sum over nondecreasing points of the path."""
     trees = forest(6)
 
     def at(point, t):

@@ -1,4 +1,4 @@
-"""Moving along the set of methods of an order, and constructing methods on it."""
+"""Construction of methods along the solution set of the order conditions."""
 
 from fractions import Fraction
 
@@ -32,7 +32,7 @@ from cg.runs import Store
 
 
 def a_candidate(order, stages, *, embedded=False, seed=0, bound=3.0):
-    """A solution with moderate coefficients, from the first start to give one."""
+    """Return the first solution with moderate coefficients."""
     system = ConditionSystem.tableau(order, stages, embedded=embedded)
     fixed = np.setdiff1d(np.arange(system.size), system.free)
     for start in range(200):

@@ -1,4 +1,4 @@
-"""Steps of least norm, beside the same algorithm written with NumPy alone."""
+"""The minimum-norm solver against the same algorithm in NumPy."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ LEAST, MOST = {False: 1e-17, True: 1e-22}, 1e8
 
 
 def reference(x, layout, first_damping, iterations, accurate):
-    """Return x, f and how many steps were refused after so many iterations."""
+    """Return x, f and the number of rejected steps after a number of iterations."""
 
     def residual(x):
         return conditions.residuals_at(layout, x, ORDER, independent=True)

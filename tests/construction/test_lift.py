@@ -1,6 +1,4 @@
-import importlib
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -255,7 +253,7 @@ class TestAgainstSciPy:
         np.testing.assert_allclose(solution.y, expected, rtol=0, atol=64 * np.finfo(float).eps)
 
     def test_estimates(self, name):
-        """Those of SciPy's steps, with the same power of them that a step is proportional to."""
+        """Estimates equal those of SciPy's steps, as do the exponents of step size control."""
         y0, frame = np.array([0.3, 1.0, 0.7]), cg.frames.Euclidean(3)
         theirs = SCIPY[name](field, 0.0, y0, 2.0, rtol=1e-6, atol=1e-8)  # before it grows
         step = Step(field, frame, methods[name])
@@ -279,10 +277,9 @@ class TestAgainstSciPy:
 
 
 @pytest.fixture
-def tool(monkeypatch):
+def tool(load_script):
     """The module that writes the lifted methods."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "research"))
-    return importlib.import_module("make_lifted_methods")
+    return load_script("research/make_lifted_methods")
 
 
 class TestTheTool:
@@ -308,7 +305,7 @@ class TestTheTool:
         ],
     )
     def test_order_eight_is_refined_from_its_start(self, tool, name):
-        """To the point of the set of solutions that rounding in double precision leads to."""
+        """Refinement of the stored start gives the tree of points of the stored method."""
         flat = tool.tableaux()[name]
         method, expected = tool.from_start(flat), methods[name]
         assert method.exact == expected.exact == flat.exact

@@ -1,4 +1,4 @@
-"""lmdif on the problems of Moré, Garbow and Hillstrom, beside SciPy's and Debian's MINPACK."""
+"""lmdif against SciPy's and Debian's MINPACK on the problems of Moré, Garbow and Hillstrom."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SCIPY_READS_BEYOND_THE_COLUMN = {
 
 
 class Recorded:
-    """A residual that remembers where it was evaluated, and what it returned."""
+    """A residual that records its arguments and values."""
 
     def __init__(self, problem: Problem) -> None:
         self._residual = problem.residual
@@ -65,7 +65,7 @@ class Recorded:
         return value
 
     def last_differences(self, before: int | None) -> np.ndarray:
-        """The Jacobian by differences that was taken last before the given call."""
+        """Return the last difference Jacobian before the given call."""
         n = self.points[0].size
         for first in range((before or len(self.points)) - n, 0, -1):
             for base in range(first):
@@ -78,7 +78,7 @@ class Recorded:
 
 
 def scipy_solve(problem: Problem, start: np.ndarray, **options: object) -> tuple[Recorded, tuple]:
-    """Return leastsq's answer and its evaluations, less those before its solver starts."""
+    """Return leastsq's result and its evaluations, without those before the solver starts."""
     residual = Recorded(problem)
     with np.errstate(all="ignore"):
         answer = leastsq(residual, start, full_output=True, **options)
@@ -88,7 +88,7 @@ def scipy_solve(problem: Problem, start: np.ndarray, **options: object) -> tuple
 
 
 def recomputes_a_norm(jacobian: np.ndarray) -> bool:
-    """Whether a pivoted QR meets a column of which almost nothing is left, as in qrfac."""
+    """Return whether a pivoted QR recomputes a column norm after cancellation, as qrfac does."""
     a = jacobian.copy()
     norms = np.linalg.norm(a, axis=0)
     reference = norms.copy()

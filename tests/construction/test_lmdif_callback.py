@@ -1,4 +1,4 @@
-"""What lmdif does with bad arguments, and with functions that misbehave."""
+"""lmdif with bad arguments and with failing functions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def never(x: np.ndarray) -> np.ndarray:
 
 
 def at_call(number: int, then: Callable[[np.ndarray], object]) -> Callable[[np.ndarray], object]:
-    """Rosenbrock's function, but `then` at the given call."""
+    """Return Rosenbrock's function, which returns `then` at the given call."""
     calls = 0
 
     def f(x: np.ndarray) -> object:

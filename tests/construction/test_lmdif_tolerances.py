@@ -1,4 +1,4 @@
-"""lmdif's tolerances: their defaults, and that each stops it where its definition says."""
+"""Tolerances of lmdif: defaults and stopping criteria."""
 
 import inspect
 import math
@@ -24,7 +24,7 @@ CLOSE = 1e-6  # far above the rounding of a threshold, far below the distance to
 
 
 class Path:
-    """A residual that remembers where it was evaluated."""
+    """A residual that records its arguments."""
 
     def __init__(self, residual):
         self._residual = residual

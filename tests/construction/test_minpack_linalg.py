@@ -1,4 +1,4 @@
-"""The linear algebra under lmdif, and the solver in either kind, by faces of their own."""
+"""The linear algebra of lmdif, and lmdif in double and quadruple precision."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def minpack() -> ctypes.CDLL:
 
 
 def matrices() -> st.SearchStrategy[np.ndarray]:
-    """Matrices with at least as many rows as columns; often singular, for the zeros in them."""
+    """Matrices with at least as many rows as columns; many zeros make them often singular."""
     entries = st.one_of(st.sampled_from([0.0, 1.0, -2.0]), st.floats(-1e3, 1e3, width=32))
     shapes = st.tuples(st.integers(1, 6), st.integers(0, 5)).map(lambda s: (s[0] + s[1], s[0]))
     return shapes.flatmap(lambda shape: arrays(np.float64, shape, elements=entries))
@@ -89,7 +89,7 @@ def test_norm_sees_no_zeros_and_no_signs(faces: Faces, fits: list[float], zero: 
     assert norm >= abs(x).max() * (1 - 4 * EPS)
 
 
-def test_norm_sees_what_is_not_a_number(faces: Faces) -> None:
+def test_norm_of_nan(faces: Faces) -> None:
     assert math.isnan(faces.enorm(np.array([1.0, np.nan, 2.0])))
 
 
@@ -206,7 +206,7 @@ class Outcome:
 def outcomes(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[float, dict[str, Outcome]]:
-    """Machine precision of the kind, and what its program printed, by problem."""
+    """Return the machine precision of the kind and the fits of its program, by problem."""
     folder: Path = tmp_path_factory.mktemp(request.param)
     source = TESTS / "fortran" / "solve_both_kinds.f90"
     program = compile_fortran(folder, request.param, source, "solve")

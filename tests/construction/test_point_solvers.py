@@ -1,4 +1,4 @@
-"""What searches and solves for the weights of trees of points."""
+"""Layouts and solvers for the weights of trees of points."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from point_trees import floats, values
 from strategies import point_trees
 
 import cg
@@ -30,16 +31,6 @@ from cg.construction.solvers.system import ConditionSystem
 from cg.proofs import certify
 from cg.structure.layout import Layout, Rows
 from cg.support.quads import decode, encode
-
-CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
-
-
-def values(tree):
-    return [weight for point in tree.points for weight in point.weights.values()]
-
-
-def floats(tree):
-    return np.array(values(tree), dtype=np.float64)
 
 
 class TestLayout:
@@ -74,7 +65,7 @@ class TestLayout:
 
 
 class TestSolvers:
-    """They take any layout."""
+    """Solvers for the weights of any layout."""
 
     # the points of CF4 with weights wherever there can be some
     LAYOUT = Layout(

@@ -1,4 +1,4 @@
-"""What runs found: solutions told apart, the best of them, and methods made of them."""
+"""Results of runs: distinct solutions, the best ones, and published methods."""
 
 import json
 import sqlite3
@@ -142,7 +142,7 @@ def test_decades(store):
 
 
 class TestFromAStoreToTheCatalogue:
-    """A published method is like those of the package: known by name, with its proof and a page."""
+    """A published method has a name, a certificate and a page, like those of the package."""
 
     @pytest.mark.filterwarnings("error")
     def test_a_method_of_the_user(self, store, tmp_path, capsys):
@@ -157,7 +157,7 @@ class TestFromAStoreToTheCatalogue:
         assert main(["certify", file]) == 0
         assert main(["export", file, "json", "--digits", "60"]) == 0
 
-    def test_the_certificate_of_another_method_is_none(self, store, tmp_path):
+    def test_the_certificate_of_another_method_is_rejected(self, store, tmp_path):
         first = publish(store.run(1), "Mine", tmp_path)
         publish(store.run(2), "Other", tmp_path)
         other = (tmp_path / "Other.certificate.toml").read_text()

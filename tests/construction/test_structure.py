@@ -1,4 +1,4 @@
-"""Simplifying assumptions as equations of a system, and how many conditions they leave."""
+"""Simplifying assumptions: their equations and the number of remaining conditions."""
 
 import numpy as np
 import pytest

@@ -240,7 +240,7 @@ def test_construct_drops_flows_of_given_tree():
 
 
 def test_finish_converges_to_zero():
-    """Also where there are fewer unknowns than conditions, which depend on each other."""
+    """It also converges with fewer unknowns than conditions, if conditions are dependent."""
     candidate = pack_method(cg.methods["CF6d"])
     system, free = candidate.system, candidate.system.free
     assert free.size < system.equations
@@ -278,7 +278,7 @@ def test_dropping_flow_or_stage_leaves_solution():
 
 
 def test_merged_flow_has_sum_of_weights():
-    """Points whose fields commute may be merged without a change of the result."""
+    """Merging flows along commuting fields does not change the result."""
     layout = Layout((START, 0, 1), ((0,), (0,), (0,)), (START,), (2,))
     candidate = Candidate(ConditionSystem(1, layout), np.array([0.25, 0.25, 0.5]))
     fewer = drop_flow(candidate, np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""The map in docs/architecture.md is that of the repository."""
+"""The map in docs/architecture.md matches the repository."""
 
 import ast
 import re

@@ -36,7 +36,7 @@ def test_doctest_modules_include_all_files():
 
 @pytest.fixture
 def unseen(monkeypatch):
-    """Pictures of examples are drawn into memory, and dropped."""
+    """Draw the figures of examples into memory."""
     monkeypatch.setenv("MPLBACKEND", "Agg")
     if "matplotlib" in sys.modules:
         importlib.import_module("matplotlib").use("Agg")
@@ -67,7 +67,7 @@ def resolved(name):
 
 
 def offered():
-    """Names of what `cg` offers, and the modules that it lists."""
+    """Return the public names of `cg`, and the modules that it lists."""
     names = {f"cg.{name}" for name in cg.__all__}
     for name in sorted(names):
         if isinstance(actual := resolved(name), ModuleType):
@@ -76,7 +76,7 @@ def offered():
 
 
 def in_reference():
-    """Names of what the reference lists."""
+    """Return the names in the reference."""
     names = set()
     for page in REFERENCE.glob("*.md"):
         text = page.read_text(encoding="utf-8")
@@ -88,7 +88,7 @@ def in_reference():
 
 
 def public():
-    """All that is public, by name."""
+    """Return all public objects by name."""
     names = sorted(offered() | in_reference())
     return {
         name: resolved(name) for name in names if not (WITHOUT_JAX and name.startswith("cg.jax."))
@@ -96,7 +96,7 @@ def public():
 
 
 def examples_of(target):
-    """Return the examples of an object that the test above runs; of a value, those of its class."""
+    """Return the examples of an object, for a value those of its class."""
     if not hasattr(target, "__qualname__"):
         target = type(target)
     module = importlib.import_module(target.__module__)

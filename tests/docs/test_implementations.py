@@ -1,10 +1,7 @@
 """The page on other implementations matches the computed results."""
 
-import importlib
 import json
-import sys
 from importlib.metadata import version
-from pathlib import Path
 
 import pytest
 
@@ -13,14 +10,10 @@ from cg.method.tableau import Tableau
 
 pytestmark = pytest.mark.no_core
 
-TOOLS = Path(__file__).parents[2] / "tools"
-
 
 @pytest.fixture(scope="module")
-def tool():
-    sys.path.insert(0, str(TOOLS))
-    yield importlib.import_module("check_implementations")
-    sys.path.remove(str(TOOLS))
+def tool(load_script):
+    return load_script("tools/check_implementations")
 
 
 @pytest.fixture(scope="module")

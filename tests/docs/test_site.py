@@ -1,4 +1,4 @@
-"""The front page, the gallery, the pages of methods, and words that people search for."""
+"""The front page, the gallery, the pages of methods, and search terms."""
 
 import importlib
 import re
@@ -30,7 +30,7 @@ def from_docs():
     monkeypatch.undo()
 
 
-def test_front_page_prints_what_it_shows(capsys):
+def test_front_page_output(capsys):
     run("docs/index.md")
     assert capsys.readouterr().out == source_in("docs/index.md", "text")
 

@@ -26,7 +26,7 @@ SOME = [
 
 
 def ours(name):
-    """Return the result of a step, and what else there is of a pair, as rows of numbers."""
+    """Return the result of a step, and the second result or errors of a pair, as rows."""
     method = resolve_method(name)
     step = Step(heisenberg.field, Heisenberg(), method)
     start = np.array(START)
@@ -45,7 +45,7 @@ def errors_of(step):
 
 
 def agree(output, names):
-    """Compare lines of numbers as C's %a writes them."""
+    """Compare lines of hexadecimal numbers (%a in C) with the expected steps."""
     expected = [row for name in names for row in ours(name)]
     rows = [[float.fromhex(number) for number in line.split()] for line in output.splitlines()]
     assert len(rows) == len(expected)
@@ -300,7 +300,7 @@ NO_FLOWS = {
 
 @pytest.mark.parametrize("what", NO_FLOWS)
 def test_methods_without_flows(what, tmp_path):
-    """Without flows some tables are empty."""
+    """Tables are empty for methods without flows."""
     for format, suffix in (("c", "c"), ("fortran", "f90"), ("python", "py"), ("matlab", "m")):
         text = cg.export(NO_FLOWS[what], format)
         (tmp_path / f"still_step.{suffix}").write_text(text, encoding="utf-8")
@@ -317,7 +317,7 @@ def test_methods_without_flows(what, tmp_path):
 
 
 def swapped():
-    """Return pairs whose second results are of higher order, and make the steps."""
+    """Return pairs whose second result has the higher order."""
     rows = cg.methods["CG2(3)"]
     yield cg.Tableau(rows.entries, rows.embedded_weights, b_embedded=rows.weights)
     flat = munthe_kaas["RKMK3(2)"].tableau

@@ -108,7 +108,7 @@ class TestDigits:
         with pytest.raises(cg.CertificationError):
             cg.Method.load(other).digits(50)
 
-    def test_rejects_more_than_known(self):
+    def test_rejects_more_digits_than_known(self):
         with pytest.raises(ValueError, match=r"at most \d+, which are stored, since CG6a has no c"):
             cg.export("CG6a", "c", digits=50)
         assert loads(cg.export("CG3", "json", digits=3000)) == cg.methods["CG3"]
@@ -200,7 +200,7 @@ class TestLatex:
 
 
 def test_julia_parses():
-    """Parsed by a grammar; nothing runs it here."""
+    """The exports are parsed by a grammar of Julia, not run."""
     tree_sitter = pytest.importorskip("tree_sitter")
     language = pytest.importorskip("tree_sitter_julia")
     parser = tree_sitter.Parser(tree_sitter.Language(language.language()))

@@ -1,4 +1,4 @@
-"""Methods in diffrax and nodepy, where these are installed."""
+"""Export to diffrax and nodepy, if these are installed."""
 
 import importlib
 import warnings

@@ -1,4 +1,4 @@
-"""Brackets of frames: antisymmetry, the Jacobi identity, and what flows say about them."""
+"""Brackets of frames: antisymmetry, the Jacobi identity, and agreement with flows."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_bracket_broadcasts(frame):
 
 @over_frames
 def test_bracket_is_the_commutator_of_flows(frame):
-    """Around a square of flows the commutator is left."""
+    """Four flows around a square give the bracket."""
     u, v = 0.5 * vectors(frame, 5, 2)
     y = frame.random_point(np.random.default_rng(6))
     w = frame.bracket(u, v)

@@ -1,4 +1,4 @@
-"""The flows of a row in compiled code are those of the frame."""
+"""Compiled flows of several fields agree with the frame's flows."""
 
 import numpy as np
 import pytest
@@ -133,7 +133,7 @@ def test_order_of_noncommuting_flows():
 
 
 class Turned(SO3):
-    """Another frame on the same points."""
+    """Rotations whose flows turn by twice the angle."""
 
     def flow(self, v, y):
         return super().flow(2.0 * np.asarray(v), y)
@@ -169,7 +169,7 @@ def test_large_turns_stay_on_the_group(frame, size):
 
 @pytest.mark.parametrize("frame", MATRICES, ids=repr)
 def test_differences_over_half_a_turn_are_nan_or_correct(frame):
-    """There is the one of the frame, or none."""
+    """The result is a valid difference or NaN."""
     rng = np.random.default_rng(4)
     y, v = frame.random_point(rng, 200), 3.0 * frame.random_vector(rng, 200)
     far = flows_of(frame)(v[:, None], y)

@@ -1,4 +1,4 @@
-"""Coordinates of points at branch cuts of logarithms, and of those that have nearly none."""
+"""Coordinates at and near branch cuts of logarithms."""
 
 import warnings
 
@@ -15,7 +15,7 @@ def off(frame, v, y0, y1):
 
 
 def shortest_length(angles):
-    """The least norm of angles moved by whole turns so that they add up to zero, for SU(n)."""
+    """Return the smallest norm of angles, modulo whole turns, that add up to zero, for SU(n)."""
     angles = angles - 2 * np.pi * np.round(angles / (2 * np.pi))
     turns = round(angles.sum() / (2 * np.pi))
     # 2 |Omega| in the Frobenius norm is that of the coefficients times the root of two.
@@ -67,7 +67,7 @@ def test_compiled_angles_agree_where_they_are_known(n):
     "frame", [GL(2), GL(3, "body"), GL(6), SL(2), SL(3), Sp(2), Sp(4), Semidirect(SL(2))], ids=repr
 )
 def test_logarithms_reach_the_point_or_are_nan(frame):
-    """However ill conditioned the points are, and without a word of SciPy."""
+    """This holds for ill-conditioned points too, without warnings of SciPy."""
     rng = np.random.default_rng(213)
     known = 0
     for scale in (0.5, 2.0, 5.0, 10.0, 20.0):
@@ -125,7 +125,7 @@ def test_nearly_antipodal_points_of_spheres(n):
 @pytest.mark.parametrize("n", [2, 3, 4, 5, 8, 12])
 @pytest.mark.parametrize("distance", [0.0, 1e-15, 1e-9, -1e-8, 1e-6, 1e-3])
 def test_half_turns_of_some_planes(kind, n, distance):
-    """One plane after the other is turned by half a turn, or nearly so."""
+    """Successive planes are turned by half a turn, or nearly."""
     frame, rng = kind(n, "space"), np.random.default_rng(215)
     difference = difference_of(frame)
     pairs = n // 2

@@ -1,4 +1,4 @@
-"""`Frame.check` accepts all frames that fit together, and says what is wrong with others."""
+"""`Frame.check`: consistent frames pass, errors of others are named."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Coordinates that every frame has: their sizes, those of nearby points, and compiled blocks."""
+"""Coordinates of frames: sizes, nearby points, compiled blocks."""
 
 from itertools import product
 
@@ -94,7 +94,7 @@ def test_nonfinite_points_do_not_affect_the_batch(frame):
 
 
 def test_local_coordinates_of_unreachable_points_are_nan():
-    """The field vanishes at zero and leads away from there nowhere."""
+    """The field vanishes at zero, so that no flow leaves it."""
     frame = FieldFrame([lambda y: y], lambda v, y: np.exp(v[0]) * y, point_shape=1)
     coordinates = frame.local_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
     assert np.isnan(coordinates[0]).all()
@@ -103,7 +103,7 @@ def test_local_coordinates_of_unreachable_points_are_nan():
 
 @pytest.mark.parametrize("frame", [Stiefel(50, 5), IsospectralOrbit(tuple(range(12)))], ids=name)
 def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
-    """A dense solution for the 1225 coefficients of Stiefel(50, 5) takes seconds for this."""
+    """For the 1225 coefficients of Stiefel(50, 5) a dense solver would take seconds."""
     rng = np.random.default_rng(75)
     y0 = frame.random_point(rng, (4,))
     y1 = frame.flow(1e-3 * frame.random_vector(rng, (4,)), y0)
@@ -213,7 +213,7 @@ COMPILED = [Euclidean, SO3, SO, UnitQuaternion, SE3, Sphere, SU]
 
 @pytest.mark.parametrize("kind", COMPILED)
 def test_subclasses_are_not_compiled(kind):
-    """They may have other flows."""
+    """A subclass may have other flows."""
     arguments = {Euclidean: (2,), SO: (3,), Sphere: (2,), SU: (2,)}.get(kind, ())
     assert kind(*arguments).compiled_blocks() is not None
     child = type("Child", (kind,), {})(*arguments)
@@ -243,7 +243,7 @@ def test_local_coordinates_keep_large_logarithms(frame):
 
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_coordinates_on_su_have_minimum_norm(n):
-    """Of all choices of the angles whose sum is zero: where principal ones add up to a turn too."""
+    """This holds if the principal angles add up to a turn too."""
     frame, rng = SU(n), np.random.default_rng(80)
     angles = rng.uniform(-np.pi, np.pi, (40, n))
     angles[:, 0] = np.angle(np.exp(-1j * angles[:, 1:].sum(axis=-1)))

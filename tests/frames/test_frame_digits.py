@@ -100,7 +100,7 @@ def test_exponentials(group, size):
 @pytest.mark.parametrize("group", GROUPS, ids=repr)
 @pytest.mark.parametrize("size", SMALL)
 def test_logarithms_near_the_identity(group, size):
-    """Relative to the difference from the identity, of a matrix that is given exactly."""
+    """Errors are relative to the distance from the identity."""
     rng = np.random.default_rng(62)
     with ctx.workdps(400):
         for _ in range(5):
@@ -129,7 +129,7 @@ def test_logarithms_far_from_the_identity(group, size):
 @pytest.mark.parametrize("group", GROUPS, ids=repr)
 @pytest.mark.parametrize("size", [1e-15, 1e-12, 1e-9, 1e-5, 1e-2])
 def test_exp_coordinates_of_nearby_points(group, size):
-    """They have the digits of the difference of the points, rounded as these are."""
+    """They are as accurate as the difference of the rounded points."""
     rng = np.random.default_rng(64)
     with ctx.workdps(120):
         for _ in range(5):
@@ -149,7 +149,7 @@ def test_exp_coordinates_of_nearby_points(group, size):
 
 @pytest.mark.parametrize("size", [1e-15, 1e-12, 1e-9, 1e-5])
 def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
-    """The difference of the points, turned to the axes of the coefficients, is the coefficients."""
+    """To first order they are the difference of the points in the axes of the coefficients."""
     rng = np.random.default_rng(65)
     for frame in (
         UnitQuaternion(),
@@ -242,7 +242,7 @@ def test_flows_of_too_large_coefficients_raise(frame):
     ids=str,
 )
 def test_largest_allowed_flows_stay_on_the_manifold(group, omega, size):
-    """Oscillations, which stay bounded."""
+    """The flows are bounded oscillations."""
     v = group.coefficients(size * np.array(omega))
     moved = group.flow(v, np.eye(group.size))
     assert group.relative_error(moved) < max(4e-15, 1e-8 * (size / 2**32) ** 2)
@@ -252,7 +252,7 @@ def test_largest_allowed_flows_stay_on_the_manifold(group, omega, size):
 
 
 def test_local_coordinates_are_nan_without_convergence():
-    """Corrections that are far too long are no reason for an exception."""
+    """Corrections that are far too long raise no exception."""
     frame = CoadjointOrbit(SL(2), (0.5, 0.25, 0.75))
     y0 = frame.random_point(np.random.default_rng(69))
     coordinates = frame.local_coordinates(y0, 1e12 * y0)

@@ -1,4 +1,4 @@
-"""Facts particular to single frames, and what frames refuse."""
+"""Properties of single frames, and rejected arguments."""
 
 import numpy as np
 import pytest
@@ -285,7 +285,7 @@ def test_coefficients_reject_specific_matrices(group, matrix):
 
 
 def test_coefficients_accept_rounding_errors():
-    """Of an equation at rest only that is left."""
+    """At an equilibrium the tangent is rounding errors only."""
     group = SO(3)
     rounding = 1e-15 * np.random.default_rng(39).standard_normal((3, 3))
     assert np.abs(group.coefficients(rounding)).max() < 1e-14

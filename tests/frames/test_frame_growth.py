@@ -46,7 +46,7 @@ def generator(frame, v):
 
 
 def exact_flows(frame, vectors, y0):
-    """The point after the flows of some coefficients in turn, as an array of doubles."""
+    """Return the point after successive flows, as an array of doubles."""
     right = isinstance(frame, GL | SL | Sp | Semidirect) and frame.convention == "body"
     with ctx.workdps(100):
         matrix = acb_mat if frame.dtype.kind == "c" else arb_mat
@@ -62,7 +62,7 @@ def exact_flows(frame, vectors, y0):
 
 
 def hyperbolic(frame, rng, rate):
-    """Coefficients whose matrix has an eigenvalue of that real part, and a general one."""
+    """Return coefficients whose matrix has an eigenvalue with that real part, and general ones."""
     while True:
         v = frame.random_vector(rng)
         actual = np.linalg.eigvals(generator(frame, v)).real.max()
@@ -125,7 +125,7 @@ def test_flows_for_long_times(frame, end, h):
 @pytest.mark.parametrize("frame", [SL(2), SL(3), Sp(2), Sp(4), Semidirect(SL(2))], ids=repr)
 @pytest.mark.parametrize("growth", [1.0, 1e4, 1e8, 1e12, 1e100])
 def test_restoring_never_increases_the_error(frame, growth):
-    """A point that is right to rounding stays that, however large it is."""
+    """A point that is accurate to rounding stays so, also if it is large."""
     rng = np.random.default_rng(53)
     n = frame.size - (frame.copies if isinstance(frame, Semidirect) else 0)
     for _ in range(20):
@@ -156,7 +156,7 @@ def test_large_points_off_the_group_are_rejected():
 
 @pytest.mark.parametrize("size", [1e-3, 1e-6])
 def test_corrections_have_minimum_norm(size):
-    """Among all changes that meet the constraint to first order."""
+    """No smaller change meets the constraint to first order."""
     rng = np.random.default_rng(54)
     for frame in (SL(3), Sp(4)):
         on = frame.random_point(rng, (5,))
@@ -184,7 +184,7 @@ def test_growing_points_of_products():
 
 @pytest.mark.parametrize("frame", [Sp(2), Sp(4), SL(2), SL(3)], ids=repr)
 def test_numerically_singular_points_are_unchanged(frame):
-    """All singular values but one may be zero exactly, or anything below rounding."""
+    """All singular values but one are zero or below rounding."""
     size = 1e130
     for y in (np.full((frame.n, frame.n), size), size * np.diag([1.0] + [0.0] * (frame.n - 1))):
         assert np.abs(frame.restore(y) - y).max() <= 1e-14 * size

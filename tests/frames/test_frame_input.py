@@ -1,4 +1,4 @@
-"""Bad input to frames, refused by its name; and odd, but honest input, taken as it is meant."""
+"""Bad input to frames is rejected by name; unusual valid input is accepted."""
 
 import re
 import warnings
@@ -263,7 +263,7 @@ def test_basis_larger_than_memory_raises(frame, dim):
 
 @pytest.mark.parametrize("u", [[np.inf, 0.2, 0.3], [1e200, 0.2, 0.3], [np.nan, 0.2, 0.3]])
 def test_overflowing_brackets_do_not_count_as_commuting(u):
-    """Beyond a turn there is no derivative of coordinates, unless they commute."""
+    """Beyond a full turn dexp⁻¹ exists only for commuting coefficients."""
     with np.errstate(all="ignore"):
         assert np.isnan(SO3().dexpinv(u, [0.1, 0.2, 0.3])).all()
         frame = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]])

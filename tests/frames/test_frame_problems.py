@@ -1,4 +1,4 @@
-"""A small problem for each of the less usual frames, against a reference of another kind."""
+"""A small problem for each of the less usual frames, against an independent reference."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Points of products are taken apart without copies, and joined again."""
+"""Points of products: split without copies, and joined."""
 
 import pickle
 

@@ -1,4 +1,4 @@
-"""The point of a manifold that is nearest to one off it."""
+"""Projection to the nearest point of a manifold."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ BATCHES = [(), (4,), (2, 3), (0,)]
 
 
 def single(points):
-    """The numbers as float32 has them."""
+    """Return numbers rounded to float32."""
     return points.astype(np.complex64 if points.dtype.kind == "c" else np.float32)
 
 
@@ -110,7 +110,7 @@ def test_no_other_point_is_nearer(frame):
     ids=repr,
 )
 def test_projection_residual_is_normal_to_the_fields(frame):
-    """To first order, which is what a few corrections of a point nearby attain."""
+    """This holds to first order, as after a few corrections of a nearby point."""
     rng = np.random.default_rng(95)
     on = frame.random_point(rng)
     off = on + 1e-4 * rng.standard_normal(on.shape)
@@ -142,7 +142,7 @@ def test_projection_without_nearest_point_is_nan(frame):
 
 @every_frame
 def test_projection_of_zero_is_nan_or_a_point(frame):
-    """Equally near to all of a sphere, a group of unitary matrices, or an orbit."""
+    """Zero has the same distance from all points of a sphere, unitary group or orbit."""
     y = np.stack([np.zeros(frame.point_shape), frame.random_point(np.random.default_rng(98))])
     projected = frame.project(y)
     if frame.membership_error(y[0]) == 0.0:

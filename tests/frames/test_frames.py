@@ -37,7 +37,7 @@ def sample(frame: Frame, seed: int, scale: float):
 
 
 def condition(*points) -> float:
-    """Return the factor by which rounding may grow on the way: one on compact manifolds."""
+    """Return the factor by which rounding errors may grow: one on compact manifolds."""
     return float(np.prod([max(1.0, np.abs(point).max()) for point in points])) ** 2
 
 

@@ -1,4 +1,4 @@
-"""What a subclass of a frame must have, and warnings about flows that leave the manifold."""
+"""Frames of the user: required members, and warnings about flows that leave the manifold."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_basis_of_wrong_shape_raises():
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("good_until", [-1.0, 0.5])
 def test_nonnumeric_flows_raise(value, good_until):
-    """From the start, or from somewhere on the way."""
+    """The flow fails at the first call or at a later one."""
 
     def flow(v, y):
         return y + v if y[0] + v[0] <= good_until else value * np.ones(1)
@@ -73,7 +73,7 @@ def test_nonnumeric_flows_raise(value, good_until):
 
 
 def drifting(restore=None):
-    """A circle whose flow leaves it a little each time."""
+    """A circle whose flow leaves it slightly."""
     return FieldFrame(
         [lambda y: np.array([-y[1], y[0]])],
         lambda v, y: (1 + 1e-7 * abs(v[0])) * np.array(

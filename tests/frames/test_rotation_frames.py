@@ -1,4 +1,4 @@
-"""Closed forms of the frames that rotate space, against other computations of the same."""
+"""Closed forms of frames of rotations against independent computations."""
 
 import numpy as np
 import pytest

@@ -63,7 +63,7 @@ def of_frame(name, frame):
         "exponential": {"v": v},
         "inverse": {"x": near},
     }
-    if name == "FieldFrame":  # it was values no bracket
+    if name == "FieldFrame":  # it was given no bracket
         del arguments["bracket"], arguments["dexpinv"]
     for method, values in arguments.items():
         if callable(getattr(frame, method, None)):

@@ -67,7 +67,7 @@ def test_error_estimate_has_the_order_of_the_embedded_method(frame, name):
 
 
 def first_estimate(step, t, y, h):
-    """Return the error that the second result tells, or the first combination of stages."""
+    """Return the error estimate: the difference of results, or a combination of stages."""
     y1, error = step.trial(t, y, h, 1.0, 0.0)
     return step.estimates(y, h, y1, 1.0, 0.0)[0] if step.paths.errors else error
 
@@ -195,7 +195,7 @@ def test_first_step_follows_the_time_scale(scale):
     assert solution.nrejected <= 1
 
 
-def test_motion_without_error_takes_ever_larger_steps():
+def test_steps_grow_without_errors():
     solution = cg.solve_ivp(lambda t, y: [0.0, 0.0, 1.0], (0, 1e6), np.eye(3), frame=SO3())
     assert solution.success
     assert solution.steps < 25
@@ -251,7 +251,7 @@ def test_sizes_that_errors_are_relative_to():
     ),
 )
 def test_steps_are_those_that_the_formulas_choose(frame, name, sign):
-    """Errors in tolerances, of which some steps have more than one, and what follows from them."""
+    """The sizes follow from errors in units of the tolerance, some of them above one."""
     f, y0 = generic(frame, seed=3)
     tolerance = {2: 1e-5, 3: 1e-5, 8: 1e-12}.get(PAIRS[name].order, 1e-8)
     options = {"frame": frame, "method": PAIRS[name], "rtol": tolerance, "atol": tolerance / 3}
@@ -278,7 +278,7 @@ def test_tolerances_of_each_coordinate_by_the_formulas():
 
 
 def test_the_largest_and_the_smallest_change_of_the_size():
-    """By five where there is no error; by a fifth, or a fourth where there is no number."""
+    """The factor is 5 for zero errors, and at least 1/5, or 1/4 after a NaN."""
     still = {"frame": Euclidean(1), "method": PAIRS["CG2(3)"], "first_step": 1e-3}
     solution = cg.solve_ivp(lambda t, y: [1.0], (0, 10), [0.0], **still)
     np.testing.assert_allclose(np.diff(solution.t)[:5], 1e-3 * 5.0 ** np.arange(5), rtol=1e-11)
@@ -377,7 +377,7 @@ def test_a_first_step_below_the_resolution_is_raised_to_it(frame, sign):
 
 
 @pytest.mark.parametrize("in_c", [False, True])
-def test_blow_up_ends_without_success_and_keeps_what_was_accepted(in_c, function):
+def test_blow_up_ends_without_success_and_keeps_accepted_steps(in_c, function):
     f = function("square") if in_c else lambda t, y: y**2
     solution = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), dense_output=True)
     assert (solution.status, solution.success) == (-1, False)

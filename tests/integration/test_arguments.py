@@ -1,4 +1,4 @@
-"""Arguments of the functions that integrate: what is rejected before any work, what is accepted."""
+"""Arguments of the integration functions: rejected and accepted values."""
 
 import inspect
 import warnings

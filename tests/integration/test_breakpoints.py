@@ -1,4 +1,4 @@
-"""Breakpoints: steps end there, and f is seen from the side that the step is on."""
+"""Breakpoints: steps end there, and each step uses f on its own side."""
 
 import ctypes
 import warnings
@@ -17,7 +17,7 @@ WAYS = [{"h": 0.25, "method": "CG4a"}, {"h": 1.0, "method": "CG3"}, {"method": "
 
 
 def stairs(t, y, side="right"):
-    """One more after each point, which is itself on a side."""
+    """Return one more than the number of points before t; `side` decides at a point."""
     return [1.0 + np.searchsorted(POINTS, t, side=side)]
 
 
@@ -26,7 +26,7 @@ def height(t):
 
 
 def compiled(keep, side):
-    """Return the stairs as a function in C, which keeps its times."""
+    """Return the stairs as a function in C that records its times."""
 
     def f(t, y, out, data):
         keep.append(t)
@@ -39,7 +39,7 @@ def compiled(keep, side):
 @pytest.mark.parametrize("way", WAYS, ids=str)
 @pytest.mark.parametrize("backward", [False, True])
 @pytest.mark.parametrize("in_c", [False, True])
-def test_steps_end_there_and_see_their_own_side(way, backward, in_c):
+def test_steps_end_at_breakpoints_and_use_one_side(way, backward, in_c):
     times, side = [], "left" if backward else "right"
 
     def f(t, y):
@@ -104,8 +104,8 @@ def test_those_beyond_the_span_are_left_out():
     np.testing.assert_array_equal(solution.y, plain.y)
 
 
-def test_kinks_that_are_not_named_are_warned_of():
-    """Recorded data, between whose times is a line."""
+def test_warning_for_kinks_without_breakpoints():
+    """The data are interpolated linearly."""
     times = np.linspace(0.0, 1.0, 1001)
     rates = np.random.default_rng(1).standard_normal((3, len(times)))
 

@@ -1,4 +1,4 @@
-"""Compiled right-hand sides: C functions in every guise, on every frame that is compiled."""
+"""Compiled right-hand sides: all kinds of C functions on all compiled frames."""
 
 import ctypes
 import re
@@ -233,7 +233,7 @@ def test_on_frames_that_are_not_compiled_it_is_called_from_python(frame, y0, fun
 
 
 def requires_data(library):
-    """Return functions that read numbers, which a null pointer in their place would crash."""
+    """Return functions that read numbers, and would crash with a null pointer."""
     pointer = library["decays"]
     pointer.argtypes, pointer.restype = [ctypes.c_double, DOUBLES, DOUBLES, DOUBLES], ctypes.c_int
     address = ctypes.cast(pointer, ctypes.c_void_p).value

@@ -1,4 +1,4 @@
-"""Adaptive steps on compiled frames: those through functions in Python, with all there is."""
+"""Adaptive steps with compiled functions equal those with functions in Python."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def from_python(f, frame):
 
 
 def both(f, span, y0, frame, *, method="CG4(3)", **options):
-    """Solve both ways; with large steps of a high order rounding shows in their sizes."""
+    """Solve with both functions; step sizes differ by rounding for large steps of high order."""
     options["method"] = method
     fast = cg.solve_ivp(f, span, y0, frame=frame, **options)
     with frames_in_python():

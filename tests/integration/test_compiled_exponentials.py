@@ -1,4 +1,4 @@
-"""Exponentials and brackets of compiled groups against extended precision and those in Python."""
+"""Exponentials and brackets of compiled groups against extended precision and Python."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Symmetric matrices with given eigenvalues in compiled code, against the loop in Python."""
+"""Isospectral orbits in compiled code against the same steps in Python."""
 
 import numpy as np
 import pytest

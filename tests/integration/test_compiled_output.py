@@ -1,4 +1,4 @@
-"""Fixed steps with output between them, and events, of a compiled f: as in Python."""
+"""Output between fixed steps and events of a compiled f equal those of f in Python."""
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def assert_same_events(fast, slow):
 
 
 @pytest.mark.parametrize("options", [{"max_step": 0.01}, {"method": "CG2", "h": 0.01}])
-def test_what_comes_after_the_end_does_no_harm(options, function):
+def test_errors_of_f_after_a_terminal_event_are_ignored(options, function):
     # The function returns an error from one half on.
     f, event = function("stops"), marked(lambda t, y: t - 0.45, terminal=True)
     solve = {"frame": Euclidean(1)} | options

@@ -1,4 +1,4 @@
-"""The continuous solution: its order, its ends, the manifold it stays on."""
+"""The continuous solution: order, end points, membership in the manifold."""
 
 import tracemalloc
 from itertools import pairwise
@@ -56,7 +56,7 @@ T0 = 0.3
 
 
 def one_step(frame, h, method):
-    """Return the solution within one step, and accurate points between its ends."""
+    """Return the solution of one step, and an accurate solution within it."""
     f, y0 = generic(frame)
     step = cg.solve_ivp(
         f, (T0, T0 + h), y0, frame=frame, method=method, h=abs(h), dense_output=True
@@ -113,8 +113,8 @@ def test_it_is_continuous_at_the_ends_without_their_being_set(frame):
 @pytest.mark.parametrize(
     "frame", [Euclidean(1), SO3(), UnitQuaternion(), Sphere(2), Stiefel(3, 1)], ids=repr
 )
-def test_bits_are_the_same_however_many_steps_are_made_at_once(frame, method, monkeypatch):
-    """Calls make as many steps as time and buffers allow, on which nothing may depend."""
+def test_results_do_not_depend_on_steps_per_call(frame, method, monkeypatch):
+    """Results do not depend on the number of steps per call, which time and buffers limit."""
     f, y0 = generic(frame)
     options = {"frame": frame, "method": method, "h": 0.1, "dense_output": True}
     whole = cg.solve_ivp(f, (0.0, 2.1), y0, **options)
@@ -153,8 +153,8 @@ def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
 
 
 @pytest.mark.parametrize("count", range(2, 9))
-def test_the_last_flow_takes_away_the_leading_error(count):
-    """Where the coefficients are a polynomial of degree n, one more than is interpolated."""
+def test_the_last_flow_removes_the_leading_error(count):
+    """This holds for coefficients that are a polynomial of one degree more than interpolated."""
     rng = np.random.default_rng(count)
     nodes = nodes_of(count)
     assert len(nodes.nodes) == count
@@ -187,7 +187,7 @@ def test_many_turns_in_one_step_do_not_lose_their_count(method):
 
 
 @pytest.mark.parametrize("method", ["CG2(3)", "CG4a", "CG5a", "CG6g"])
-def test_what_it_costs(method):
+def test_evaluations_of_dense_output(method):
     f, y0 = generic(SO3())
     extra = extra_evaluations(cg.methods[method])
     assert extra <= cg.methods[method].stages

@@ -1,4 +1,4 @@
-"""Coordinates beyond the radius of dexp⁻¹: no step is taken there, and no number returned."""
+"""Coordinates beyond the radius of dexp⁻¹ are rejected."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ ALL = [frame for frame in CLOSED_FORMS if not isinstance(frame, Euclidean)] + WI
 
 
 def sized(frame, radius, seed=3):
-    """Return coefficients whose brackets have a spectral radius, and others."""
+    """Return coefficients whose brackets have a given spectral radius, and general ones."""
     u, v = vectors(frame, seed, 2)
     adjoint = frame.bracket(u, np.eye(frame.dim))
     return u * (radius / np.abs(np.linalg.eigvals(adjoint)).max()), v
@@ -81,7 +81,7 @@ def test_within_it_there_is(frame):
 
 
 @pytest.mark.parametrize("frame", ALL, ids=name)
-def test_what_commutes_is_left_as_it_is(frame):
+def test_commuting_coefficients_are_unchanged(frame):
     u, _ = sized(frame, 3.5 * TURN)
     for dexpinv in functions(frame):
         np.testing.assert_allclose(dexpinv(u, -2.0 * u), -2.0 * u, rtol=1e-13, atol=1e-13)
@@ -93,7 +93,7 @@ def test_a_nilpotent_algebra_has_no_radius():
     np.testing.assert_allclose(HEISENBERG_GROUP.dexpinv(u, v), expected, rtol=1e-13)
 
 
-def test_a_factor_that_commutes_is_none_of_the_others():
+def test_commuting_factors_are_independent():
     frame = Product(SO3(), Euclidean(2), UnitQuaternion())
     u = np.array([9.0, 0.0, 0.0, 50.0, 60.0, 0.1, 0.2, 0.3])
     v = np.array([1.0, 0.0, 0.0, 1.0, 2.0, 1.0, 2.0, 3.0])
@@ -177,7 +177,7 @@ def test_functions_in_c(affine):
 
 @pytest.mark.parametrize(("turns", "coordinates"), [(1.0, True), (8.0, False)])
 def test_steps_beyond_it_of_methods_with_flows_have_output_too(turns, coordinates):
-    """Coordinates of a step of many turns may not exist where the axis moves."""
+    """Coordinates of a step of many turns may not exist if the axis moves."""
 
     def f(t, y):
         return [0.1 * np.sin(t), 0.1 * np.cos(t), turns]

@@ -1,4 +1,4 @@
-"""Members of ensembles that end before others, by events or failures; steps in common."""
+"""Members of ensembles that end early by events or failures; common steps."""
 
 import ctypes
 import itertools
@@ -79,7 +79,7 @@ def test_failures_are_named(name, good, bad, options, message, output, function)
 
 
 @pytest.mark.filterwarnings("ignore:Failure of")
-def test_where_all_fail_what_they_reached_is_kept(function):
+def test_points_are_kept_if_all_members_fail(function):
     numbers = [[-1.0, 0.6], [-1.0, 0.6]]
     solution = cg.solve_ensemble(
         function("decays"), (0, 1), [1.0], parameters=numbers, t_eval=np.arange(33) / 32, **FIXED
@@ -161,7 +161,7 @@ class TestCommonSteps:
     """All members take the steps that the one with the largest error calls for."""
 
     @pytest.mark.parametrize("vectorized", [False, True])
-    def test_one_member_takes_its_own(self, vectorized):
+    def test_one_member_takes_its_own_steps(self, vectorized):
         y0 = SO3().random_point(np.random.default_rng(1), 1)
         options = {"frame": SO3(), "rtol": 1e-6, "dense_output": True}
 
@@ -221,7 +221,7 @@ class TestCommonSteps:
 
 
 def test_a_compiled_function_that_writes_into_its_point(function):
-    """It is given a copy: whatever leads to it, the answer is the same."""
+    """It receives a copy, so that the result does not change."""
     for options in (
         {"method": "CG5a", "h": 0.01},
         {"rtol": 1e-10, "atol": 1e-10, "t_eval": [1.0]},
@@ -239,7 +239,7 @@ def test_a_compiled_function_that_writes_into_its_point(function):
 @pytest.mark.parametrize("which", [min, max])
 @pytest.mark.filterwarnings("ignore:Failure of")
 def test_functions_that_fail_between_steps(which):
-    """What is evaluated for output alone isn't evaluated by any step."""
+    """Evaluations for output are not evaluations of steps."""
     signature = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)
     options = {"method": "CG4(3)", **LINE}
     expected = {"t_eval": [0.31, 0.72], **options}

@@ -1,4 +1,4 @@
-"""Ensembles on executors: every member by itself, the same wherever it runs."""
+"""Ensembles on executors: each member is the same on every executor."""
 
 import ctypes
 import math
@@ -89,7 +89,7 @@ def test_compiled_members_are_those_of_the_whole(library, step, method):
         assert not apart.y.flags.writeable
 
 
-def test_processes_are_told_of_everything(library):
+def test_processes_receive_all_arguments(library):
     f = cg.CompiledFunction(library, "rhs")
     options = {"frame": FRAME, "t_eval": TIMES, "rtol": 1e-6}
     with processes() as pool:
@@ -190,7 +190,7 @@ def test_zarr_and_hdf5(library, tmp_path):
 
 
 def test_methods_of_the_package_travel_by_name(monkeypatch):
-    """So that what was found out about one isn't found out again for each chunk."""
+    """Thus data that are cached for a method are computed once per process."""
     known, complete = [], ensemble.completed
 
     def noted(work, *args, **options):
@@ -256,7 +256,7 @@ class TestOut:
 
     @pytest.mark.parametrize("y0", [[-5.0, 0.0, 0.5], [0.0, 0.5, -5.0]])
     @pytest.mark.parametrize("kind", [np.float64, np.float32, np.complex128])
-    def test_it_is_what_is_returned_without_it(self, y0, kind):
+    def test_out_has_the_values_returned_without_it(self, y0, kind):
         y0 = np.array(y0)[:, None]
         times = [0.0, 0.25, 0.75, 2.0]
         without = cg.solve_ensemble(steady, (0, 2), y0, t_eval=times, workers=1, **self.OPTIONS)
@@ -275,7 +275,7 @@ class TestOut:
             (np.broadcast_to(0.0, (2, 2, 1)), ValueError, "out must be writable, got ndarray"),
         ],
     )  # fmt: skip
-    def test_what_is_refused_before_anything_is_called(self, out, error, message):
+    def test_rejected_before_any_call(self, out, error, message):
         def never(t, y):
             raise AssertionError
 
@@ -312,8 +312,8 @@ def unusual(t, y):
     raise UnusualError("one", "two")
 
 
-def test_errors_that_cannot_travel_are_told():
-    """Another process that is sent one takes its worker for dead."""
+def test_messages_of_errors_that_cannot_be_pickled():
+    """The parent process takes a worker that sends such an error for dead."""
     y0 = np.zeros((2, 1))
     with pytest.raises(RuntimeError, match=r"test_ensemble_executors\.UnusualError: one and two"):
         cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, executor="processes", workers=1)

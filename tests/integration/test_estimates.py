@@ -1,6 +1,5 @@
-"""Error estimates tell the errors: those of default methods, and of lifted pairs."""
+"""Ratios of errors to error estimates, for default methods and lifted pairs."""
 
-import importlib
 import sys
 from pathlib import Path
 
@@ -30,9 +29,8 @@ def equations():
 
 
 @pytest.fixture
-def tool(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "research"))
-    return importlib.import_module("make_second_results")
+def tool(load_script):
+    return load_script("research/make_second_results")
 
 
 def quotients(equations, method):
@@ -70,7 +68,7 @@ def test_defaults_are_honest(equations, name):
 
 
 @pytest.mark.parametrize("name", ["BS3(2)", "DP5(4)", "DVERK6(5)", "Verner7(6)", "Verner8(7)"])
-def test_second_results_by_flows_of_their_own_see_the_splitting(equations, tool, name):
+def test_second_results_with_separate_flows_estimate_splitting_errors(equations, tool, name):
     """With one flow from the result, which is the flat estimate, errors are far larger."""
     pair = cg.methods[name]
     flat = tool.flat_estimate(pair)
@@ -98,14 +96,14 @@ def measured(equations):
     return page.read(ROOT / "benchmarks" / "results.json")["estimates"]
 
 
-def test_defaults_are_what_the_rule_takes(measured):
+def test_defaults_follow_the_rule(measured):
     kinds = ("compiled | time", "in Python, with brackets | flows")
     for frame, kind in zip(FRAMES, (*kinds, "without brackets | evaluations + flows"), strict=True):
         loose, tight = choose_method(frame, 1e-4), choose_method(frame, 1e-8)
         assert f"| {kind} | `{loose}` | `{tight}` |" in measured.notes[0]
 
 
-def test_the_catalogue_tells_what_was_measured(measured, tmp_path):
+def test_measured_estimates_in_the_catalogue(measured, tmp_path):
     from benchmarks.estimates import BEGIN, END, stored, write_table
 
     text = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Events: where they are found, which count, when they end the integration."""
+"""Events: location, direction, terminal counts."""
 
 import math
 

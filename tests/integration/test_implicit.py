@@ -98,7 +98,7 @@ def test_slope_is_the_order(problem, method, kind):
     assert order == pytest.approx(method.order, abs=0.15)
 
 
-def test_orders_that_the_conditions_give():
+def test_orders_from_the_conditions():
     assert [m.order for m in METHODS[:3]] == [2, 2, 1]
     assert GAUSS.order == 2
 
@@ -205,7 +205,7 @@ def test_newton_takes_steps_that_are_too_large_for_fixed_points():
         cg.integrate(f, (0, 2), y0, stage_solver="fixed-point", **options)
 
 
-def test_failure_tells_what_failed():
+def test_message_of_failure():
     with pytest.raises(cg.ConvergenceError) as caught:
         cg.integrate(
             lambda t, y: -10.0 * y + t,

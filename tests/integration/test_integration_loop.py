@@ -1,4 +1,4 @@
-"""The loop over steps in detail: its grids, first steps, counts, and the ends of what it keeps."""
+"""The loop over steps: grids, first steps, counts, ends of output."""
 
 import re
 from fractions import Fraction
@@ -33,7 +33,7 @@ def half(t, y, *parameters):
 
 
 @pytest.mark.parametrize(("units", "steps"), [(0, 1600), (1, 1600), (2, 1601)])
-def test_what_rounding_may_add_to_a_whole_number_of_steps(units, steps):
+def test_rounding_of_whole_numbers_of_steps(units, steps):
     """Of ends a unit; of 1600 steps of size 1, whose unit is 1024 times smaller, 0.78 units."""
     unit = np.spacing(1600.0)
     grid = make_grid((0.0, 1600.0 + units * unit), 1.0)
@@ -41,7 +41,7 @@ def test_what_rounding_may_add_to_a_whole_number_of_steps(units, steps):
     assert grid.last == (1.0 if steps == 1600 else 2 * unit)
 
 
-def test_rounding_that_is_just_as_large_as_it_may_be():
+def test_largest_tolerated_rounding():
     h, stop = 0.125 * (1.0 + 2.0**-52), 5.0 + 5 * 2.0**-50
     assert (Fraction(stop) + 3 - 64 * Fraction(h)) / Fraction(np.spacing(stop)) == 3
     grid = make_grid((-3.0, stop), h)  # the unit of 8 is two of these, 64 halves of that of h one
@@ -168,7 +168,7 @@ def test_events_at_the_end_of_a_step():
     assert within.nfev == never.nfev + EXTRA["CG5a"]
 
 
-def test_a_member_that_an_event_ended_takes_no_more_steps(function):
+def test_no_steps_after_a_terminal_event(function):
     """Its function fails later, which is no failure of what has ended before."""
     f, parameters = decay(function, ends=(NEVER, 0.75))
     options = {"frame": Euclidean(1), "parameters": parameters}

@@ -1,4 +1,4 @@
-"""Jumps of the solution at events: where they happen, what is kept of both sides, how they end."""
+"""Jumps at events: their times, the points before and after, terminal jumps."""
 
 import numpy as np
 import pytest
@@ -71,7 +71,7 @@ def test_a_bouncing_ball_is_the_closed_form(options):
     np.testing.assert_allclose(at_times.t_events[0], times, rtol=0, atol=1e-11)
 
 
-def test_after_the_jump_is_what_t_eval_and_dense_output_give():
+def test_t_eval_and_dense_output_give_the_point_after_a_jump():
     first = drop(dense_output=True)
     for t, before, after in zip(
         first.t_events[0], first.y_events[0], first.y_after[0], strict=True
@@ -213,7 +213,7 @@ def test_other_events_in_the_step_of_a_jump():
 
 
 @pytest.mark.parametrize("frame", [SO3(), cg.frames.Stiefel(3, 2)], ids=repr)
-def test_members_jump_on_their_own(frame):
+def test_members_jump_independently(frame):
     y0 = frame.random_point(np.random.default_rng(1), 4)
     turned = SO3().flow([0.3, 0.0, 0.0], np.eye(3))
     event = cg.Event(lambda t, y, args: y[1, 0], jump=lambda t, y, args: turned @ y)

@@ -105,7 +105,7 @@ def test_errors_are_near_the_tolerances(problem, name):
     assert 0.1 < np.exp(np.mean(np.log(quotients))) < 20
 
 
-def test_a_third_result_on_which_nothing_depends_is_no_estimate():
+def test_an_unused_third_result_is_no_estimate():
     # where all fields commute all results agree, and the step grows to its limit
     run = cg.solve_linear(lambda t: [0.0, 0.0, t], (0, 2), np.eye(3), frame=SO3(), rtol=1e-10)
     assert run.nrejected == 0

@@ -1,4 +1,4 @@
-"""Methods of Munthe-Kaas: what they are, their orders on all frames, their estimates and output."""
+"""Munthe-Kaas methods: steps, orders on all frames, error estimates, output."""
 
 import numpy as np
 import pytest

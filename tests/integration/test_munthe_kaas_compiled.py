@@ -1,4 +1,4 @@
-"""Methods of Munthe-Kaas in compiled code: functions in C, all frames that it knows, real(16)."""
+"""Munthe-Kaas methods in compiled code: C functions, all compiled frames, real(16)."""
 
 import numpy as np
 import pytest

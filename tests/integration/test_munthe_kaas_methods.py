@@ -1,4 +1,4 @@
-"""Methods of Munthe-Kaas as such: orders, coefficients, files, what is refused."""
+"""Munthe-Kaas methods of the catalogue: orders, coefficients, files, rejected input."""
 
 import pickle
 
@@ -52,7 +52,7 @@ class TestMethods:
         assert hash(again) == hash(method)
         assert resolve_method(key) is method
 
-    def test_the_other_catalogue_says_where_they_are(self):
+    def test_message_names_the_other_catalogue(self):
         with pytest.raises(KeyError, match=r"RKMK4'; cg\.catalogue\.munthe_kaas has it"):
             cg.methods["RKMK4"]
 
@@ -106,7 +106,7 @@ class TestMethods:
             (lambda: loads(dumps(METHODS["RKMK4"]).replace("e-K", "e-k")), "kind must be"),
         ],
     )
-    def test_what_is_refused(self, make, message):
+    def test_rejected_arguments(self, make, message):
         with pytest.raises(MethodError, match=message):
             make()
 
@@ -114,7 +114,7 @@ class TestMethods:
         with pytest.raises(TypeError, match="method must be a Tableau or CommutatorFree, got <Mun"):
             cg.certify("RKMK4")
 
-    def test_a_name_that_is_none(self):
+    def test_unknown_name(self):
         with pytest.raises(
             ValueError, match=r"method must be the name of a method, got 'RKMK9'.*RKMK5"
         ):

@@ -1,4 +1,4 @@
-"""Orders of methods on frames of all kinds, of which `test_order_slopes.py` measures some only."""
+"""Orders of a few methods on all frames."""
 
 from functools import cache
 
@@ -100,7 +100,7 @@ def test_slope_is_the_order(frame, name):
 
 @pytest.mark.parametrize("name", ["CG4a", "DICG4"])
 @pytest.mark.parametrize("frame", FRAMES)
-def test_flows_in_reverse_order_are_seen(frame, name, monkeypatch):
+def test_flows_in_reverse_order_lower_the_order(frame, name, monkeypatch):
     reverse_flows(monkeypatch)
     assert slope_of(frame, EXACT[name]) < 2.6
 

@@ -1,4 +1,4 @@
-"""Orders of all explicit methods, measured where every coefficient counts."""
+"""Orders of all explicit methods, on problems that depend on every coefficient."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_reversed_rows_drop_to_order_two(problem, name, monkeypatch):
     assert slope.order == pytest.approx(2.0, abs=0.1)
 
 
-def test_a_misprint_in_the_fifteenth_place_of_cg4a_is_seen_by_its_abscissa():
+def test_abscissa_detects_a_misprint_in_the_fifteenth_place_of_cg4a():
     paper = EXPLICIT["CG4a"]
     assert paper.a[4, 3] == pytest.approx(-1.1092979392113465, abs=1e-15)
     assert paper.c[4] == pytest.approx(0.8768903263420429, abs=4e-16)

@@ -1,4 +1,4 @@
-"""What long integrations tell of themselves, and results as datasets."""
+"""Progress of integrations, and results as datasets of xarray."""
 
 import time
 
@@ -62,7 +62,7 @@ class TestProgress:
         check(reports, 1.0)
         assert len(reports) == run.steps + 1  # each step, and the end
 
-    def test_of_what_ends_early(self, reports):
+    def test_of_integrations_that_end_early(self, reports):
         def event(t, y):
             return t - 1.25
 
@@ -74,7 +74,7 @@ class TestProgress:
         assert reports[-1][0] < 3.0
         check(reports, 3.0, reports[-1][0])
 
-    def test_of_members_with_steps_of_their_own(self, reports, affine):
+    def test_of_members_with_separate_steps(self, reports, affine):
         problem = cg.problems.AffineField(FRAME, np.eye(3))
         compiled, _kept = affine(problem)
         y0 = np.broadcast_to(np.eye(3), (4, 3, 3))
@@ -111,7 +111,7 @@ class TestProgress:
             cg.integrate(turn, (0, 3), np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=stop)
 
 
-def test_results_know_their_frame():
+def test_results_have_their_frame():
     fixed = cg.integrate(turn, (0, 1), np.eye(3), frame=FRAME, method="CG3", h=0.5)
     assert fixed.frame == FRAME
     assert cg.solve_ivp(turn, (0, 1), np.eye(3), frame=FRAME).frame == FRAME

@@ -1,4 +1,4 @@
-"""What compiled code gives to functions in Python, and takes of them."""
+"""Arguments and results of Python functions called by compiled code."""
 
 import numpy as np
 import pytest
@@ -101,7 +101,7 @@ def test_an_ensemble_needs_the_shape_of_its_coefficients():
 
 
 def points_seen(keep, frame=FRAME, y0=Y0):
-    """Return what f stored of its points, and copies of the points."""
+    """Return the objects that f stored of its points, and copies of the points."""
     stored, copies = [], []
 
     def f(t, y):
@@ -113,7 +113,7 @@ def points_seen(keep, frame=FRAME, y0=Y0):
     return stored, copies
 
 
-def test_points_that_f_keeps_stay_as_they_were():
+def test_points_stored_by_f_do_not_change():
     stored, copies = points_seen(lambda y: y)
     np.testing.assert_array_equal(stored, copies)
     assert len({y.tobytes() for y in stored}) > 8
@@ -133,7 +133,7 @@ def test_points_that_f_keeps_stay_as_they_were():
 
 
 @pytest.mark.parametrize("frame", [FRAME, SU(3), Power(SO3(), 2)], ids=repr)
-def test_what_f_does_to_its_point_is_undone(frame):
+def test_changes_of_the_point_by_f_have_no_effect(frame):
     y0 = frame.random_point(np.random.default_rng(1))
     v = np.linspace(0.1, 0.7, frame.dim)
     points = []

@@ -1,4 +1,4 @@
-"""Ensembles: every member is what it is alone, whatever else is asked for."""
+"""Ensembles: each member equals its solution alone, with all options."""
 
 import itertools
 import pickle
@@ -153,7 +153,7 @@ def same(actual, expected, atol):
 
 @pytest.mark.parametrize(("frame", "steps"), COMBINED)
 @pytest.mark.parametrize("kind", ["python", "vectorized", "compiled"])
-def test_members_are_what_they_are_alone(kind, frame, steps, function):
+def test_members_equal_single_solutions(kind, frame, steps, function):
     f, y0, numbers = problem(kind, FRAMES[frame], function)
     alone = one_driven if kind == "vectorized" else f
     for span, names in (((0.0, 1.0), None), ((1.0, -0.25), BACKWARDS)):
@@ -232,7 +232,7 @@ def test_indices_and_copies():
 
 
 @pytest.mark.parametrize("size", [1, 3, 1000])
-def test_parts_and_pauses_change_nothing(size, function, monkeypatch):
+def test_results_do_not_depend_on_parts_and_pauses(size, function, monkeypatch):
     rates = np.linspace(-3, 3, 10)
     options = {
         "rtol": 1e-9, "atol": 1e-9, "dense_output": True, "t_eval": np.linspace(0, 1, 23),
@@ -265,7 +265,7 @@ def test_parts_and_pauses_change_nothing(size, function, monkeypatch):
             np.testing.assert_array_equal(ours, theirs)
 
 
-def test_lanes_change_nothing(monkeypatch):
+def test_results_do_not_depend_on_lanes(monkeypatch):
     """A vectorized function is called with whatever members are on their way."""
     sizes = set()
 
@@ -289,7 +289,7 @@ def test_lanes_change_nothing(monkeypatch):
     np.testing.assert_array_equal(parts.nfev, whole.nfev)
 
 
-def test_the_point_that_is_wrong_is_found_among_many():
+def test_the_wrong_point_of_many_is_named():
     y0 = np.broadcast_to(np.eye(3), (10_000, 3, 3)).copy()
     y0[8007] *= 1.01
     with pytest.raises(ValueError, match=r"y0\[8007\] must be a point of SO3\(\)"):

@@ -154,7 +154,7 @@ def test_times_of_a_continuous_solution_are_named(t):
         solve(dense_output=True).sol(t)
 
 
-def test_a_mask_that_hides_nothing_is_no_matter():
+def test_empty_masks_are_accepted():
     solution = solve(y0=np.ma.masked_array(np.eye(3)))
     np.testing.assert_array_equal(solution.y, solve().y)
 
@@ -198,7 +198,7 @@ def test_f_may_not_change_the_point_nor_keep_its_buffer():
     np.testing.assert_array_equal(solve(f, dense_output=True).y, solve(dense_output=True).y)
 
 
-def test_dense_output_is_told_by_its_kind():
+def test_dense_output_is_returned():
     solution = solve(dense_output=True)
     assert isinstance(solution.sol, DenseOutput)
     np.testing.assert_array_equal(solution.sol.ts, solution.t)
@@ -245,7 +245,7 @@ def test_an_empty_span_is_the_initial_point(options, growth):
 
 
 @pytest.mark.filterwarnings("ignore:Failure of")
-def test_too_many_steps_end_without_success_and_keep_what_was_accepted(growth):
+def test_too_many_steps_end_without_success_and_keep_accepted_steps(growth):
     span, line = (0.0, 1.0), {"frame": Euclidean(1)}
     options = {"max_step": 0.01, "max_steps": 20, "dense_output": True, **line}
     message = "Failure: max_steps = 20 steps, rejected ones included, led only to t = 0."

@@ -1,4 +1,4 @@
-"""How long compiled code runs between looks for an interrupt."""
+"""The time that compiled code runs between checks for interrupts."""
 
 from itertools import pairwise
 
@@ -28,7 +28,7 @@ def test_pauses_come_to_the_same_time(seconds_a_step, clock):
     assert sizes[-1] == pytest.approx(max(1, 0.03 / seconds_a_step), abs=1)
 
 
-def test_short_runs_say_no_more_than_they_took(clock):
+def test_budget_after_short_runs(clock):
     chosen = StepBudget()
     for _ in range(100):  # trajectories of five steps
         steps = min(chosen.start(), 5)

@@ -1,4 +1,4 @@
-"""Steps taken one at a time, and what goes on from the middle of them."""
+"""The stepper: single steps, restarts, copies and pickles."""
 
 import copy
 import pickle
@@ -64,7 +64,7 @@ def test_fixed_steps_have_no_end_unless_one_is_given(frame, method):
     "copied", [copy.copy, copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))]
 )
 @pytest.mark.parametrize("method", METHODS)
-def test_what_is_resumed_goes_on_bit_for_bit(method, copied):
+def test_resumed_steppers_continue_bit_for_bit(method, copied):
     stepper = cg.Stepper(turning, 0, np.eye(3), 3.0, frame=SO3(), method=method, **OPTIONS)
     for _ in range(4):
         stepper.step()
@@ -230,7 +230,7 @@ def test_members_with_common_steps_take_them_together():
 
 
 @pytest.mark.parametrize("fixed", [True, False])
-def test_a_breakpoint_that_is_advanced_to_is_seen_from_before(fixed):
+def test_advance_to_a_breakpoint_uses_the_side_before_it(fixed):
     times = []
 
     def f(t, y):

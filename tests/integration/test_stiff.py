@@ -238,7 +238,7 @@ class TestJacobian:
         with pytest.raises(KeyError, match="mine"):
             solve(jac=jac)
 
-    def test_other_methods_take_none(self):
+    def test_other_methods_reject_jac(self):
         with pytest.raises(ValueError, match='jac must be None unless method="RadauIIA5"'):
             solve(method="auto", jac=jacobian)
 

@@ -1,4 +1,4 @@
-"""Derivatives of solutions: against differences of solutions, theory, and each other."""
+"""Derivatives of solutions against difference quotients and closed forms."""
 
 import numpy as np
 import pytest
@@ -317,7 +317,7 @@ class TestBadInput:
         ],
         ids=["shape", "text", "None", "NaN", "complex"],
     )
-    def test_of_what_functions_return(self, name, value, message):
+    def test_of_values_of_functions(self, name, value, message):
         arguments = {name: lambda t, y, p: value}
         message = message.format(name=name, shape=r"\(3, 3\)")
         with pytest.raises(ValueError, match=message):
@@ -343,7 +343,7 @@ class TestBadInput:
 
 
 def test_a_power_is_its_members():
-    """Bodies that don't see each other have a transition matrix of blocks."""
+    """Independent bodies have a block-diagonal transition matrix."""
     one = Wave(SO3(), k=1)
 
     def both(t, y, p):

@@ -1,4 +1,4 @@
-"""Derivatives of solutions with compiled functions, against the same in Python."""
+"""Derivatives of solutions with compiled functions against those with Python functions."""
 
 import ctypes
 
@@ -144,8 +144,8 @@ def test_ensembles_in_other_processes(library):
     np.testing.assert_array_equal(solution.transition, alone.transition)
 
 
-def test_data_of_their_own(functions, function):
-    """Without parameters f has data of its top, and others get these."""
+def test_user_data_without_parameters(functions, function):
+    """Without parameters all compiled functions receive the data of f."""
     data = P.copy()
     top = LowLevelCallable(function("top"), ctypes.c_void_p(data.ctypes.data))
     solution = solve({"f": top, "jac": functions["jac"]}, parameters=None)
@@ -154,7 +154,7 @@ def test_data_of_their_own(functions, function):
     assert solution.sensitivity is None
 
 
-def test_coefficients_can_be_asked_for_from_python(functions):
+def test_compiled_coefficients_are_callable_from_python(functions):
     problem = cg.integration.problem.make_problem(
         functions["f"], SPAN, Y0, frame=BODY, options={"method": "CG4a", "h": 0.1, "parameters": P}
     )
@@ -172,7 +172,7 @@ class TestFailures:
             solve(functions | {name: function("stops")}, y0=BODY.join(np.eye(3), np.zeros(3)))
 
     @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
-    def test_what_is_left_out_is_no_number(self, functions, function, name):
+    def test_functions_that_write_nothing(self, functions, function, name):
         with pytest.raises(ValueError, match=f"^{name} must return finite numbers"):
             solve(functions | {name: function("writes_nothing")})
 

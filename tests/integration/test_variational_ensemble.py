@@ -1,4 +1,4 @@
-"""Derivatives of the solutions of ensembles: those of each member alone."""
+"""Derivatives of ensembles equal those of each member alone."""
 
 import pickle
 

@@ -1,4 +1,4 @@
-"""Derivatives of solutions with breakpoints, events and jumps; those of times of events."""
+"""Derivatives of solutions with breakpoints, events and jumps, and of event times."""
 
 import ctypes
 
@@ -154,7 +154,7 @@ def test_a_time_given_by_a_parameter():
 
 
 def test_a_mode_that_jumps():
-    """Friction changes where the speed of a belt is reached: a coordinate tells the mode."""
+    """Friction changes when the speed of a belt is reached; a coordinate is the mode."""
 
     def f(t, y, p):
         position, speed, mode = y
@@ -201,7 +201,7 @@ def test_breakpoints():
 
 
 def test_backward_in_time():
-    """A ball caught in the air: where was it thrown, and when was it at the floor?"""
+    """A ball is followed back to the floor and to its start."""
     floor = lambda t, y: y[0]  # noqa: E731
     solution = cg.solve_variational(
         lambda t, y: [y[1], -GRAVITY], (0, -1), [0.5, 2.0], frame=Euclidean(2), events=floor,

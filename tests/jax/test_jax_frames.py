@@ -1,4 +1,4 @@
-"""Frames in JAX are those in NumPy, and smooth where they should be."""
+"""Frames in JAX equal those in NumPy and are differentiable."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ jnp = jax.numpy
 
 
 def squeeze(xp):
-    """Hyperbolas in a plane, and translations along an axis."""
+    """Return a frame of hyperbolic rotations in a plane and translations along an axis."""
     return FieldFrame(
         [lambda y: xp.stack([y[0], -y[1], 0.0 * y[2]]), lambda y: xp.array([0.0, 0.0, 1.0])],
         lambda v, y: xp.stack([y[0] * xp.exp(v[0]), y[1] * xp.exp(-v[0]), y[2] + v[1]]),
@@ -74,7 +74,7 @@ class TestValues:
         close(moved, frame.flow(v, y))
         close(tangent, frame.field(w, y))
 
-    def test_what_belongs_to_coordinates(self, frame, example):
+    def test_coefficients_sizes_and_dexpinv(self, frame, example):
         y, v, w = example
         rules = rules_of(frame)
         end, tangent = frame.flow(v, y), frame.field(w, y)
@@ -109,7 +109,7 @@ class TestValues:
 
 
 class TestSeriesOfDexpinv:
-    """Its values beyond the radius of convergence are those of NumPy: NaN, except if it stops."""
+    """Beyond the radius of convergence values are those of NumPy: NaN, unless the series ends."""
 
     @pytest.mark.parametrize("frame", [SU(3), *slow(SO(4))], ids=repr)
     def test_values(self, frame):
@@ -139,7 +139,7 @@ class TestSeriesOfDexpinv:
 @pytest.mark.parametrize("frame", [*QUICK, *slow(*FRAMES, *OTHERS)], ids=repr, indirect=True)
 class TestDerivatives:
     def test_at_coefficients_zero(self, frame, example):
-        """The flow of v and then of -v is nothing, and so are all of its derivatives."""
+        """The flow of v and then of -v is the identity, and its derivatives are zero."""
         y, v, _ = example
         rules = rules_of(frame)
 
@@ -182,7 +182,7 @@ class TestDerivatives:
 
 
 class TestSmoothFunctions:
-    """Against sums of series in exact arithmetic, from zero to far beyond where they change."""
+    """Functions against series in exact arithmetic, on both sides of their switching points."""
 
     AT = np.array([0.0, 1e-300, 1e-12, 1e-4, 0.01, 0.039, 0.05, 1.0, 3.99, 4.01, 9.0, 25.0])
 

@@ -1,4 +1,4 @@
-"""Steps, errors and output in JAX are those of compiled code."""
+"""Steps, errors and output in JAX equal those of compiled code."""
 
 import numpy as np
 import pytest
@@ -166,7 +166,7 @@ class TestErrors:
         np.testing.assert_allclose(solution.ys[-1], expected.y[-1], rtol=0.0, atol=2e-12)
 
     def test_plain_controllers_of_diffrax(self):
-        """They compare entries."""
+        """They measure errors in entries of points."""
         frame = ATTITUDE_AND_VELOCITY
         ours = cg.jax.FrameTerm(body(jnp), frame)
         solver = cg.jax.Solver("CF5(4)", dense="steps")
@@ -252,7 +252,7 @@ class TestOutput:
         np.testing.assert_allclose(solution.evaluate(t), expected.sol(t), rtol=0.0, atol=1e-11)
 
     def test_the_cheap_form(self):
-        """It has the ends of the steps, and an error of second order between them."""
+        """It is exact at the ends of steps, and of second order between them."""
         frame = Sphere(2)
         ours, _ = term(frame)
         y0 = point(frame)

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax
 
 
 class TestTransforms:
-    """Derivatives of ends of adaptive runs, against each other and against difference quotients."""
+    """Derivatives of end points of adaptive runs against difference quotients."""
 
     STEPS = 1024
     KEPT = diffrax.RecursiveCheckpointAdjoint(checkpoints=STEPS)
@@ -165,7 +165,7 @@ class TestTransforms:
         assert float(slope) == pytest.approx(by_values, abs=1e-6)
         assert float(curvature) == pytest.approx(by_slopes, abs=1e-5)
 
-    def test_gradients_through_solve_ivp_are_found_here(self):
+    def test_errors_in_gradients_of_solve_ivp_name_cg_jax(self):
         def end(inertia):
             f = body(jnp)
             return cg.solve_ivp(

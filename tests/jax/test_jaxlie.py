@@ -1,4 +1,4 @@
-"""Points of jaxlie are points of frames, with the same meaning; steps of either agree."""
+"""Conversion of points to and from jaxlie; steps of both agree."""
 
 from types import SimpleNamespace
 
@@ -31,7 +31,7 @@ def test_there_and_back(frame):
 
 
 def test_meanings_of_quaternions_are_the_same():
-    """A quaternion and a matrix of one pose are one rotation for SciPy too."""
+    """Quaternion and matrix of a pose are the same rotation in SciPy."""
     full = numbers()
     pose = SimpleNamespace(wxyz=full[:4])
     matrix = cg.jax.from_jaxlie(SO3(), pose)

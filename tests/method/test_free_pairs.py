@@ -1,4 +1,4 @@
-"""Commutator-free pairs: what their error estimates see, and what they are worth."""
+"""Error estimates of commutator-free pairs."""
 
 from math import factorial
 
@@ -40,7 +40,7 @@ def test_estimates_do_not_vanish_on_quadratures_and_linear_problems(name):
 @pytest.mark.parametrize("name", PAIRS)
 @pytest.mark.parametrize("f", [lambda t, y: [np.cos(3 * t)], lambda t, y: [-y[0]]])
 def test_steps_follow_the_estimate(name, f):
-    """An estimate that vanished would let steps grow to the whole interval."""
+    """With a vanishing estimate one step would cover the whole interval."""
     run = cg.solve_ivp(f, (0, 3), [1.0], frame=Euclidean(1), method=name, rtol=1e-8, atol=1e-8)
     exact = 1 + np.sin(9) / 3 if f(0.0, [0.0]) == [1.0] else np.exp(-3)
     assert len(run.t) > 8

@@ -1,4 +1,4 @@
-"""Points without weights repeat their parents, points may repeat each other: no step sees them."""
+"""Points without weights and equal points do not change steps."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def f_of(frame):
 
 
 def with_idle_points(method, choose):
-    """Return the method with points put in that change nothing, chosen by a function."""
+    """Return the method with additional points that do not change its steps."""
     points, place = [], {START: START}
     for index, point in enumerate(method.points):
         parent = place[point.parent]
@@ -63,7 +63,7 @@ def test_idle_points_do_not_change_steps(frame, name, data):
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_stage_shares_points_of_a_flow(frame):
-    """All flows of a path that is kept are those of another, or none."""
+    """A stage at a point without weights is a stage at the initial point."""
     idle = cg.CommutatorFree([(START, {}), (START, {0: "1/2", 1: "1/2"})], [START, 0], 1)
     plain = cg.CommutatorFree([(START, {0: "1/2", 1: "1/2"})], [START, START], 0)
     y0 = frame.random_point(np.random.default_rng(1))

@@ -24,7 +24,7 @@ def dense(stages: int) -> cg.Tableau:
 
 
 @pytest.mark.parametrize("stages", [60, 150])
-def test_show_says_what_is_not_computed(
+def test_show_names_values_that_are_not_computed(
     stages: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "dense.toml"

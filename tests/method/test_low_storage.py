@@ -5,7 +5,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from fractions import Fraction
-from importlib.util import module_from_spec, spec_from_file_location
 from itertools import chain
 from math import isqrt, prod
 from operator import mul
@@ -41,17 +40,13 @@ WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
 NAMES = [name for name, method in methods.items() if two_registers(method)]
 
 
-TOOL = Path(__file__).parents[2] / "tools" / "write_low_storage_table.py"
+ROOT = Path(__file__).parents[2]
 PRIME = 2**61 - 1
 
 
 @pytest.fixture(scope="module")
-def tool():
-    specification = spec_from_file_location("low_storage_table", TOOL)
-    module = module_from_spec(specification)
-    sys.modules["low_storage_table"] = module
-    specification.loader.exec_module(module)
-    return module
+def tool(load_script):
+    return load_script("tools/write_low_storage_table")
 
 
 class TestConversion:
@@ -166,7 +161,7 @@ class TestOrderOnManifolds:
             assert row.moved < 1e-6, row.name
             assert row.flat_refined < 1e-60, row.name
             assert row.refined < 1e-55, row.name
-        page = (TOOL.parent.parent / "docs" / "low_storage.md").read_text(encoding="utf-8")
+        page = (ROOT / "docs" / "low_storage.md").read_text(encoding="utf-8")
         assert tool.table_of(rows) in page, "out of date; run tools/write_low_storage_table.py"
 
     def test_rational_members_of_the_family_of_three_stages(self):
@@ -206,7 +201,7 @@ class TestOrderOnManifolds:
 
 
 def third_order(c2):
-    """Give A and B of the methods of order three with three stages and this abscissa."""
+    """Return A and B of the methods of order three with three stages and this abscissa."""
     # the condition for two registers, quadratic in c3
     leading, middle, constant = 1 - c2, c2**2 + c2 / 2 - 1, Fraction(1, 3) - c2 / 2
     square = middle**2 - 4 * leading * constant
@@ -273,7 +268,7 @@ def modular(value):
 
 
 def combinations_of(trees, nodes, first=0):
-    """Give the multisets of trees with so many nodes together."""
+    """Return the multisets of trees with a total number of nodes."""
     if nodes == 0:
         yield ()
     for i in range(first, len(trees)):
@@ -367,7 +362,7 @@ class TestSteps:
 
 
 class TestMemory:
-    """A step keeps the start, the point that moves, Z and f, however many stages there are."""
+    """A step stores the start, the current point, Z and f, for any number of stages."""
 
     SCRIPT = """
 import re, sys

@@ -1,4 +1,4 @@
-"""Methods as trees of points: what they are made of, and what is refused."""
+"""Methods as trees of points: attributes, text, rejected input."""
 
 import pickle
 import warnings
@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from point_trees import CF3
 from strategies import point_trees, rationals
 
 from cg import CommutatorFree, MethodError, Tableau, conditions
@@ -14,16 +15,6 @@ from cg.catalogue import dumps, loads, methods, resolve_method
 from cg.method.warnings import check_order, check_pair
 from cg.proofs import certify
 from cg.structure.points import Point
-
-CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
-
-
-def values(tree):
-    return [weight for point in tree.points for weight in point.weights.values()]
-
-
-def floats(tree):
-    return np.array(values(tree), dtype=np.float64)
 
 
 class TestMethods:

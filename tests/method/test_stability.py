@@ -1,4 +1,4 @@
-"""Linear stability, against closed forms and against steps that are taken."""
+"""Linear stability against closed forms and computed steps."""
 
 import math
 import random
@@ -75,7 +75,7 @@ def chain(polynomial):
 
 
 def chebyshev(stages, damping):
-    """Return the damped polynomial T_s(w0 + w1 z) / T_s(w0) of first order, and where it ends."""
+    """Return the damped polynomial T_s(w0 + w1 z) / T_s(w0) of first order, and its real limit."""
     w0 = 1 + damping / stages**2
     values, slopes = [Fraction(1), w0], [Fraction(0), Fraction(1)]
     for _ in range(stages - 1):
@@ -96,7 +96,7 @@ def chebyshev(stages, damping):
 @pytest.mark.parametrize("stages", [2, 5, 9, 10, 25])
 @pytest.mark.parametrize("damping", [Fraction(0), Fraction(1, 20), Fraction(2, 13)])
 def test_chebyshev_methods(stages, damping):
-    """Without damping they touch one at each maximum between."""
+    """Without damping |R| is one at each inner maximum."""
     polynomial, end = chebyshev(stages, damping)
     method = chain(polynomial)
     assert stability_function(method)[0] == tuple(polynomial)
@@ -109,7 +109,7 @@ def test_chebyshev_methods(stages, damping):
 
 @pytest.mark.parametrize("stages", [5, 9])
 def test_chebyshev_methods_with_rounded_coefficients(stages):
-    """Maxima of one that rounding lifts by its own size are no ends."""
+    """Maxima that exceed one by rounding errors do not end the interval."""
     polynomial, end = chebyshev(stages, Fraction(0))
     exact = chain(polynomial)
     with localcontext() as context:
@@ -159,7 +159,7 @@ def test_random_methods_against_a_scan(stages, seed):
 
 
 def test_literature():
-    """That of Dormand and Prince is Taylor's polynomial with one more term."""
+    """The stability function of Dormand and Prince is Taylor's polynomial with one more term."""
     dormand_prince = stability_limits(cg.methods["DP5(4)"])
     polynomial = [1 / 600, *(1 / math.factorial(k) for k in range(5, -1, -1))]
     ends = [*np.roots([*polynomial[:-1], 0.0]), *np.roots([*polynomial[:-1], 2.0])]

@@ -185,7 +185,7 @@ def error_of(name, changes):
 def is_named(call, message, called):
     """Return whether a message names an argument or a part of one.
 
-    `called` is the name that the call was told to use in messages.
+    `called` is the name that messages use for the call.
     """
     if "broadcast" in message:  # leading axes that don't fit each other
         return True
@@ -268,7 +268,7 @@ def test_examples_run(name):
 
 
 def test_every_public_function_has_an_example():
-    """Except results and errors, which other calls return or raise."""
+    """Classes of results and errors are exempt, since other calls return or raise them."""
     modules = [cg, cg.conditions, cg.frames, cg.plot, cg.problems]
     public = {
         (module, name): getattr(module, name) for module in modules for name in module.__all__

@@ -87,7 +87,7 @@ class TestFlatOrders:
 
 
 class TestLielab:
-    """One step after the other. Lielab moves points from the left, the package from the right."""
+    """Lielab multiplies points from the left, the package from the right."""
 
     @pytest.mark.parametrize("name", ["CG4a", "CG5a"])
     @pytest.mark.parametrize("h", [0.1, 0.01])

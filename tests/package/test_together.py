@@ -22,7 +22,7 @@ def test_eight_threads(alone):
 
 
 def worked(way, processes, tasks, after_work):
-    """Return what processes find that are begun in a process of its own.
+    """Return the results of processes that another process starts.
 
     What other tests have loaded into this one, such as JAX, may have threads and forbid forks.
     """

@@ -13,7 +13,7 @@ WITH_EXACT = ("toda", "two_levels")
 
 
 def ambient(problem, end):
-    """Solve in the space around by SciPy."""
+    """Solve in the ambient space by SciPy."""
     y0, frame = problem.y0, problem.frame
 
     def right(t, y):

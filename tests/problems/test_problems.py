@@ -17,7 +17,7 @@ PROBLEMS = {"rigid body": FreeRigidBody(), "forced body": ForcedRigidBody()}
 
 
 def ambient(problem, times, start=0.0):
-    """Solve in the space around by SciPy."""
+    """Solve in the ambient space by SciPy."""
     shape, frame = problem.y0.shape, problem.frame
 
     def right(t, y):

@@ -69,7 +69,7 @@ class TestProofs:
         assert (certificate.name, certificate.order) == (name, methods[name].order)
         assert Certificate.loads(certificate.dumps()) == certificate
 
-    def test_what_must_be_proved(self):
+    def test_methods_that_must_be_proved(self):
         values = {name: proved(method) for name, method in methods.items()}
         assert values == dict.fromkeys(methods, "yes") | dict.fromkeys(PARTLY, "in part") | {
             "CG6a": "no"
@@ -77,7 +77,7 @@ class TestProofs:
         assert set(CERTIFIED) == set(methods) - {"CG6a"}
 
     @pytest.mark.parametrize("name", PROVED_HERE)
-    def test_certify_finds_what_is_stored(self, name):
+    def test_certify_equals_stored_certificates(self, name):
         assert certify(name) == certificate_of(methods[name])
 
     def test_radii_are_at_the_last_places(self):
@@ -115,7 +115,7 @@ class TestProofs:
         assert len(certificate.fixed) == 21 + 6 - 13 - 5
         check(certificate, method)
 
-    def test_ball_holds_what_extended_precision_finds(self):
+    def test_ball_contains_the_refined_coefficients(self):
         method = search(order=4, stages=5, starts=20)
         certificate = certify(method)
         packed = Packed.of(method)
@@ -268,14 +268,14 @@ class TestFailures:
         with pytest.raises(CertificationError, match=re.escape(str(path))):
             check_file(path)
 
-    def test_dependent_conditions_that_nothing_explains(self, monkeypatch):
+    def test_unexplained_dependent_conditions(self, monkeypatch):
         monkeypatch.setattr(sys.modules["cg.proofs.find"], "find_identities", lambda *_: iter(()))
         with pytest.raises(CertificationError, match="dependent") as caught:
             certify("CG4c")
         assert caught.value.quantities["conditions"] == 13
         assert caught.value.quantities["rank"] == 12
 
-    def test_orders_that_are_none(self):
+    def test_methods_without_order(self):
         with pytest.raises(CertificationError, match="no order conditions"):
             certify(Tableau([[]], ["0.5"], name="half"))
 
@@ -345,7 +345,7 @@ def test_digits_that_are_no_integer(digits):
 
 
 @pytest.mark.parametrize("method", [None, 3, ["CG4a"]])
-def test_certify_what_is_no_method(method):
+def test_certify_rejects_bad_methods(method):
     with pytest.raises(TypeError, match="method must be a name or a Method, got"):
         certify(method)
 
@@ -354,6 +354,6 @@ def test_certify_what_is_no_method(method):
     ("order", "error"),
     [(2.5, TypeError), ("2", TypeError), (True, TypeError), (0, ValueError), (10**30, ValueError)],
 )
-def test_certify_an_order_that_is_none(order, error):
+def test_certify_rejects_bad_orders(order, error):
     with pytest.raises(error, match="order must be"):
         certify("CG4a", order)

@@ -1,4 +1,4 @@
-"""Proofs of methods that are a flat tableau's, split into flows."""
+"""Proofs of methods whose rows add up to a flat tableau."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -31,7 +31,7 @@ def values():
 
 
 def moved_along(values, seed):
-    """Return other weights with the same sums along all ways."""
+    """Return other weights with the same sums along all paths."""
     sums = [
         inside(term.weights[0]) for one in flat_tableau(values).equations() for term in one.terms
     ]
@@ -47,7 +47,7 @@ def moved_along(values, seed):
 
 
 def inside(quantity):
-    """Tell of each weight, by 0 or 1, whether it is in a sum along a way."""
+    """Return for each weight 1 if it is in the sum along a path, else 0."""
     layout = METHOD.layout
     actual = [0] * layout.size
     for point in layout.path(layout.ends[quantity.row]):
@@ -72,7 +72,7 @@ def test_the_tableau_is_dormand_and_princes(values):
 
 
 def test_relations_hold_wherever_the_sums_do(values):
-    """Off all order conditions, with other weights of the same sums."""
+    """They hold for other weights with the same sums, which violate the order conditions."""
     x = moved_along(values, 1)
     assert x != values
     relations = list(flat_tableau(values).relations())
@@ -109,7 +109,7 @@ def test_rows_that_are_no_tableau_of_the_order():
 
 
 def test_products_give_relations_that_vectors_do_not(values):
-    """With the products of contexts and letters left out, fewer relations are known."""
+    """Without products of contexts and letters there are fewer relations."""
 
     def rank(kinds):
         rows = flat_tableau(values)
@@ -181,7 +181,7 @@ def test_order_eight_is_proved_whole():
 
 
 def test_one_more_condition_left_out_is_refused():
-    """With one more coefficient held, so that there is a zero of what is left."""
+    """One more coefficient is fixed, so that the remaining equations have a zero."""
     certificate = certificate_of(METHOD)
     structure, names = certificate.identities
     trees = [text(word) for word in condition_words(5)]
@@ -202,7 +202,7 @@ def test_one_more_condition_left_out_is_refused():
 
 @pytest.mark.slow
 def test_digits_of_order_eight_have_the_tableau(monkeypatch):
-    """Of the catalogue's certificate only the zero is proved again, which takes seconds."""
+    """Only the zero of the stored certificate is proved again, which takes seconds."""
     monkeypatch.setattr("cg.proofs.zero.follow", None)
     method = cg.methods["CooperVerner8"]
     weights = method.digits(60)

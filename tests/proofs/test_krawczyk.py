@@ -1,4 +1,4 @@
-"""Krawczyk's test on small systems without a zero, or with two: where a weaker one would prove."""
+"""Krawczyk's test on small systems without a zero or with two zeros."""
 
 import tomllib
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.no_core
 
 @dataclass(frozen=True)
 class Uncoupled:
-    """Equations f(x_i) = 0 in unknowns each of its own, with a tight enclosure of f'."""
+    """Uncoupled equations f(x_i) = 0, with a tight enclosure of f'."""
 
     f: Callable[[arb], arb]
     slope: Callable[[arb], arb]
@@ -37,7 +37,7 @@ class Uncoupled:
 
 @dataclass(frozen=True)
 class AtPoint:
-    """The same with derivatives at the middle of the box: wrong."""
+    """The same with derivatives at the middle of the box, which is wrong."""
 
     system: Any
 
@@ -52,12 +52,12 @@ def attempt(system: Any, y: str, radius: str, size: int = 1) -> KrawczykTest:
 
 
 def dropped(test: KrawczykTest) -> bool:
-    """Tell whether the test without its contraction would prove."""
+    """Return whether the test would pass without its contraction."""
     return test.correction < float(test.radius)
 
 
 def halved(test: KrawczykTest) -> bool:
-    """Tell whether the test with half of its contraction would prove."""
+    """Return whether the test would pass with half of its contraction."""
     return test.correction / float(test.radius) + test.contraction / 2 < 1
 
 
@@ -172,7 +172,7 @@ def test_certificates_are_proved_a_second_way(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["CG4a.toml", "CF4.toml", "CG5(4).toml", "CG3.toml"])
-def test_the_second_way_refuses_what_is_wrong(name: str) -> None:
+def test_the_second_implementation_rejects_wrong_certificates(name: str) -> None:
     entry, certificate = method(name), CERTIFICATES[name]
     changes: list[dict[str, Any]] = [
         {"order": certificate["order"] + 1},
@@ -193,7 +193,7 @@ def test_the_second_way_refuses_what_is_wrong(name: str) -> None:
 
 
 def test_the_second_way_refuses_a_condition_left_out_too_many() -> None:
-    """With one more coefficient held: the others have a zero, and it isn't small there."""
+    """One more coefficient is fixed: the others have a zero, at which the residual isn't small."""
     certificate = CERTIFICATES["CF5d.toml"]
     (trees,) = certificate["identities"]
     held = set(certificate["fixed"])

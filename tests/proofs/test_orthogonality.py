@@ -1,4 +1,4 @@
-"""Proofs where few stages, or few flows, make conditions follow from others."""
+"""Orthogonality: conditions that follow from others if stages or flows are few."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -55,7 +55,7 @@ def test_as_many_conditions_are_left_out_as_depend_on_others(name):
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_what_is_left_out_follows_at_solutions_nearby(name):
+def test_conditions_left_out_hold_near_solutions(name):
     """Off the solution set, but with the required conditions satisfied, all others are too."""
     method = cg.methods[name]
     system = cg.construction.pack_method(method).system
@@ -170,7 +170,7 @@ def test_conditions_that_follow_since_moments_are_zero(monkeypatch):
     assert np.abs(relations_of() @ jacobian).max() > 1e-3
 
 
-def test_what_follows_and_what_does_not():
+def test_dependent_and_independent_conditions():
     method = cg.methods["CF5c"]
     left_out = left_out_of(method)
     with precision(320):
@@ -215,7 +215,7 @@ def test_certificates_that_leave_out_something_else():
 
 
 def test_a_certificate_that_leaves_out_an_independent_condition():
-    """The others have a zero with one coefficient more held: only `follow` tells."""
+    """The others have a zero with one more coefficient fixed; only `follow` rejects it."""
     method = cg.methods["CF5d"]
     certificate = certify(method)
     left_out = read_left_out(certificate.identities)[0]

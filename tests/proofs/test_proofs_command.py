@@ -28,7 +28,7 @@ class TestCommand:
         assert "CG5a: order 5 is proved: coefficients within" in out
         assert out.splitlines()[-1] == f"{len(PROVED_HERE)} proved"
 
-    def test_partial_proofs_are_counted_apart(self, tmp_path, capsys):
+    def test_partial_proofs_are_counted_separately(self, tmp_path, capsys):
         path = tmp_path / "CF5c.toml"
         certify("CF5c", small=True).save(path)
         assert main(["--check", "CG3", str(path), "nonsense"]) == 1
@@ -52,7 +52,7 @@ class TestCommand:
         assert Certificate.load(tmp_path / "CG4a.toml") == certificate_of(methods["CG4a"])
         assert main(["CG6a"]) == 1
 
-    def test_it_is_a_function_and_a_command(self):
+    def test_certify_is_a_function_and_a_command(self):
         assert cg.certify is certify
         run = subprocess.run(
             [sys.executable, "-m", "cg.proofs", "--check", "CG3"],

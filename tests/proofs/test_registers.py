@@ -1,4 +1,4 @@
-"""Methods of two registers: their words exchange letters, so that flat conditions are enough."""
+"""Relations between conditions of methods of two registers."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -56,7 +56,7 @@ def test_equations_tell_two_registers_from_others():
 
 @pytest.mark.parametrize("order", [3, 4, 5, 6])
 def test_flat_conditions_imply_all_others(order):
-    """With the relations, those of rooted trees leave no residual of this order free."""
+    """With the relations, the conditions of rooted trees determine all residuals of this order."""
     conditions = [w for w in condition_words(order) if nodes(w) == order]
     # those of fewer nodes being satisfied, products vanish
     reduction = Reduction(Fraction, lambda _: Fraction(0))

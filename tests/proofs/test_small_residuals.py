@@ -24,7 +24,7 @@ pytestmark = pytest.mark.no_core
 class TestOnlySmall:
     """Certificates of methods whose dependent conditions are only shown to be small."""
 
-    def test_what_depends_on_others_is_below_a_bound(self):
+    def test_dependent_conditions_are_below_a_bound(self):
         method = methods["CF5c"]
         certificate = certify(method, small=True)
         assert not certificate.complete
@@ -48,7 +48,7 @@ class TestOnlySmall:
             method.digits(40, certificate=certificate)
 
     def test_an_independent_condition_is_not_as_small(self):
-        """It is as far off as coefficients are rounded, 1e-36, and not at a zero of others."""
+        """Its residual is 1e-36, the rounding of coefficients, not that of a zero of the others."""
         method = methods["CG4a"]
         certificate = certify(method)
         free = [name for name in method.layout.names if name not in certificate.fixed]
@@ -61,7 +61,7 @@ class TestOnlySmall:
             check(wrong, method)
 
     def test_where_the_zero_is(self):
-        """The map's image is taken again where it is wide, and still holds the zero."""
+        """A wide image of the map is computed again, and still contains the zero."""
         method = methods["CG4a"]
         certificate = replace(certify(method), radius="1e-12")
         packed = Packed.of(method)

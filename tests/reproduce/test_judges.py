@@ -1,4 +1,4 @@
-"""Every judge of a claim, with numbers for which it must pass and must fail."""
+"""Each judge of a claim passes and fails on given numbers."""
 
 import copy
 from functools import partial

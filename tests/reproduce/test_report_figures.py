@@ -55,7 +55,7 @@ def slope(line):
 
 
 def check_methods(figure, axes, x, expected):
-    """Each method's curve has its data, its own look, and the same look in the legend."""
+    """Each method's curve has its data, its own style, and the same style in the legend."""
     actual, shown = curves(axes), legend(figure)
     for method, y in expected.items():
         line = actual[method]

@@ -1,4 +1,4 @@
-"""Printed numbers of the paper, digests of code, and the display of progress."""
+"""Printed numbers of the paper, digests of code, the display of progress."""
 
 import hashlib
 import io

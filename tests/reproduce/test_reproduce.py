@@ -400,7 +400,7 @@ def test_whole_default_run(tmp_path):
 
 
 def test_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
-    """It is what a full disk may leave behind."""
+    """A full disk may leave such a file."""
 
     def stopped(*arguments, **options):
         raise KeyboardInterrupt

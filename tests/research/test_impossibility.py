@@ -177,7 +177,7 @@ def test_all_trees_are_there() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "tableaux", "0 0 0 0", "-1 0 1", "-1 0 1 3", "path of x"])
-def test_shapes_that_there_are_none_of(text: str) -> None:
+def test_unknown_shapes(text: str) -> None:
     with pytest.raises(ValueError, match="shape must be"):
         read_shape(text, 4)
 

@@ -24,7 +24,7 @@ if __name__ == "__main__":
 
 
 class TestEngines:
-    """The engines that people have, started for real."""
+    """Searches on clusters that the tests start."""
 
     def test_dask(self, tmp_path):
         distributed = pytest.importorskip("distributed")

@@ -1,4 +1,4 @@
-"""Searches on executors: the same results on all of them, and workers that die."""
+"""Searches on executors: equal results, dead workers, interrupts."""
 
 import contextlib
 import logging
@@ -69,7 +69,7 @@ def die_at_seven(index: int) -> int:
 
 
 class Unfair(Executor):
-    """Runs the newest piece first, to upset whoever counts on an order."""
+    """An executor that runs the newest piece first."""
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1)
@@ -95,7 +95,7 @@ class Unfair(Executor):
 
 
 class Losing(ThreadPoolExecutor):
-    """Takes so many pieces of work, and then loses those that it has."""
+    """An executor that loses its pending work after a number of pieces."""
 
     def __init__(self, pieces: int, moment: str) -> None:
         super().__init__(1)
@@ -134,7 +134,7 @@ def test_same_result_in_processes(tmp_path):
 
 
 def test_lmdif_is_the_same_on_other_processors(tmp_path):
-    """As far as kernels of OpenBLAS go, which the environment chooses."""
+    """Other processors are simulated by kernels of OpenBLAS, which the environment selects."""
     script = "import cg, sys; cg.search(3, 3, 12, 5, algorithm='lmdif', store=sys.argv[1])"
     stored = []
     for kernel in ({}, {"OPENBLAS_CORETYPE": "Prescott"}):
@@ -243,7 +243,7 @@ class TestDeath:
 
     @pytest.mark.parametrize("moment", ["at work", "handed out"])
     def test_executor_that_loses_work(self, moment):
-        """As that of Dask does whose scheduler was killed."""
+        """Dask's executor loses work when its scheduler is killed."""
         made: list[Losing] = []
 
         def make() -> Executor:
@@ -314,7 +314,7 @@ class TestDeath:
 
 
 class StartedLate(SpawnProcess):
-    """A worker whose start lasts until the one before it has died and is known to have."""
+    """A worker that starts only after the death of the one before it was noticed."""
 
     before: ClassVar[list[SpawnProcess]] = []
     ready = False
@@ -345,7 +345,7 @@ def slow_double(index: int) -> int:
 
 
 def kill_a_child() -> None:
-    """Kill a worker of the pool, if there is one just now."""
+    """Kill a worker of the pool, if there is one."""
     listed = subprocess.run(
         ["pgrep", "-P", str(os.getpid()), "-f", "spawn_main"],
         capture_output=True,

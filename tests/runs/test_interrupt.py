@@ -1,4 +1,4 @@
-"""Ending long runs: what is cut short leaves no trace, and what was found is kept."""
+"""Interrupted runs: unfinished starts leave no trace, finished ones stay."""
 
 import signal
 import subprocess
@@ -9,6 +9,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from stored_runs import stored_numbers
 
 from cg import _core_r64, _core_r128
 from cg.conditions import table_rows
@@ -17,7 +18,7 @@ from cg.construction.search.random_search import search
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.runs import Store, as_finished, execution
+from cg.runs import as_finished, execution
 from cg.structure.layout import Layout
 from cg.support import parallel, quads
 from cg.support.parallel import Stopped, stoppable
@@ -254,11 +255,6 @@ class TestInterrupt:
         name = function.__name__
         call = f"cg.{name}(**{options}, workers=1, store={str(path)!r}, progress=say_and_wait)"
         assert interrupted_after(call, after_one) == "interrupted"
-        assert recorded(path) == [0]
+        assert stored_numbers(path) == [0]
         assert function(**options, store=path) == function(**options)
-        assert recorded(path) == [0, 1, 2]
-
-
-def recorded(path):
-    with Store(path) as store:
-        return list(store.run(1).numbers())
+        assert stored_numbers(path) == [0, 1, 2]

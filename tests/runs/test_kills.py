@@ -56,7 +56,7 @@ def child(work: Any) -> int:
 
 
 def killed_at_random(work, stores, restart, seed):
-    """Kill runs until as many as wanted were, and each run that was begun has ended by itself.
+    """Kill runs at random moments until enough were killed and one has ended by itself.
 
     Returns how many were killed while they had recorded something new.
     """

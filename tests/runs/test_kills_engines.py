@@ -59,7 +59,7 @@ def children(pid: int) -> list[int]:
 
 
 def repeated(path: Path) -> int:
-    """Return how many starts below the last one that was recorded weren't: they run again."""
+    """Return the number of unrecorded starts below the last recorded one; they run again."""
     numbers = {row[1] for row in recorded(path)}
     return max(numbers, default=-1) + 1 - len(numbers)
 
@@ -76,7 +76,7 @@ def wait_for_more(path: Path, before: int, rng: random.Random, running: Any) -> 
 
 
 def test_killed_run(path, whole):
-    """Its workers end too, although nobody tells them to."""
+    """Its workers end too, without a signal."""
     rng = random.Random(3)
     kills = ended = useful = 0
 
@@ -151,7 +151,7 @@ class Killer(threading.Thread):
 
 
 def until_killed(kind, path, whole, kill, run):
-    """Run searches anew until as many as wanted were killed during them."""
+    """Repeat searches until enough workers were killed."""
     kills = ended = 0
     while kills < KILLS:
         for file in path.parent.glob("runs.db*"):

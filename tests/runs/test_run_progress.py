@@ -1,4 +1,4 @@
-"""How far searches and constructions are, in a line, and how they go on after an interrupt."""
+"""The progress line of searches and constructions, also after an interrupt."""
 
 import io
 import itertools
@@ -29,7 +29,7 @@ class Terminal(io.StringIO):
 
 
 def line(stream, **options):
-    """Return a line whose clock goes on by a second each time it is read."""
+    """Return a line whose clock advances by a second at each reading."""
     return ProgressLine(stream, clock=itertools.count().__next__, **options)
 
 

@@ -1,4 +1,4 @@
-"""A store keeps what was found, whatever ends a run, and isn't believed."""
+"""Stores of searches: resumed runs, several runs and processes."""
 
 import math
 import signal

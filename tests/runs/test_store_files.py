@@ -328,7 +328,7 @@ class TestFile:
         assert [file.name for file in tmp_path.iterdir()] == ["a.toml"]
 
     def test_reads_in_readonly_folder(self, tmp_path, monkeypatch):
-        """SQLite can't make what readers share then."""
+        """SQLite can't create the files that readers share there."""
         path = tmp_path / "runs.db"
         search(**SMALL, starts=2, store=path)
         before = path.read_bytes()

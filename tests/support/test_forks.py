@@ -1,4 +1,4 @@
-"""Children that a process forks while its other threads are at work."""
+"""Child processes that are forked while other threads work."""
 
 import os
 import subprocess
@@ -147,11 +147,11 @@ def run(script: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_what_threads_hold_that_a_child_does_not_have():
+def test_locks_held_by_other_threads():
     run(HELD)
 
 
-def test_what_the_thread_holds_that_forks():
+def test_locks_held_by_the_forking_thread():
     run(OWN)
 
 

@@ -1,4 +1,4 @@
-"""Too little memory is a MemoryError, never the end of the process."""
+"""Allocations that fail raise MemoryError."""
 
 import os
 import subprocess
@@ -136,7 +136,7 @@ def test_calls_below_any_limit_are_done_or_refused() -> None:
         assert outcomes == sorted(outcomes)
 
 
-def test_the_refusal_says_what_was_asked_for() -> None:
+def test_message_of_refused_memory() -> None:
     raises = pytest.raises(MemoryError, match=r"^a thing needs 1\.05e\+06 GiB of memory")
     with raises, reserved(2**50, "a thing"):
         pass

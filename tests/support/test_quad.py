@@ -26,7 +26,7 @@ def quads(*bits):
 
 
 def through_fortran(bits):
-    """Send b_1 to the compiled core, which gives Φ([τ]) = b_1 back."""
+    """Return b_1 through the compiled core, as Φ([τ]) = b_1."""
     order, tree = 1, 2
     weights = _core_r128.weights(order, Layout.tableau(1).code, bits.T, np.array([tree], np.intc))
     return np.ascontiguousarray(weights.T)
@@ -148,7 +148,7 @@ def test_shapes_are_kept():
 
 
 @given(patterns)
-def test_36_decimal_digits_tell_quads_apart(pattern):
+def test_36_decimal_digits_distinguish_quads(pattern):
     value = decode(quads(pattern))[0]
     assert decode(encode([to_decimal(value)])) == [value]
 

@@ -1,4 +1,4 @@
-"""Several threads at once: equal results, and settings of the process as they were before."""
+"""Several threads at once: equal results, and unchanged settings of the process."""
 
 import os
 import threading
@@ -58,7 +58,7 @@ def test_a_limit_that_ends_meanwhile_is_not_set_again() -> None:
     assert set(after) == {3}
 
 
-def test_runs_that_overlap_keep_to_one_thread_each_and_restore_it() -> None:
+def test_overlapping_runs_use_one_thread_each() -> None:
     with threadpool_limits(2):
         ended = threading.Event()
         begun = threading.Event()
@@ -88,7 +88,7 @@ def test_runs_that_overlap_keep_to_one_thread_each_and_restore_it() -> None:
         assert set(_blas_threads()) == {2}
 
 
-def test_searches_in_two_threads_give_what_each_gives_alone() -> None:
+def test_searches_in_two_threads_equal_single_ones() -> None:
     with threadpool_limits(2):
         searches = [
             lambda: cg.search(5, 9, 4, seed=1, workers=1),
@@ -100,7 +100,7 @@ def test_searches_in_two_threads_give_what_each_gives_alone() -> None:
         assert set(_blas_threads()) == {2}
 
 
-def test_a_start_run_alone_is_that_of_the_search() -> None:
+def test_a_single_start_equals_that_of_the_search() -> None:
     with threadpool_limits(2):
         result = cg.search(5, 9, 2, seed=1, workers=2)
         assert [

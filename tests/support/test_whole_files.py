@@ -1,4 +1,4 @@
-"""Files are replaced as a whole: what goes wrong on the way leaves the old one as it was."""
+"""Files are replaced atomically: after a failure the old file is unchanged."""
 
 import os
 import stat
@@ -65,7 +65,7 @@ def test_commands_leave_the_old_file(
     assert os.listdir(old.parent) == [old.name]
 
 
-def test_what_an_encoding_cannot_hold_leaves_the_old_file(old: Path) -> None:
+def test_encoding_errors_leave_the_old_file(old: Path) -> None:
     with pytest.raises(ValueError, match="surrogates not allowed"):
         texts.write_file(old, "\ud800")
     assert old.read_text(encoding="utf-8") == "old"
@@ -89,7 +89,7 @@ def test_modes_and_links_stay(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no such files")
-def test_what_is_no_file_is_written_to(tmp_path: Path) -> None:
+def test_devices_are_written_to(tmp_path: Path) -> None:
     texts.write_file(Path(os.devnull), "text")
     assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
     with pytest.raises(FileNotFoundError, match="missing"):

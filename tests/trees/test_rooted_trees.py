@@ -1,4 +1,4 @@
-"""Rooted trees and the numbers of the literature."""
+"""Rooted trees against the literature."""
 
 import pytest
 

@@ -20,7 +20,7 @@ from .splitting import FlatRows, Splitting, chains_layout, random_layout
 
 __all__ = ["LiftError", "Lifted", "lift"]
 
-# Of so many starts one has weights where the tableau has zeros; the others converge faster.
+# Every fourth start has weights where the tableau has zeros; the others converge faster.
 _FREE_ZEROS_EVERY = 4
 _WIDTH = 0.4  # unknowns of random starts are uniform in [-width, width]
 # Numbers of flows to the result, and to each stage, that sufficed in experiments, by order.

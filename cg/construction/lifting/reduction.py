@@ -14,7 +14,7 @@ __all__ = ["improved", "merged_flows"]
 _FIRST_ITERATIONS = 60  # most successful merges need fewer
 _FIRST_PATIENCE = 12
 _FURTHER_PATIENCE = 60
-_FURTHER_SHARE = 4  # one of so many merges gets more iterations
+_FURTHER_SHARE = 4  # a quarter of the merges, the best ones, get more iterations
 _MIN_FURTHER = 6
 
 _GAP = 1e-9  # singular values below this fraction of the largest count as zero

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from .publishing import Publication, publish
-from .solutions import Solution, best, families, solutions
+from .solutions import StoredSolution, best, families, solutions
 
-__all__ = ["Publication", "Solution", "best", "families", "publish", "solutions"]
+__all__ = ["Publication", "StoredSolution", "best", "families", "publish", "solutions"]

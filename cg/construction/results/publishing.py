@@ -16,7 +16,7 @@ from ...support.parallel import single_threads
 from ...support.parsing import file_in
 from ..candidate import to_method
 from ..optimise import Goals, optimise
-from .solutions import Solution, solutions
+from .solutions import StoredSolution, solutions
 
 __all__ = ["Publication", "publish"]
 
@@ -139,7 +139,7 @@ def _certify(method: Method) -> tuple[Certificate | None, str]:
         return None, reason
 
 
-def _choose(run: StoredRun, number: int | None) -> Solution:
+def _choose(run: StoredRun, number: int | None) -> StoredSolution:
     distinct = {solution.record.number: solution for solution in solutions(run)}
     if not distinct:
         raise ValueError(f"run {run.number} has no start that led to a method")

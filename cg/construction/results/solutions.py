@@ -21,7 +21,7 @@ from ..search.shapes import layout_from_json
 from ..solvers.singular import decompose, retract
 from ..solvers.system import ConditionSystem, Structure
 
-__all__ = ["OBJECTIVES", "Solution", "best", "families", "solutions"]
+__all__ = ["OBJECTIVES", "StoredSolution", "best", "families", "solutions"]
 
 _SAME = 1e-8  # largest distance of equal coefficients
 _MAX_STEPS = 200  # of a walk from one solution to another
@@ -34,7 +34,7 @@ OBJECTIVES = ("principal_error", "largest_coefficient", "flows", "residual", "se
 
 
 @dataclass(frozen=True)
-class Solution:
+class StoredSolution:
     """A solved start of a store: its record, its coefficients in double and their conditions."""
 
     record: Record
@@ -63,7 +63,7 @@ class Solution:
         raise ValueError(f"objective must be one of {', '.join(OBJECTIVES)}, got {name!r}")
 
 
-def solutions(run: StoredRun) -> Iterator[Solution]:
+def solutions(run: StoredRun) -> Iterator[StoredSolution]:
     """Yield the distinct solutions of a run, by number of the start.
 
     Raises
@@ -89,10 +89,12 @@ def solutions(run: StoredRun) -> Iterator[Solution]:
         key = candidate.system.layout, tuple(np.round(candidate.x, 8).tolist())
         if key not in seen:
             seen.add(key)
-            yield Solution(record, candidate)
+            yield StoredSolution(record, candidate)
 
 
-def best(run: StoredRun, objective: str = "principal_error", count: int = 10) -> list[Solution]:
+def best(
+    run: StoredRun, objective: str = "principal_error", count: int = 10
+) -> list[StoredSolution]:
     """Return the best distinct solutions of a run, the best one first.
 
     Parameters
@@ -116,7 +118,7 @@ def best(run: StoredRun, objective: str = "principal_error", count: int = 10) ->
 
 
 @single_threads()
-def families(distinct: list[Solution]) -> list[list[Solution]]:
+def families(distinct: list[StoredSolution]) -> list[list[StoredSolution]]:
     """Group solutions that a walk along the solution set connects, the largest family first.
 
     A walk goes from each solution towards its nearest neighbours, in steps within the tangent space
@@ -135,7 +137,7 @@ def families(distinct: list[Solution]) -> list[list[Solution]]:
     return sorted(grouped, key=len, reverse=True)
 
 
-def _nearest(distinct: list[Solution], place: int) -> list[int]:
+def _nearest(distinct: list[StoredSolution], place: int) -> list[int]:
     """Return the indices of the nearest solutions of the same shape."""
     here = distinct[place].candidate
     distances = [

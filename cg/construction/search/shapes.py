@@ -88,10 +88,17 @@ def _layout_of_places(tree: Any) -> Layout:
     # checked with weights on the first stage only: other weights need valid stage points
     points = tuple(Point(parent, {0: 1} if stage_points else {}) for parent in parents)  # type: ignore[dict-item]
     check_tree(PointTree(points, stage_points, *results))
+    return _with_all_weights(parents, stage_points, results)
+
+
+def _with_all_weights(
+    parents: Sequence[int], stage_points: Sequence[int], results: Sequence[int]
+) -> Layout:
+    """Return the layout in which each flow has weights on all stages before it."""
     weights = tuple(
         tuple(stage for stage, at in enumerate(stage_points) if at < m) for m in range(len(parents))
     )
-    return Layout(parents, weights, stage_points, results)
+    return Layout(tuple(parents), weights, tuple(stage_points), tuple(results))
 
 
 def _indices(label: str, values: Any) -> tuple[Any, ...]:
@@ -128,11 +135,7 @@ def draw_layout(
         parents.append(inner)
         results.append(flows)
     stage_points = (START, *at, *([inner] if first_same_as_last else []))
-    weights = tuple(
-        tuple(stage for stage, place in enumerate(stage_points) if place < m)
-        for m in range(len(parents))
-    )
-    return Layout(tuple(parents), weights, stage_points, tuple(results))
+    return _with_all_weights(parents, stage_points, results)
 
 
 def layout_from_json(text: str | Mapping[str, Any]) -> Layout:
@@ -237,7 +240,7 @@ class ShapeArguments:
 
     @property
     def of_points(self) -> bool:
-        """Whether methods of points are meant, not tableaux."""
+        """Whether the arguments describe methods of points, not tableaux."""
         return self.tree is not None or self.flows is not None
 
     def check_tableau(self) -> None:

@@ -29,7 +29,7 @@ _FTOL = 1e-27  # sum of squares to reach
 _RENEWALS = 4  # of the Jacobian in `retract`
 _MAX_ITERATIONS = 60
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
-_PATIENCE, _MIN_GAIN = 15, 0.05  # stop if so many steps together gain less than this fraction
+_PATIENCE, _MIN_GAIN = 15, 0.05  # stop if that number of steps gains less than this fraction
 
 
 @dataclass(frozen=True)

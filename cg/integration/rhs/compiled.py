@@ -242,6 +242,6 @@ def _words(signature: str | None) -> str:
     return (signature or "").replace("const", "").replace(" ", "")
 
 
-def _fits(signature: str | None, wanted: str) -> bool:
+def _fits(signature: str | None, expected: str) -> bool:
     head, _, data = _words(signature).rpartition(",")
-    return head == wanted.replace(" ", "").rpartition(",")[0] and data.endswith("*)")
+    return head == expected.replace(" ", "").rpartition(",")[0] and data.endswith("*)")

@@ -175,9 +175,11 @@ class PythonRhs:
             # a copy, since f may return the same buffer each time
             coefficients = real_array(value, "f")
         except ValueError as error:
-            wanted = f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
+            expected = (
+                f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
+            )
             raise ValueError(
-                f"f must return {wanted}, got {value!r} at {when(t)}{traced_hint(error)}"
+                f"f must return {expected}, got {value!r} at {when(t)}{traced_hint(error)}"
             ) from error
         if coefficients.shape != shape:
             got = "None" if value is None else f"shape {coefficients.shape}"

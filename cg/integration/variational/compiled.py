@@ -103,7 +103,7 @@ class CompiledVariation(CompiledRhs):
 
     @property
     def name(self) -> str:
-        """The function that failed last."""
+        """Name of the function that failed last."""
         names: tuple[str, ...] = "f", "jac", "df_dp", DERIVATIVES
         return names[max(int(record.failed) for record in self.records)]
 
@@ -131,9 +131,9 @@ class CompiledVariation(CompiledRhs):
 def compiled_variation(
     variational: VariationalField, plan: Plan, args: tuple[Any, ...] = ()
 ) -> CompiledVariation | None:
-    """Return the right-hand side in compiled code, None if it has to be in Python.
+    """Return the right-hand side in compiled code, or None.
 
-    That is for vectorized functions, and for differences on frames that aren't compiled.
+    It is None for vectorized functions, and for differences on frames that aren't compiled.
 
     Parameters
     ----------

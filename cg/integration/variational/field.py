@@ -93,7 +93,7 @@ class VariationalField:
         ]
 
     def check_of(self, name: str) -> Callable[[Any, float, Points], Array]:
-        """Return the function that checks what a function in Python returned for one point."""
+        """Return a function that checks the value of a Python function at one point."""
         if name == "f":
             return self._rhs.check
         shape = {name: shape for name, _, shape in self.functions()}[name]
@@ -218,17 +218,17 @@ class VariationalField:
 
     def _checked(self, name: str, value: Any, t: Any, shape: tuple[int, ...]) -> Array:
         """Return the value of a function of the user as a C-ordered array, after checking it."""
-        wanted = (len(t), *shape) if self.vectorized else shape
+        expected = (len(t), *shape) if self.vectorized else shape
         if not is_array(value, np.float64):
             try:
                 value = real_array(value if value is not None else "None", name)
             except ValueError as error:
                 raise ValueError(
-                    f"{name} must return an array of shape {wanted}, got {value!r} at {when(t)}"
+                    f"{name} must return an array of shape {expected}, got {value!r} at {when(t)}"
                 ) from error
-        if value.shape != wanted:
+        if value.shape != expected:
             raise ValueError(
-                f"{name} must return an array of shape {wanted}, got shape {value.shape} at "
+                f"{name} must return an array of shape {expected}, got shape {value.shape} at "
                 f"{when(t)}"
             )
         if not math.isfinite(value.sum()) and not np.isfinite(value).all():

@@ -31,12 +31,9 @@ class VariationalProblem(Problem):
     ----------
     field
         The functions of the right-hand side.
-    source
-        The right-hand side as it is sent to workers in other processes.
     """
 
     field: VariationalField | None = None
-    source: Any = None
 
     @property
     def variational(self) -> VariationalField:
@@ -97,8 +94,9 @@ def add_derivatives(
         "rhs": joint,
         "points": field.start(problem.points),
         "control": control,
+        "f": source,
     }
-    return VariationalProblem(**(same | changed), field=field, source=source)
+    return VariationalProblem(**(same | changed), field=field)
 
 
 def check_function(function: Any, name: str, vectorized: bool) -> None:

@@ -264,6 +264,6 @@ def solve_variational_ensemble(
     )  # fmt: skip
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, len(problem.points))
-    solution = solve_members(joint, joint.source, executor, workers, None, progress)
+    solution = solve_members(joint, executor, workers, None, progress)
     fields = _with_derivatives(joint, solution, covariance, EnsembleVariationalOutput)
     return EnsembleVariationalSolution(**fields)

@@ -153,7 +153,7 @@ class _Relations:
         return pairings(self._layout, self._orders, self._y)
 
     def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice | ResidualRelation]:
-        """Choose relations that are independent; on some conditions if these are named."""
+        """Choose independent relations; if conditions are given, independent in these."""
         chosen: list[_Choice | ResidualRelation] = []
         seen = list(among) or list(range(len(self.conditions)))
         basis = np.zeros((0, len(seen)))
