@@ -312,10 +312,13 @@ def _take_stages_on_algebra(
     def added(sums: JaxArray, column: JaxArray, value: JaxArray) -> JaxArray:
         return sums + column[:, None] * value
 
+    flow = jax.checkpoint(rules.flow, prevent_cse=False)
+    inverse = jax.checkpoint(lambda u, v: dexpinv(u, v, paths.series), prevent_cse=False)
+
     def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, JaxArray]:
         path, c, column = stage
         u = h * sums[path]
-        value = dexpinv(u, f(c, rules.flow(u, y0)), paths.series)
+        value = inverse(u, f(c, flow(u, y0)))
         return added(sums, column, value), value
 
     def loop(sums: JaxArray, begin: int, end: int) -> tuple[JaxArray, JaxArray]:
