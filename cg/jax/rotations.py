@@ -12,7 +12,6 @@ from cg.jax.entire import JaxArray, angle_over_sine, stumpff
 from cg.jax.rules import Rules, bilinear, dot, ones, unit_step
 
 __all__ = [
-    "average_rotation",
     "quaternion_of",
     "quaternion_rules",
     "rotation_logarithm",
@@ -48,20 +47,14 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     )
 
 
-def rotation_matrix(v: JaxArray, wedge: JaxArray) -> JaxArray:
-    """Return the rotation by v, whose skew matrix is `wedge`."""
-    q = v @ v
-    return stumpff(0, q) * jnp.eye(3, dtype=v.dtype) + (
-        stumpff(1, q) * wedge + stumpff(2, q) * jnp.outer(v, v)
-    )
+def rotation_matrix(v: JaxArray, wedge: JaxArray, average: int = 0) -> JaxArray:
+    """Return the rotation by v, whose skew matrix is `wedge`.
 
-
-def average_rotation(v: JaxArray, wedge: JaxArray) -> JaxArray:
-    """Return the integral of the rotation by s v over s from 0 to 1."""
+    With ``average=1`` it is the integral of the rotation by s v over s from 0 to 1.
+    """
     q = v @ v
-    return stumpff(1, q) * jnp.eye(3, dtype=v.dtype) + (
-        stumpff(2, q) * wedge + stumpff(3, q) * jnp.outer(v, v)
-    )
+    unit, once, twice = (stumpff(average + k, q) for k in range(3))
+    return unit * jnp.eye(3, dtype=v.dtype) + (once * wedge + twice * jnp.outer(v, v))
 
 
 def quaternion_of(away: JaxArray) -> JaxArray:

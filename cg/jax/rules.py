@@ -23,6 +23,7 @@ __all__ = [
     "linear",
     "newton_schulz",
     "ones",
+    "read_point",
     "real_dtype",
     "same",
     "unit_step",
@@ -100,6 +101,16 @@ class Rules:
 def real_dtype(y: JaxArray) -> Any:
     """Return the type of the real part of an array."""
     return jnp.finfo(jnp.result_type(y)).dtype
+
+
+def read_point(frame: Frame, y: Any, name: str = "y") -> JaxArray:
+    """Return a point as an array of the kind of the frame; raise ValueError for another shape."""
+    point = jnp.asarray(y)
+    if point.shape != frame.point_shape:
+        raise ValueError(f"{name} must have shape {frame.point_shape}, got {point.shape}")
+    if frame.dtype.kind == "c":
+        return point.astype(jnp.result_type(point, jnp.complex64))
+    return point if jnp.issubdtype(point.dtype, jnp.floating) else point.astype(float)
 
 
 def ones(frame: Frame) -> Callable[[JaxArray], JaxArray]:
