@@ -15,6 +15,7 @@ from cg.frames import Frame
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import real_dtype
+from cg.jax.term import rules_in
 
 __all__ = ["FrameController", "controller"]
 
@@ -142,6 +143,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
                 "solver must be a pair for steps to be chosen; methods without an error estimate "
                 "take diffrax.ConstantStepSize()"
             )
+        frame = rules_in(terms).frame
+        if frame != self.frame:
+            raise ValueError(f"controller must be one for the frame {frame!r}, got {self.frame!r}")
         state = jnp.ones((), real_dtype(y0)), jnp.zeros((), bool)
         if dt0 is not None:
             return t0 + dt0, state

@@ -11,6 +11,7 @@ from cg.frames import SE3, SO3, Euclidean, Frame, Product, UnitQuaternion
 from cg.jax.entire import JaxArray
 from cg.jax.products import join, split
 from cg.jax.rotations import quaternion_of
+from cg.jax.rules import read_point
 
 __all__ = ["from_jaxlie", "to_jaxlie"]
 
@@ -111,9 +112,7 @@ def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
     1.0
     """
     _attribute(frame)
-    y = jnp.asarray(y)
-    if y.shape != frame.point_shape:
-        raise ValueError(f"y must have shape {frame.point_shape}, got {y.shape}")
+    y = read_point(frame, y)
     if isinstance(frame, Product):
         quaternion, position = split(frame, y)
         return kind(jnp.concatenate([_wxyz(frame.factors[0], quaternion), position]))

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from cg.frames import Frame
 from cg.frames.dexpinv import bernoulli_terms
 from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors
-from cg.jax.rules import linear
+from cg.jax.rules import cross, dot, linear
 
 __all__ = ["motion_dexpinv", "series_dexpinv", "turning_dexpinv"]
 
@@ -25,41 +25,47 @@ def turning_dexpinv(side: float) -> Callable[[JaxArray, JaxArray, int], JaxArray
     """Return dexpinv where brackets are plus or minus the cross product."""
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
-        q = u @ u
-        once = jnp.cross(u, v)
-        value = v - (0.5 * side) * once + dexpinv_factor(_within(q)) * jnp.cross(u, once)
-        return _beyond_a_turn(value, q, v, once)
+        x, y = list(u), list(v)
+        q = dot(x, x)
+        once = cross(x, y)
+        factors = -0.5 * side, dexpinv_factor(_within(q))
+        return _within_a_turn(q, y, factors, once, cross(x, once))
 
     return dexpinv
 
 
 def motion_dexpinv(u: JaxArray, v: JaxArray, side: float) -> JaxArray:
     """Return dexpinv of motions and of vectors that rotate with them."""
-    omega, turned = u[:3], u.reshape(-1, 3)
+    x, y = list(u), list(v)
+    omega = x[:3]
 
-    def bracket(w: JaxArray) -> JaxArray:
-        parts = w.reshape(-1, 3)
-        moved = jnp.cross(omega, parts) - jnp.cross(parts[0], turned)
-        return side * jnp.concatenate([jnp.cross(omega, parts[0]), moved[1:].reshape(-1)])
+    def bracket(w: list[JaxArray]) -> list[JaxArray]:
+        value = cross(omega, w[:3])
+        for k in range(3, len(w), 3):
+            parts = cross(omega, w[k : k + 3]), cross(x[k : k + 3], w[:3])
+            value += [a + b for a, b in zip(*parts, strict=True)]
+        return value
 
-    q = omega @ omega
-    second, fourth = motion_factors(_within(q))
-    once = bracket(v)
+    q = dot(omega, omega)
+    once = bracket(y)
     twice = bracket(once)
-    value = v - 0.5 * once + second * twice + fourth * bracket(bracket(twice))
-    return _beyond_a_turn(value, q, v, once)
+    factors = -0.5 * side, *motion_factors(_within(q))
+    return _within_a_turn(q, y, factors, once, twice, bracket(bracket(twice)))
 
 
 def _within(q: JaxArray) -> JaxArray:
     return jnp.where(q < _RADIUS, q, 0.0)
 
 
-def _beyond_a_turn(value: JaxArray, q: JaxArray, v: JaxArray, once: JaxArray) -> JaxArray:
-    """Return `value`, and after a turn or more ``v`` where it commutes, else NaN."""
+def _within_a_turn(
+    q: JaxArray, v: list[JaxArray], factors: tuple[Any, ...], once: list[JaxArray], *more: Any
+) -> JaxArray:
+    """Return v and its brackets times factors; beyond a turn v if it commutes, else NaN."""
     bound = (_COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
-    commutes = (bound * v * v - once * once).sum() >= 0.0  # one kernel of XLA
-    after = jnp.where(commutes, v, jnp.nan)
-    return jnp.where(q < _RADIUS, value, after)
+    commutes = bound * dot(v, v) >= dot(once, once)
+    value = [a + dot(factors, brackets) for a, *brackets in zip(v, once, *more, strict=True)]
+    after = [jnp.where(commutes, a, jnp.nan) for a in v]
+    return jnp.where(q < _RADIUS, jnp.stack(value), jnp.stack(after))
 
 
 def series_dexpinv(frame: Frame) -> Callable[[JaxArray, JaxArray, int], JaxArray]:

@@ -20,9 +20,10 @@ JaxArray = Any
 
 _NEAR = 4.0  # where the series is summed instead of a recurrence that cancels
 _TERMS = 14  # of which the first one left out is below rounding there
-_FACTOR_NEAR = 0.25
-_FACTOR_TERMS = [  # of dexpinv_factor as a series in q / 4; all are positive
-    float(4**n * abs(term)) for n, term in enumerate(bernoulli_terms(22)[2::2])
+_POLES = (2.0 * math.pi) ** 2, (4.0 * math.pi) ** 2  # of dexpinv_factor, the two nearest
+_FACTOR_TERMS = [  # of dexpinv_factor without these poles, as a series in q
+    float(abs(term)) - sum(2.0 / pole ** (n + 1) for pole in _POLES)
+    for n, term in enumerate(bernoulli_terms(32)[2::2])
 ]
 _ARCTAN_NEAR = 0.04
 _ARCTAN_TERMS = 14
@@ -78,20 +79,16 @@ def _stumpff_jvp(k: int, primals: Any, tangents: Any) -> Any:
 
 
 def dexpinv_factor(q: JaxArray) -> JaxArray:
-    r"""Return :math:`(1 - x \cot x) / (4 x^2)` with :math:`q = (2 x)^2`, 1/12 at zero.
+    r"""Return :math:`(1 - x \cot x) / (4 x^2)` with :math:`q = (2 x)^2 < 4 \pi^2`, 1/12 at zero.
 
     It multiplies :math:`\operatorname{ad}^2` in the inverse of the derivative of a rotation's
-    exponential; see `cg.frames.dexpinv.rotation_dexpinv`.
+    exponential; see `cg.frames.dexpinv.rotation_dexpinv`.  It is :math:`\sum_k 2 / (4 k^2 \pi^2 -
+    q)`; the terms from the third on are summed as a series in q.
     """
-    x2 = 0.25 * q
-    # The quotient's rounding error grows as 1 / q; its factor ad² is proportional to q.
-    near = x2 < _FACTOR_NEAR
-    small, far = jnp.where(near, x2, 0.0), jnp.where(near, 1.0, x2)
-    series = jnp.full_like(x2, _FACTOR_TERMS[-1])
+    series = jnp.full_like(q, _FACTOR_TERMS[-1])
     for term in _FACTOR_TERMS[-2::-1]:
-        series = term + small * series
-    x = jnp.sqrt(far)
-    return jnp.where(near, series, (1.0 - x * jnp.cos(x) / jnp.sin(x)) / (4.0 * far))
+        series = term + q * series
+    return 2.0 / (_POLES[0] - q) + (2.0 / (_POLES[1] - q) + series)
 
 
 def motion_factors(q: JaxArray) -> tuple[JaxArray, JaxArray]:
@@ -99,13 +96,8 @@ def motion_factors(q: JaxArray) -> tuple[JaxArray, JaxArray]:
 
     With g(q) the `dexpinv_factor` they are :math:`b = -g'(q)` and :math:`a = g(q) + q\, b`.
     """
-    x2 = 0.25 * q
-    c1, c2, c3, c4, c5 = (stumpff(k, x2) for k in range(1, 6))
-    top, bottom = c2 - c3, c1
-    slope_top = c4 - 0.5 * c3 - 0.5 * (3.0 * c5 - c4)
-    slope_bottom = 0.5 * (c3 - c2)
-    slope = (slope_top * bottom - top * slope_bottom) / (16.0 * bottom * bottom)
-    return top / (4.0 * bottom) - q * slope, -slope
+    value, slope = jax.jvp(dexpinv_factor, (q,), (jnp.ones_like(q),))
+    return value - q * slope, -slope
 
 
 def angle_over_sine(q: JaxArray, c: JaxArray) -> JaxArray:

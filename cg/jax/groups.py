@@ -12,7 +12,7 @@ import numpy as np
 from cg.frames import SO, SU, Frame, MatrixGroup, Semidirect, U
 from cg.jax.dexpinv import motion_dexpinv, series_dexpinv, turning_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine, dexpinv_factor, stumpff
-from cg.jax.rotations import average_rotation, rotation_logarithm, rotation_matrix
+from cg.jax.rotations import rotation_logarithm, rotation_matrix
 from cg.jax.rules import Rules, adjoint, linear, newton_schulz, real_dtype, same
 
 __all__ = ["exponential_of", "group_dexpinv", "group_rules", "projection", "semidirect_rules"]
@@ -109,7 +109,8 @@ def exponential_of(frame: MatrixGroup) -> Callable[[JaxArray], JaxArray]:
 def _motion(frame: Semidirect, v: JaxArray) -> JaxArray:
     omega, wedge = v[:3], linear(v[:3], frame.group.basis)
     columns = v[3:].reshape(frame.copies, 3).T
-    return _assembled(rotation_matrix(omega, wedge), average_rotation(omega, wedge) @ columns)
+    average = rotation_matrix(omega, wedge, average=1)
+    return _assembled(rotation_matrix(omega, wedge), average @ columns)
 
 
 def _assembled(linear: JaxArray, columns: JaxArray) -> JaxArray:

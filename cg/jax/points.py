@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from cg.frames import Frame
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
-from cg.jax.rules import real_dtype
+from cg.jax.rules import read_point, real_dtype
 
 __all__ = ["cotangent", "flow", "log"]
 
@@ -47,7 +47,7 @@ def flow(frame: Frame, v: JaxArray, y: JaxArray) -> JaxArray:
     [0.0, 0.0, 1.0]
     """
     rules = rules_of(frame)
-    v, y = jnp.asarray(v), _point(frame, y, "y")
+    v, y = jnp.asarray(v), read_point(frame, y, "y")
     if v.shape != (frame.dim,):
         raise ValueError(f"v must have shape ({frame.dim},), got {v.shape}")
     return rules.restore(rules.flow(v.astype(real_dtype(y)), y))
@@ -90,7 +90,7 @@ def log(frame: Frame, y0: JaxArray, y1: JaxArray) -> JaxArray:
     rules = rules_of(frame)
     if rules.log is None:
         raise ValueError(f"frame must have exp_coordinates, got {frame!r}")
-    return rules.log(_point(frame, y0, "y0"), _point(frame, y1, "y1"))
+    return rules.log(read_point(frame, y0, "y0"), read_point(frame, y1, "y1"))
 
 
 def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
@@ -130,16 +130,7 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
     [0.0, 1.0, 0.0]
     """
     rules = rules_of(frame)
-    y, g = _point(frame, y, "y"), _point(frame, g, "g")
+    y, g = read_point(frame, y, "y"), read_point(frame, g, "g")
     zero = jnp.zeros(frame.dim, real_dtype(y))
     _, pull = jax.vjp(lambda v: rules.flow(v, y), zero)
     return pull(g.astype(y.dtype))[0]
-
-
-def _point(frame: Frame, y: JaxArray, name: str) -> JaxArray:
-    point = jnp.asarray(y)
-    if point.shape != frame.point_shape:
-        raise ValueError(f"{name} must have shape {frame.point_shape}, got {point.shape}")
-    if frame.dtype.kind == "c":
-        return point.astype(jnp.result_type(point, jnp.complex64))
-    return point if jnp.issubdtype(point.dtype, jnp.floating) else point.astype(float)

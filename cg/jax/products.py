@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from cg.frames import Power, Product
 from cg.jax.entire import JaxArray
-from cg.jax.rules import Rules
+from cg.jax.rules import Rules, read_point
 
 __all__ = ["join", "power_rules", "product_rules", "split"]
 
@@ -77,9 +77,7 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
     [(4,), (3,)]
     """
     _check_product(frame)
-    y = jnp.asarray(y)
-    if y.shape != frame.point_shape:
-        raise ValueError(f"y must have shape {frame.point_shape}, got {y.shape}")
+    y = read_point(frame, y)
     parts = []
     for factor, place in zip(frame.factors, frame._point_slices, strict=True):
         part = y[place]

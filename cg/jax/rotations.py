@@ -8,10 +8,9 @@ from cg.frames import UnitQuaternion
 from cg.frames.quaternion import _generators
 from cg.jax.dexpinv import turning_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine, stumpff
-from cg.jax.rules import Rules, linear, ones, unit_step
+from cg.jax.rules import Rules, bilinear, linear, ones, unit_step
 
 __all__ = [
-    "average_rotation",
     "quaternion_of",
     "quaternion_rules",
     "rotation_logarithm",
@@ -24,11 +23,12 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     generators = _generators(frame.convention, frame.scalar_first)
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
+        # By scalars, as in `sines`, steps that an adjoint repeats differ by rounding.
         x2 = 0.25 * (v @ v)
         return stumpff(0, x2) * y + stumpff(1, x2) * (linear(v, generators) @ y)
 
     def sines(y: JaxArray, end: JaxArray) -> JaxArray:
-        return (jnp.asarray(2.0 * generators, y.dtype) @ y) @ end
+        return jnp.stack(bilinear(2.0 * generators, list(end), list(y)))
 
     def log(y0: JaxArray, y1: JaxArray) -> JaxArray:
         vector = sines(y0, y1 - y0)
@@ -45,20 +45,14 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     )
 
 
-def rotation_matrix(v: JaxArray, wedge: JaxArray) -> JaxArray:
-    """Return the rotation by v, whose skew matrix is `wedge`."""
-    q = v @ v
-    return stumpff(0, q) * jnp.eye(3, dtype=v.dtype) + (
-        stumpff(1, q) * wedge + stumpff(2, q) * jnp.outer(v, v)
-    )
+def rotation_matrix(v: JaxArray, wedge: JaxArray, average: int = 0) -> JaxArray:
+    """Return the rotation by v, whose skew matrix is `wedge`.
 
-
-def average_rotation(v: JaxArray, wedge: JaxArray) -> JaxArray:
-    """Return the integral of the rotation by s v over s from 0 to 1."""
+    With ``average=1`` it is the integral of the rotation by s v over s from 0 to 1.
+    """
     q = v @ v
-    return stumpff(1, q) * jnp.eye(3, dtype=v.dtype) + (
-        stumpff(2, q) * wedge + stumpff(3, q) * jnp.outer(v, v)
-    )
+    unit, once, twice = (stumpff(average + k, q) for k in range(3))
+    return unit * jnp.eye(3, dtype=v.dtype) + (once * wedge + twice * jnp.outer(v, v))
 
 
 def quaternion_of(away: JaxArray) -> JaxArray:

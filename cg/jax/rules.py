@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,22 @@ from numpy.typing import NDArray
 from cg.frames import Frame
 from cg.jax.entire import JaxArray
 
-__all__ = ["Rules", "adjoint", "linear", "newton_schulz", "ones", "real_dtype", "same", "unit_step"]
+__all__ = [
+    "Rules",
+    "adjoint",
+    "bilinear",
+    "cross",
+    "dot",
+    "linear",
+    "newton_schulz",
+    "ones",
+    "read_point",
+    "real_dtype",
+    "same",
+    "unit_step",
+]
+
+Scalars = Sequence[JaxArray]
 
 _NEARBY_STEPS = 4
 
@@ -88,6 +103,16 @@ def real_dtype(y: JaxArray) -> Any:
     return jnp.finfo(jnp.result_type(y)).dtype
 
 
+def read_point(frame: Frame, y: Any, name: str = "y") -> JaxArray:
+    """Return a point as an array of the kind of the frame; raise ValueError for another shape."""
+    point = jnp.asarray(y)
+    if point.shape != frame.point_shape:
+        raise ValueError(f"{name} must have shape {frame.point_shape}, got {point.shape}")
+    if frame.dtype.kind == "c":
+        return point.astype(jnp.result_type(point, jnp.complex64))
+    return point if jnp.issubdtype(point.dtype, jnp.floating) else point.astype(float)
+
+
 def ones(frame: Frame) -> Callable[[JaxArray], JaxArray]:
     """Return the sizes of a frame whose coordinates are all of size 1."""
     return lambda y: jnp.ones(frame.dim, real_dtype(y))
@@ -103,6 +128,28 @@ def linear(v: JaxArray, basis: NDArray[Any]) -> JaxArray:
     dtype = v.dtype if basis.dtype.kind == "f" else jnp.result_type(v.dtype, np.complex64)
     flat = jnp.asarray(basis.reshape(len(basis), -1), dtype)
     return (v.astype(dtype) @ flat).reshape(basis.shape[1:])
+
+
+def bilinear(tensor: NDArray[Any], x: Scalars, y: Scalars) -> list[JaxArray]:
+    """Return the sums over i, j of ``tensor[k, i, j] * x[i] * y[j]``, without terms that are zero.
+
+    `XLA` makes one kernel of such scalars and of what is computed from them; products of small
+    matrices and ``jnp.cross`` are several.
+    """
+    return [
+        sum(float(slab[i, j]) * (x[i] * y[j]) for i, j in np.argwhere(slab).tolist())
+        for slab in tensor
+    ]
+
+
+def cross(x: Scalars, y: Scalars) -> list[JaxArray]:
+    """Return the cross product, from scalars to scalars as `bilinear`."""
+    return [x[k - 2] * y[k - 1] - x[k - 1] * y[k - 2] for k in range(3)]
+
+
+def dot(x: Scalars, y: Scalars) -> JaxArray:
+    """Return the scalar product, from scalars as `bilinear`."""
+    return sum(a * b for a, b in zip(x, y, strict=True))
 
 
 def unit_step(y: JaxArray) -> JaxArray:

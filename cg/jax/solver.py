@@ -48,14 +48,15 @@ class _Steps:
 
     @cached_property
     def weights(self) -> NDArray[np.float64]:
-        """Of a method of Munthe-Kaas, the weights of stages in paths.
+        """Of a method of Munthe-Kaas, the weights of stages in paths and in error estimates.
 
-        Shape ``(1 + paths, stages)``; the first row is zero and stands for the start of the step.
+        Shape ``(1 + paths + estimates, stages)``; the first row is zero and stands for the start of
+        the step.
         """
         table = np.zeros((1 + len(self.flows), len(self.paths.stages)))
         for row, (flow,) in zip(table[1:], self.flows, strict=True):
             row[: len(flow)] = flow
-        return table
+        return np.concatenate([table, self.errors])
 
     @cached_property
     def on_algebra(self) -> bool:
@@ -64,7 +65,7 @@ class _Steps:
     @cached_property
     def errors(self) -> NDArray[np.float64]:
         """The weights of the error estimates, shape ``(0, 1 or 2, stages)``."""
-        return np.array(self.paths.errors, dtype=np.float64)
+        return np.array(self.paths.errors, dtype=np.float64).reshape(-1, len(self.paths.stages))
 
 
 def _row(flow: dict[int, Any]) -> NDArray[np.float64]:
@@ -97,9 +98,9 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         step.  ``"steps"`` takes none, and compiles faster, for those who need the ends of steps
         alone: between them it has an error of the second order.
     unroll : bool, optional
-        Whether `XLA` compiles the stages of a method of Munthe-Kaas one after the other (default)
-        or as a loop.  A loop takes about half the time to compile, and less in batches by
-        ``jax.vmap``; a single solution takes longer.  Other methods have no such loop.
+        Whether `XLA` compiles the stages of a method of Munthe-Kaas one after the other, or as a
+        loop (default).  A loop compiles faster, and batches by ``jax.vmap`` take less time with
+        it; a single solution takes a little more.  Other methods have no such loop.
 
     Raises
     ------
@@ -130,7 +131,7 @@ class Solver(diffrax.AbstractAdaptiveSolver):
     interpolation_cls: ClassVar[Callable[..., Any]] = Within
 
     def __init__(
-        self, method: str | Method, *, dense: str = "accurate", unroll: bool = True
+        self, method: str | Method, *, dense: str = "accurate", unroll: bool = False
     ) -> None:
         found = resolve_method(method)
         if not found.explicit:
@@ -149,7 +150,7 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         method = self.steps.method
         label = f'"{method.name}"' if method.name else repr(method)
         more = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
-        return f"Solver({label}{more}{'' if self.unroll else ', unroll=False'})"
+        return f"Solver({label}{more}{', unroll=True' if self.unroll else ''})"
 
     @property
     def method(self) -> Method:
@@ -208,6 +209,9 @@ class _Stages:
         derivatives of coordinates.
     result, embedded
         The points that the step leads to; the second is None where no pair compares two points.
+    errors
+        Weighted sums of the values, the error estimates divided by the step, shape ``(0, 1 or 2,
+        dim)``.
     last
         The coefficients at the result, None if no stage is there.
     """
@@ -215,6 +219,7 @@ class _Stages:
     values: JaxArray
     result: JaxArray
     embedded: JaxArray | None
+    errors: JaxArray
     last: JaxArray | None
 
 
@@ -283,7 +288,9 @@ def _take_stages(
         stages.append(value)
     follow(len(paths.paths))
     embedded = ends[paths.embedded] if paths.embedded else None
-    return _Stages(jnp.stack(stages), ends[paths.result], embedded, last)
+    values = jnp.stack(stages)
+    errors = jnp.asarray(steps.errors, h.dtype) @ values
+    return _Stages(values, ends[paths.result], embedded, errors, last)
 
 
 def _take_stages_on_algebra(
@@ -300,14 +307,16 @@ def _take_stages_on_algebra(
     Each path is one flow from the start, whose coordinates are a weighted sum of stages.  The
     value at a stage is added to the sums of all paths at once, which is one kernel of XLA in
     either mode of differentiation.  JAX traces and differentiates one stage of the loop, also
-    where XLA compiles it unrolled.
+    where XLA compiles it unrolled.  Reverse mode computes flows and dexpinv again, in fewer
+    kernels than it takes to store what their derivatives need.
     """
     paths = steps.paths
     weights = jnp.asarray(steps.weights, h.dtype)
     nodes = jnp.asarray(paths.doubles[1], h.dtype)
     numbers = jnp.asarray(paths.stages)
-    dexpinv = rules.dexpinv
-    assert dexpinv is not None
+    assert rules.dexpinv is not None
+    flow = jax.checkpoint(rules.flow, prevent_cse=False)
+    dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
 
     def added(sums: JaxArray, column: JaxArray, value: JaxArray) -> JaxArray:
         return sums + column[:, None] * value
@@ -315,7 +324,7 @@ def _take_stages_on_algebra(
     def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, JaxArray]:
         path, c, column = stage
         u = h * sums[path]
-        value = dexpinv(u, f(c, rules.flow(u, y0)), paths.series)
+        value = dexpinv(u, f(c, flow(u, y0)), paths.series)
         return added(sums, column, value), value
 
     def loop(sums: JaxArray, begin: int, end: int) -> tuple[JaxArray, JaxArray]:
@@ -333,9 +342,10 @@ def _take_stages_on_algebra(
     if final < count:
         last = f(1.0, result)
         value = dexpinv(u, last, paths.series)
-        _, after = loop(added(sums, weights[:, final], value), final + 1, count)
+        sums, after = loop(added(sums, weights[:, final], value), final + 1, count)
         values += [value[None], after]
-    return _Stages(jnp.concatenate(values), result, None, last)
+    errors = sums[len(steps.flows) + 1 :]
+    return _Stages(jnp.concatenate(values), result, None, errors, last)
 
 
 def combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
@@ -360,7 +370,7 @@ def _error(
     """
     y1, other = stages.result, stages.embedded
     if steps.paths.errors:
-        found = h * (jnp.asarray(steps.errors, h.dtype) @ stages.values)
+        found = h * stages.errors
         error = found[0]
         if len(found) == 2:
             size = rules.extent(y0, y1)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cg.frames import Frame
+from cg.frames import Frame, Product
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import Rules
@@ -114,9 +114,12 @@ def rules_in(terms: Any) -> Rules:
 def _check_point(frame: Frame, y: Any) -> None:
     """Raise ValueError if something is no array of the shape and kind of a point."""
     if not isinstance(y, jax.Array | np.ndarray):
-        raise ValueError(f"y0 must be an array of shape {frame.point_shape}, got {y!r}")
+        hint = "; cg.jax.join makes one of its parts" if isinstance(frame, Product) else ""
+        kind = type(y).__name__
+        raise ValueError(f"y0 must be an array of shape {frame.point_shape}, got a {kind}{hint}")
     if y.shape != frame.point_shape:
-        raise ValueError(f"y0 must have shape {frame.point_shape}, got {y.shape}")
+        hint = "; jax.vmap takes a batch" if y.shape[1:] == frame.point_shape else ""
+        raise ValueError(f"y0 must have shape {frame.point_shape}, got {y.shape}{hint}")
     if jnp.iscomplexobj(y) != (frame.dtype.kind == "c"):
         wanted = "complex" if frame.dtype.kind == "c" else "real"
         raise ValueError(f"y0 must be {wanted} for {frame!r}, got {y.dtype}")

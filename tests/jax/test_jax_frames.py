@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from jax_setup import jax
+from numpy.polynomial import Polynomial
 from slow_cases import slow
 
 import cg
@@ -23,6 +24,7 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
+from cg.frames.dexpinv import bernoulli_terms
 from cg.jax.entire import angle_over_sine, dexpinv_factor, motion_factors, stumpff
 from cg.jax.frames import rules_of
 
@@ -215,11 +217,24 @@ class TestSmoothFunctions:
             np.testing.assert_allclose(slope, expected, rtol=2e-5, atol=1e-6)
 
     def test_factors_of_dexpinv(self):
-        q = jnp.asarray(self.AT[:10])
-        slopes = jax.jit(jax.vmap(jax.grad(dexpinv_factor)))(q)
-        second, fourth = jax.jit(jax.vmap(motion_factors))(q)
-        close(fourth, -slopes)
-        close(second, jax.vmap(dexpinv_factor)(q) - q * slopes)
+        """The factor is (1 - x cot x) / (4 x^2), and Bernoulli's series near zero."""
+
+        def exact(q):
+            if q < 1.0:
+                terms = [abs(float(term)) for term in bernoulli_terms(42)[2::2]]
+                return Polynomial(terms)(q), Polynomial(terms).deriv()(q)
+            x = np.sqrt(q) / 2.0
+            top, slope = 1.0 - x / np.tan(x), x / np.sin(x) ** 2 - 1.0 / np.tan(x)
+            return top / q, (slope / q - 2.0 * top / (q * x)) / (8.0 * x)
+
+        q = np.append(np.linspace(0.0, 39.0, 40), [1e-20, 1e-6, 0.3])
+        values, slopes = np.transpose([exact(one) for one in q])
+        found = jax.jit(jax.vmap(jax.value_and_grad(dexpinv_factor)))(jnp.asarray(q))
+        np.testing.assert_allclose(found[0], values, rtol=1e-14)
+        np.testing.assert_allclose(found[1], slopes, rtol=1e-13)
+        second, fourth = jax.jit(jax.vmap(motion_factors))(jnp.asarray(q))
+        np.testing.assert_allclose(second, values - q * slopes, rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(fourth, -slopes, rtol=1e-13)
 
     @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 0.79, 0.81, 1.6, 2.5, 3.14])
     def test_angles(self, angle):

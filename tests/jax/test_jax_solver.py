@@ -344,8 +344,13 @@ class TestRefusals:
             run(lambda t, y, args: None)
         with pytest.raises(ValueError, match=r"y0 must have shape \(4,\), got \(3,\)"):
             run(y0=y0[:3])
+        with pytest.raises(ValueError, match=r"got \(2, 4\); jax.vmap takes a batch"):
+            run(y0=np.stack([y0, y0]))
         with pytest.raises(ValueError, match="y0 must be real for UnitQuaternion"):
             run(y0=y0 + 0j)
+        ours, both = term(ATTITUDE_AND_VELOCITY)[0], (y0, np.ones(3))
+        with pytest.raises(ValueError, match=r"got a tuple; cg.jax.join makes one of its parts"):
+            solve(ours, cg.jax.Solver("CF4"), both, h=0.1)
 
     def test_adjoints(self):
         def cost(y0):
@@ -366,3 +371,9 @@ class TestRefusals:
             cg.jax.controller(frame, "a", 0.0)
         with pytest.raises(ValueError, match="max_step must be positive, got 0"):
             cg.jax.controller(frame, 1e-6, 1e-6, max_step=0)
+        other = cg.jax.controller(ATTITUDE_AND_VELOCITY, 1e-6, 1e-6)
+        with pytest.raises(ValueError, match="controller must be one for the frame UnitQuat"):
+            diffrax.diffeqsolve(
+                self.ours(), cg.jax.Solver("CF5(4)"), 0.0, 1.0, None, point(frame), 1.0,
+                stepsize_controller=other,
+            )  # fmt: skip
