@@ -26,6 +26,7 @@ module method_m
     logical :: two_registers = .false.
     real(wp), allocatable :: a(:), b(:)      ! (stages)
     logical :: on_algebra = .false.
+    logical :: of_time = .false.             ! whether stages need no points, only times
     logical :: implicit = .false.            ! whether Python solves the stage equations
     logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
     type(transformation_t) :: transformation ! of a collocation method
@@ -90,6 +91,7 @@ contains
       method%factor = weight(k + 1)
     end associate
     method%c = c
+    method%of_time = all(method%stage_path == 0) .and. any(abs(c) > 0)
 
   contains
 

@@ -16,7 +16,7 @@ module trajectory_m
                             raised, raised_in_python, stage_not_finite, stopped_by_field
   implicit none
   private
-  public :: events_t, problem_t, trajectory_t, copy, evaluate_events, fail, finite, follow_grid, &
+  public :: events_t, problem_t, trajectory_t, before_stop, copy, evaluate_events, fail, finite, follow_grid, &
             continue_run, forget_step, load_state, &
             reject_stage, request, check_coefficients, save_state, &
             set_start, start, phase_begin_segment, phase_guess_size, phase_choose_step, &
@@ -330,8 +330,21 @@ contains
     call continue_run(trajectory)
   end subroutine load_state
 
-  ! Requests the coefficients at a point, for the phase `next`. In a step that ends at a breakpoint
-  ! times are kept before it, since the right-hand side may change there.
+  ! The time at which the right-hand side is evaluated in place of t. In a step that ends at a
+  ! breakpoint times are kept before it, since the right-hand side may change there.
+  pure elemental real(wp) function before_stop(problem, trajectory, t)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), intent(in) :: t
+
+    before_stop = t
+    if (trajectory%segment == size(problem%stops)) return
+    associate (stop => problem%stops(trajectory%segment))
+      if ((t - stop) * sign(1.0_wp, trajectory%h) >= 0) before_stop = nearest(stop, -trajectory%h)
+    end associate
+  end function before_stop
+
+  ! Requests the coefficients at a point, for the phase `next`.
   subroutine request(problem, trajectory, t, y, next)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -340,13 +353,7 @@ contains
     integer, intent(in) :: next                        ! phase
 
     trajectory%request_t = t
-    if (trajectory%segment < size(problem%stops) .and. next /= phase_start_received) then
-      associate (stop => problem%stops(trajectory%segment))
-        if ((t - stop) * sign(1.0_wp, trajectory%h) >= 0) then
-          trajectory%request_t = nearest(stop, -trajectory%h)
-        end if
-      end associate
-    end if
+    if (next /= phase_start_received) trajectory%request_t = before_stop(problem, trajectory, t)
     trajectory%phase = next
     trajectory%status = needs_field
     trajectory%nfev = trajectory%nfev + 1

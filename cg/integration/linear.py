@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterable, Sequence
 from numbers import Real
@@ -11,12 +12,14 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
+from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
 from cg.integration.ivp import solve_ivp
 from cg.integration.results import Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.method.method import Method
+from cg.support.checks import check_flag
 
 __all__ = ["solve_linear"]
 
@@ -43,6 +46,7 @@ def solve_linear(
     max_steps: int | None = None,
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
+    vectorized: bool = False,
     progress: Callable[[float, float], None] | None = None,
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i a_i(t) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
@@ -68,11 +72,16 @@ def solve_linear(
         or are all of size ``h``.
     args, parameters, progress
         As for `cg.solve_ivp`.
+    vectorized : bool, optional
+        Whether ``a`` takes times of shape ``(k,)``, with rows of parameters of shape ``(k, p)``,
+        and returns shape ``(k, frame.dim)``. A Magnus method evaluates it once per step, at all
+        nodes of the step but a first one at the start, which is known from the step before.
+        Starts, nodes of dense output, and stages of other methods are single times.
 
     Returns
     -------
     Solution
-        That of `cg.solve_ivp`; ``nfev`` counts evaluations of ``a``.
+        That of `cg.solve_ivp`; ``nfev`` counts the times at which ``a`` was evaluated.
 
     Raises
     ------
@@ -92,10 +101,13 @@ def solve_linear(
     (True, np.float64(0.70710678))
     """
     f: Any = compiled_rhs(a, "a")
+    vectorized = check_flag("vectorized", vectorized)
+    args = check_args(args)
     if f is None:
-        if not callable(a):
-            raise TypeError(f"a must be callable as a(t), got {a!r}")
-        f = TimeFunction(a)
+        _check_signature(a, args, parameters)
+        f = TimeFunction(a, vectorized)
+    elif vectorized:
+        raise ValueError("vectorized must be False for a compiled a, which takes one time")
     if isinstance(method, str) and method == AUTO:
         method = _DEFAULTS[isinstance(rtol, Real) and rtol < _LOOSE]
     try:
@@ -109,3 +121,23 @@ def solve_linear(
         if str(error).startswith("f must "):
             raise type(error)(f"a{str(error)[1:]}") from None
         raise
+
+
+def _check_signature(a: Any, args: tuple[Any, ...], parameters: Any) -> None:
+    """Raise TypeError unless ``a`` takes a time with the further arguments."""
+    names = ["t", *(f"args[{k}]" for k in range(len(args)))]
+    names += ["parameters"] * (parameters is not None)
+    call = f"a({', '.join(names)})"
+    if not callable(a):
+        raise TypeError(f"a must be callable as {call}, got {a!r}")
+    try:
+        signature = inspect.signature(a)
+    except ValueError:  # some functions that are not Python's have none
+        return
+    try:
+        signature.bind(*names)
+    except TypeError:
+        raise TypeError(
+            f"a must be callable as {call}, got a function of {signature}; coefficients that "
+            "depend on the point need cg.solve_ivp"
+        ) from None

@@ -145,6 +145,107 @@ def test_a_method_for_nonlinear_equations_serves_too():
     np.testing.assert_array_equal(found.y[-1], same.y[-1])
 
 
+@pytest.mark.parametrize("node", ["1/2", "1/3", "1"])
+def test_a_single_node_that_is_not_at_the_start(node):
+    method = cg.MagnusMethod([node], [[1]])
+    a = coefficients_for(SO3())
+    exact = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), rtol=1e-11, atol=1e-11).y[-1]
+    errors = [
+        np.abs(
+            cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method=method, h=h).y[-1] - exact
+        ).max()
+        for h in (1 / 40, 1 / 80)
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(method.order, abs=0.1)
+
+
+class TestVectorized:
+    @staticmethod
+    def solve(a, vectorized, **options):
+        return cg.solve_linear(
+            a, (0, 1), np.eye(3), frame=SO3(), vectorized=vectorized, **({"h": 0.25} | options)
+        )
+
+    @pytest.mark.parametrize("method", ["CFM4", "CFM6(4)", "CFM8(4)", "CF4"])
+    @pytest.mark.parametrize(
+        "options",
+        [
+            {},
+            {"h": None, "rtol": 1e-8, "dense_output": True},
+            {"breakpoints": [0.3], "t_eval": [0.1, 0.3, 0.7]},
+        ],
+    )
+    def test_results_are_those_of_single_times(self, method, options):
+        if method in ("CFM4", "CF4") and "rtol" in options:
+            pytest.skip("no pair")
+
+        def a(t):
+            return np.stack([np.sin(3 * t), np.abs(t - 0.3), t**0], axis=-1)
+
+        together, single = (
+            self.solve(a, vectorized, method=method, **options) for vectorized in (True, False)
+        )
+        np.testing.assert_allclose(together.y, single.y, rtol=0, atol=1e-14)
+        assert (together.nfev, together.nexp) == (single.nfev, single.nexp)
+        np.testing.assert_array_equal(together.t, single.t)
+
+    def test_all_nodes_of_a_step_are_in_one_call(self):
+        calls = []
+
+        def a(t):
+            calls.append(t)
+            return np.stack([t, 0 * t, t**2], axis=-1)
+
+        run = self.solve(a, True, method="CFM8(4)")
+        assert [len(t) for t in calls] == [1, 4, 4, 4, 4]
+        assert run.nfev == 17
+        np.testing.assert_allclose(calls[1], 0.25 * magnus["CFM8(4)"].c[1:], rtol=1e-15)
+
+    def test_times_stay_before_a_breakpoint(self):
+        calls = []
+
+        def a(t):
+            calls.append(t)
+            return np.where(t < 0.5, 1.0, 3.0)[:, None] * [0.0, 0.0, 1.0]
+
+        run = self.solve(a, True, method="CFM6(4)", h=0.5, breakpoints=[0.5])
+        np.testing.assert_allclose(run.y[-1], SO3().flow([0, 0, 2.0], np.eye(3)), atol=1e-14)
+        assert np.concatenate(calls[:2]).max() < 0.5
+
+    def test_arguments_and_parameters(self):
+        def a(t, rate, numbers):
+            assert numbers.shape == (len(t), 2)
+            return np.stack([rate * t, numbers[:, 0], numbers[:, 1]], axis=-1)
+
+        together = self.solve(a, True, method="CFM6(4)", args=(2.0,), parameters=[0.5, 0.25])
+        single = self.solve(lambda t: [2 * t, 0.5, 0.25], False, method="CFM6(4)")
+        np.testing.assert_allclose(together.y, single.y, rtol=0, atol=1e-14)
+
+    @pytest.mark.parametrize(
+        ("a", "message"),
+        [
+            (lambda t: np.ones(3), r"a must return an array of shape \(1, 3\), a row for each "
+             r"time, since vectorized=True, got shape \(3,\)"),
+            (lambda t: np.ones((3, len(t))), r"shape \(1, 3\), .* got shape \(3, 1\)"),
+            (lambda t: np.ones((1, 3)), r"shape \(3, 3\), .* got shape \(1, 3\) at t = 0.069"),
+            (lambda t: np.stack([np.where(t > 0, np.nan, 1)] * 3, axis=-1),
+             "a must return finite numbers"),
+        ],
+    )  # fmt: skip
+    def test_wrong_results_are_refused(self, a, message):
+        with pytest.raises(ValueError, match=message):
+            self.solve(a, True, method="CFM6(4)")
+
+    def test_an_exception_ends_the_call(self):
+        def a(t):
+            if len(t) > 1:
+                raise LookupError("no such field")
+            return np.ones((len(t), 3))
+
+        with pytest.raises(LookupError, match="no such field"):
+            self.solve(a, True, method="CFM6(4)")
+
+
 def test_arguments_are_passed_on():
     frame = UnitQuaternion()
     run = cg.solve_linear(
@@ -158,6 +259,13 @@ def test_arguments_are_passed_on():
     ("change", "error", "message"),
     [
         ({"a": 3}, TypeError, "a must be callable as a"),
+        (
+            {"a": lambda t, y: [1.0, 0.0, 0.0]},
+            TypeError,
+            r"^a must be callable as a\(t\), got a function of \(t, y\)",
+        ),
+        ({"args": (1.0,)}, TypeError, r"^a must be callable as a\(t, args\[0\]\), got a .* \(t\)"),
+        ({"vectorized": 1}, TypeError, "vectorized"),
         ({"method": "CFM5"}, ValueError, "CFM5"),
         (
             {"a": lambda t: [1.0]},
