@@ -104,8 +104,7 @@ def solve_linear(
     vectorized = check_flag("vectorized", vectorized)
     args = check_args(args)
     if f is None:
-        _check_signature(a, args, parameters)
-        f = TimeFunction(a, vectorized)
+        f = TimeFunction(_checked(a, args, parameters), vectorized)
     elif vectorized:
         raise ValueError("vectorized must be False for a compiled a, which takes one time")
     if isinstance(method, str) and method == AUTO:
@@ -123,8 +122,8 @@ def solve_linear(
         raise
 
 
-def _check_signature(a: Any, args: tuple[Any, ...], parameters: Any) -> None:
-    """Raise TypeError unless ``a`` takes a time with the further arguments."""
+def _checked(a: Any, args: tuple[Any, ...], parameters: Any) -> Callable[..., ArrayLike]:
+    """Return ``a``; TypeError unless it takes a time with the further arguments."""
     names = ["t", *(f"args[{k}]" for k in range(len(args)))]
     names += ["parameters"] * (parameters is not None)
     call = f"a({', '.join(names)})"
@@ -133,7 +132,7 @@ def _check_signature(a: Any, args: tuple[Any, ...], parameters: Any) -> None:
     try:
         signature = inspect.signature(a)
     except ValueError:  # some functions that are not Python's have none
-        return
+        return a  # type: ignore[no-any-return]
     try:
         signature.bind(*names)
     except TypeError:
@@ -141,3 +140,4 @@ def _check_signature(a: Any, args: tuple[Any, ...], parameters: Any) -> None:
             f"a must be callable as {call}, got a function of {signature}; coefficients that "
             "depend on the point need cg.solve_ivp"
         ) from None
+    return a  # type: ignore[no-any-return]

@@ -20,6 +20,7 @@ from .dependent.orthogonality import Condition, ResidualRelation, conditions_of
 from .dependent.path import Path
 from .dependent.registers import TwoRegisters
 from .dependent.relations import Identity, kept_words
+from .dependent.time_symmetry import TimeSymmetry
 from .dependent.words import parse, text
 from .systems import Equation, EquationSystem, condition, nearly_satisfied
 
@@ -47,6 +48,7 @@ STRUCTURES: dict[str, Callable[..., Structure]] = {
     "flat tableau": FlatRows,
     "flat tableau in Q(√21)": partial(FlatRows, root=21),
     "two registers": TwoRegisters,
+    "time symmetry": TimeSymmetry,
     "path": Path,
     "path of order two": partial(Path, infinite=True),
 }
@@ -190,7 +192,7 @@ def reduced_system(
     ValueError
         If something that is left out isn't an independent condition, or occurs twice.
     """
-    conditions = conditions_of(orders)
+    conditions = conditions_of(orders, layout.of_time)
     omitted = set(left_out)
     if len(omitted) != len(left_out) or not omitted.issubset(conditions):
         raise ValueError("conditions that are left out must be distinct independent ones")

@@ -13,6 +13,7 @@ from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..structure.layout import Layout
+from ..structure.points import START
 from ..support.balls import to_ball
 from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Condition
@@ -59,8 +60,23 @@ class Packed:
 
     @classmethod
     def of(cls, method: Method) -> Packed:
-        """Pack a method, with its second result if it is a pair."""
-        return cls(method.layout, method.coefficients)
+        """Pack a method, with its second result if it is a pair.
+
+        The nodes of a Magnus method become weights of flows, to stages at their ends.
+        """
+        if not isinstance(method, MagnusMethod):
+            return cls(method.layout, method.coefficients)
+        of_flows = method.layout
+        places = [k for k, node in enumerate(method.nodes) if node.value]
+        parents = (START if m == START else m + len(places) for m in of_flows.parents)
+        layout = Layout(
+            (*(START for _ in places), *parents),
+            (*((k,) for k in places), *of_flows.weights),
+            tuple(places.index(k) if k in places else START for k in range(method.stages)),
+            tuple(m + len(places) for m in of_flows.results),
+            of_time=True,
+        )
+        return cls(layout, (*(method.nodes[k] for k in places), *method.coefficients))
 
     @property
     def values(self) -> list[Fraction]:
@@ -80,10 +96,9 @@ class Packed:
 
 def fitting(certificate: Certificate, method: Method) -> Packed:
     """Return the packed method; raise CertificationError if the certificate is for another one."""
-    if isinstance(method, MuntheKaas | MagnusMethod):
+    if isinstance(method, MuntheKaas):
         raise CertificationError(
-            "the certificate doesn't fit: method must be a Tableau or CommutatorFree, got "
-            f"{method!r}"
+            f"the certificate doesn't fit: method must be no Munthe-Kaas method, got {method!r}"
         )
     pair = certificate.embedded_order is not None
     faults = []
