@@ -159,7 +159,7 @@ def _try(
         measures["largest_singular_value"] = float(singular[0])
         if rank < size:
             continue
-        free = choose_free(jacobian, movable)
+        free = choose_free(jacobian * packed.preferences, movable)
         attempt = krawczyk(system, packed.balls(), free)
         measures |= quantities(attempt)
         if attempt.proved:

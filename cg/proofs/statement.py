@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
+import numpy as np
 from flint import arb
+from numpy.typing import NDArray
 
 from ..conditions import MAX_ORDER
 from ..method.coefficients import Coefficient
-from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..structure.layout import Layout
@@ -60,28 +61,21 @@ class Packed:
 
     @classmethod
     def of(cls, method: Method) -> Packed:
-        """Pack a method, with its second result if it is a pair.
-
-        The nodes of a Magnus method become weights of flows, to stages at their ends.
-        """
-        if not isinstance(method, MagnusMethod):
-            return cls(method.layout, method.coefficients)
-        of_flows = method.layout
-        places = [k for k, node in enumerate(method.nodes) if node.value]
-        parents = (START if m == START else m + len(places) for m in of_flows.parents)
-        layout = Layout(
-            (*(START for _ in places), *parents),
-            (*((k,) for k in places), *of_flows.weights),
-            tuple(places.index(k) if k in places else START for k in range(method.stages)),
-            tuple(m + len(places) for m in of_flows.results),
-            of_time=True,
-        )
-        return cls(layout, (*(method.nodes[k] for k in places), *method.coefficients))
+        """Pack a method, with its second result if it is a pair."""
+        return cls(method.layout, method.coefficients)
 
     @property
     def values(self) -> list[Fraction]:
         """The exact values."""
         return [coefficient.value for coefficient in self.coefficients]
+
+    @property
+    def preferences(self) -> NDArray[np.float64]:
+        """How much each coefficient is preferred to be free: exact nodes are held if possible."""
+        layout = self.layout
+        nodes = layout.stages - layout.stage_points.count(START) if layout.of_time else 0
+        held = [k < nodes and not c.unit for k, c in enumerate(self.coefficients)]
+        return np.where(held, 1e-6, 1.0)
 
     def balls(self) -> list[arb]:
         """Return balls, as small as the precision allows, that hold the values."""

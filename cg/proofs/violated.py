@@ -10,7 +10,15 @@ from fractions import Fraction
 from ..support.balls import to_ball
 from ..support.quads import to_decimal
 from .certificate import Certificate, CertificationError, ViolatedCondition
-from .dependent.words import Word, condition_words, is_of_time, nodes, parse, reciprocal_density, text
+from .dependent.words import (
+    Word,
+    condition_words,
+    is_of_time,
+    nodes,
+    parse,
+    reciprocal_density,
+    text,
+)
 from .statement import Packed, box, orders_of
 from .weights import Quantity, Weights
 
