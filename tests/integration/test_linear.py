@@ -286,7 +286,6 @@ def test_bad_input_is_refused(change, error, message):
         lambda method: cg.solve_ivp(
             lambda t, y: [1.0, 0.0, 0.0], (0, 1), np.eye(3), frame=SO3(), method=method, h=0.5
         ),
-        cg.certify,
         cg.diagnose,
         lambda method: cg.export(method, "c"),
     ],
