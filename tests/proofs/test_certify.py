@@ -63,7 +63,7 @@ class TestProofs:
             pytest.param(
                 name,
                 marks=[pytest.mark.slow]
-                * (ALL[name].stages > 9 or (name in methods and ALL[name].order > 6)),
+                * (name in methods and (methods[name].stages > 9 or methods[name].order > 6)),
             )
             for name in CERTIFIED
         ],
