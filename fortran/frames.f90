@@ -3,12 +3,13 @@
 module frames_m
   use kinds, only: wp
   use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
-                            linear_action_block, quaternion_block, restore_operation, &
-                            scalar_first, se3_block, &
+                            linear_action_block, polynomial, quaternion_block, &
+                            restore_operation, scalar_first, se3_block, &
                             so3_block, so_block, space_axes, sphere_block, su2_block, su_block, &
                             u_block
   use isospectral_m, only: move_isospectral, restore_isospectral
-  use linear_action_m, only: linear_action_t, make_linear_action, move_linearly
+  use linear_action_m, only: linear_action_t, make_linear_action, move_linearly, &
+                             move_polynomially
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
@@ -40,6 +41,7 @@ module frames_m
     integer :: kind = 0
     logical :: space = .false.
     logical :: scalar_first = .false.
+    logical :: polynomial = .false.
     integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of isospectral matrices
     integer :: constants = 0    ! constants of the blocks before
     integer :: vectors = 0      ! coefficients of the blocks before
@@ -49,7 +51,7 @@ module frames_m
     type(linear_action_t) :: action
   end type block_t
 
-  ! Time-1 flows one after the other; flow j is along the sum of weight(k) times the field stage(k),
+  ! Time-1 flows one after the other, or the coefficients of a polynomial in 2 t - 1; flow j is along the sum of weight(k) times the field stage(k),
   ! over its terms k = first(j), ..., first(j + 1) - 1, at least one.
   type :: flow_sequence_t
     integer, allocatable :: first(:)         ! (flows + 1)
@@ -87,6 +89,7 @@ contains
         block%kind = description(1, i)
         block%space = iand(options, space_axes) /= 0
         block%scalar_first = iand(options, scalar_first) /= 0
+        block%polynomial = iand(options, polynomial) /= 0
         block%vectors = frame%dimension
         block%points = frame%point_size
         block%dimension = 3
@@ -224,7 +227,11 @@ contains
     case (su_block, u_block)
       call move_unitary(block%kind, block%n, block%space, v, y)
     case (linear_action_block)
-      call move_linearly(block%action, v, y)
+      if (block%polynomial) then
+        call move_polynomially(block%action, v, y)
+      else
+        call move_linearly(block%action, v, y)
+      end if
     case (callback_block)
       call frame%callback%apply(flow_operation, reshape(v, [size(v)]), (y), y)
     end select
