@@ -469,12 +469,12 @@ class TestPolynomialFlows:
 
     def test_a_step_beyond_double_precision_ends_the_integration(self):
         frame = LinearAction([np.diag([-1.0, -2.0])])
-        with pytest.raises(ValueError, match="no longer finite|not finite"):
+        with pytest.raises(OverflowError, match="no longer finite"):
             cg.solve_linear(lambda t: [1e12], (0, 1), [1.0, 1.0], frame=frame, method="CFM4", h=0.5)
 
     @pytest.mark.parametrize("nodes", [["1/2"], ["0", "1"], ["1/2", "1/2", "1"]])
     def test_too_few_nodes_take_the_flows_of_the_method(self, nodes):
-        weights = [[1, 0, 0][: len(nodes)], [0] * (len(nodes) - 1) + ["1/8"]]
+        weights = [[*[0] * (len(nodes) - 1), part] for part in ("3/4", "1/4")]
         method = cg.MagnusMethod(nodes, weights)
         frame = LinearAction(self.DENSE)
         run = cg.solve_linear(self.a, (0, 1), np.ones(5), frame=frame, method=method, h=0.5)
