@@ -51,8 +51,9 @@ module frames_m
     type(linear_action_t) :: action
   end type block_t
 
-  ! Time-1 flows one after the other, or the coefficients of a polynomial in 2 t - 1; flow j is along the sum of weight(k) times the field stage(k),
-  ! over its terms k = first(j), ..., first(j + 1) - 1, at least one.
+  ! Time-1 flows one after the other; flow j is along the sum of weight(k) times the field stage(k),
+  ! over its terms k = first(j), ..., first(j + 1) - 1, at least one. For a polynomial block all
+  ! are one flow: the sum of flow j is the coefficient of (2 t - 1)^(j - 1) in the field at time t.
   type :: flow_sequence_t
     integer, allocatable :: first(:)         ! (flows + 1)
     real(wp), allocatable :: weight(:)       ! (terms)

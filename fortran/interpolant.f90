@@ -19,9 +19,9 @@
 !
 ! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
 ! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
-! With nodes at the stages of a method for linear equations, and flows along polynomials, z is y.
-! Else nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
-! with n nodes leads.
+! Nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
+! with n nodes leads. For linear equations with flows along polynomials, z with nodes at the stages
+! is y, without a last flow.
 module interpolant_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
@@ -322,7 +322,8 @@ contains
     type(interpolant_t), intent(in) :: interpolant
 
     flows_of_evaluation = 1
-    if (.not. (interpolant%on_algebra .or. scheme%at_stages)) flows_of_evaluation = size(scheme%weight, 2) + 1
+    if (interpolant%on_algebra .or. scheme%at_stages) return
+    flows_of_evaluation = size(scheme%weight, 2) + 1
   end function flows_of_evaluation
 
   ! Evaluates the interpolant at a fraction of the step.

@@ -34,8 +34,9 @@ module linear_action_m
 
   ! Norms of the parts into which an exponent is divided. Terms of Taylor polynomials lose less than
   ! a digit to cancellation, those of Chebyshev polynomials none.
-  real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp, polynomial_norm = 3.0_wp
+  real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp, polynomial_norm = 4.0_wp
   real(wp), parameter :: max_parts = 1e7_wp
+  real(wp), parameter :: roundings = 16 * epsilon(1.0_wp)
   integer, parameter :: max_terms = 200
 
 contains
@@ -109,7 +110,7 @@ contains
   end subroutine separate_generators
 
   ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
-  ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose about a digit to
+  ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose less than two digits to
   ! cancellation: with y' = sum_m t^(m - 1) D_m y in a part, its coefficients are
   !     y_(k + 1) = sum_m D_m y_(k + 1 - m) / (k + 1),
   ! so that one product of each G_i with each y_k is enough. They are bounded by the same recursion
@@ -119,7 +120,7 @@ contains
     real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
     real(wp), intent(inout) :: y(:)          ! (point_size)
     real(wp) :: d(size(v, 1), size(v, 2)), norm
-    integer :: part, parts
+    integer :: i, part, parts
 
     norm = dot_product(sum(abs(v), dim=2), action%norm) / polynomial_norm
     if (.not. norm <= max_parts) then
@@ -129,6 +130,9 @@ contains
     parts = max(1, ceiling(norm))
     do part = 1, parts
       d = shifted(v, 2 * real(part - 1, wp) / parts - 1, 2.0_wp / parts) / parts
+      do i = 1, size(d, 1)                   ! rounding errors, such as those of constants
+        where (abs(d(i, :)) <= roundings * maxval(abs(d(i, :)))) d(i, :) = 0.0_wp
+      end do
       call apply_polynomial(action, d, y)
     end do
   end subroutine move_polynomially

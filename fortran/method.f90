@@ -44,9 +44,8 @@ contains
   ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
   ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, the
   ! power, the number of its error estimates by weights, 1 if it is a collocation method, and 1 if
-  ! the flows of a path are one along a polynomial. The
-  ! weights are followed by a and b of registers, by those of errors, by the entries of
-  ! transformation_t, and by the factor.
+  ! the flows of a path are one along a polynomial. The weights are followed by a and b of registers,
+  ! by those of errors, by the entries of transformation_t, and by the factor.
   subroutine make_method(list, weight, c, method)
     integer, intent(in) :: list(:)
     real(wp), intent(in) :: weight(:)        ! (terms + 1) or more

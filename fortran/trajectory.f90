@@ -16,8 +16,8 @@ module trajectory_m
                             raised, raised_in_python, stage_not_finite, stopped_by_field
   implicit none
   private
-  public :: events_t, problem_t, trajectory_t, before_stop, copy, evaluate_events, fail, finite, follow_grid, &
-            continue_run, forget_step, load_state, &
+  public :: events_t, problem_t, trajectory_t, before_stop, copy, evaluate_events, fail, finite, &
+            follow_grid, continue_run, forget_step, load_state, &
             reject_stage, request, check_coefficients, save_state, &
             set_start, start, phase_begin_segment, phase_guess_size, phase_choose_step, &
             phase_next_stage, phase_finish_step, phase_decide_step, phase_accepted, &

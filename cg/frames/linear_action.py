@@ -44,7 +44,7 @@ class LinearAction(UserFrame):
     .. math:: y_{k+1} = \frac{1}{k + 1} \sum_m D_m y_{k-m} ,
 
     which takes one product of each generator with each :math:`y_k`, where a product of exponentials
-    takes one for each term of each exponential. The step is divided where norms are above three.
+    takes one for each term of each exponential. The step is divided where norms are above four.
 
     Parameters
     ----------

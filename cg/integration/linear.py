@@ -54,7 +54,8 @@ def solve_linear(
     The coefficients depend on time alone: a prescribed angular velocity, or a Schrödinger equation
     with controls. Commutator-free Magnus methods take a step of order six with four or six flows,
     and of order eight with eight, where commutator-free Runge–Kutta methods of the catalogue need
-    at least 13 and 39.
+    at least 13 and 39. On `cg.frames.LinearAction` a step is one flow, along the polynomial that
+    interpolates the coefficients at the nodes.
 
     Parameters
     ----------
