@@ -161,13 +161,13 @@ def main(arguments: list[str] | None = None) -> int:
     rows: list[dict[str, Any]] = []
     for steps in _METHODS:
         for dtype in (np.float64, np.float32):
-            found = [
+            actual = [
                 measure(device, members, steps, dtype, parsed.rounds)
                 for device, members in sizes.items()
             ]
-            if len(found) > 1:
-                found[0]["against_cpu"] = found[0]["steps_per_s"] / found[1]["steps_per_s"]
-            rows.extend(found)
+            if len(actual) > 1:
+                actual[0]["against_cpu"] = actual[0]["steps_per_s"] / actual[1]["steps_per_s"]
+            rows.extend(actual)
     print(_table(rows))
     if parsed.json is not None:
         parsed.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")

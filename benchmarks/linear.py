@@ -80,9 +80,9 @@ def _curve(problem: LinearCase, name: str, solve: Solve, settings: Iterable[floa
     points = []
     for setting in settings:
         begin = time.process_time()
-        found = solve(setting)
+        solution = solve(setting)
         seconds = time.process_time() - begin
-        points.append(Point.of(problem.case, found, seconds))
+        points.append(Point.of(problem.case, solution, seconds))
         if seconds > _SLOWEST:
             break
     return Curve.of(name, "pair", 0, points)

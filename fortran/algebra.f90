@@ -3,11 +3,13 @@
 ! - ..., a series in Bernoulli numbers. On most blocks it has a closed form.
 module algebra_m
   use kinds, only: wp
-  use frames_m, only: block_t, frame_t
+  use bases_m, only: algebra_coefficients, algebra_matrix, skew_coefficients, skew_matrix
+  use blocks_m, only: block_t
+  use frames_m, only: frame_t
   use shared_numbers, only: callback_block, dexpinv_operation, euclidean_block, isospectral_block, &
                             se3_block, shortest_operation, so_block, sphere_block, su_block, u_block
-  use orthogonal_m, only: skew_bracket, skew_coefficients, skew_matrix
-  use unitary_m, only: algebra_coefficients, algebra_matrix, multiply, times_real
+  use orthogonal_m, only: skew_bracket
+  use unitary_m, only: multiply, times_real
   implicit none
   private
   public :: dexpinv, remove_isotropy

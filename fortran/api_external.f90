@@ -116,7 +116,8 @@ end subroutine frame_dexpinv
 subroutine frame_move(blocks, description, numbers, constants, flows, fields, v, restoring, &
                       points, y)
   use kinds, only: wp
-  use frames_m, only: apply_flows, flow_sequence_t, frame_t, make_frame, restore
+  use blocks_m, only: flow_sequence_t
+  use frames_m, only: apply_flows, frame_t, make_frame, restore
   implicit none
   integer, intent(in) :: blocks, numbers, flows, fields, points
   integer, intent(in) :: description(3, blocks)

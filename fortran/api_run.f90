@@ -259,7 +259,7 @@ subroutine loop_state(address, write, n, m, columns, members, reals, integers, p
   use kinds, only: wp
   use collocation_m, only: refactor
   use run_m, only: run_at, run_t
-  use trajectory_m, only: load_state, save_state
+  use saved_state_m, only: load_state, save_state
   implicit none
   integer(c_intptr_t), intent(in) :: address
   logical, intent(in) :: write

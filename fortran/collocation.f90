@@ -8,8 +8,9 @@ module collocation_m
   use error_norm_m, only: norm, scales, tangent
   use frames_m, only: flow_along
   use newton_m, only: correction, derivatives, factor, filtered, predict
-  use trajectory_m, only: copy, fail, phase_column_received, phase_next_stage, phase_finish_step, &
-                          phase_stage_received, problem_t, reject_stage, request, trajectory_t
+  use requests_m, only: reject_stage, request
+  use phases_m
+  use trajectory_m, only: copy, fail, problem_t, trajectory_t
   use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
   implicit none
   private

@@ -3,7 +3,9 @@
 module coordinates_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
-  use frames_m, only: block_t, frame_t, get_quaternion
+  use blocks_m, only: block_t
+  use frames_m, only: frame_t
+  use rotations_m, only: get_quaternion
   use shared_numbers, only: callback_block, coordinates_operation, euclidean_block, &
                             quaternion_block, se3_block, sizes_operation, so3_block, so_block, &
                             sphere_block, su2_block, su_block, u_block

@@ -26,7 +26,8 @@ module interpolant_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use coordinates_m, only: difference
-  use frames_m, only: apply_flows, flow_along, flow_sequence_t, frame_t
+  use blocks_m, only: flow_sequence_t
+  use frames_m, only: apply_flows, flow_along, frame_t
   use shared_numbers, only: nearby_operation
   implicit none
   private

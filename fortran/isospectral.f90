@@ -2,7 +2,8 @@
 ! rotations g. A point is its own transpose, so that the order of storage doesn't matter.
 module isospectral_m
   use kinds, only: wp
-  use orthogonal_m, only: move_orthogonal, multiply, skew_matrix, to_orthogonal
+  use bases_m, only: skew_matrix
+  use orthogonal_m, only: move_orthogonal, multiply, to_orthogonal
   implicit none
   private
   public :: move_isospectral, isospectral_tangent, restore_isospectral

@@ -10,7 +10,7 @@ module linalg_m
   use stop_flag_m, only: stop_requested
   implicit none
   private
-  public :: enorm, qrfac, qrsolv, lmpar
+  public :: enorm, qrfac, lmpar
 
   ! Squares of numbers between these two neither underflow nor overflow in any
   ! kind with at least the exponent range of single precision. They are

@@ -183,7 +183,7 @@ contains
           end if
         end do
       end do
-      term = sums(:, modulo(k, n)) / k
+      term = sums(:, modulo(k, n)) / real(k, wp)
       sums(:, modulo(k, n)) = 0.0_wp
       y = y + term
       ! bounds of y_(k - 1), y_(k - 2), ... come first
@@ -209,12 +209,13 @@ contains
         return
       end if
       parts = max(1, ceiling(norm))
-      x = x / parts
+      x = x / real(parts, wp)
       do part = 1, parts
         if (action%skew) then
-          call apply_chebyshev(action, x, max(norm * chebyshev_norm / parts, epsilon(norm)), y)
+          call apply_chebyshev(action, x, max(norm * chebyshev_norm / real(parts, wp), &
+                                               epsilon(norm)), y)
         else
-          call apply_taylor(action, x, norm * taylor_norm / parts, y)
+          call apply_taylor(action, x, norm * taylor_norm / real(parts, wp), y)
         end if
       end do
     end do
@@ -301,12 +302,12 @@ contains
     last = 0
     do while (last < max_terms - 4 .and. (bound > epsilon(z)**2 .or. last < 2))
       last = last + 1
-      bound = bound * (z / 2) / last
+      bound = bound * (z / 2) / real(last, wp)
     end do
     bessel = 0.0_wp
     bessel(last) = sqrt(tiny(z))
     do k = last - 1, 0, -1
-      bessel(k) = 2 * (k + 1) / z * bessel(k + 1) - bessel(k + 2)
+      bessel(k) = 2 * real(k + 1, wp) / z * bessel(k + 1) - bessel(k + 2)
       if (abs(bessel(k)) > sqrt(huge(z))) bessel(k:) = bessel(k:) / bessel(k)
     end do
     bessel = bessel / (bessel(0) + 2 * sum(bessel(2::2)))
@@ -332,9 +333,9 @@ contains
     do while (bound > negligible)
       k = k + 1
       call multiply(action, action%first, action%column, x, term, next)
-      term = next / k
+      term = next / real(k, wp)
       y = y + term
-      bound = bound * norm / (k + 1)
+      bound = bound * norm / real(k + 1, wp)
     end do
   end subroutine apply_taylor
 

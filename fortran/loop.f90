@@ -20,14 +20,9 @@ module loop_m
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          request_curvature
-  use trajectory_m, only: phase_accepted, phase_request_end, phase_begin_segment, &
-                          phase_choose_step, phase_ended, phase_finish_step, phase_guess_size, &
-                          check_coefficients, phase_decide_step, phase_curvature_received, &
-                          phase_end_received, phase_node_received, phase_stage_received, &
-                          phase_start_received, problem_t, phase_record_step, request, &
-                          phase_guess_shared, phase_size_shared, phase_next_node, &
-                          phase_next_stage, phase_column_received, phase_error_received, &
-                          trajectory_t
+  use requests_m, only: check_coefficients, request
+  use phases_m
+  use trajectory_m, only: problem_t, trajectory_t
   use within_step_m, only: store_node, store_end, request_node
   use iso_fortran_env, only: int64
   use shared_numbers, only: buffer_full, finished, needs_field, needs_maximum, needs_minimum, &

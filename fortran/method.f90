@@ -1,7 +1,7 @@
 ! A method as paths of flows from one point to another. The points are stages, results, and points
 ! from which more than one path starts.
 module method_m
-  use frames_m, only: flow_sequence_t
+  use blocks_m, only: flow_sequence_t
   use kinds, only: wp
   use newton_m, only: transformation_t
   implicit none

@@ -8,7 +8,7 @@
 ! followed in steps many times longer. lambda changes by H. B. Nielsen's rule (IMM-REP-1999-05).
 module minimum_norm_m
   use kinds, only: wp
-  use lapack_m, only: gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
+  use lapack_m, only: dgeqrf, dpotrf, dpotrs, dsyrk
   use least_squares_m, only: differentiable_t
   use shared_numbers, only: no_descent, not_finite, out_of_iterations, solved, stopped
   implicit none
@@ -39,7 +39,7 @@ contains
     real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
     real(wp), allocatable :: r(:), r_trial(:), y(:), step(:), trial(:)
     real(wp) :: damping, growth, f_trial, predicted, gain, least
-    integer :: flag
+    integer :: flag, info
 
     allocate (full(conditions, size(x)), jac(conditions, size(free)))
     allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
@@ -72,7 +72,7 @@ contains
         call factorise(gram, factor, damping)
       end if
       y = r
-      call solve_cholesky(factor, y)
+      call dpotrs('L', conditions, 1, factor, conditions, y, conditions, info)
       step = -matmul(y, jac)
       call add_acceleration(problem, x, r, jac, factor, free, step, trial, r_trial)
       trial = x
@@ -114,7 +114,8 @@ contains
       flag = 0
       call problem%jacobian(x, full, flag)
       jac = full(:, free)
-      if (.not. accurate) call gram_matrix(jac, gram)
+      if (.not. accurate) call dsyrk('L', 'N', conditions, size(free), 1.0_wp, jac, conditions, &
+                                     0.0_wp, gram, conditions)
       largest = maxval([(dot_product(jac(i, :), jac(i, :)), i=1, conditions)])
     end subroutine linearise
   end subroutine minimise_norm
@@ -131,11 +132,35 @@ contains
       do i = 1, size(gram, 1)
         factor(i, i) = factor(i, i) + damping
       end do
-      call cholesky(factor, info)
+      call dpotrf('L', size(factor, 1), factor, size(factor, 1), info)
       if (info == 0) exit
       damping = 4.0_wp*damping
     end do
   end subroutine factorise
+
+  ! The Cholesky factor of a a^T + damping I by QR, without forming that matrix, in which the
+  ! squares of small singular values would be lost in rounding
+  subroutine cholesky_of_gram(a, damping, factor)
+    real(wp), intent(in), contiguous :: a(:, :)           ! (m, n)
+    real(wp), intent(in) :: damping                       ! > 0
+    real(wp), intent(inout), contiguous :: factor(:, :)   ! (m, m) lower triangle
+    integer, parameter :: block = 32
+    real(wp), allocatable :: tall(:, :), tau(:), work(:)
+    integer :: i, info
+
+    associate (m => size(a, 1), n => size(a, 2))
+      allocate (tall(n + m, m), tau(m), work(block*m))
+      tall(:n, :) = transpose(a)
+      tall(n + 1:, :) = 0.0_wp
+      do i = 1, m
+        tall(n + i, i) = sqrt(damping)
+      end do
+      call dgeqrf(n + m, m, tall, n + m, tau, work, size(work), info)
+      do i = 1, m
+        factor(i:, i) = tall(i, i:m)
+      end do
+    end associate
+  end subroutine cholesky_of_gram
 
   ! Adds half of the acceleration to a step.
   subroutine add_acceleration(problem, x, r, jac, factor, free, step, trial, r_trial)
@@ -148,7 +173,7 @@ contains
     real(wp), intent(inout) :: step(:)                ! (free unknowns)
     real(wp), intent(inout) :: trial(:), r_trial(:)   ! workspace
     real(wp) :: second(size(r)), acceleration(size(step))
-    integer :: flag
+    integer :: flag, info
 
     trial = x
     trial(free) = x(free) + probe*step
@@ -156,7 +181,7 @@ contains
     call problem%residual(trial, r_trial, flag)
     if (flag < 0) return
     second = (2.0_wp/probe)*((r_trial - r)/probe - matmul(jac, step))
-    call solve_cholesky(factor, second)
+    call dpotrs('L', size(r), 1, factor, size(r), second, size(r), info)
     acceleration = -matmul(second, jac)
     if (norm2(acceleration) <= max_bend*norm2(step)) step = step + 0.5_wp*acceleration
   end subroutine add_acceleration

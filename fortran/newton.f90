@@ -12,7 +12,7 @@ module newton_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use frames_m, only: frame_t
-  use lu_m, only: lu_factor, lu_solve
+  use lapack_m, only: dgetrf, dgetrs, zgetrf, zgetrs
   use shared_numbers, only: factor_operation, solve_operation
   implicit none
   private
@@ -65,7 +65,7 @@ contains
     end associate
   end subroutine reserve
 
-  ! Factors both matrices for a step size.
+  ! Factors both matrices for a step size. Those that aren't finite count as singular.
   subroutine factor(frame, transformation, h, newton, singular)
     type(frame_t), intent(in) :: frame
     type(transformation_t), intent(in) :: transformation
@@ -73,7 +73,7 @@ contains
     type(newton_t), intent(inout) :: newton
     logical, intent(out) :: singular
     real(wp) :: answer(1)
-    integer :: i
+    integer :: i, info
 
     newton%factored_h = h
     associate (gamma => transformation%gamma / h, mu => transformation%mu / h)
@@ -84,6 +84,8 @@ contains
         singular = .not. answer(1) <= 0
         return
       end if
+      singular = .not. all(abs(newton%jacobian) <= huge(1.0_wp))
+      if (singular) return
       newton%lu = -newton%jacobian
       newton%complex_lu = cmplx(-newton%jacobian, kind=wp)
       do i = 1, size(newton%lu, 1)
@@ -91,42 +93,36 @@ contains
         newton%complex_lu(i, i) = newton%complex_lu(i, i) + cmplx(mu(1), mu(2), wp)
       end do
     end associate
-    call lu_factor(newton%lu, newton%pivot, singular)
-    if (.not. singular) call lu_factor(newton%complex_lu, newton%complex_pivot, singular)
+    associate (n => size(newton%pivot))
+      call dgetrf(n, n, newton%lu, n, newton%pivot, info)
+      if (info == 0) call zgetrf(n, n, newton%complex_lu, n, newton%complex_pivot, info)
+    end associate
+    singular = info /= 0
   end subroutine factor
 
-  ! Solves (gamma / h - J) x = b.
-  subroutine solve(frame, newton, b)
+  ! Solves (gamma / h - J) x = b or, of two columns, (mu / h - J) (x_1 + i x_2) = b_1 + i b_2.
+  subroutine solve(frame, newton, n, columns, b)
     type(frame_t), intent(in) :: frame
     type(newton_t), intent(in) :: newton
-    real(wp), contiguous, intent(inout) :: b(:)
+    integer, intent(in) :: n, columns
+    real(wp), intent(inout) :: b(n, columns)
+    complex(wp) :: x(n)
+    real(wp) :: numbers(n * columns)
+    integer :: info
 
     if (newton%sparse) then
-      call frame%callback%apply(solve_operation, [real(newton%member - 1, wp)], (b), b)
-    else
-      call lu_solve(newton%lu, newton%pivot, b)
-    end if
-  end subroutine solve
-
-  ! Solves (mu / h - J) (x_1 + i x_2) = b_1 + i b_2.
-  subroutine solve_pair(frame, newton, b)
-    type(frame_t), intent(in) :: frame
-    type(newton_t), intent(in) :: newton
-    real(wp), intent(inout) :: b(:, :)                 ! (dimension, 2)
-    complex(wp) :: x(size(b, 1))
-    real(wp) :: pair(2 * size(b, 1))
-
-    if (newton%sparse) then
-      pair = [b]
-      call frame%callback%apply(solve_operation, [real(newton%member - 1, wp)], (pair), pair)
-      b = reshape(pair, shape(b))
+      numbers = [b]
+      call frame%callback%apply(solve_operation, [real(newton%member - 1, wp)], (numbers), numbers)
+      b = reshape(numbers, shape(b))
+    else if (columns == 1) then
+      call dgetrs('N', n, 1, newton%lu, n, newton%pivot, b, n, info)
     else
       x = cmplx(b(:, 1), b(:, 2), wp)
-      call lu_solve(newton%complex_lu, newton%complex_pivot, x)
+      call zgetrs('N', n, 1, newton%complex_lu, n, newton%complex_pivot, x, n, info)
       b(:, 1) = x%re
       b(:, 2) = x%im
     end if
-  end subroutine solve_pair
+  end subroutine solve
 
   ! Computes the correction of z from the derivatives at the stages.
   subroutine correction(frame, transformation, h, f, newton, dz)
@@ -140,8 +136,8 @@ contains
 
     call derivatives(transformation, h, newton%z, d)
     d = matmul(f - d, transpose(transformation%t_inverse))
-    call solve(frame, newton, d(:, 1))
-    call solve_pair(frame, newton, d(:, 2:3))
+    call solve(frame, newton, size(f, 1), 1, d(:, 1))
+    call solve(frame, newton, size(f, 1), 2, d(:, 2:3))
     dz = matmul(d, transpose(transformation%t))
   end subroutine correction
 
@@ -163,7 +159,7 @@ contains
     real(wp), contiguous, intent(inout) :: v(:)        ! (dimension)
 
     v = v * (transformation%gamma / newton%factored_h)
-    call solve(frame, newton, v)
+    call solve(frame, newton, size(v), 1, v)
   end subroutine filtered
 
   ! Predicts z from the polynomial u of the last step, at theta = 1 + c h / last_h: to first order in

@@ -2,9 +2,10 @@
 ! matrices row by row, which here are their transposes.
 module orthogonal_m
   use kinds, only: wp
+  use bases_m, only: skew_matrix
   implicit none
   private
-  public :: move_orthogonal, multiply, skew_bracket, skew_coefficients, skew_matrix, to_orthogonal
+  public :: move_orthogonal, multiply, skew_bracket, to_orthogonal
 
   ! Largest norms of matrices whose exponential series is summed: in numbers, with powers reduced by
   ! the characteristic polynomial, and in matrices
@@ -34,40 +35,6 @@ contains
       y = moved
     end do
   end subroutine move_orthogonal
-
-  ! The skew matrix with coefficients v of cg/frames/so.py
-  pure subroutine skew_matrix(n, v, x)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: v(:)                 ! (dimension)
-    real(wp), intent(out) :: x(n, n)
-    integer :: i, j, k
-
-    k = size(v)
-    do i = 1, n
-      x(i, i) = 0.0_wp
-      do j = i + 1, n
-        x(j, i) = merge(v(k), -v(k), modulo(i + j, 2) == 1)
-        x(i, j) = -x(j, i)
-        k = k - 1
-      end do
-    end do
-  end subroutine skew_matrix
-
-  ! The coefficients of a skew matrix
-  pure subroutine skew_coefficients(n, x, v)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: x(n, n)
-    real(wp), intent(out) :: v(:)                ! (dimension)
-    integer :: i, j, k
-
-    k = size(v)
-    do i = 1, n
-      do j = i + 1, n
-        v(k) = merge(x(j, i), -x(j, i), modulo(i + j, 2) == 1)
-        k = k - 1
-      end do
-    end do
-  end subroutine skew_coefficients
 
   ! x y - y x, for skew matrices
   pure subroutine skew_bracket(n, x, y, z)

@@ -6,9 +6,9 @@ module record_m
   use interpolant_m, only: flows_of_evaluation
   use output_m, only: store_interpolant, store_step, output_t
   use step_events_m, only: crosses, record_events, locate_events
-  use trajectory_m, only: phase_begin_segment, phase_choose_step, phase_ended, evaluate_events, &
-                          fail, forget_step, phase_end_received, problem_t, phase_record_step, &
-                          request, trajectory_t
+  use requests_m, only: evaluate_events, request
+  use phases_m
+  use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
   use within_step_m, only: interpolate, point_at
   use iso_fortran_env, only: int64
   use shared_numbers, only: jumps_without_progress, paused, raised, terminal_event

@@ -20,8 +20,7 @@ module run_m
   use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, begin_run, drive, store_lane, set_events, set_output, at_address, &
-            plan_at, run_at
+  public :: plan_t, run_t, begin_run, drive, set_events, set_output, at_address, plan_at, run_at
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t

@@ -9,10 +9,9 @@ module step_m
   use frames_m, only: apply_flows, flow_along, restore
   use method_m, only: method_t
   use newton_m, only: filtered
-  use trajectory_m, only: phase_accepted, phase_choose_step, before_stop, copy, fail, &
-                          phase_finish_step, finite, phase_decide_step, phase_stage_received, &
-                          problem_t, phase_error_received, reject_stage, request, &
-                          phase_next_stage, trajectory_t
+  use requests_m, only: before_stop, reject_stage, request
+  use phases_m
+  use trajectory_m, only: copy, fail, finite, problem_t, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
                             stages_not_solved, stages_operation, step_too_long

@@ -7,10 +7,9 @@ module step_size_m
   use error_norm_m, only: norm, point_sizes, scales, tangent
   use frames_m, only: flow_along, restore
   use time_grid_m, only: make_grid
-  use trajectory_m, only: phase_choose_step, copy, phase_ended, evaluate_events, fail, &
-                          phase_guess_size, phase_curvature_received, phase_start_received, &
-                          problem_t, request, phase_guess_shared, phase_size_shared, &
-                          phase_next_stage, trajectory_t
+  use requests_m, only: evaluate_events, request
+  use phases_m
+  use trajectory_m, only: copy, fail, problem_t, trajectory_t
   use shared_numbers, only: needs_minimum, slope_not_finite, step_too_small, &
                             too_many_steps
   implicit none

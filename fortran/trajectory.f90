@@ -1,30 +1,21 @@
-! The state of one trajectory, and how it requests coefficients of the right-hand side. If the
-! problem has a field, `request` calls it at once; otherwise the loop returns with the request and
-! is called again with the answer, so that one call can answer many trajectories.
+! The problem that a trajectory solves, and the state of the trajectory.
 module trajectory_m
   use kinds, only: wp
-  use controller_m, only: rejected_size
   use error_norm_m, only: tolerances_t, width
-  use frames_m, only: flow_sequence_t, frame_t
+  use blocks_m, only: flow_sequence_t
+  use frames_m, only: frame_t
   use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use method_m, only: method_t
   use newton_m, only: newton_t, reserve
+  use phases_m
   use time_grid_m, only: grid_t
   use vector_field_m, only: vector_field_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: field_not_finite, finished, needs_field, needs_maximum, paused, &
-                            raised, raised_in_python, stage_not_finite, stopped_by_field
+  use shared_numbers, only: paused
   implicit none
   private
-  public :: events_t, problem_t, trajectory_t, before_stop, copy, evaluate_events, fail, finite, &
-            follow_grid, continue_run, forget_step, load_state, &
-            reject_stage, request, check_coefficients, save_state, &
-            set_start, start, phase_begin_segment, phase_guess_size, phase_choose_step, &
-            phase_next_stage, phase_finish_step, phase_decide_step, phase_accepted, &
-            phase_request_end, phase_next_node, phase_record_step, phase_start_received, &
-            phase_curvature_received, phase_stage_received, phase_end_received, &
-            phase_node_received, phase_guess_shared, phase_size_shared, phase_ended, &
-            phase_column_received, phase_error_received
+  public :: events_t, problem_t, trajectory_t, continue_run, copy, fail, finite, follow_grid, &
+            forget_step, set_start, start
 
   ! Functions whose zeros along the solution are events
   type, abstract :: events_t
@@ -78,17 +69,6 @@ module trajectory_m
     logical :: has_jacobian = .false.        ! whether Python evaluates it
     logical :: sparse = .false.              ! whether Python keeps it and factors it
   end type problem_t
-
-  ! The phases of a trajectory. Each is named after what `resume` does next, or after the
-  ! coefficients or the shared number that it has received.
-  enum, bind(c)
-    enumerator :: phase_begin_segment = 1, phase_guess_size, phase_guess_shared, &
-                  phase_curvature_received, phase_size_shared, phase_choose_step, &
-                  phase_start_received, phase_next_stage, phase_stage_received, &
-                  phase_finish_step, phase_decide_step, phase_accepted, phase_request_end, &
-                  phase_end_received, phase_next_node, phase_node_received, phase_record_step, &
-                  phase_column_received, phase_error_received, phase_ended
-  end enum
 
   type :: trajectory_t
     ! the present point
@@ -253,198 +233,6 @@ contains
     trajectory%segment = 1
     trajectory%phase = phase_begin_segment
   end subroutine continue_run
-
-  ! Copies the state that a trajectory needs between steps to continue bit for bit.
-  pure subroutine save_state(trajectory, reals, integers, points, slopes)
-    type(trajectory_t), intent(in) :: trajectory
-    real(wp), intent(out) :: reals(9)
-    integer(int64), intent(out) :: integers(11)
-    ! (point_size, 2), (dimension, 2 + columns of f, then last and jacobian of newton_t)
-    real(wp), intent(out) :: points(:, :), slopes(:, :)
-
-    associate (x => trajectory)
-      reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h, x%newton%last_h, &
-               x%newton%rate_factor, x%newton%factored_h]
-      integers = [merge(1_int64, 0_int64, x%slope_known), merge(1_int64, 0_int64, &
-                                                                x%after_rejection), &
-                  x%nfev, x%nexp, x%njev, x%nlu, x%steps, x%rejected, x%attempts, &
-                  merge(1_int64, 0_int64, x%newton%has_jacobian), &
-                  merge(1_int64, 0_int64, x%newton%fresh)]
-      points(:, 1) = x%y(:, 0)
-      slopes(:, 1) = x%slope
-      points(:, 2) = x%y(:, 0)
-      slopes(:, 2) = x%slope
-      slopes(:, 3:2 + size(x%f, 2)) = x%f
-      if (allocated(x%newton%last)) then
-        associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
-          slopes(:, n + 1:n + m) = x%newton%last
-          slopes(:, n + m + 1:) = x%newton%jacobian
-        end associate
-      end if
-      if (allocated(x%y_old)) points(:, 2) = x%y_old
-      if (allocated(x%slope_old)) slopes(:, 2) = x%slope_old
-    end associate
-  end subroutine save_state
-
-  ! Restores what save_state has copied.
-  pure subroutine load_state(trajectory, reals, integers, points, slopes)
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp), intent(in) :: reals(9)
-    integer(int64), intent(in) :: integers(11)
-    real(wp), intent(in) :: points(:, :), slopes(:, :)
-
-    associate (x => trajectory)
-      x%t = reals(1)
-      x%step_size = reals(2)
-      x%last_error = reals(3)
-      x%t_old = reals(4)
-      x%h_old = reals(5)
-      x%h = reals(6)
-      x%newton%last_h = reals(7)
-      x%newton%rate_factor = reals(8)
-      x%slope_known = integers(1) == 1
-      x%after_rejection = integers(2) == 1
-      x%nfev = integers(3)
-      x%nexp = integers(4)
-      x%njev = integers(5)
-      x%nlu = integers(6)
-      x%steps = integers(7)
-      x%rejected = integers(8)
-      x%attempts = integers(9)
-      x%newton%has_jacobian = integers(10) == 1
-      x%newton%fresh = integers(11) == 1
-      x%y(:, 0) = points(:, 1)
-      x%slope = slopes(:, 1)
-      x%y_old = points(:, 2)
-      x%slope_old = slopes(:, 2)
-      x%f = slopes(:, 3:2 + size(x%f, 2))
-      x%newton%factored_h = reals(9)
-      if (allocated(x%newton%last)) then
-        associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
-          x%newton%last = slopes(:, n + 1:n + m)
-          x%newton%jacobian = slopes(:, n + m + 1:)
-        end associate
-      end if
-      x%weighted_by = 0.0_wp
-    end associate
-    call continue_run(trajectory)
-  end subroutine load_state
-
-  ! The time at which the right-hand side is evaluated in place of t. In a step that ends at a
-  ! breakpoint times are kept before it, since the right-hand side may change there.
-  pure elemental real(wp) function before_stop(problem, trajectory, t)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
-    real(wp), intent(in) :: t
-
-    before_stop = t
-    if (trajectory%segment == size(problem%stops)) return
-    associate (stop => problem%stops(trajectory%segment))
-      if ((t - stop) * sign(1.0_wp, trajectory%h) >= 0) before_stop = nearest(stop, -trajectory%h)
-    end associate
-  end function before_stop
-
-  ! Requests the coefficients at a point, for the phase `next`.
-  subroutine request(problem, trajectory, t, y, next)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    integer, intent(in) :: next                        ! phase
-
-    trajectory%request_t = t
-    if (next /= phase_start_received) trajectory%request_t = before_stop(problem, trajectory, t)
-    trajectory%phase = next
-    trajectory%status = needs_field
-    trajectory%nfev = trajectory%nfev + 1
-    trajectory%request_y(:) = y
-    if (.not. associated(problem%field)) return
-    problem%field%member = trajectory%member
-    call problem%field%coefficients(problem%frame%point_size, problem%frame%dimension, &
-                                    trajectory%request_t, trajectory%request_y, &
-                                      trajectory%received, trajectory%flag)
-    call check_coefficients(problem, trajectory, y)
-  end subroutine request
-
-  ! Checks the answer to a request: finite coefficients go to the next phase, others are a failure.
-  subroutine check_coefficients(problem, trajectory, y)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) where f was evaluated
-
-    if (trajectory%flag == 0) then
-      if (finite(trajectory%received)) then
-        trajectory%status = finished
-        return
-      end if
-    end if
-    if (trajectory%flag == raised_in_python) then
-      call fail(trajectory, raised, trajectory%request_t)
-    else if (.not. finite(y)) then
-      call reject_stage(problem, trajectory, stage_not_finite, trajectory%request_t)
-    else if (trajectory%flag /= 0) then
-      call fail(trajectory, stopped_by_field, trajectory%request_t)
-    else
-      call fail(trajectory, field_not_finite, trajectory%request_t)
-    end if
-  end subroutine check_coefficients
-
-  ! Tries a step again with a smaller size after a stage that doesn't exist; equal steps fail.
-  subroutine reject_stage(problem, trajectory, status, t)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    integer, intent(in) :: status
-    real(wp), intent(in) :: t
-
-    if (.not. problem%adaptive) then
-      call fail(trajectory, status, t)
-      return
-    end if
-    select case (trajectory%phase)
-    case (phase_curvature_received)
-      trajectory%received = huge(1.0_wp)               ! choose_first_size keeps the guess
-    case (phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received)
-      trajectory%error = huge(1.0_wp)
-      trajectory%shared = trajectory%error
-      trajectory%status = finished
-      trajectory%phase = phase_decide_step
-      if (problem%common) trajectory%status = needs_maximum
-    case (phase_node_received)
-      ! the step is accurate, but too long for its interpolant
-      if (trajectory%interpolate_only .or. problem%common) then
-        call fail(trajectory, status, t)
-        return
-      end if
-      trajectory%steps = trajectory%steps - 1
-      trajectory%rejected = trajectory%rejected + 1
-      trajectory%after_rejection = .true.
-      trajectory%step_size = rejected_size(abs(trajectory%h), huge(1.0_wp), &
-                                           problem%tolerances%exponent)
-      trajectory%status = finished
-      trajectory%phase = phase_choose_step
-    case default
-      call fail(trajectory, status, t)
-    end select
-  end subroutine reject_stage
-
-  ! Evaluates the functions of all events at a point; the trajectory fails if one of them does.
-  subroutine evaluate_events(problem, trajectory, t, y, values, stopped)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), intent(inout) :: values(:)               ! (events)
-    logical, intent(out) :: stopped
-    integer :: i
-
-    stopped = .false.
-    do i = 1, size(values)
-      call problem%events%value(trajectory%member, i, t, y, values(i), stopped)
-      if (.not. stopped) cycle
-      call fail(trajectory, raised, t)
-      return
-    end do
-  end subroutine evaluate_events
 
   ! Ends a trajectory with an error.
   subroutine fail(trajectory, status, t)

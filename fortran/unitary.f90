@@ -1,14 +1,13 @@
 ! Flows and differences on groups of unitary matrices of any size: SO(n), SU(n), U(n). Points are
-! matrices row by row, real for SO(n). The bases are those of cg/frames/so.py, su.py and u.py.
+! matrices row by row, real for SO(n).
 module unitary_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
-  use orthogonal_m, only: skew_coefficients, skew_matrix
-  use shared_numbers, only: so_block, su_block, u_block
+  use bases_m, only: algebra_coefficients, algebra_matrix
+  use shared_numbers, only: so_block, su_block
   implicit none
   private
-  public :: algebra_coefficients, algebra_matrix, move_unitary, multiply, restore_unitary, &
-            times_real, unitary_difference
+  public :: move_unitary, multiply, restore_unitary, times_real, unitary_difference
 
   ! largest norms of matrices whose exponential series is summed: in matrices, and in numbers
   real(wp), parameter :: longest = 0.5_wp, longest_of_three = 2.0_wp
@@ -16,76 +15,6 @@ module unitary_m
   complex(wp), parameter :: zero = cmplx(0.0_wp, 0.0_wp, wp)
 
 contains
-
-  ! The element of the Lie algebra with coefficients v
-  pure subroutine algebra_matrix(kind, n, v, x)
-    integer, intent(in) :: kind, n
-    real(wp), intent(in) :: v(:)                 ! (dimension)
-    complex(wp), intent(out) :: x(n, n)
-    real(wp) :: skew(n, n), d
-    integer :: i, j, k
-
-    if (kind == so_block) then
-      call skew_matrix(n, v, skew)
-      x = cmplx(skew, 0.0_wp, wp)
-      return
-    end if
-    x = zero
-    k = 1
-    do j = 2, n
-      do i = 1, j - 1
-        x(i, j) = cmplx(-v(k + 1) / 2, -v(k) / 2, wp)
-        x(j, i) = cmplx(v(k + 1) / 2, -v(k) / 2, wp)
-        k = k + 2
-      end do
-      d = diagonal(j) * v(k) / 2
-      do i = 1, j - 1
-        x(i, i) = x(i, i) - cmplx(0.0_wp, d, wp)
-      end do
-      x(j, j) = x(j, j) + cmplx(0.0_wp, real(j - 1, wp) * d, wp)
-      k = k + 1
-    end do
-    if (kind == u_block) then
-      d = sqrt(2 / real(n, wp)) * v(k) / 2
-      do i = 1, n
-        x(i, i) = x(i, i) - cmplx(0.0_wp, d, wp)
-      end do
-    end if
-  end subroutine algebra_matrix
-
-  ! The coefficients of the orthogonal projection of a matrix onto the algebra
-  pure subroutine algebra_coefficients(kind, n, x, v)
-    integer, intent(in) :: kind, n
-    complex(wp), intent(in) :: x(n, n)
-    real(wp), intent(out) :: v(:)                ! (dimension)
-    real(wp) :: total
-    integer :: i, j, k
-
-    if (kind == so_block) then
-      call skew_coefficients(n, (real(x, wp) - transpose(real(x, wp))) / 2, v)
-      return
-    end if
-    k = 1
-    total = 0.0_wp
-    do j = 2, n
-      total = total + aimag(x(j - 1, j - 1))
-      do i = 1, j - 1
-        v(k) = -aimag(x(i, j) + x(j, i))
-        v(k + 1) = real(x(j, i) - x(i, j), wp)
-        k = k + 2
-      end do
-      v(k) = -diagonal(j) * (total - real(j - 1, wp) * aimag(x(j, j)))
-      k = k + 1
-    end do
-    if (kind == u_block) v(k) = -sqrt(2 / real(n, wp)) * (total + aimag(x(n, n)))
-  end subroutine algebra_coefficients
-
-  ! The normalisation of the diagonal basis matrix j
-  pure real(wp) function diagonal(j)
-    integer, intent(in) :: j
-
-    diagonal = sqrt(2 / (real(j - 1, wp) * real(j, wp)))
-  end function diagonal
 
   ! Moves a point by flows one after the other, from the left or the right.
   subroutine move_unitary(kind, n, left, f, y)
@@ -259,7 +188,7 @@ contains
   pure complex(wp) function determinant(n, matrix)
     integer, intent(in) :: n
     complex(wp), intent(in) :: matrix(n, n)
-    complex(wp) :: a(n, n), row(n)
+    complex(wp) :: a(n, n)
     integer :: i, j, pivot
 
     a = matrix
@@ -271,9 +200,7 @@ contains
         return
       end if
       if (pivot /= i) then
-        row = a(i, :)
-        a(i, :) = a(pivot, :)
-        a(pivot, :) = row
+        a([i, pivot], :) = a([pivot, i], :)
         determinant = -determinant
       end if
       determinant = determinant * a(i, i)

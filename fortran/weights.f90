@@ -16,7 +16,7 @@ module weights_m
   use tree_tables, only: tree_start, child_start, first, rest, prefix
   implicit none
   private
-  public :: pattern_t, weights_t, split_word
+  public :: weights_t, split_word
 
   type :: pattern_t  ! the shape of a method; numbers 0 of points and segments mean the start
     integer :: stages = 0, points = 0, unknowns = 0, segments = 0

@@ -4,8 +4,9 @@ module within_step_m
   use kinds, only: wp
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
                                flows_of_evaluation, next_node, reserve_interpolant, set_ends
-  use trajectory_m, only: phase_request_end, fail, phase_node_received, problem_t, &
-                          phase_record_step, reject_stage, request, phase_next_node, trajectory_t
+  use requests_m, only: reject_stage, request
+  use phases_m
+  use trajectory_m, only: fail, problem_t, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: out_of_memory, paused, step_too_long
   implicit none

@@ -15,7 +15,6 @@ from cg.catalogue import resolve_method
 from cg.frames.arrays import Array
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.step.blocks import block_constants, describe_blocks
-from cg.integration.step.collocation import is_collocation
 from cg.integration.step.paths import paths_of
 from cg.method.method import Method
 from cg.problems.affine import AffineField
@@ -82,7 +81,7 @@ def integrate_compiled(
     problem
         The spinning top, or a field with affine coefficients.
     method
-        Name of a method of the catalogue that runs in compiled code, or such a method.
+        Name of an explicit method of the catalogue, or such a method.
     h
         Step size, positive; a float means its exact binary value, a string a decimal or a
         quotient.
@@ -111,8 +110,8 @@ def integrate_compiled(
         raise TypeError(f"problem must be a HeavyTop or an AffineField, got {problem!r}")
     blocks = describe_blocks(problem.frame)
     tableau, size = resolve_method(method), _step_size(h)
-    if not (tableau.explicit or is_collocation(tableau)):
-        raise ValueError(f"method must run in compiled code, got the implicit {method!r}")
+    if not tableau.explicit:
+        raise ValueError(f"method must be explicit, got {method!r}")
     steps = check_integer("steps", steps, 1)
     if kind not in ("real64", "real128"):
         raise ValueError(f'kind must be "real64" or "real128", got {kind!r}')

@@ -48,10 +48,10 @@ def library(tmp_path_factory):
 @pytest.fixture
 def function(library):
     def get(name):
-        found = library[name]  # a new object each time, unlike an attribute
-        found.restype = ctypes.c_int
-        found.argtypes = [ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p]
-        return found
+        actual = library[name]  # a new object each time, unlike an attribute
+        actual.restype = ctypes.c_int
+        actual.argtypes = [ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p]
+        return actual
 
     return get
 

@@ -88,17 +88,17 @@ class Problem:
     def duals(self, radius):
         """Return all coefficients, the free ones in their box."""
         size = len(self.free)
-        made = {}
+        duals = {}
         for name, value in self.start.items():
             slope = arb_mat(1, size)
             ball = arb(fmpq(value.numerator, value.denominator))
             if name in self.free:
                 slope[0, self.free.index(name)] = 1
                 ball = ball + arb(0, radius)
-            made[name] = Dual(ball, slope)
-        return made
+            duals[name] = Dual(ball, slope)
+        return duals
 
-    def weights(self, x, wanted, zero, one):
+    def weights(self, x, conditions, zero, one):
         """Return the weights of trees at results, for pairs (result, tree)."""
         letters = {}  # by tree, at each point
 
@@ -127,15 +127,15 @@ class Problem:
             return [] if point < 0 else [*path(self.points[point][0]), point]
 
         inner = sorted({m for at in self.at for m in path(at)})
-        most = max(self.trees.nodes[tree - 1] for _, tree in wanted) - 1
+        most = max(self.trees.nodes[tree - 1] for _, tree in conditions) - 1
         for tree in range(1, self.trees.with_nodes(most).stop):
             ends = ends_of(self.trees.children[tree - 1], inner)
             add_letter(tree, [ends[at][-1] for at in self.at])
-        found = []
-        for result, tree in wanted:
+        actual = []
+        for result, tree in conditions:
             end = self.results[result]
-            found.append(ends_of(self.trees.children[tree - 1], path(end))[end][-1])
-        return found
+            actual.append(ends_of(self.trees.children[tree - 1], path(end))[end][-1])
+        return actual
 
     def conditions(self, names):
         """Return results and trees of the conditions that are equations, and of those left out."""
@@ -154,13 +154,13 @@ class Problem:
             raise NotProvedError("conditions that are left out must be distinct independent ones")
         return [one for one in independent if one not in left_out], left_out
 
-    def residuals(self, radius, wanted):
+    def residuals(self, radius, conditions):
         """Return residuals in the box, with their derivatives."""
         size = len(self.free)
         zero, one = Dual(arb(0), arb_mat(1, size)), Dual(arb(1), arb_mat(1, size))
-        found = self.weights(self.duals(radius), wanted, zero, one)
-        targets = [arb(1) / self.trees.density[tree - 1] for _, tree in wanted]
-        return [Dual(w.value - t, w.slope) for w, t in zip(found, targets, strict=True)]
+        weights = self.weights(self.duals(radius), conditions, zero, one)
+        targets = [arb(1) / self.trees.density[tree - 1] for _, tree in conditions]
+        return [Dual(w.value - t, w.slope) for w, t in zip(weights, targets, strict=True)]
 
 
 def verifiable(certificate):
@@ -175,19 +175,21 @@ def verify(entry, certificate):
     if not verifiable(certificate) or certificate["name"] != entry["name"]:
         raise NotProvedError("it has identities or a structure, or another name")
     ctx.prec = certificate["bits"]
-    wanted, left_out = problem.conditions(certificate["identities"])
+    expected, left_out = problem.conditions(certificate["identities"])
     radius = exact(certificate["radius"])
     ball = arb(fmpq(radius.numerator, radius.denominator))
     if radius == 0:
         x = {n: fmpq(v.numerator, v.denominator) for n, v in problem.start.items()}
-        for (_, tree), w in zip(wanted, problem.weights(x, wanted, fmpq(0), fmpq(1)), strict=True):
+        for (_, tree), w in zip(
+            expected, problem.weights(x, expected, fmpq(0), fmpq(1)), strict=True
+        ):
             if problem.free or w * problem.trees.density[tree - 1] != 1:
                 raise NotProvedError("a condition is violated, or coefficients aren't fixed")
     else:
-        size = len(wanted)
+        size = len(expected)
         if size != len(problem.free):
             raise NotProvedError("there must be as many unknowns as conditions")
-        at, around = problem.residuals(0, wanted), problem.residuals(ball.upper(), wanted)
+        at, around = problem.residuals(0, expected), problem.residuals(ball.upper(), expected)
         slopes = [[float(r.slope[0, k].mid()) for k in range(size)] for r in at]
         inverse = arb_mat(np.linalg.inv(np.array(slopes)).tolist())
         steps = inverse * arb_mat([[r.value] for r in at])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,19 +17,18 @@ from cg.catalogue import catalogues
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.default_method import AUTO
-from cg.integration.ivp import warn_off_manifold
-from cg.integration.loop.dense import DenseOutput, EnsembleOutput, Steps
-from cg.integration.loop.messages import FINISHED, TERMINAL_EVENT, failed_members
+from cg.integration.loop.failures import explain_failure
+from cg.integration.loop.messages import TERMINAL_EVENT
 from cg.integration.loop.progress import Progress
-from cg.integration.loop.run import COUNTS, Output
+from cg.integration.loop.record import Output
+from cg.integration.member_results import EnsembleResults, MemberResults
+from cg.integration.options import Options, expand_options
 from cg.integration.problem import Problem, make_problem, make_rhs
 from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import plan_of
-from cg.method.method import Method
 from cg.runs import ExecutorLike, check_executor, completed
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import Stop
@@ -39,33 +38,22 @@ __all__ = ["solve_ensemble", "solve_members"]
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 
 
+@expand_options
 def solve_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
     frame: Frame,
-    method: str | Method = AUTO,
-    rtol: float | None = None,
-    atol: ArrayLike | None = None,
-    h: float | None = None,
-    t_eval: ArrayLike | None = None,
-    dense_output: bool = False,
-    events: Any = None,
-    breakpoints: ArrayLike | None = None,
-    args: Iterable[Any] | None = None,
-    parameters: ArrayLike | None = None,
     vectorized: bool = False,
     common_steps: bool = False,
-    max_step: float = math.inf,
-    first_step: float | None = None,
-    max_steps: int | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     jac: Function | None = None,
     executor: ExecutorLike = None,
     workers: int | None = None,
     out: Any = None,
     progress: Callable[[float, float], None] | None = None,
+    **options: Unpack[Options],
 ) -> EnsembleSolution:
     """Solve an initial value problem from many points, or with many sets of parameters.
 
@@ -138,10 +126,8 @@ def solve_ensemble(
     vectorized = check_flag("vectorized", vectorized)
     common = check_flag("common_steps", common_steps)
     problem = make_problem(
-        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, many=True,
-        vectorized=vectorized, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
-        first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
-        events=events, breakpoints=breakpoints, stage_solver=stage_solver, jac=jac,
+        f, t_span, y0, frame=frame, options=options, many=True, vectorized=vectorized,
+        common=common, stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
     return solve_members(problem, f, executor, workers, out, progress)
 
@@ -178,7 +164,7 @@ def solve_members(
     executor, workers = check_executor(executor, workers)
     if distributed and common:
         raise ValueError("executor and workers must be None with common_steps")
-    result = _EnsembleResults(problem, out)
+    result = EnsembleResults(problem, out)
     watch = Progress(progress, problem.t0, problem.t1, len(problem.points))
     if distributed:
         _distribute(problem, f, executor, workers, result, watch)
@@ -192,26 +178,13 @@ def solve_members(
     return result.solution()
 
 
-@dataclass(frozen=True)
-class _MemberResults:
-    """Results of some members: points at all times, status and counts of each, steps and events."""
-
-    y: Points
-    reached: Array
-    status: Any
-    counts: Any
-    messages: dict[int, str]
-    steps: Steps | None
-    events: tuple[Any, Array, Points]
-
-
 def _select_members(problem: Problem, members: slice) -> Problem:
     if members == slice(0, len(problem.points)):
         return problem
     return replace(problem, points=problem.points[members], rhs=problem.rhs.part(members))
 
 
-def _integrate(problem: Problem, watch: Progress | None) -> _MemberResults:
+def _integrate(problem: Problem, watch: Progress | None) -> MemberResults:
     """Integrate members in this thread."""
     plan, times = problem.plan, problem.t_eval
     assert times is not None
@@ -222,7 +195,7 @@ def _integrate(problem: Problem, watch: Progress | None) -> _MemberResults:
     run.drive(watch.update if watch is not None and watch.function is not None else None)
     messages = {}
     for member in np.flatnonzero(run.status != Stop.FINISHED).tolist():
-        failure = run.failure(member)
+        failure = explain_failure(run, member)
         if isinstance(failure, MemoryError):
             raise failure
         messages[member] = TERMINAL_EVENT if failure is None else f"{failure}".removesuffix(".")
@@ -231,7 +204,7 @@ def _integrate(problem: Problem, watch: Progress | None) -> _MemberResults:
     )
     points = plan.points(y, (len(times), members))
     steps = run.interpolants() if problem.dense else None
-    return _MemberResults(points, run.reached, status, run.counts, messages, steps, run.events())
+    return MemberResults(points, run.reached, status, run.counts, messages, steps, run.events())
 
 
 @dataclass(frozen=True)
@@ -241,7 +214,7 @@ class _MemberTask:
     problem: Problem
     f: Any
 
-    def __call__(self, data: tuple[Points, Array | None]) -> _MemberResults:
+    def __call__(self, data: tuple[Points, Array | None]) -> MemberResults:
         """Integrate some members, given their points and parameters."""
         points, numbers = data
         problem = self.problem
@@ -273,7 +246,7 @@ class _MemberTask:
 
 
 def _distribute(
-    problem: Problem, f: Any, executor: Any, workers: Any, result: _EnsembleResults, watch: Progress
+    problem: Problem, f: Any, executor: Any, workers: Any, result: EnsembleResults, watch: Progress
 ) -> None:
     """Integrate members on an executor."""
     work = _MemberTask(problem, f)
@@ -308,147 +281,3 @@ def _check_pickle(work: _MemberTask) -> None:
             "them (pickled); functions must be those of a module, a compiled one "
             f"cg.CompiledFunction(path, symbol); got {work.f!r}: {error}"
         ) from error
-
-
-class _EnsembleResults:
-    """The results of all members, collected as they arrive."""
-
-    def __init__(self, problem: Problem, out: Any) -> None:
-        plan = problem.plan
-        assert problem.t_eval is not None
-        self._problem = problem
-        self._members = members = len(problem.points)
-        shape = (len(problem.t_eval), members, *plan.frame.point_shape)
-        self._out = out
-        if out is None:
-            self._y: Any = np.full(shape, math.nan, dtype=plan.frame.dtype)
-        else:
-            _check_out(out, shape, plan.frame.dtype)
-            self._y = out
-        self._reached = np.full(members, problem.t0)
-        self._status = np.full(members, -1)
-        self._counts = np.zeros((members, len(COUNTS)), dtype=np.int64)
-        self._messages: dict[int, str] = {}
-        self._outputs: dict[int, DenseOutput] = {}
-        self._table = problem.event_table() if problem.events is not None else None
-        self._events: dict[int, list[tuple[Array, Points]]] = {}
-        self._any_finished = False
-
-    def add(self, members: slice, part: _MemberResults) -> None:
-        """Add the results of some members."""
-        self._any_finished = True
-        self._y[:, members] = part.y
-        if len(part.y):
-            warn_off_manifold(self._problem.plan, part.y[-1], stacklevel=5)
-        self._reached[members] = part.reached
-        self._status[members] = part.status
-        self._counts[members] = part.counts
-        self._messages.update((members.start + k, text) for k, text in part.messages.items())
-        of, t, y = part.events
-        order = np.argsort(of[:, 0], kind="stable")
-        of, t, y = of[order], t[order], y[order]
-        bounds = np.searchsorted(of[:, 0], np.arange(len(part.status) + 1))
-        for k in range(len(part.status)) if self._table or part.steps else ():
-            own = slice(bounds[k], bounds[k + 1])
-            if part.steps is not None:
-                point = self._problem.points[members.start + k]
-                marks = t[own], y[own, 1]
-                self._outputs[members.start + k] = DenseOutput(
-                    part.steps.of(k), self._problem.t0, point, marks
-                )
-            if self._table is not None:
-                which = of[own, 1]
-                self._events[members.start + k] = [
-                    (t[own][which == i], y[own][which == i]) for i in range(len(self._table))
-                ]
-
-    def add_failure(self, members: slice, message: str) -> None:
-        """Record that the worker of some members died."""
-        for member in range(members.start, members.stop):
-            self._messages[member] = message
-        if self._out is not None:
-            self._y[:, members] = math.nan
-
-    def solution(self) -> EnsembleSolution:
-        """Return the solution of all members."""
-        failures = {k: self._messages[k] for k in np.flatnonzero(self._status < 0).tolist()}
-        if not self._any_finished:
-            raise RuntimeError(failed_members(failures, self._members))
-        problem = self._problem
-        if self._out is None:
-            self._y.flags.writeable = False
-        assert problem.t_eval is not None
-        t = problem.t_eval.copy()
-        t.flags.writeable = False
-        counts: dict[str, Any] = dict(zip(COUNTS, self._counts.T, strict=True))
-        message = FINISHED
-        if failures:
-            message = failed_members(failures, self._members)
-        elif (self._status == 1).all():
-            message = TERMINAL_EVENT
-        sol = None
-        if problem.dense:
-            empty = {k for k in range(self._members) if k not in self._outputs}
-            for k in empty:
-                self._outputs[k] = self._empty_output(k)
-            sol = EnsembleOutput([self._outputs[k] for k in range(self._members)])
-        return EnsembleSolution(
-            t=t,
-            y=self._y,
-            sol=sol,
-            t_end=self._reached,
-            **self._event_lists(),
-            status=self._status,
-            **counts,
-            messages=dict(sorted(self._messages.items())),
-            message=message,
-            success=not failures,
-            method=problem.plan.method,
-            frame=problem.plan.frame,
-            h=problem.control.h,
-        )
-
-    def _empty_output(self, member: int) -> DenseOutput:
-        """Return the continuous solution of a member whose worker died: its initial point."""
-        plan = self._problem.plan
-        width = plan.columns * plan.frame.dim
-        none = np.empty(0, dtype=np.int64)
-        steps = Steps(
-            plan, none, np.empty((0, 4)), np.empty((0, 2, plan.width)), np.empty((0, width))
-        )
-        return DenseOutput(steps, self._problem.t0, self._problem.points[member])
-
-    def _event_lists(self) -> dict[str, Any]:
-        if self._table is None:
-            return {"t_events": None, "y_events": None, "y_after": None}
-        none = [(np.empty(0), np.empty((0, 2, *self._problem.plan.frame.point_shape)))]
-        nothing = none * len(self._table)
-        rows = [self._events.get(k, nothing) for k in range(self._members)]
-        events = range(len(self._table))
-        return {
-            "t_events": [[row[i][0] for row in rows] for i in events],
-            "y_events": [[row[i][1][:, 0] for row in rows] for i in events],
-            "y_after": [[row[i][1][:, 1] for row in rows] for i in events],
-        }
-
-
-def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-    """Raise TypeError or ValueError unless an array can hold all points."""
-    try:
-        actual, kind = tuple(out.shape), np.dtype(out.dtype)
-    except (AttributeError, TypeError):
-        raise TypeError(
-            f"out must be an array, such as one of NumPy, zarr or h5py, got {out!r}"
-        ) from None
-    if actual != shape:
-        raise ValueError(f"out must have shape {shape}, got {actual}")
-    if kind.kind not in "fc" or not np.can_cast(dtype, kind, "same_kind"):
-        raise ValueError(f"out must be able to hold numbers of type {dtype}, got one of {kind}")
-    flags = getattr(out, "flags", None)
-    file = getattr(out, "file", None)
-    if (
-        not getattr(flags, "writeable", True)
-        or getattr(out, "read_only", False)
-        or getattr(file, "mode", "") == "r"
-    ):
-        raise ValueError(f"out must be writable, got {type(out).__name__} that is read-only")

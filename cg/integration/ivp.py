@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,11 +15,13 @@ from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput
+from cg.integration.loop.failures import explain_failure
 from cg.integration.loop.messages import FINISHED, LEFT_MANIFOLD, MANY_REJECTIONS, TERMINAL_EVENT
 from cg.integration.loop.progress import Progress
-from cg.integration.loop.run import COUNTS, Output, Run
+from cg.integration.loop.record import COUNTS, Output
+from cg.integration.loop.run import Run
+from cg.integration.options import Options, expand_options
 from cg.integration.problem import Problem, make_problem
 from cg.integration.results import Solution
 from cg.integration.rhs.events import EventTable
@@ -31,33 +33,22 @@ from cg.method.method import Method
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import Stop
 
-__all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
+__all__ = ["integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
 
 _REJECTIONS = 1000
 
 
+@expand_options
 def solve_ivp(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
     frame: Frame,
-    method: str | Method = AUTO,
-    h: float | None = None,
-    rtol: float | None = None,
-    atol: ArrayLike | None = None,
-    t_eval: ArrayLike | None = None,
-    dense_output: bool = False,
-    events: Any = None,
-    breakpoints: ArrayLike | None = None,
-    max_step: float = math.inf,
-    first_step: float | None = None,
-    max_steps: int | None = None,
-    args: Iterable[Any] | None = None,
-    parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     jac: Function | None = None,
     progress: Callable[[float, float], None] | None = None,
+    **options: Unpack[Options],
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
@@ -174,15 +165,9 @@ def solve_ivp(
     True
     """
     problem = make_problem(
-        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
-        rtol=rtol, atol=atol, max_step=max_step, first_step=first_step, max_steps=max_steps,
-        t_eval=t_eval, dense_output=dense_output, events=events, breakpoints=breakpoints,
-        stage_solver=stage_solver, jac=jac,
-    )  # fmt: skip
-    every = int(problem.t_eval is None)
-    if h is not None:
-        check_grid(problem.plan, h, grid_steps(problem), every, problem.dense)
-    return solve_one(problem, every, Progress(progress, problem.t0, problem.t1))
+        f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver, jac=jac
+    )
+    return solve_one(problem, int(problem.t_eval is None), progress)
 
 
 def integrate(
@@ -289,22 +274,17 @@ def integrate(
     """
     if h is None:
         raise TypeError(f"h must be a real number, got {h!r}")
+    options: Options = {"method": method, "h": h, "args": args, "parameters": parameters}
     problem = make_problem(
-        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
-        stage_solver=stage_solver, jac=jac,
-    )  # fmt: skip
+        f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver, jac=jac
+    )
     every = min(check_integer("save_every", save_every, 1), 2**62)
-    check_grid(problem.plan, h, grid_steps(problem), every, False)
-    return solve_one(problem, every, Progress(progress, problem.t0, problem.t1))
+    return solve_one(problem, every, progress)
 
 
-def grid_steps(problem: Problem) -> int:
-    """Return the number of equal steps of a problem; ValueError if there are too many."""
-    assert problem.control.h is not None
-    return equal_steps(problem.control.h, [problem.t0, *problem.stops.tolist()])
-
-
-def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
+def solve_one(
+    problem: Problem, every: int, progress: Callable[[float, float], None] | None
+) -> Solution:
     """Integrate one point.
 
     Parameters
@@ -312,16 +292,21 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
     problem
         What to integrate.
     every
-        Every so many steps one is stored; zero for none.
-    watch
-        Receives the progress.
+        Number of steps between stored steps; zero to store none.
+    progress
+        As for `solve_ivp`.
     """
-    plan = problem.plan
+    plan, h = problem.plan, problem.control.h
+    steps = 0
+    if h is not None:
+        steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
+        check_grid(plan, h, steps, every, problem.dense)
+    watch = Progress(progress, problem.t0, problem.t1)
     times, y, capacity = problem.t_eval, None, 0
     if times is not None:
         y = np.empty((len(times), 1, plan.width))
-    elif problem.control.h is not None and problem.events is None:
-        capacity = grid_steps(problem) // every + len(problem.stops) + 2
+    elif h is not None and problem.events is None:
+        capacity = steps // every + len(problem.stops) + 2
     table = problem.event_table() if problem.events is not None else None
     run = problem.run(
         Output(times, every if times is None else 0, problem.dense, y, capacity), table
@@ -351,7 +336,7 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
         success=status >= 0,
         method=plan.method,
         frame=plan.frame,
-        h=problem.control.h,
+        h=h,
     )
 
 
@@ -368,7 +353,7 @@ def warn_off_manifold(plan: Plan, points: Points, stacklevel: int) -> None:
 
 def _status(run: Run) -> tuple[int, str]:
     """Return status and message as SciPy defines them; raise errors other than failed steps."""
-    failure = run.failure(0) if run.record.failed else None
+    failure = explain_failure(run, 0) if run.record.failed else None
     if isinstance(failure, Exception):
         raise failure
     if failure is not None:

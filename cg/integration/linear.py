@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import inspect
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from numbers import Real
-from typing import Any
+from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
@@ -15,10 +14,10 @@ from cg.frames.base import Frame
 from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
 from cg.integration.ivp import solve_ivp
+from cg.integration.options import Options, expand_options
 from cg.integration.results import Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
-from cg.method.method import Method
 from cg.support.checks import check_flag
 
 __all__ = ["solve_linear"]
@@ -27,27 +26,16 @@ _LOOSE = 1e-7  # from here on the second default needs fewer evaluations on the 
 _DEFAULTS = "CFM6(4)b", "CFM8(4)"
 
 
+@expand_options
 def solve_linear(
     a: Callable[..., ArrayLike] | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
     frame: Frame,
-    method: str | Method = AUTO,
-    h: float | None = None,
-    rtol: float | None = None,
-    atol: ArrayLike | None = None,
-    t_eval: ArrayLike | None = None,
-    dense_output: bool = False,
-    events: Any = None,
-    breakpoints: ArrayLike | None = None,
-    max_step: float = math.inf,
-    first_step: float | None = None,
-    max_steps: int | None = None,
-    args: Iterable[Any] | None = None,
-    parameters: ArrayLike | None = None,
     vectorized: bool = False,
     progress: Callable[[float, float], None] | None = None,
+    **options: Unpack[Options],
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i a_i(t) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
@@ -103,20 +91,17 @@ def solve_linear(
     """
     f: Any = compiled_rhs(a, "a")
     vectorized = check_flag("vectorized", vectorized)
-    args = check_args(args)
+    args = check_args(options.get("args"))
+    options["args"] = args
     if f is None:
-        f = TimeFunction(_checked(a, args, parameters), vectorized)
+        f = TimeFunction(_checked(a, args, options.get("parameters")), vectorized)
     elif vectorized:
         raise ValueError("vectorized must be False for a compiled a, which takes one time")
+    method, rtol = options.get("method", AUTO), options.get("rtol")
     if isinstance(method, str) and method == AUTO:
-        method = _DEFAULTS[isinstance(rtol, Real) and rtol < _LOOSE]
+        options["method"] = _DEFAULTS[isinstance(rtol, Real) and rtol < _LOOSE]
     try:
-        return solve_ivp(
-            f, t_span, y0, frame=frame, method=method, h=h, rtol=rtol, atol=atol, t_eval=t_eval,
-            dense_output=dense_output, events=events, breakpoints=breakpoints, max_step=max_step,
-            first_step=first_step, max_steps=max_steps, args=args, parameters=parameters,
-            progress=progress,
-        )  # fmt: skip
+        return solve_ivp(f, t_span, y0, frame=frame, progress=progress, **options)
     except (TypeError, ValueError) as error:
         if str(error).startswith("f must "):
             raise type(error)(f"a{str(error)[1:]}") from None

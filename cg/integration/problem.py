@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
@@ -27,13 +26,15 @@ from cg.integration.arguments import (
     check_unused,
 )
 from cg.integration.default_method import AUTO, choose_method
-from cg.integration.loop.run import Control, Output, Run
+from cg.integration.loop.record import Control, Output
+from cg.integration.loop.run import Run
+from cg.integration.options import Options, StepOptions, complete_options
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.collocation import Jacobian, jacobian_of
-from cg.integration.step.implicit import check_stage_solver
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
 from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
@@ -150,25 +151,11 @@ def make_rhs(
     return compiled.on(frame, numbers), extra
 
 
-def make_control(
-    plan: Plan,
-    *,
-    h: Any,
-    rtol: Any,
-    atol: Any,
-    max_step: Any,
-    first_step: Any,
-    max_steps: Any,
-    span: float,
-    given: object,
-) -> Control:
-    """Return the step size control after checking it.
-
-    ``given`` is the argument that named the method.  ``rtol`` has been checked unless ``h`` is
-    given.
-    """
-    method = plan.method
-    largest = check_step(max_step, "max_step", infinite=True)
+def make_control(plan: Plan, options: Options, span: float) -> Control:
+    """Return the step size control after checking its options except ``rtol``."""
+    method, h, first_step = plan.method, options["h"], options["first_step"]
+    rtol, atol, max_steps = options["rtol"], options["atol"], options["max_steps"]
+    largest = check_step(options["max_step"], "max_step", infinite=True)
     if h is not None:
         check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
         check_order(method, stacklevel=4)
@@ -178,8 +165,8 @@ def make_control(
         return Control(h=size)
     if method.embedded_order is None:
         raise ValueError(
-            f"method must be a pair unless h gives the step size, got {given!r}, which has "
-            "no embedded weights"
+            f"method must be a pair unless h gives the step size, got {options['method']!r}, "
+            "which has no embedded weights"
         )
     check_pair(method, stacklevel=4)
     tolerances = check_atol(atol)
@@ -190,6 +177,7 @@ def make_control(
     first = None if first_step is None else check_step(first_step, "first_step")
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
+    assert rtol is not None
     return Control(None, rtol, tolerances, largest, first, check_max_steps(max_steps))
 
 
@@ -203,39 +191,10 @@ def _check_of_time(rhs: CompiledRhs, t: float, point: Points) -> None:
         )
 
 
-def make_problem(
-    f: Any,
-    t_span: Any,
-    y0: ArrayLike,
-    *,
-    frame: Any,
-    method: str | Method,
-    args: Any = None,
-    parameters: Any = None,
-    many: bool = False,
-    vectorized: bool = False,
-    common: bool = False,
-    h: Any = None,
-    rtol: Any = None,
-    atol: Any = None,
-    max_step: Any = math.inf,
-    first_step: Any = None,
-    max_steps: Any = None,
-    t_eval: Any = None,
-    dense_output: Any = False,
-    events: Any = None,
-    breakpoints: Any = None,
-    stage_solver: str = "newton",
-    jac: Any = None,
-) -> Problem:
-    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
-    if not isinstance(frame, Frame):
-        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
-    check_stage_solver(stage_solver)
-    if h is None:
-        rtol = check_rtol(rtol)
+def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | None) -> Method:
+    """Return the method after checking that it suits ``f`` and the frame."""
     if isinstance(method, str) and method == AUTO:
-        method = choose_method(frame, rtol if h is None else None)
+        method = choose_method(frame, rtol)
     chosen = resolve_method(method)
     if isinstance(chosen, MagnusMethod) and not isinstance(f, _OF_TIME):
         raise ValueError(
@@ -244,26 +203,48 @@ def make_problem(
         )
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen)
+    return chosen
+
+
+def make_problem(
+    f: Any,
+    t_span: Any,
+    y0: ArrayLike,
+    *,
+    frame: Any,
+    options: StepOptions,
+    many: bool = False,
+    vectorized: bool = False,
+    common: bool = False,
+    stage_solver: str = DEFAULT_STAGE_SOLVER,
+    jac: Any = None,
+) -> Problem:
+    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
+    given, adaptive = complete_options(options), options.get("h") is None
+    if not isinstance(frame, Frame):
+        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
+    check_stage_solver(stage_solver)
+    if adaptive:
+        given["rtol"] = check_rtol(given["rtol"])
+    chosen = _choose_method(given["method"], f, frame, given["rtol"] if adaptive else None)
     plan = plan_of(frame, chosen)
-    points, numbers = check_points(plan, y0, parameters, many)
+    points, numbers = check_points(plan, y0, given["parameters"], many)
     plan.detect_coordinates(points[0])
-    rhs, extra = make_rhs(f, frame, args, numbers, vectorized, len(points))
+    rhs, extra = make_rhs(f, frame, given["args"], numbers, vectorized, len(points))
     start, stop = check_span(t_span)
     jacobian = None
     if jac is not None:
         jacobian = jacobian_of(jac, f, frame, chosen, rhs, start, points[0])
     if isinstance(chosen, MagnusMethod) and isinstance(rhs, CompiledRhs):
         _check_of_time(rhs, start, points[0])
-    stops = check_stops(breakpoints, start, stop)
-    control = make_control(
-        plan, h=h, rtol=rtol, atol=atol, max_step=max_step, first_step=first_step,
-        max_steps=max_steps, span=abs(stop - start), given=method,
-    )  # fmt: skip
+    stops = check_stops(given["breakpoints"], start, stop)
+    control = make_control(plan, given, abs(stop - start))
+    t_eval = given["t_eval"]
     problem = Problem(
-        plan, rhs, points, start, stops, control, events, extra,
+        plan, rhs, points, start, stops, control, given["events"], extra,
         None if t_eval is None else check_t_eval(t_eval, start, stop),
-        check_flag("dense_output", dense_output), stage_solver, common, jacobian,
+        check_flag("dense_output", given["dense_output"]), stage_solver, common, jacobian,
     )  # fmt: skip
-    if events is not None:
+    if problem.events is not None:
         problem.event_table()
     return problem

@@ -6,7 +6,7 @@ import copy
 import math
 import pickle
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,15 +15,17 @@ from scipy import LowLevelCallable
 from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_args, check_real_time, check_step, check_stops, is_many
-from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
-from cg.integration.loop.run import Output, Run
+from cg.integration.loop.failures import explain_failure
+from cg.integration.loop.record import Output
+from cg.integration.loop.run import Run
+from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.problem import make_problem, make_rhs
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import plan_of
-from cg.method.method import Method
+from cg.integration.stepper_state import get_state, set_state
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import Stop
 
@@ -95,6 +97,7 @@ class Stepper:
     True
     """
 
+    @expand_options
     def __init__(
         self,
         f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
@@ -103,19 +106,11 @@ class Stepper:
         t_bound: float = math.inf,
         *,
         frame: Frame,
-        method: str | Method = AUTO,
-        rtol: float | None = None,
-        atol: ArrayLike | None = None,
-        h: float | None = None,
-        max_step: float = math.inf,
-        first_step: float | None = None,
-        args: Iterable[Any] | None = None,
-        parameters: ArrayLike | None = None,
-        breakpoints: ArrayLike | None = None,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
         jac: Function | None = None,
         vectorized: bool = False,
         common_steps: bool = False,
+        **options: Unpack[StepOptions],
     ) -> None:
         start = check_real_time(t0, "t0", infinite=False)
         bound = check_real_time(t_bound, "t_bound")
@@ -125,11 +120,13 @@ class Stepper:
         many = is_many(frame, y0)
         if (vectorized or common) and not many:
             raise ValueError("vectorized and common_steps must be False for a single point")
+        given = complete_options(options, StepOptions)
+        h, first_step, breakpoints = given["h"], given["first_step"], given["breakpoints"]
+        given["first_step"] = None if h is None else first_step  # may be longer than the span below
+        given["breakpoints"] = None
         problem = make_problem(
-            f, (start, start + self.direction), y0, frame=frame, method=method, args=args,
-            parameters=parameters, many=many, vectorized=vectorized, common=common, h=h, rtol=rtol,
-            atol=atol, max_step=max_step, first_step=None if h is None else first_step,
-            stage_solver=stage_solver, jac=jac,
+            f, (start, start + self.direction), y0, frame=frame, options=given, many=many,
+            vectorized=vectorized, common=common, stage_solver=stage_solver, jac=jac,
         )  # fmt: skip
         self.f = f
         self.frame = frame
@@ -402,35 +399,10 @@ class Stepper:
         bad = np.flatnonzero((run.status != Stop.PAUSED) & (run.status != Stop.FINISHED))
         self.status = "failed"
         self.t = float(run.reached[bad[0]])
-        failure = run.failure(int(bad[0]))
+        failure = explain_failure(run, int(bad[0]))
         if isinstance(failure, Exception):
             raise failure
         return f"Failure: {failure}."
-
-    def _state(self) -> dict[str, Any]:
-        run = self._run
-        members, dim = run.members, self.frame.dim
-        reals, integers = np.empty((members, 9)), np.empty((members, 11), dtype=np.int64)
-        points = np.empty((members, 2, run.plan.width))
-        slopes = np.empty((members, 2 + run.kept, dim))
-        self._core.loop_state(
-            run.address, False, reals.T, integers.T, points.transpose(2, 1, 0),
-            slopes.transpose(2, 1, 0),
-        )  # fmt: skip
-        stages, jacobian = run.callbacks.stages, run.callbacks.jacobian
-        state = {
-            name: value
-            for name, value in vars(self).items()
-            if name not in ("_run", "_rhs", "_core", "_stops_are_set", "_target")
-        }
-        state["parameters"] = self._rhs.parameters
-        state["vectorized"] = self._rhs.vectorized
-        state["trajectories"] = reals, integers, points, slopes
-        state["counts"] = run.counts.copy(), run.status.copy(), run.flag.copy()
-        state["stages"] = None if stages is None else stages.state()
-        kept = {} if jacobian is None else jacobian.kept
-        state["matrices"] = {member: matrix for member, (matrix, *_) in kept.items()}
-        return state
 
     def __reduce__(self) -> tuple[Any, ...]:
         try:
@@ -440,40 +412,17 @@ class Stepper:
                 "f must be such that it can be pickled, a function of a module or a compiled one "
                 f"as cg.CompiledFunction(path, symbol), got {self.f!r}: {error}"
             ) from error
-        return _restored, (self._state(),)
+        return _restored, (get_state(self),)
 
     def __copy__(self) -> Stepper:
-        return _restored(self._state())
+        return _restored(get_state(self))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Stepper:
-        return _restored(copy.deepcopy(self._state(), memo))
+        return _restored(copy.deepcopy(get_state(self), memo))
 
 
 def _restored(state: dict[str, Any]) -> Stepper:
     """Return the stepper with a state."""
-    state = dict(state)
     stepper = object.__new__(Stepper)
-    numbers, vectorized = state.pop("parameters"), state.pop("vectorized")
-    reals, integers, points, slopes = state.pop("trajectories")
-    counts, status, flag = state.pop("counts")
-    stages, matrices = state.pop("stages"), state.pop("matrices")
-    vars(stepper).update(state)
-    members = len(reals)
-    stepper._rhs, _ = make_rhs(
-        stepper.f, stepper.frame, stepper._args or None, numbers, vectorized, members
-    )
-    t = stepper.t
-    plan = plan_of(stepper.frame, stepper.method)
-    rows = np.ascontiguousarray(points[:, 0])
-    stepper._run = run = stepper._make_run(t, plan.points(rows, (members,)))
-    if run.callbacks.jacobian is not None:
-        run.callbacks.jacobian.kept.update((k, [matrix]) for k, matrix in matrices.items())
-    stepper._core.loop_state(
-        run.address, True, reals.T, integers.T, points.transpose(2, 1, 0), slopes.transpose(2, 1, 0)
-    )
-    run.counts[...], run.status[...], run.flag[...] = counts, status, flag
-    run.reached[...] = t
-    if stages is not None and run.callbacks.stages is not None:
-        run.callbacks.stages.restore(stages)
-    stepper._stops_are_set = False
+    set_state(stepper, state)
     return stepper

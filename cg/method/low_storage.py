@@ -24,7 +24,8 @@ from typing import Any
 from ..structure.points import MethodError
 from .coefficients import MIN_ROUNDED_PLACES, Coefficient, read_coefficient, read_sequence
 from .commutator_free import CommutatorFree
-from .method import TOLERANCE_FACTOR, Method
+from .method import Method
+from .tolerance import TOLERANCE_FACTOR
 
 __all__ = ["from_two_registers", "two_registers"]
 

@@ -21,7 +21,8 @@ from ..conditions.linear import (
 from ..structure.layout import Layout
 from ..structure.points import START, MethodError, Point, PointTree
 from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
-from .method import TOLERANCE_FACTOR, Method
+from .method import Method
+from .tolerance import TOLERANCE_FACTOR
 
 __all__ = ["MagnusMethod"]
 

@@ -21,20 +21,15 @@ from ..support.checks import check_flag, check_integer
 from ..support.parsing import visible
 from .coefficients import Coefficient
 from .outputs import Outputs
+from .tolerance import satisfies, to_floats, tolerance
 
-__all__ = ["TOLERANCE_FACTOR", "Method", "cached"]
+__all__ = ["Method", "cached"]
 
 Result = TypeVar("Result")
 
 ExactTableau = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]
 
-TOLERANCE_FACTOR = 2
-"""Factor on the first-order effect of rounded coefficients, in the tolerance of residuals."""
-
-_DOUBLE_ROUNDING = 2.0**-40  # safe bound of relative rounding errors of weights in double
 _MAX_SHOWN = 200  # coefficients of a method whose repr computes the order: half a second
-_MIN_UNIT = float(np.finfo(np.float64).tiny)
-_PROBE = 2.0**-20  # step of the difference quotient in `_tolerance_bound`
 
 
 class Method(Outputs, ABC):
@@ -357,52 +352,7 @@ class Method(Outputs, ABC):
         The tolerance is that of `exact_order`.
         """
         order = check_integer("order", order, 1)
-        layout, x = self.layout, self._floats
-        rough = np.abs(conditions.residuals_at(layout, x, order, independent=True))
-        sizes = conditions.weights_at(layout, np.abs(x), order, independent=True)
-        rounding = _DOUBLE_ROUNDING * (1 + sizes)
-        if (rough > self._tolerance_bound(order, sizes) + rounding).any():
-            return False  # rejected without derivatives
-        tolerance = self.tolerance(order)
-        if not np.isfinite(tolerance).all():
-            return False
-        if (rough > tolerance + rounding).any():
-            return False  # rejected without exact arithmetic
-        if (tolerance > 0).all():
-            balls = conditions.ball_residuals_of(self.tree, order, independent=True)
-            pairs = [(abs(r), float(t)) for r, t in zip(balls, tolerance, strict=True)]
-            if all(r <= t for r, t in pairs) or any(r > t for r, t in pairs):
-                return all(r <= t for r, t in pairs)
-        residuals = conditions.exact_residuals_of(self.tree, order, independent=True)
-        return all(abs(r) <= Fraction(t) for r, t in zip(residuals, tolerance, strict=True))
-
-    @property
-    def _floats(self) -> NDArray[np.float64]:
-        return np.array([float(coefficient.value) for coefficient in self.coefficients])
-
-    def _tolerance_bound(self, order: int, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return an upper bound of `tolerance` that needs no derivatives.
-
-        As functions of the absolute values of the coefficients, weights have nonnegative Taylor
-        coefficients. So a forward difference quotient bounds the directional derivative, and this
-        bounds the derivative at the coefficients themselves.
-        """
-        units = self._units
-        if not units.any():
-            return np.zeros_like(sizes)
-        x = np.abs(self._floats) + units * (_PROBE / units.max())
-        wide = conditions.weights_at(self.layout, x, order, independent=True)
-        # huge coefficients overflow; infinite and NaN bounds decide nothing
-        with np.errstate(over="ignore", invalid="ignore"):
-            quotient: NDArray[np.float64] = (wide - sizes + _DOUBLE_ROUNDING * wide) / _PROBE
-            quotient *= 2 * TOLERANCE_FACTOR * units.max()
-        return quotient
-
-    @property
-    def _units(self) -> NDArray[np.float64]:
-        # units below the smallest double must not become zero
-        units = [coefficient.unit for coefficient in self.coefficients]
-        return np.array([max(float(unit), _MIN_UNIT) if unit else 0.0 for unit in units])
+        return satisfies(self.tree, self.layout, self.coefficients, order)
 
     def tolerance(self, order: int) -> NDArray[np.float64]:
         """Return the largest residuals that rounded coefficients may cause.
@@ -416,17 +366,14 @@ class Method(Outputs, ABC):
         ndarray, shape (conditions.count(order, independent=True),)
             See `exact_order`; zeros for rational coefficients.
         """
-        units = self._units
-        if not units.any():
-            return np.zeros(conditions.count(order, independent=True))
-        jacobian = conditions.jacobian_at(self.layout, self._floats, order, independent=True)
-        tolerance: NDArray[np.float64] = TOLERANCE_FACTOR * (np.abs(jacobian) @ units)
-        return tolerance
+        return tolerance(self.layout, self.coefficients, order)
 
     def _check_nominal_order(self, error: type[MethodError]) -> None:
         assert self.nominal_residual is not None
         try:
-            residuals = conditions.residuals_at(self.layout, self._floats, self.order)
+            residuals = conditions.residuals_at(
+                self.layout, to_floats(self.coefficients), self.order
+            )
         except (TypeError, ValueError) as problem:
             raise error(f"nominal_order: {problem}") from None
         largest = float(np.abs(residuals).max())

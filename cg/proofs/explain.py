@@ -7,19 +7,17 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from fractions import Fraction
 from functools import partial
 from itertools import combinations
-from typing import Protocol
-
-from flint import arb
 
 from ..structure.layout import Layout, Rows
 from ..support.parsing import read_fraction
 from .dependent.composition import MidpointSteps
-from .dependent.flat_rows import FlatRows
+from .dependent.flat_tableau import FlatTableau
 from .dependent.identities import MiddleAbscissae, StageOrderTwo
-from .dependent.orthogonality import Condition, ResidualRelation, conditions_of
-from .dependent.path import Path
+from .dependent.orthogonality import Condition, conditions_of
+from .dependent.path import PathStructure
 from .dependent.registers import TwoRegisters
 from .dependent.relations import Identity, kept_words
+from .dependent.structure import MethodStructure
 from .dependent.time_symmetry import TimeSymmetry
 from .dependent.words import parse, text
 from .systems import Equation, EquationSystem, condition, nearly_satisfied
@@ -27,7 +25,7 @@ from .systems import Equation, EquationSystem, condition, nearly_satisfied
 __all__ = [
     "MAX_SMALL",
     "STRUCTURES",
-    "Structure",
+    "MethodStructure",
     "augmented_system",
     "find_identities",
     "names_of_left_out",
@@ -44,32 +42,15 @@ _SMALL_ONLY = "only small, below"
 MAX_SMALL = Fraction(1, 10**40)
 """Larger bounds don't tell conditions that hold from coefficients that are rounded."""
 
-STRUCTURES: dict[str, Callable[..., Structure]] = {
-    "flat tableau": FlatRows,
-    "flat tableau in Q(√21)": partial(FlatRows, root=21),
+STRUCTURES: dict[str, Callable[..., MethodStructure]] = {
+    "flat tableau": FlatTableau,
+    "flat tableau in Q(√21)": partial(FlatTableau, root=21),
     "two registers": TwoRegisters,
     "time symmetry": TimeSymmetry,
-    "path": Path,
-    "path of order two": partial(Path, infinite=True),
+    "path": PathStructure,
+    "path of order two": partial(PathStructure, infinite=True),
 }
 """Structures by their names in certificates."""
-
-
-class Structure(Protocol):
-    """A property of a method by which conditions depend on others, beside orthogonality."""
-
-    @property
-    def assumed(self) -> tuple[Condition, ...]:
-        """Conditions that the relations assume; they can't be left out."""
-
-    def satisfied(self) -> bool:
-        """Return whether the method has it, as far as its digits can tell."""
-
-    def equations(self) -> list[Equation]:
-        """Return the equations that define it."""
-
-    def relations(self, y: Sequence[arb]) -> Iterator[ResidualRelation]:
-        """Yield combinations of residuals that are zero then, for coefficients in the balls y."""
 
 
 def read_identity(name: str) -> Identity:

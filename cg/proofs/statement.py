@@ -20,7 +20,7 @@ from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Condition
 from .explain import (
     STRUCTURES,
-    Structure,
+    MethodStructure,
     augmented_system,
     read_identity,
     read_left_out,
@@ -139,7 +139,7 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
         raise CertificationError(str(error)) from None
 
 
-def structure_of(packed: Packed, certificate: Certificate, name: str) -> Structure | None:
+def structure_of(packed: Packed, certificate: Certificate, name: str) -> MethodStructure | None:
     """Return the structure of a method; CertificationError if it hasn't that one."""
     if not name:
         return None

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from flint import arb, arb_mat
 
-from ..method.method import TOLERANCE_FACTOR
+from ..method.tolerance import TOLERANCE_FACTOR
 from ..support.balls import to_ball
 from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Condition, follow

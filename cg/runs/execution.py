@@ -171,10 +171,8 @@ def completed(
                     suspects += chunk
                     reason = died
                     continue
-                if results:
-                    pieces = sum(max(1, len(finished.chunk)) for finished in results)
-                    seconds = sum(finished.seconds for finished in results)
-                    queue.learn(pieces, seconds / len(results))
+                for finished in results:
+                    queue.learn(max(1, len(finished.chunk)), finished.seconds)
                 yield from results
                 if error is not None:
                     raise error

@@ -47,18 +47,18 @@ def changed(method, k, value):
     "name", ["CG2(3)", "CG3", "CG4", "CG4(3)", "CG5a", "CF3", "CF4b", "CF5(4)", "DICG4"]
 )
 def test_catalogue_methods_have_no_mistake(name):
-    found = cg.diagnose(cg.methods[name])
-    assert found.mistakes == ()
-    assert found.findings == ()
-    assert found.order == found.flat_order == cg.methods[name].order
-    assert found.embedded_order == cg.methods[name].embedded_order
-    assert found.failing.order == found.order + 1
-    assert "no known mistake recognised" in str(found)
+    diagnosis = cg.diagnose(cg.methods[name])
+    assert diagnosis.mistakes == ()
+    assert diagnosis.findings == ()
+    assert diagnosis.order == diagnosis.flat_order == cg.methods[name].order
+    assert diagnosis.embedded_order == cg.methods[name].embedded_order
+    assert diagnosis.failing.order == diagnosis.order + 1
+    assert "no known mistake recognised" in str(diagnosis)
 
 
 def test_unknown_method_has_no_mistake():
-    found = cg.diagnose(cg.Tableau([[], ["3/7"], ["2/11", "5/13"]], ["1/3", "2/9", "1/5"]))
-    assert (found.order, found.findings) == (0, ())
+    diagnosis = cg.diagnose(cg.Tableau([[], ["3/7"], ["2/11", "5/13"]], ["1/3", "2/9", "1/5"]))
+    assert (diagnosis.order, diagnosis.findings) == (0, ())
 
 
 @pytest.mark.parametrize("name", ["CG4a", "CG3", "CG5a"])
@@ -84,17 +84,17 @@ def test_reversed_flows(name):
             last = len(points) - 1
         ends[end] = last
     planted = cg.CommutatorFree(points, [ends[m] for m in method.stage_points], ends[method.result])
-    found = cg.diagnose(planted)
-    assert "reversed" in {f.kind for f in found.mistakes}
-    assert found.order < method.order
-    assert any(f"of order {method.order}" in f.message for f in found.mistakes)
+    diagnosis = cg.diagnose(planted)
+    assert "reversed" in {f.kind for f in diagnosis.mistakes}
+    assert diagnosis.order < method.order
+    assert any(f"of order {method.order}" in f.message for f in diagnosis.mistakes)
 
 
 def test_misprint_of_cg4a():
     planted = changed(CG4A, CG4A.layout.names.index("a_5,4"), SLIP)
-    found = cg.diagnose(planted)
-    assert [f.kind for f in found.mistakes] == ["slip"]
-    assert found.order < 4
+    diagnosis = cg.diagnose(planted)
+    assert [f.kind for f in diagnosis.mistakes] == ["slip"]
+    assert diagnosis.order < 4
     double = changed(planted, 0, CG4A.a[1, 0])
     assert kinds(double) == {"slip"}
     # from doubles it is no other method, and this wrong digit is a different mistake
@@ -121,9 +121,9 @@ def test_different_coefficients_are_not_changed():
 
 def test_catalogue_coefficients_are_recognised():
     a, b = texts(CG4A)
-    found = cg.diagnose(cg.Tableau(a, b, name="mine"))
-    assert [f.message for f in found.findings] == ["its coefficients are those of CG4a"]
-    assert found.mistakes == ()
+    diagnosis = cg.diagnose(cg.Tableau(a, b, name="mine"))
+    assert [f.message for f in diagnosis.findings] == ["its coefficients are those of CG4a"]
+    assert diagnosis.mistakes == ()
 
 
 @pytest.mark.parametrize("places", [5, 7, 9])
@@ -155,11 +155,11 @@ def test_short_exact_decimals_are_no_mistake():
 
 def test_transposed_a():
     a, b = cg.methods["CG3"].exact
-    found = cg.diagnose(cg.Tableau(list(zip(*a, strict=True)), b))
-    (finding,) = found.mistakes
+    diagnosis = cg.diagnose(cg.Tableau(list(zip(*a, strict=True)), b))
+    (finding,) = diagnosis.mistakes
     assert finding.kind == "transposed"
     assert "the transpose is CG3, explicit, of order 3" in finding.message
-    assert found.order < 3
+    assert diagnosis.order < 3
     assert kinds("DICG4") == set()
 
 
@@ -168,9 +168,9 @@ def test_transposed_a():
     [(CLASSICAL, 2, 4), (munthe_kaas["RKMK5(4)"].tableau, 2, 5)],
 )
 def test_unlifted_classical_method(tableau, on_manifolds, flat):
-    found = cg.diagnose(tableau)
-    assert (found.order, found.flat_order) == (on_manifolds, flat)
-    assert [f.kind for f in found.mistakes] == ["flat"]
+    diagnosis = cg.diagnose(tableau)
+    assert (diagnosis.order, diagnosis.flat_order) == (on_manifolds, flat)
+    assert [f.kind for f in diagnosis.mistakes] == ["flat"]
     assert cg.diagnose(cg.MuntheKaas(tableau)).mistakes == ()
 
 
@@ -195,9 +195,9 @@ def test_equal_second_weights(tmp_path):
     file = tmp_path / "mine.toml"
     lines = [f"a = {json.dumps(a)}", f"b = {json.dumps(b)}", f"b_embedded = {json.dumps(b)}"]
     file.write_text("\n".join(lines))
-    found = diagnose_file(file)
-    assert (found.order, found.method.name) == (4, "mine")
-    assert [f.kind for f in found.mistakes] == ["equal weights"]
+    diagnosis = diagnose_file(file)
+    assert (diagnosis.order, diagnosis.method.name) == (4, "mine")
+    assert [f.kind for f in diagnosis.mistakes] == ["equal weights"]
 
 
 def test_file_without_weights(tmp_path):
@@ -229,8 +229,8 @@ def test_files_with_abscissae(tmp_path):
 def test_munthe_kaas():
     (finding,) = cg.diagnose(changed(munthe_kaas["RKMK5(4)"], 3, "1/7")).mistakes
     assert finding.message.startswith("it differs from RKMK5(4) in a_4,1 only: 1/7 here, ")
-    found = cg.diagnose("RKMK4")
-    assert (found.order, found.mistakes, found.failing.order) == (4, (), 5)
+    diagnosis = cg.diagnose("RKMK4")
+    assert (diagnosis.order, diagnosis.mistakes, diagnosis.failing.order) == (4, (), 5)
 
 
 def test_first_violated_condition():
@@ -249,9 +249,9 @@ def test_first_violated_condition():
 
 def test_implicit_and_approximate_methods():
     assert cg.diagnose("ImplicitMidpoint").order == 2
-    found = cg.diagnose("CG6a")
-    assert found.mistakes == ()
-    assert "nominal order: 6" in str(found)
+    diagnosis = cg.diagnose("CG6a")
+    assert diagnosis.mistakes == ()
+    assert "nominal order: 6" in str(diagnosis)
 
 
 def test_drawings():
@@ -268,21 +268,21 @@ def test_drawings():
 @pytest.mark.parametrize("small", ["1e-300", "1e-310", "1e-320", "1e-400", "1e-9999"])
 @pytest.mark.parametrize("other", ["1", "1.000000000000000000000000000000001"])
 def test_tiny_entries_within_their_last_place(small, other):
-    found = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, other]))
-    assert found.order == 2
-    assert found.failing.order == 3
+    diagnosis = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, other]))
+    assert diagnosis.order == 2
+    assert diagnosis.failing.order == 3
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("exponent", [100, 200, 300, 400, 4000])
 def test_tiny_rational_errors_count(exponent):
     small = Fraction(1, 10**exponent)
-    found = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, 1 - 2 * small]))
-    assert (found.order, found.failing.order) == (0, 1)
-    assert found.failing.residual == -float(small)
-    assert found.failing.failing == found.failing.of == 1
-    said = f"-1e-{exponent}" if exponent < 330 else "less than a double can tell"
-    assert f"off by {said}" in str(found)
+    diagnosis = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, 1 - 2 * small]))
+    assert (diagnosis.order, diagnosis.failing.order) == (0, 1)
+    assert diagnosis.failing.residual == -float(small)
+    assert diagnosis.failing.failing == diagnosis.failing.of == 1
+    size = f"-1e-{exponent}" if exponent < 330 else "less than a double can tell"
+    assert f"off by {size}" in str(diagnosis)
     second = cg.diagnose(cg.Tableau([[], [Fraction(1, 2) + small]], [0, 1]))
     assert (second.order, second.failing.order, second.failing.failing) == (1, 2, 1)
 

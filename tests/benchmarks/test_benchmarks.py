@@ -32,8 +32,8 @@ def test_numpy_residual_agrees_with_the_exact_residual(order, stages):
     x = np.random.default_rng(1).uniform(-1, 1, conditions.unknowns(stages))
     rows, weights = conditions.unpack(x, stages)
     exact = conditions.residuals_exact(rows, weights, order, independent=True)
-    found = NumpyResidual(order, stages)(x)
-    np.testing.assert_allclose(found, np.array(exact, dtype=float), rtol=0, atol=1e-12)
+    actual = NumpyResidual(order, stages)(x)
+    np.testing.assert_allclose(actual, np.array(exact, dtype=float), rtol=0, atol=1e-12)
 
 
 def test_jacobian_for_leastsq_agrees_with_differences():
@@ -53,9 +53,9 @@ def test_projected_dop853_solves_all_cases(projected):
     from benchmarks.cases import cases
     from benchmarks.projected import integrate
 
-    found = cases()
-    assert len(found) == 10
-    for case in found:
+    actual = cases()
+    assert len(actual) == 10
+    for case in actual:
         points, evaluations = integrate(
             case.f, case.end, case.y0, case.frame, 1e-11, projected=projected
         )

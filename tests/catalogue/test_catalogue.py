@@ -46,8 +46,8 @@ def test_methods_of_the_literature_are_included():
     assert set(methods) >= set(KNOWN)
     for name, (order, stages, exponentials) in KNOWN.items():
         method = methods[name]
-        found = (method.name, method.order, method.stages, method.exponentials)
-        assert found == (name, order, stages, exponentials)
+        actual = (method.name, method.order, method.stages, method.exponentials)
+        assert actual == (name, order, stages, exponentials)
         assert method.explicit
 
 
@@ -174,21 +174,21 @@ class TestFiles:
     def test_round_trip(self, tableau, name, source, pair):
         second = tableau[1] if not pair else [*tableau[1][:-1], "4711/10"]
         method = Tableau(*tableau, name=name, source=source, b_embedded=second if pair else None)
-        found = loads(dumps(method))
-        assert found == method
-        assert (found.name, found.source) == (name, source)
-        assert found.entries == method.entries
-        assert found.weights == method.weights
-        assert found.embedded_weights == method.embedded_weights
+        loaded = loads(dumps(method))
+        assert loaded == method
+        assert (loaded.name, loaded.source) == (name, source)
+        assert loaded.entries == method.entries
+        assert loaded.weights == method.weights
+        assert loaded.embedded_weights == method.embedded_weights
 
     @pytest.mark.parametrize("name", methods)
     def test_catalogue_round_trip(self, name, tmp_path):
         path = tmp_path / "method.toml"
         save(methods[name], path)
-        found = load(path)
-        assert found == methods[name]
-        assert dumps(found) == dumps(methods[name])
-        assert (found.order, found.approximate) == (methods[name].order, name == "CG6a")
+        loaded = load(path)
+        assert loaded == methods[name]
+        assert dumps(loaded) == dumps(methods[name])
+        assert (loaded.order, loaded.approximate) == (methods[name].order, name == "CG6a")
 
     def test_bare_numbers_keep_their_digits(self):
         text = ENTRY.replace('"1/2"', "0.123456789012345678901234567890123456")
@@ -236,11 +236,11 @@ TOOL = Path(__file__).parents[2] / "research" / "make_explicit_methods.py"
 def test_recipes_reproduce_explicit_methods(tmp_path):
     command = [sys.executable, str(TOOL), str(tmp_path), "CG3(2)"]
     subprocess.run(command, check=True, capture_output=True)
-    found, kept = load(tmp_path / "CG3(2).toml"), methods["CG3(2)"]
-    assert (found.order, found.embedded_order) == (3, 2)
+    actual, expected = load(tmp_path / "CG3(2).toml"), methods["CG3(2)"]
+    assert (actual.order, actual.embedded_order) == (3, 2)
     # optimisation stops within 1e-4 of the least sum of squares, so coefficients within its root
-    np.testing.assert_allclose(found.principal_error, kept.principal_error, rtol=1e-4)
-    np.testing.assert_allclose(found.a, kept.a, atol=1e-2)
+    np.testing.assert_allclose(actual.principal_error, expected.principal_error, rtol=1e-4)
+    np.testing.assert_allclose(actual.a, expected.a, atol=1e-2)
 
 
 def test_unknown_recipe(tmp_path):

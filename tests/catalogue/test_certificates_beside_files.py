@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -34,15 +35,21 @@ def proof(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return path
 
 
+def certificate_line(run: Run, file: Path) -> str:
+    """Return what ``show`` writes about the certificate."""
+    (line,) = re.findall("^  certificate +(.*)$", run("show", str(file))[1], re.MULTILINE)
+    return str(line)
+
+
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
 def test_show_and_export_find_it(suffix: str, proof: Path, run: Run, tmp_path: Path) -> None:
     file = tmp_path / f"mine{suffix}"
     save(METHOD, file)
     assert str(certify(METHOD)) in run("show", str(file))[1]
     assert json.loads(run("show", str(file), "--json")[1])["certificate"] == str(certify(METHOD))
-    code, shown, _ = run("export", str(file), "json", "--digits", "60")
+    code, output, _ = run("export", str(file), "json", "--digits", "60")
     assert code == 0
-    residuals = cg.conditions.exact_residuals_of(loads(shown), 3)
+    residuals = cg.conditions.exact_residuals_of(loads(output), 3)
     assert max(map(abs, residuals)) < 1e-58
     assert proof.is_file()
 
@@ -50,20 +57,33 @@ def test_show_and_export_find_it(suffix: str, proof: Path, run: Run, tmp_path: P
 def test_certificate_is_proved_again(proof: Path, run: Run, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     save(METHOD, file)
-
-    def told() -> str:
-        (line,) = re.findall("^  certificate +(.*)$", run("show", str(file))[1], re.MULTILINE)
-        return str(line)
-
     text = proof.read_text(encoding="utf-8")
     proof.write_text(text.replace("order = 3", "order = 4", 1), encoding="utf-8")
-    assert told().startswith("proves nothing: ")
+    assert certificate_line(run, file).startswith("proves nothing: ")
     assert run("export", str(file), "json", "--digits", "60")[0] == 2
     assert run("export", str(file), "json", "--digits", "20")[0] == 0
     proof.write_text("nothing", encoding="utf-8")
-    assert told().startswith(f"proves nothing: {proof}: not a TOML file")
+    assert certificate_line(run, file).startswith(f"proves nothing: {proof}: not a TOML file")
     assert str(proof) in run("export", str(file), "json", "--digits", "60")[2]
     proof.write_bytes(b"\xff")
-    assert told().startswith(f"proves nothing: {proof}: not UTF-8")
+    assert certificate_line(run, file).startswith(f"proves nothing: {proof}: not UTF-8")
     proof.unlink()
-    assert told() == "none"
+    assert certificate_line(run, file) == "none"
+
+
+def test_certificate_of_other_coefficients(proof: Path, run: Run, tmp_path: Path) -> None:
+    assert proof.is_file()
+    file = tmp_path / "mine.toml"
+    save(cg.Tableau([[], ["1/3"]], [0, 1], name="Mine"), file)
+    assert certificate_line(run, file).startswith("proves nothing: ")
+
+
+def test_certificate_with_another_radius(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "CG4a.toml"
+    save(cg.methods["CG4a"], file)
+    certificate = certify("CG4a")
+    path = tmp_path / "CG4a.certificate.toml"
+    certificate.save(path)
+    assert certificate_line(run, file) == str(certificate)
+    replace(certificate, radius="1e-60").save(path)
+    assert certificate_line(run, file).startswith("proves nothing: ")

@@ -145,8 +145,8 @@ class TestCatalogue:
     @pytest.mark.parametrize("name", KNOWN)
     def test_measured_order(self, problem, name):
         order = KNOWN[name][0]
-        found = slope(problem, methods[name], STEPS[order])
-        assert found.order == pytest.approx(order, abs=0.15)
+        measured = slope(problem, methods[name], STEPS[order])
+        assert measured.order == pytest.approx(order, abs=0.15)
 
     @pytest.mark.parametrize("name", ["DICG3", "DICG4", "DICG4b"])
     def test_reversed_rows_lose_the_order(self, problem, name):
@@ -169,11 +169,11 @@ class TestCatalogue:
             [outer, inner / 2, Cubic.of(0)],
             [outer, inner, outer / 2],
         ]
-        trees, wanted = forest(5), conditions.condition_trees(4)
-        found = conditions.exact_weights(
-            tree_of_rows(a, b), 4, wanted, lambda v: v if isinstance(v, Cubic) else Cubic.of(v)
+        trees, expected = forest(5), conditions.condition_trees(4)
+        weights = conditions.exact_weights(
+            tree_of_rows(a, b), 4, expected, lambda v: v if isinstance(v, Cubic) else Cubic.of(v)
         )
-        for tree, weight in zip(wanted, found, strict=True):
+        for tree, weight in zip(expected, weights, strict=True):
             assert weight == Fraction(1, trees.density[tree - 1])
         root = 2 ** (1 / 3)
         number = sum(float(part) * root**k for k, part in enumerate(outer.parts))
@@ -231,11 +231,13 @@ class TestSelfAdjoint:
             cubes = sum(entry**3 for entry in b) / 12
             first = sum(x * m * d for x, m, d in zip(b, middles, off, strict=True)) - cubes
             second = sum(x * d * d for x, d in zip(b, off, strict=True)) + cubes
-            found = dict(zip(conditions.condition_trees(3), residuals_exact(a, b, 3), strict=True))
-            assert all(found[tree] == 0 for tree in conditions.condition_trees(2))
+            by_tree = dict(
+                zip(conditions.condition_trees(3), residuals_exact(a, b, 3), strict=True)
+            )
+            assert all(by_tree[tree] == 0 for tree in conditions.condition_trees(2))
             for tree in conditions.condition_trees(3)[count(2) :]:
                 coefficients = EQUATIONS[forest(4).children[tree - 1]]
-                assert found[tree] == coefficients[0] * first + coefficients[1] * second
+                assert by_tree[tree] == coefficients[0] * first + coefficients[1] * second
 
     def test_the_adjoint_on_the_path_is_on_it(self):
         b = [0.3, -0.2, 0.9]
@@ -329,12 +331,12 @@ class TestDampedPair:
     @pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
     def test_it_damps_within_the_tolerance(self, damping, tolerance):
         f, y0, exact = pulled(damping)
-        found = cg.solve_ivp(
+        solution = cg.solve_ivp(
             f, (0, 1), y0, frame=PULLED, method="DICG3(2)", rtol=tolerance, atol=tolerance
         )
-        assert PULLED.distance(found.y[-1], exact) < tolerance
+        assert PULLED.distance(solution.y[-1], exact) < tolerance
         # An explicit method takes more than damping / 5 of them.
-        assert len(found.t) < 200
+        assert len(solution.t) < 200
 
     def test_large_steps_damp_too_but_not_those_of_self_adjoint_methods(self):
         f, y0, exact = pulled(1e4)
@@ -369,17 +371,17 @@ class TestFewStages:
         c = [(b[0] / 2 - Fraction(1, 6)) / b[0], (b[1] / 2 + Fraction(1, 6)) / b[1]]
         a = [[c[0], 0], [0, c[1]]]
         trees = forest(4)
-        found = {
+        by_word = {
             trees.children[tree - 1]: residual
             for tree, residual in zip(
                 conditions.condition_trees(3), residuals_exact(a, b, 3), strict=True
             )
         }
         miss = 1 / (36 * b[0] * b[1]) - Fraction(1, 12)
-        assert found[(1,)] == found[(2,)] == found[(1, 2)] == 0
+        assert by_word[(1,)] == by_word[(2,)] == by_word[(1, 2)] == 0
         (square,) = [
             value
-            for word, value in found.items()
+            for word, value in by_word.items()
             if len(word) == 1 and trees.children[word[0] - 1] == (1, 1)
         ]
         assert square == miss / 2  # Φ([τ, τ]) is c^2 / 2
@@ -387,15 +389,15 @@ class TestFewStages:
 
     @pytest.mark.parametrize("rows", ["diagonal", "full"])
     def test_a_search_with_two_stages_finds_none(self, rows):
-        found = search(3, 2, 40, seed=1, rows=rows)
-        assert found.methods == ()
-        assert found.best.double.f == pytest.approx(6.438886501e-05, rel=1e-6)
+        result = search(3, 2, 40, seed=1, rows=rows)
+        assert result.methods == ()
+        assert result.best.double.f == pytest.approx(6.438886501e-05, rel=1e-6)
 
     def test_gauss_has_order_two(self):
         root = np.sqrt(3) / 6
         a = [[0.25, 0.25 - root], [0.25 + root, 0.25]]
         b = [0.5, 0.5]
-        found = residuals(a, b, 3)
-        assert np.abs(found[: count(2)]).max() < 1e-15
+        values = residuals(a, b, 3)
+        assert np.abs(values[: count(2)]).max() < 1e-15
         # of the conditions that also hold where flows commute none is missed
-        assert np.abs(found).max() == pytest.approx((2 - np.sqrt(3)) / 24, rel=1e-12)
+        assert np.abs(values).max() == pytest.approx((2 - np.sqrt(3)) / 24, rel=1e-12)

@@ -1,16 +1,13 @@
 """Files of methods and of their certificates."""
 
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import cg
-from cg.command import main
 from cg.proofs import CertificationError, check
-from cg.proofs.files import certificate_beside
 from cg.structure.points import MethodError
 
 pytestmark = pytest.mark.no_core
@@ -26,12 +23,12 @@ class TestFiles:
         path = tmp_path / f"method{suffix}"
         method.save(path)
         assert path.read_text(encoding="utf-8").startswith("{" if suffix == ".json" else "name")
-        found = type(method).load(path)
-        assert found == method
-        assert type(found) is type(method)
-        assert [c.text for c in found.coefficients] == [c.text for c in method.coefficients]
-        assert (found.name, found.source) == (method.name, method.source)
-        assert found.nominal_order == method.nominal_order
+        loaded = type(method).load(path)
+        assert loaded == method
+        assert type(loaded) is type(method)
+        assert [c.text for c in loaded.coefficients] == [c.text for c in method.coefficients]
+        assert (loaded.name, loaded.source) == (method.name, method.source)
+        assert loaded.nominal_order == method.nominal_order
         assert cg.Method.load(str(path)) == method
 
     def test_load_refuses_another_class(self, tmp_path):
@@ -124,8 +121,8 @@ class TestNotebooks:
         assert html.count("<tr>") == 7
         assert "1/4 F<sub>1</sub> + 1/6 F<sub>2</sub>" in html
         formula = cg.methods["CF3"]._repr_latex_()
-        wanted = r"y_{3} &= \exp\bigl(h(-\frac{1}{12}\,F_{1}+\frac{3}{4}\,F_{3})\bigr)\,y_{1}"
-        assert wanted in formula
+        expected = r"y_{3} &= \exp\bigl(h(-\frac{1}{12}\,F_{1}+\frac{3}{4}\,F_{3})\bigr)\,y_{1}"
+        assert expected in formula
 
     def test_names_are_escaped(self):
         method = cg.Tableau([[]], [1], name="<b>&", source="<i>")
@@ -149,45 +146,6 @@ def test_repr():
     assert repr(large) == "<Tableau without name: 30 evaluations, 59 flows>"
     assert large.description(complete=True).startswith("order ")
     assert repr(large).startswith("<Tableau without name: order ")
-
-
-class TestCertificatesBesideFiles:
-    """``show`` proves them again."""
-
-    def shown(self, folder, capsys):
-        assert main(["show", str(folder / "mine.toml")]) == 0
-        (line,) = re.findall("^  certificate +(.*)$", capsys.readouterr().out, re.MULTILINE)
-        return line
-
-    def test_valid_certificate(self, tmp_path, capsys):
-        MIDPOINT.save(tmp_path)
-        assert self.shown(tmp_path, capsys) == "none"
-        cg.certify(MIDPOINT).save(tmp_path / "mine.certificate.toml")
-        assert self.shown(tmp_path, capsys).startswith("mine: order 2 by its rational coefficients")
-
-    def test_certificate_of_other_coefficients(self, tmp_path, capsys):
-        cg.certify(MIDPOINT).save(tmp_path / "mine.certificate.toml")
-        cg.Tableau([[], ["1/3"]], [0, 1], name="mine").save(tmp_path)
-        assert self.shown(tmp_path, capsys).startswith("proves nothing: ")
-
-    def test_changed_radius(self, tmp_path, capsys):
-        method = cg.methods["CG4a"]
-        cg.Tableau(*texts(method), name="mine", source="x").save(tmp_path)
-        proof = replace(cg.certify("CG4a"), name="mine", radius="1e-60")
-        proof.save(tmp_path / "mine.certificate.toml")
-        assert self.shown(tmp_path, capsys).startswith("proves nothing: ")
-
-    def test_binary_file(self, tmp_path):
-        MIDPOINT.save(tmp_path)
-        (tmp_path / "mine.certificate.toml").write_bytes(b"\xff\xfe")
-        with pytest.raises(CertificationError, match=r"mine\.certificate\.toml: not UTF-8"):
-            certificate_beside(tmp_path / "mine.toml", MIDPOINT)
-
-
-def texts(method):
-    coefficients = iter(method.coefficients)
-    a = [[next(coefficients).text for _ in range(i)] for i in range(method.stages)]
-    return a, [next(coefficients).text for _ in range(method.stages)]
 
 
 def test_certificate_of_a_munthe_kaas_method_is_refused():

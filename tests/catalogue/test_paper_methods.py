@@ -21,8 +21,8 @@ def dot(u, v):
 
 class TestPublishedCoefficients:
     def test_all_coefficients_are_printed(self):
-        found = {name: (len(p.a), len(p.b), len(p.c)) for name, p in printed().items()}
-        assert found == {"CG4a": (5, 5, 5), "CG5a": (9, 9, 9), "CG6a": (16, 16, 16)}
+        values = {name: (len(p.a), len(p.b), len(p.c)) for name, p in printed().items()}
+        assert values == {"CG4a": (5, 5, 5), "CG5a": (9, 9, 9), "CG6a": (16, 16, 16)}
         for name, count in (("CG4a", 15), ("CG5a", 45), ("CG6a", 136)):
             assert [len(row) for row in printed()[name].a] == list(range(len(printed()[name].a)))
             labels = [label for label, _ in printed()[name].labelled()]
@@ -145,8 +145,8 @@ def test_cg4_is_its_closed_form():
     a, b = methods["CG4"].exact
     for (i, j), value in expected.items():
         assert abs(a[i - 1][j - 1] - Fraction(value)) < Fraction(1, 10**35)
-    for found, value in zip(b, weights, strict=True):
-        assert abs(found - Fraction(value)) < Fraction(1, 10**35)
+    for entry, value in zip(b, weights, strict=True):
+        assert abs(entry - Fraction(value)) < Fraction(1, 10**35)
     for row, value in zip(a, abscissae, strict=True):
         assert abs(sum(row) - Fraction(value)) < Fraction(1, 10**34)
 

@@ -23,19 +23,19 @@ def test_wider_flows_are_the_same_method(tool):
     wide = tool.widened(lifted)
     assert wide.system.size > lifted.system.size
     assert wide.principal_error == pytest.approx(lifted.principal_error, rel=1e-12)
-    kept = tool.cleaned(wide)
-    assert kept.system == lifted.system
-    np.testing.assert_allclose(kept.x, lifted.x, rtol=0, atol=1e-13)
+    cleaned = tool.cleaned(wide)
+    assert cleaned.system == lifted.system
+    np.testing.assert_allclose(cleaned.x, lifted.x, rtol=0, atol=1e-13)
 
 
 def test_a_walk_leads_down_and_moves_the_tableau(tool):
-    found = tool.walked(tool.Walk("x", "DP5(4)", Goals(bound=2.0, bound_weight=1e-4), 5))
+    candidate = tool.walked(tool.Walk("x", "DP5(4)", Goals(bound=2.0, bound_weight=1e-4), 5))
     before = pack_method(cg.methods["DP5(4)"])
-    assert solved(found)
-    assert found.principal_error < 0.9 * before.principal_error
-    assert found.largest < before.largest / 2
-    layout = found.system.layout
-    ends = [found.x[layout.row(k)].sum() for k in range(layout.stages)]
+    assert solved(candidate)
+    assert candidate.principal_error < 0.9 * before.principal_error
+    assert candidate.largest < before.largest / 2
+    layout = candidate.system.layout
+    ends = [candidate.x[layout.row(k)].sum() for k in range(layout.stages)]
     assert np.abs(np.array(ends) - cg.methods["DP5(4)"].c).max() > 1e-3
 
 

@@ -44,15 +44,15 @@ def process(*arguments, **options):
 
 class TestHelp:
     def test_help_has_examples(self, run):
-        code, shown, _ = run("--help")
+        code, output, _ = run("--help")
         assert code == 0
-        listed = re.findall(r"^  (\w+)  ", shown.partition("Commands:")[2], re.MULTILINE)
+        listed = re.findall(r"^  (\w+)  ", output.partition("Commands:")[2], re.MULTILINE)
         assert listed == COMMANDS
         for name in set(COMMANDS) - {"reproduce"}:
-            code, shown, _ = run(name, "--help")
+            code, output, _ = run(name, "--help")
             assert code == 0
-            assert f"crouch-grossman {name}" in shown.partition("Examples:")[2]
-            assert ("--json" in shown) == (name not in {"export", "plot", "runs", "completion"})
+            assert f"crouch-grossman {name}" in output.partition("Examples:")[2]
+            assert ("--json" in output) == (name not in {"export", "plot", "runs", "completion"})
 
     def test_without_arguments(self, run):
         assert run() == run("--help")
@@ -62,40 +62,40 @@ class TestHelp:
 
     def test_commands_are_imported_lazily(self):
         code = "import sys, cg.command; cg.command.main(['--version'])\nprint(*sys.modules)"
-        found = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=True
         )
-        loaded = set(found.stdout.split())
+        loaded = set(process.stdout.split())
         assert "click" in loaded
         assert not {"numpy", "scipy", "flint", "cg.command.searching"} & loaded
 
 
 class TestList:
     def test_filters_and_sorting(self, run):
-        code, shown, _ = run("list", "--json")
-        every = json.loads(shown)
+        code, output, _ = run("list", "--json")
+        every = json.loads(output)
         assert code == 0
         assert [m["name"] for m in every if m["kind"] != "Munthe-Kaas"] != sorted(cg.methods)
         assert {m["name"] for m in every} == {*cg.methods, *munthe_kaas, *magnus}
         assert [m["order"] for m in every] == sorted(m["order"] for m in every)
         proved = {m["name"]: m["proved"] for m in every}
         assert (proved["CG4a"], proved["CF8a"], proved["CG6a"]) == ("whole", "partly", "no")
-        _, shown, _ = run(
+        _, output, _ = run(
             "list", "--json", "--min-order", "5", "--pair", "--max-flows", "20", "--sort", "flows"
         )
-        found = json.loads(shown)
-        wanted = [
+        entries = json.loads(output)
+        expected = [
             m for m in every
             if m["order"] >= 5 and m["embedded_order"] is not None and m["flows"] <= 20
         ]  # fmt: skip
-        assert len(found) == len(wanted) > 3
-        assert [m["flows"] for m in found] == sorted(m["flows"] for m in wanted)
-        _, shown, _ = run("list", "--order", "4", "--no-pair", "--kind", "implicit", "--json")
-        assert {m["name"] for m in json.loads(shown)} == {"DICG4", "DICG4b"}
+        assert len(entries) == len(expected) > 3
+        assert [m["flows"] for m in entries] == sorted(m["flows"] for m in expected)
+        _, output, _ = run("list", "--order", "4", "--no-pair", "--kind", "implicit", "--json")
+        assert {m["name"] for m in json.loads(output)} == {"DICG4", "DICG4b"}
 
     def test_the_table(self, run):
-        _, shown, _ = run("list", "--order", "6", "--max-evaluations", "7", "--sort", "name")
-        heads, *rows = [line.split() for line in shown.splitlines()]
+        _, output, _ = run("list", "--order", "6", "--max-evaluations", "7", "--sort", "name")
+        heads, *rows = [line.split() for line in output.splitlines()]
         assert heads == ["name", "kind", "order", "evaluations", "flows", "error"]
         assert [row[0] for row in rows] == ["CF6a", "CF6b", "CFM6(4)", "CFM6(4)b", "DICG6"]
         assert rows[1][2:5] == ["6", "7", "14"]
@@ -104,8 +104,8 @@ class TestList:
     def test_stored_facts_equal_computed(self, name):
         method = {**cg.methods, **munthe_kaas}[name]
         text = (files("cg.catalogue") / "summaries.json").read_text("utf-8")
-        (kept,) = (entry for entry in json.loads(text) if entry["name"] == name)
-        assert kept == summary_of(method).as_dict() == compute_summary(method).as_dict()
+        (stored,) = (entry for entry in json.loads(text) if entry["name"] == name)
+        assert stored == summary_of(method).as_dict() == compute_summary(method).as_dict()
 
     @pytest.mark.parametrize(
         ("name", "counts", "error", "limits"),
@@ -129,8 +129,8 @@ class TestList:
 
 class TestShow:
     def test_a_tableau(self, run):
-        code, shown, _ = run("show", "CG2(3)")
-        lines = shown.splitlines()
+        code, output, _ = run("show", "CG2(3)")
+        lines = output.splitlines()
         assert code == 0
         assert lines[0] == "CG2(3), Crouch-Grossman"
         assert "  order                         3, of the second result 2" in lines
@@ -139,8 +139,8 @@ class TestShow:
         assert lines[-1].split() == ["b^", "│", "17/54", "19/54", "1/3"]
 
     def test_points(self, run):
-        _, shown, _ = run("show", "CF3", "--digits", "3")
-        assert "│   └── point 3: -0.0833 F1 + 0.75 F3; result" in shown
+        _, output, _ = run("show", "CF3", "--digits", "3")
+        assert "│   └── point 3: -0.0833 F1 + 0.75 F3; result" in output
 
     @pytest.mark.parametrize("name", ["CG4a", "CF5(4)", "RKMK8(5,3)", "DICG3(2)", "CG6a"])
     def test_json_has_the_whole_method(self, run, name):
@@ -154,68 +154,68 @@ class TestShow:
     def test_a_file(self, run, tmp_path):
         file = tmp_path / "mine.toml"
         file.write_text(dumps(cg.Tableau([[], [1]], ["1/2", "1/2"], name="Heun")))
-        code, shown, _ = run("show", str(file))
-        assert (code, shown.splitlines()[0]) == (0, "Heun, Crouch-Grossman")
+        code, output, _ = run("show", str(file))
+        assert (code, output.splitlines()[0]) == (0, "Heun, Crouch-Grossman")
 
 
 class TestCheck:
     def test_magnus_methods_are_rejected_in_a_line(self, run):
-        code, shown, error = run("check", "CFM6(4)")
-        assert (code, shown) == (2, "")
+        code, output, error = run("check", "CFM6(4)")
+        assert (code, output) == (2, "")
         assert "method must be one for nonlinear equations" in error
         assert len(error.splitlines()) == 1
 
     def test_a_method_without_mistake(self, run):
-        code, shown, _ = run("check", "CG4a", "--order", "4")
+        code, output, _ = run("check", "CG4a", "--order", "4")
         assert code == 0
-        assert "order: 4 on manifolds" in shown
-        assert "    └── ●\n        └── ●\n" in shown
+        assert "order: 4 on manifolds" in output
+        assert "    └── ●\n        └── ●\n" in output
 
     def test_order_too_low(self, run):
-        code, shown, _ = run("check", "CG4a", "--order", "5")
+        code, output, _ = run("check", "CG4a", "--order", "5")
         assert code == 1
-        assert shown.endswith("the order is 4, less than 5\n")
+        assert output.endswith("the order is 4, less than 5\n")
 
     @pytest.mark.parametrize("suffix", ["toml", "json"])
     def test_misprint_of_cg4a(self, run, tmp_path, suffix):
         file = tmp_path / f"mine.{suffix}"
         text = SLIP if suffix == "toml" else loads(SLIP).export("json")
         file.write_text(text)
-        code, shown, _ = run("check", str(file))
+        code, output, _ = run("check", str(file))
         assert code == 1
-        assert "mistake: it is CG4a with a misprint" in shown
-        code, shown, _ = run("check", str(file), "--json")
+        assert "mistake: it is CG4a with a misprint" in output
+        code, output, _ = run("check", str(file), "--json")
         assert code == 1
-        assert [f["kind"] for f in json.loads(shown)["findings"]] == ["slip"]
+        assert [f["kind"] for f in json.loads(output)["findings"]] == ["slip"]
 
 
 class TestNewMethods:
     def test_search(self, run, tmp_path):
         arguments = ("search", "--order", "3", "--stages", "3", "--starts", "8", "--seed", "1")
-        code, shown, _ = run(*arguments, "--json", "-o", str(tmp_path / "found"))
-        found = [loads(json.dumps(entry)) for entry in json.loads(shown)]
+        code, output, _ = run(*arguments, "--json", "-o", str(tmp_path / "found"))
+        methods = [loads(json.dumps(entry)) for entry in json.loads(output)]
         assert code == 0
-        assert found == sorted(found, key=lambda m: max(abs(m.a).max(), abs(m.b).max()))
-        assert set(found) == set(cg.search(3, 3, 8, 1).methods)
+        assert methods == sorted(methods, key=lambda m: max(abs(m.a).max(), abs(m.b).max()))
+        assert set(methods) == set(cg.search(3, 3, 8, 1).methods)
         saved = [cg.catalogue.load(path) for path in (tmp_path / "found").iterdir()]
-        assert set(saved) == set(found)
+        assert set(saved) == set(methods)
 
     def test_no_method_found(self, run):
         arguments = ("search", "--order", "4", "--stages", "4", "--starts", "1", "--force")
         assert run(*arguments)[:2] == (1, "no method found\n")
 
     def test_construct(self, run):
-        code, shown, _ = run("construct", "--order", "3", "--stages", "3")
+        code, output, _ = run("construct", "--order", "3", "--stages", "3")
         assert code == 0
-        assert loads(shown) == cg.construct(3, 3, 0).method
+        assert loads(output) == cg.construct(3, 3, 0).method
 
     def test_certify(self, run, tmp_path):
         file = tmp_path / "proof.toml"
-        code, shown, _ = run("certify", "CG3", "-o", str(file))
-        assert (code, shown[:20]) == (0, "proved CG3: order 3 ")
+        code, output, _ = run("certify", "CG3", "-o", str(file))
+        assert (code, output[:20]) == (0, "proved CG3: order 3 ")
         assert cg.Certificate.load(file) == cg.certify("CG3")
-        code, shown, _ = run("certify", "CG6a", "--json")
-        assert (code, json.loads(shown)["proved"]) == (1, False)
+        code, output, _ = run("certify", "CG6a", "--json")
+        assert (code, json.loads(output)["proved"]) == (1, False)
 
 
 class TestExport:
@@ -278,8 +278,8 @@ class TestPlot:
     ],
 )
 def test_bad_input_names_the_argument(run, arguments, named):
-    code, shown, error = run(*arguments)
-    assert (code, shown) == (2, "")
+    code, output, error = run(*arguments)
+    assert (code, output) == (2, "")
     assert error.startswith("crouch-grossman: error: ")
     assert error.count("\n") == 1
     assert named in error
@@ -336,21 +336,21 @@ def test_certify_rejects_munthe_kaas(run):
 
 
 def test_reproduce_takes_the_options_of_reproduce_paper(run):
-    code, shown, _ = run("reproduce", "--list")
+    code, output, _ = run("reproduce", "--list")
     assert code == 0
-    assert "table3.2" in [line.split()[0] for line in shown.splitlines()]
+    assert "table3.2" in [line.split()[0] for line in output.splitlines()]
     assert run("reproduce", "--help")[0] == 0
     assert run("reproduce", "--seed", "x")[0] == 2
 
 
 class TestProcess:
     def test_module(self):
-        found = process("show", "CG3")
-        assert (found.returncode, found.stderr) == (0, "")
-        assert found.stdout.startswith("CG3, Crouch-Grossman")
-        found = process("show", "CG33")
-        assert (found.returncode, found.stdout) == (2, "")
-        assert found.stderr.startswith("python -m cg: error: Invalid value for 'NAME|FILE'")
+        completed = process("show", "CG3")
+        assert (completed.returncode, completed.stderr) == (0, "")
+        assert completed.stdout.startswith("CG3, Crouch-Grossman")
+        completed = process("show", "CG33")
+        assert (completed.returncode, completed.stdout) == (2, "")
+        assert completed.stderr.startswith("python -m cg: error: Invalid value for 'NAME|FILE'")
 
     def test_interrupt(self, tmp_path):
         file = tmp_path / "runs"
@@ -365,14 +365,14 @@ class TestProcess:
 
     def test_completion_of_names(self):
         words = {"COMP_WORDS": "crouch-grossman show CG5", "COMP_CWORD": "2"}
-        asked = {"_CROUCH_GROSSMAN_COMPLETE": "bash_complete"}
-        found = process(env={**os.environ, **words, **asked})
-        names = {line.partition(",")[2] for line in found.stdout.splitlines()}
+        request = {"_CROUCH_GROSSMAN_COMPLETE": "bash_complete"}
+        completed = process(env={**os.environ, **words, **request})
+        names = {line.partition(",")[2] for line in completed.stdout.splitlines()}
         assert {"CG5a", "CG5(4)"} <= names
         assert "CG4a" not in names
 
     @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
     def test_completion_script(self, run, shell):
-        code, shown, _ = run("completion", shell)
+        code, output, _ = run("completion", shell)
         assert code == 0
-        assert "_CROUCH_GROSSMAN_COMPLETE" in shown
+        assert "_CROUCH_GROSSMAN_COMPLETE" in output

@@ -24,33 +24,33 @@ def path(tmp_path_factory):
     return str(path)
 
 
-def told(capsys, *arguments):
+def run_command(capsys, *arguments):
     code = main(["runs", *arguments])
     captured = capsys.readouterr()
     return code, captured.out, captured.err
 
 
 def test_list(capsys, path):
-    code, out, _ = told(capsys, "list", path)
+    code, out, _ = run_command(capsys, "list", path)
     assert code == 0
     lines = out.splitlines()
     assert lines[1].split()[:6] == ["1", "search", "3", "3", "-", "1"]
     assert lines[1].split()[6] == "30"
     assert lines[2].split()[6:9] == ["3", "0", "0"]
-    code, out, _ = told(capsys, "list", path, "--json")
+    code, out, _ = run_command(capsys, "list", path, "--json")
     assert [run["starts"] for run in json.loads(out)] == [30, 3]
     assert json.loads(out)[0]["failed"] == 1
 
 
 def test_show(capsys, path):
-    code, out, _ = told(capsys, "show", path, "1", "--json")
+    code, out, _ = run_command(capsys, "show", path, "1", "--json")
     data = json.loads(out)
     exact = sum(start.exact for start in cg.search(3, 3, 30, 1).starts)
     assert (code, data["starts"], data["solved"]) == (0, 30, exact)
     assert sum(data["decades"].values()) == 30
     assert 1 <= data["families_at_most"] < data["distinct"] <= exact
     assert data["failures"] == [[99, "Killed"]]
-    code, out, _ = told(capsys, "show", path, "1")
+    code, out, _ = run_command(capsys, "show", path, "1")
     assert "rows explicit" in out
     assert "30 starts in" in out
     assert f"{exact} solved, 1 failed" in out
@@ -61,27 +61,27 @@ def test_show(capsys, path):
 
 
 def test_best(capsys, path):
-    code, out, _ = told(capsys, "best", path, "1", "--count", "3", "--json")
+    code, out, _ = run_command(capsys, "best", path, "1", "--count", "3", "--json")
     errors = [one["principal_error"] for one in json.loads(out)]
     assert code == 0
     assert errors == sorted(errors)
     assert len(errors) == 3
-    code, out, _ = told(capsys, "best", path, "1", "--objective", "largest-coefficient")
+    code, out, _ = run_command(capsys, "best", path, "1", "--objective", "largest-coefficient")
     largest = [float(line.split()[4]) for line in out.splitlines()[1:]]
     assert largest == sorted(largest)
     assert len(largest) == 10
-    code, out, _ = told(capsys, "best", path, "2")
+    code, out, _ = run_command(capsys, "best", path, "2")
     assert (code, out) == (1, "no start led to a method\n")
 
 
 def test_publish(capsys, path, tmp_path):
-    code, out, _ = told(capsys, "publish", path, "1", "Mine", "--folder", str(tmp_path))
+    code, out, _ = run_command(capsys, "publish", path, "1", "Mine", "--folder", str(tmp_path))
     assert code == 0
     assert f"wrote {tmp_path / 'Mine.toml'}" in out
     assert cg.catalogue.load(tmp_path / "Mine.toml").order == 3
     before, now = (float(part.split()[-1]) for part in out.splitlines()[1].split(", now"))
     assert now <= before
-    code, _, err = told(capsys, "publish", path, "2", "None", "--folder", str(tmp_path))
+    code, _, err = run_command(capsys, "publish", path, "2", "None", "--folder", str(tmp_path))
     assert code == 2
     assert "run 2 has no start that led to a method" in err
 
@@ -92,11 +92,11 @@ def test_wrong_arguments(capsys, path, tmp_path):
         (["show", str(tmp_path / "none"), "1"], "does not exist"),
         (["best", path, "1", "--objective", "beauty"], "beauty"),
     ]:
-        code, out, err = told(capsys, *arguments)
+        code, out, err = run_command(capsys, *arguments)
         assert (code, out) == (2, "")
         assert message in err
         assert len(err.splitlines()) == 1
     (tmp_path / "notes").write_text("notes")
-    code, _, err = told(capsys, "list", str(tmp_path / "notes"))
+    code, _, err = run_command(capsys, "list", str(tmp_path / "notes"))
     assert code == 2
     assert "is not an SQLite database" in err

@@ -21,7 +21,7 @@ OF_FUNCTIONS_ALONE = {"executor", "progress"}  # which the options above stand f
 
 
 @pytest.fixture
-def given(monkeypatch):
+def arguments_of(monkeypatch):
     """Return what the functions are called with, instead of calling them."""
     calls = []
 
@@ -33,31 +33,31 @@ def given(monkeypatch):
     for name in COMMANDS:
         monkeypatch.setattr(module, name, note)
 
-    def given(command):
+    def arguments_of(command):
         code = main(command.split())
         assert code == 1  # there is no method
         return calls.pop()
 
-    return given
+    return arguments_of
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_each_argument_has_an_option(name, given):
+def test_each_argument_has_an_option(name, arguments_of):
     function, command = COMMANDS[name]
-    wanted = inspect.signature(function).parameters
+    expected = inspect.signature(function).parameters
     options = {parameter.name: parameter for parameter in command.params}
-    assert set(options) - OF_COMMANDS_ALONE == set(wanted) - OF_FUNCTIONS_ALONE
-    passed = given(f"{name} --order 4 --stages 5")
-    assert passed.keys() == wanted.keys()
+    assert set(options) - OF_COMMANDS_ALONE == set(expected) - OF_FUNCTIONS_ALONE
+    passed = arguments_of(f"{name} --order 4 --stages 5")
+    assert passed.keys() == expected.keys()
     other = {"starts": 100, "seed": 0, "progress": True, "order": 4, "stages": 5}
-    for key, parameter in wanted.items():
+    for key, parameter in expected.items():
         usual = other.get(key, parameter.default)
         assert passed[key] == usual, key
     assert all(isinstance(o, click.Option) and o.help for o in options.values())
 
 
-def test_search_arguments(given):
-    passed = given(
+def test_search_arguments(arguments_of):
+    passed = arguments_of(
         "search --order 4 --stages 3 --rows diagonal --algorithm lmdif --width 0.5 --maxfev 70 "
         "--refine-below 1e-12 --refine-maxfev 9 --workers 1 --force --quiet"
     )
@@ -66,46 +66,46 @@ def test_search_arguments(given):
         0.5, 70, 1e-12, 9
     ]  # fmt: skip
     assert (passed["workers"], passed["force"], passed["progress"]) == (1, True, False)
-    passed = given(
+    passed = arguments_of(
         "search --order 4 --stages 5 --abscissae 0 1 --bound 2 --minimise principal_error"
     )
     assert [passed[k] for k in ("abscissae", "bound", "minimise")] == [(0, 1), 2, "principal_error"]
-    passed = given("search --order 4 --stages 5 --flows 6 --embedded --first-same-as-last")
+    passed = arguments_of("search --order 4 --stages 5 --flows 6 --embedded --first-same-as-last")
     assert (passed["flows"], passed["embedded"], passed["first_same_as_last"]) == (6, True, True)
 
 
-def test_construct_arguments(given):
-    passed = given(
+def test_construct_arguments(arguments_of):
+    passed = arguments_of(
         "construct --order 6 --stages 13 --structure stage-order-two --first-stages 14 "
         "--largest 2.5 --restarts 0 --iterations 30 --full-rank"
     )
     assert passed["structure"] == Structure.STAGE_ORDER_TWO
     keys = ("first_stages", "largest", "restarts", "iterations", "full_rank")
     assert [passed[key] for key in keys] == [14, 2.5, 0, 30, True]
-    passed = given("construct --order 5 --stages 6 --flows 9 --first-flows 10")
+    passed = arguments_of("construct --order 5 --stages 6 --flows 9 --first-flows 10")
     assert (passed["flows"], passed["first_flows"]) == (9, 10)
 
 
-def test_tree_by_name_or_file(given, tmp_path):
+def test_tree_by_name_or_file(arguments_of, tmp_path):
     method = cg.methods["CF4"]
     file = tmp_path / "mine.toml"
     cg.catalogue.save(method, file)
     for named in ("CF4", file):
-        passed = given(f"search --order 4 --tree {named}")
+        passed = arguments_of(f"search --order 4 --tree {named}")
         assert passed["tree"] == Layout.of_tree(method.tree)
         assert passed["stages"] == 4
-    assert given("construct --order 4 --tree CF4 --stages 4")["tree"].stages == 4
+    assert arguments_of("construct --order 4 --tree CF4 --stages 4")["tree"].stages == 4
 
 
 def test_a_search_with_a_tree(capsys):
     assert main(["search", "--order", "4", "--tree", "CF4", "--starts", "10", "--quiet"]) == 0
-    found = cg.search(4, 4, 10, 0, tree=cg.methods["CF4"]).methods
-    shown = capsys.readouterr().out.splitlines()
-    assert [line.partition(", largest")[0] for line in shown] == list(map(repr, found))
+    methods = cg.search(4, 4, 10, 0, tree=cg.methods["CF4"]).methods
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.partition(", largest")[0] for line in lines] == list(map(repr, methods))
     command = ["construct", "--order", "5", "--stages", "6", "--flows", "9", "--first-flows", "10"]
     assert main([*command, "--seed", "1"]) == 0
-    made = cg.construct(5, 6, 1, flows=9, first_flows=10).method
-    assert cg.catalogue.loads(capsys.readouterr().out) == made
+    method = cg.construct(5, 6, 1, flows=9, first_flows=10).method
+    assert cg.catalogue.loads(capsys.readouterr().out) == method
 
 
 @pytest.mark.parametrize(

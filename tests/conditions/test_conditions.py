@@ -59,28 +59,30 @@ def shuffles(u, v):
 
 class TestCounts:
     def test_all_conditions(self):
-        found = [conditions.count(q) for q in range(1, 9)]
-        assert found == [1, 3, 8, 22, 64, 196, 625, 2055]
+        counts = [conditions.count(q) for q in range(1, 9)]
+        assert counts == [1, 3, 8, 22, 64, 196, 625, 2055]
 
     def test_independent_conditions(self):
-        found = [conditions.count(q, independent=True) for q in range(1, 9)]
-        assert found == [1, 2, 5, 13, 38, 113, 358, 1158]
+        counts = [conditions.count(q, independent=True) for q in range(1, 9)]
+        assert counts == [1, 2, 5, 13, 38, 113, 358, 1158]
 
     def test_classical_conditions(self):
-        found = [conditions.count_classical(q) for q in range(1, 11)]
-        assert found == [1, 2, 4, 8, 17, 37, 85, 200, 486, 1205]
+        counts = [conditions.count_classical(q) for q in range(1, 11)]
+        assert counts == [1, 2, 4, 8, 17, 37, 85, 200, 486, 1205]
 
     def test_unknowns_of_the_paper(self):
         assert [conditions.unknowns(s) for s in (5, 9, 16)] == [15, 45, 136]
         assert conditions.unknowns(3, Rows.DIAGONAL) == 9
         assert conditions.unknowns(3, Rows.FULL) == 12
 
-    @pytest.mark.parametrize(("order", "rows", "kept"), [(4, 22, 13), (5, 64, 38), (6, 196, 113)])
-    def test_the_papers_table_has_zeros_for_discarded_trees(self, order, rows, kept):
+    @pytest.mark.parametrize(
+        ("order", "rows", "nonzero"), [(4, 22, 13), (5, 64, 38), (6, 196, 113)]
+    )
+    def test_the_papers_table_has_zeros_for_discarded_trees(self, order, rows, nonzero):
         table = conditions.table_rows(order)
         assert len(table) == rows
         assert tuple(filter(None, table)) == conditions.condition_trees(order, independent=True)
-        assert len(tuple(filter(None, table))) == kept
+        assert len(tuple(filter(None, table))) == nonzero
 
     def test_right_sides(self):
         third = Fraction(1, 3)
@@ -145,9 +147,9 @@ class TestExactOracle:
 
     def test_orders_beyond_the_compiled_tables(self):
         order = conditions.MAX_ORDER + 1
-        found = conditions.residuals_exact([[0]], [1], order)
-        assert len(found) == conditions.count(order)
-        assert found[0] == 0
+        residuals = conditions.residuals_exact([[0]], [1], order)
+        assert len(residuals) == conditions.count(order)
+        assert residuals[0] == 0
 
     @given(tableaux(rationals, max_stages=3), st.data())
     @settings(max_examples=30, deadline=None)
@@ -198,20 +200,20 @@ class TestCompiledCore:
         rows = conditions.rows_of(a)
         layout = Layout.tableau(len(b), rows)
         quad = residuals_quad(layout, layout.packed([*a, b]), order, independent)
-        for found, expected, size in zip(quad, exact, sizes, strict=True):
-            assert abs(found - expected) <= Fraction(2) ** -108 * Fraction(size)
+        for actual, expected, size in zip(quad, exact, sizes, strict=True):
+            assert abs(actual - expected) <= Fraction(2) ** -108 * Fraction(size)
 
     @given(tableaux(), st.integers(1, 5))
     @settings(max_examples=30, deadline=None)
     def test_wider_patterns_have_equal_residuals(self, tableau, order):
         a, b = tableau
-        found = [
+        actual = [
             residuals_quad(layout, layout.packed([*a, b]), order)
             for rows in Rows
             if rows >= conditions.rows_of(a)
             for layout in [Layout.tableau(len(b), rows)]
         ]
-        assert all(residuals == found[0] for residuals in found)
+        assert all(residuals == actual[0] for residuals in actual)
 
     def test_weights_are_residuals_and_right_sides(self):
         a, b = [[0, 0], [0.5, 0]], [0.25, 0.75]
@@ -262,9 +264,9 @@ class TestPacking:
         packed = conditions.pack(a, b, rows)
         pattern = conditions.rows_of(a) if rows is None else rows
         assert packed.shape == (conditions.unknowns(b.size, pattern),)
-        found = conditions.unpack(packed, b.size, pattern)
-        np.testing.assert_array_equal(found[0], a)
-        np.testing.assert_array_equal(found[1], b)
+        actual = conditions.unpack(packed, b.size, pattern)
+        np.testing.assert_array_equal(actual[0], a)
+        np.testing.assert_array_equal(actual[1], b)
 
     def test_order_of_entries(self):
         a, b = [[0, 0, 0], [1, 0, 0], [2, 3, 0]], [4, 5, 6]

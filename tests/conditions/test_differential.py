@@ -50,17 +50,17 @@ def compare(seed):
     layout, x = random_points(rng) if seed % 2 else random_tableau(rng)
     order, independent = rng.randint(1, HIGHEST), rng.random() < 0.3
     if seed % 2:
-        wanted = conditions.exact_residuals_of(layout.tree(x), order, independent)
+        expected = conditions.exact_residuals_of(layout.tree(x), order, independent)
     else:
         *a, b = layout.full_rows(x)
-        wanted = conditions.residuals_exact(a, b, order, independent)
+        expected = conditions.residuals_exact(a, b, order, independent)
     doubles = np.array([float(value) for value in x])
     sizes = 1 + conditions.weights_at(layout, np.abs(doubles), order, independent)
-    found = conditions.residuals_at(layout, doubles, order, independent)
+    residuals = conditions.residuals_at(layout, doubles, order, independent)
     quads = residuals_quad(layout, x, order, independent)
-    assert len(found) == len(quads) == len(wanted) == conditions.count(order, independent)
+    assert len(residuals) == len(quads) == len(expected) == conditions.count(order, independent)
     worst = [0.0, 0.0]
-    for double, quad, true, size in zip(found, quads, wanted, sizes, strict=True):
+    for double, quad, true, size in zip(residuals, quads, expected, sizes, strict=True):
         errors = abs(Fraction(double) - true) * 2**53, abs(quad - true) * 2**113
         worst = [
             max(old, float(error / Fraction(size)))

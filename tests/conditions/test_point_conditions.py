@@ -66,22 +66,24 @@ class TestResiduals:
     @settings(deadline=None, max_examples=30)
     @given(point_trees(dyadics, most_points=4))
     def test_exact_weights_equal_the_definition(self, tree):
-        found = conditions.exact_residuals_of(tree, 3)
+        residuals = conditions.exact_residuals_of(tree, 3)
         trees = forest(4)
         expected = [
             by_definition(tree, t) - Fraction(1, trees.density[t - 1])
             for t in conditions.condition_trees(3)
         ]
-        assert list(found) == expected
+        assert list(residuals) == expected
 
     @settings(deadline=None, max_examples=60)
     @given(point_trees(), st.integers(1, 6), st.booleans())
     def test_compiled_against_exact(self, tree, order, independent):
         exact = conditions.exact_residuals_of(tree, order, independent)
-        found = conditions.residuals_of(tree, order, independent)
+        residuals = conditions.residuals_of(tree, order, independent)
         layout, x = Layout.of_tree(tree), floats(tree)
         sizes = 1 + conditions.weights_at(layout, np.abs(x), order, independent)
-        np.testing.assert_allclose(found, np.array(exact, float), rtol=0, atol=1e-14 * sizes.max())
+        np.testing.assert_allclose(
+            residuals, np.array(exact, float), rtol=0, atol=1e-14 * sizes.max()
+        )
         quad = residuals_quad(layout, values(tree), order, independent)
         for one, other in zip(quad, exact, strict=True):
             assert abs(one - other) < Fraction(1, 10**32) * Fraction(sizes.max())
@@ -147,17 +149,17 @@ class TestBalls:
     @given(point_trees(), st.integers(1, 4))
     def test_rationals_agree_with_the_oracle(self, tree, order):
         layout = Layout.of_tree(tree)
-        found = exact_residuals(layout, values(tree), condition_words(order), layout.stages)
-        assert tuple(found) == conditions.exact_residuals_of(tree, order, independent=True)
+        residuals = exact_residuals(layout, values(tree), condition_words(order), layout.stages)
+        assert tuple(residuals) == conditions.exact_residuals_of(tree, order, independent=True)
 
     @settings(deadline=None, max_examples=30)
     @given(point_trees(), st.integers(1, 5))
     def test_derivatives_agree_with_the_compiled_core(self, tree, order):
         layout, x = Layout.of_tree(tree), floats(tree)
-        found = to_double(order_system(layout, order, None).linearise([arb(v) for v in x])[1])
+        actual = to_double(order_system(layout, order, None).linearise([arb(v) for v in x])[1])
         expected = conditions.jacobian_at(layout, x, order, independent=True)
         scale = 1 + np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * scale)
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13 * scale)
 
     @settings(deadline=None, max_examples=20)
     @given(point_trees(), st.integers(0, 2**32 - 1))

@@ -127,12 +127,12 @@ class TestMoving:
         with pytest.raises(ValueError, match="candidate must be one method, got a pair"):
             drop_stage(a_candidate(3, 3, embedded=True), random)
 
-    @pytest.mark.parametrize(("order", "kept"), [(4, False), (5, True)])
-    def test_held_entries_avoid_degenerate_limits(self, order, kept):
+    @pytest.mark.parametrize(("order", "unchanged"), [(4, False), (5, True)])
+    def test_held_entries_avoid_degenerate_limits(self, order, unchanged):
         guess = random_candidate(ConditionSystem.tableau(order, 9), 0.5, np.random.default_rng(2))
         solved_to = solve_start(guess, 20, promising=1e9)
-        assert bool(solved_to.x[0] == guess.x[0]) is kept
-        assert not kept or 0.3 <= guess.x[0] <= 0.8
+        assert bool(solved_to.x[0] == guess.x[0]) is unchanged
+        assert not unchanged or 0.3 <= guess.x[0] <= 0.8
 
     def test_guesses_satisfy_linear_assumptions(self):
         system = ConditionSystem.tableau(6, 13, structure=Structure.MIDDLE)
@@ -217,29 +217,31 @@ class TestToTableau:
 
 class TestConstruct:
     def test_order_four_from_more_stages(self):
-        found = cg.construct(order=4, stages=5, seed=2, first_stages=6)
-        assert found.exact
-        assert (found.method.order, found.method.stages) == (4, 5)
-        assert max(map(abs, residuals_exact(*found.method.exact, 4))) < Fraction(1, 10**33)
+        construction = cg.construct(order=4, stages=5, seed=2, first_stages=6)
+        assert construction.exact
+        assert (construction.method.order, construction.method.stages) == (4, 5)
+        assert max(map(abs, residuals_exact(*construction.method.exact, 4))) < Fraction(1, 10**33)
 
     @pytest.mark.parametrize("stages", [15, 13, pytest.param(12, marks=pytest.mark.slow)])
     def test_order_six(self, stages):
-        found = cg.construct(order=6, stages=stages, seed=1, tries=40)
-        assert found.exact
-        assert found.settings.structure is Structure.MIDDLE
-        assert (found.method.order, found.method.stages) == (6, stages)
-        assert max(map(abs, residuals_exact(*found.method.exact, 6))) < Fraction(1, 10**33)
-        c, b = found.method.c, found.method.b
+        construction = cg.construct(order=6, stages=stages, seed=1, tries=40)
+        assert construction.exact
+        assert construction.settings.structure is Structure.MIDDLE
+        assert (construction.method.order, construction.method.stages) == (6, stages)
+        assert max(map(abs, residuals_exact(*construction.method.exact, 6))) < Fraction(1, 10**33)
+        c, b = construction.method.c, construction.method.b
         np.testing.assert_allclose(c[2:], np.cumsum(b)[2:] - b[2:] / 2, rtol=0, atol=1e-15)
 
     @pytest.mark.slow
     def test_order_six_with_independent_conditions(self):
-        found = cg.construct(order=6, stages=22, seed=1, tries=40, full_rank=True)
-        assert pack_method(found.method, 6).rank == 113
+        construction = cg.construct(order=6, stages=22, seed=1, tries=40, full_rank=True)
+        assert pack_method(construction.method, 6).rank == 113
 
     def test_default_structure_of_order_five(self):
-        found = cg.construct(order=5, stages=8, seed=0, tries=1)
-        assert found.settings.structure is Structure.MIDDLE  # 36 unknowns for 38 conditions else
+        construction = cg.construct(order=5, stages=8, seed=0, tries=1)
+        assert (
+            construction.settings.structure is Structure.MIDDLE
+        )  # 36 unknowns for 38 conditions else
 
     def test_rejects_too_few_stages_for_structure(self):
         with pytest.raises(ValueError, match=r"64 unknowns for 72 .* with structure MIDDLE"):
@@ -253,11 +255,11 @@ class TestConstruct:
         assert one.tries == two.tries
 
     def test_no_method_if_all_tries_fail(self):
-        found = cg.construct(order=4, stages=4, seed=0, tries=3, first_stages=6, force=True)
-        assert found.method is None
-        assert not found.exact
-        assert found.tries == 3
-        assert found.best.stages >= 4
+        construction = cg.construct(order=4, stages=4, seed=0, tries=3, first_stages=6, force=True)
+        assert construction.method is None
+        assert not construction.exact
+        assert construction.tries == 3
+        assert construction.best.stages >= 4
 
     def test_interrupted_run_is_resumed(self, tmp_path):
         path = tmp_path / "runs.db"

@@ -251,8 +251,8 @@ class TestAgainstSciPy:
             solver.step()
             expected.append(solver.y)
         frame = cg.frames.Euclidean(3)
-        found = cg.integrate(field, (0.0, h * steps), y0, frame=frame, method=name, h=h)
-        np.testing.assert_allclose(found.y, expected, rtol=0, atol=64 * np.finfo(float).eps)
+        solution = cg.integrate(field, (0.0, h * steps), y0, frame=frame, method=name, h=h)
+        np.testing.assert_allclose(solution.y, expected, rtol=0, atol=64 * np.finfo(float).eps)
 
     def test_estimates(self, name):
         """Those of SciPy's steps, with the same power of them that a step is proportional to."""
@@ -310,13 +310,13 @@ class TestTheTool:
     def test_order_eight_is_refined_from_its_start(self, tool, name):
         """To the point of the set of solutions that rounding in double precision leads to."""
         flat = tool.tableaux()[name]
-        method, kept = tool.from_start(flat), methods[name]
-        assert method.exact == kept.exact == flat.exact
-        assert method.exact_embedded == kept.exact_embedded == flat.exact_embedded
+        method, expected = tool.from_start(flat), methods[name]
+        assert method.exact == expected.exact == flat.exact
+        assert method.exact_embedded == expected.exact_embedded == flat.exact_embedded
         assert method.order == 8
         first = method.result + 1  # the second result may have flows of its own
-        assert kept.result == method.result
-        for point, other in zip(method.points[:first], kept.points[:first], strict=True):
+        assert expected.result == method.result
+        for point, other in zip(method.points[:first], expected.points[:first], strict=True):
             assert point.parent == other.parent
             assert point.weights.keys() == other.weights.keys()
             for stage, weight in point.weights.items():

@@ -235,17 +235,17 @@ def test_nfev_is_number_of_calls() -> None:
 
 
 def test_f_may_modify_and_keep_its_argument() -> None:
-    kept = []
+    points = []
 
     def f(x: np.ndarray) -> np.ndarray:
         value = rosenbrock(x)
         x[:] = np.nan
-        kept.append(x)
+        points.append(x)
         return value
 
     fit = cg.lmdif(f, START)
     assert_array_equal(fit.x, cg.lmdif(rosenbrock, START).x)
-    assert np.isnan(kept).all()
+    assert np.isnan(points).all()
 
 
 def test_f_may_reuse_its_result() -> None:

@@ -41,14 +41,14 @@ def solve(name, **options):
     path = Path(problem.residual)
     fit = cg.lmdif(path, problem.start(1), diag=np.ones(problem.n), **options)
     # differences are taken at accepted points: all but one element of n points are those of it
-    n, found = problem.n, []
+    n, actual = problem.n, []
     for k in range(len(path.points) - n + 1):
         block = np.array(path.points[k : k + n])
         base = np.array([block[(j + 1) % n, j] for j in range(n)]) if n > 1 else block[0]
         changed = block != base
         if np.array_equal(changed, np.eye(n, dtype=bool)):
-            found.append(base)
-    return fit, found[-1]
+            actual.append(base)
+    return fit, actual[-1]
 
 
 def test_defaults():
@@ -142,8 +142,8 @@ def test_tolerances_of_the_papers_search(monkeypatch):
         return fit_lmdif(order, layout, x, trees, tolerance, *rest)
 
     monkeypatch.setattr(random_start, "fit_lmdif", recorded)
-    found = cg.search(3, 3, 3, seed=0, algorithm="lmdif", workers=1, refine_below=1.0)
-    assert any(start.quad is not None for start in found.starts)
+    result = cg.search(3, 3, 3, seed=0, algorithm="lmdif", workers=1, refine_below=1.0)
+    assert any(start.quad is not None for start in result.starts)
     doubles = [tolerance for tolerance in given if tolerance.dtype == np.float64]
     others = [tolerance for tolerance in given if tolerance.dtype != np.float64]
     assert len(doubles) == 3
@@ -160,9 +160,9 @@ def test_search_status_is_that_of_solver():
 
     def residual(x):
         rows = np.zeros(max(len(conditions.table_rows(3)), layout.size))
-        found = conditions.residuals_at(layout, x, 3)
+        residuals = conditions.residuals_at(layout, x, 3)
         for k, t in enumerate(conditions.table_rows(3)):
-            rows[k] = found[position[t]] if t in trees else 0
+            rows[k] = residuals[position[t]] if t in trees else 0
         return rows
 
     for index in range(6):

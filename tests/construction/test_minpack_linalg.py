@@ -73,16 +73,16 @@ def orthogonal_factor(factored: np.ndarray) -> np.ndarray:
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=8))
-def test_norm_neither_overflows_nor_underflows(faces: Faces, values: list[float]) -> None:
-    norm = math.hypot(*values)
+def test_norm_neither_overflows_nor_underflows(faces: Faces, fits: list[float]) -> None:
+    norm = math.hypot(*fits)
     assume(math.isfinite(norm))
-    x = np.array(values, dtype=float)
+    x = np.array(fits, dtype=float)
     assert math.isclose(faces.enorm(x), norm, rel_tol=8 * EPS, abs_tol=1e-323)
 
 
 @given(st.lists(st.floats(-1e10, 1e10), min_size=1, max_size=8), st.sampled_from([-0.0, 0.0]))
-def test_norm_sees_no_zeros_and_no_signs(faces: Faces, values: list[float], zero: float) -> None:
-    x = np.array(values)
+def test_norm_sees_no_zeros_and_no_signs(faces: Faces, fits: list[float], zero: float) -> None:
+    x = np.array(fits)
     norm = faces.enorm(x)
     assert faces.enorm(-x) == norm
     assert math.isclose(faces.enorm(np.append(x, zero)), norm, rel_tol=4 * EPS)
@@ -159,8 +159,8 @@ def test_lmpar_on_a_singular_jacobian(faces: Faces) -> None:
 
 @needs_minpack
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=8))
-def test_norm_is_that_of_minpack(faces: Faces, minpack: ctypes.CDLL, values: list[float]) -> None:
-    x = np.array(values)
+def test_norm_is_that_of_minpack(faces: Faces, minpack: ctypes.CDLL, fits: list[float]) -> None:
+    x = np.array(fits)
     assert faces.enorm(x) == minpack.enorm_(reference(x.size), pointer(x))
 
 
@@ -212,29 +212,29 @@ def outcomes(
     program = compile_fortran(folder, request.param, source, "solve")
     done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    found = {}
+    fits = {}
     for line in done.stdout.splitlines():
         name, info, nfev, norm, *x = line.split()
-        found[name] = Outcome(int(info), int(nfev), Fraction(norm), tuple(map(Fraction, x)))
-    return {"r64": 2.0**-52, "r128": 2.0**-112}[request.param], found
+        fits[name] = Outcome(int(info), int(nfev), Fraction(norm), tuple(map(Fraction, x)))
+    return {"r64": 2.0**-52, "r128": 2.0**-112}[request.param], fits
 
 
 def test_zero_residuals_are_found_to_the_precision_of_the_kind(
     outcomes: tuple[float, dict[str, Outcome]],
 ) -> None:
-    eps, found = outcomes
+    eps, fits = outcomes
     for name in ("rosenbrock", "helical-valley"):
-        assert found[name].info in (2, 4)
-        assert found[name].norm < 10 * eps
-    assert max(abs(x - 1) for x in found["rosenbrock"].x) < 10 * eps
+        assert fits[name].info in (2, 4)
+        assert fits[name].norm < 10 * eps
+    assert max(abs(x - 1) for x in fits["rosenbrock"].x) < 10 * eps
 
 
 def test_minimum_is_found_to_the_precision_of_the_differences(
     outcomes: tuple[float, dict[str, Outcome]],
 ) -> None:
     # The residuals are rational: their gradient where the solver stopped is computed exactly.
-    eps, found = outcomes
-    x = found["bard"].x
+    eps, fits = outcomes
+    x = fits["bard"].x
     gradient = [Fraction(0)] * 3
     square = Fraction(0)
     for u, datum in enumerate(BARD, start=1):
@@ -245,16 +245,16 @@ def test_minimum_is_found_to_the_precision_of_the_differences(
         square += f * f
         for j, slope in enumerate((-1, u * v / bottom**2, u * w / bottom**2)):
             gradient[j] += f * slope
-    assert found["bard"].info in (1, 2, 3)
+    assert fits["bard"].info in (1, 2, 3)
     assert max(map(abs, gradient)) < 10 * math.sqrt(eps)
-    assert abs(found["bard"].norm ** 2 - square) < 10 * eps
+    assert abs(fits["bard"].norm ** 2 - square) < 10 * eps
 
 
 def test_norms_at_the_ends_of_the_range(outcomes: tuple[float, dict[str, Outcome]]) -> None:
-    eps, found = outcomes
+    eps, fits = outcomes
     for name in ("norm-large", "norm-small", "norm-mixed"):
-        assert abs(found[name].norm ** 2 - 2) < 10 * eps
-    assert found["norm-of-none"].norm == 0
+        assert abs(fits[name].norm ** 2 - 2) < 10 * eps
+    assert fits["norm-of-none"].norm == 0
 
 
 def test_too_few_residuals_are_refused(outcomes: tuple[float, dict[str, Outcome]]) -> None:

@@ -63,8 +63,8 @@ class TestLayout:
             names = [layout.names[k] for k in layout.column(stage)]
             assert all(name.endswith((f",{stage + 1}", f"_{stage + 1}")) for name in names)
             assert not any(name.startswith(f"a_{stage + 1},") for name in names)
-            smaller, kept = layout.without(stage)
-            assert len(kept) == smaller.size
+            smaller, columns = layout.without(stage)
+            assert len(columns) == smaller.size
 
     def test_layout_round_trip(self):
         for name in ("CF4", "CF4b", "CG4(3)b", "CG4a"):
@@ -116,11 +116,11 @@ class TestSolvers:
             *conditions.exact_residuals_of(tree, 3, True, embedded=True),
         ]
         scale = 1 + max(map(abs, exact))
-        found = system.residual(floats(tree))
-        np.testing.assert_allclose(found, np.array(exact, float), rtol=0, atol=1e-13 * scale)
-        found = cg.support.quads.to_float(encode(exact))
+        actual = system.residual(floats(tree))
+        np.testing.assert_allclose(actual, np.array(exact, float), rtol=0, atol=1e-13 * scale)
+        actual = cg.support.quads.to_float(encode(exact))
         bits = system.residual_quad(encode(values(tree)), independent=True)
-        np.testing.assert_allclose(bits, found, rtol=0, atol=1e-14 * float(scale))
+        np.testing.assert_allclose(bits, actual, rtol=0, atol=1e-14 * float(scale))
         jacobian, steps = system.jacobian(floats(tree)), np.eye(system.size) * 1e-6
         for column, step in zip(jacobian.T, steps, strict=True):
             ahead, behind = (
@@ -135,13 +135,13 @@ class TestSolvers:
         system = ConditionSystem(4, self.LAYOUT)
         starts = (np.random.default_rng(k).uniform(-1, 1, system.size) for k in range(60))
         ends = (solve_start(Candidate(system, x0), 300, promising=1e-10) for x0 in starts)
-        found = next(end for end in ends if solved(end) and end.largest < 5)
-        method = to_method(found, name="x", source="y")
+        actual = next(end for end in ends if solved(end) and end.largest < 5)
+        method = to_method(actual, name="x", source="y")
         assert isinstance(method, CommutatorFree)
         assert method.order == 4
         packed = pack_method(method)
         assert packed.system == system
-        np.testing.assert_allclose(packed.x, found.x, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(packed.x, actual.x, rtol=0, atol=1e-12)
         assert packed.principal_error == pytest.approx(method.principal_error, rel=1e-10)
         better = optimise(packed, Goals(), max_iterations=5)
         assert better.principal_error < packed.principal_error

@@ -34,41 +34,41 @@ class TestRefine:
         near = np.array(packed("CG5a"), float)
         near += size * np.random.default_rng(1).standard_normal(near.size)
         fit = fit_conditions(near, ConditionSystem.tableau(5, 9))
-        found = refine(quads.from_float(fit.x), ConditionSystem.tableau(5, 9))
-        assert found.rank == 37 < conditions.count(5, independent=True)
-        assert found.largest_residual < 2e-33
-        moved = np.abs(quads.to_float(found.x) - near).max()
+        actual = refine(quads.from_float(fit.x), ConditionSystem.tableau(5, 9))
+        assert actual.rank == 37 < conditions.count(5, independent=True)
+        assert actual.largest_residual < 2e-33
+        moved = np.abs(quads.to_float(actual.x) - near).max()
         assert moved < 1000 * size
 
     def test_refine_random_explicit_method(self, order_four):
         start = next(start for start in order_four.starts if start.exact)
         near = np.array([float(entry) for entry in start.x])
-        found = refine(quads.from_float(near + 1e-9), ConditionSystem.tableau(4, 5))
-        assert found.rank in {12, 13}
-        assert found.largest_residual < 1e-32
+        fit = refine(quads.from_float(near + 1e-9), ConditionSystem.tableau(4, 5))
+        assert fit.rank in {12, 13}
+        assert fit.largest_residual < 1e-32
 
     def test_fixed_entries_are_kept(self):
         near = quads.encode(packed("CG4a"))
         free = [k for k in range(15) if k not in (0, 7)]
         moved = quads.from_float(quads.to_float(near))
-        found = refine(moved, ConditionSystem.tableau(4, 5), free=free)
-        assert found.largest_residual < 1e-32
-        np.testing.assert_array_equal(found.x[[0, 7]], moved[[0, 7]])
-        assert (found.x != moved).any()
+        fit = refine(moved, ConditionSystem.tableau(4, 5), free=free)
+        assert fit.largest_residual < 1e-32
+        np.testing.assert_array_equal(fit.x[[0, 7]], moved[[0, 7]])
+        assert (fit.x != moved).any()
 
     def test_order_of_free_entries_does_not_matter(self):
         near = quads.from_float(np.array(packed("CG4a"), float))
         expected = refine(near, ConditionSystem.tableau(4, 5), free=[1, 3, 4, *range(8, 15)])
-        found = refine(near, ConditionSystem.tableau(4, 5), free=[*range(14, 7, -1), 4, 4, 3, 1, 1])
-        np.testing.assert_array_equal(found.x, expected.x)
+        fit = refine(near, ConditionSystem.tableau(4, 5), free=[*range(14, 7, -1), 4, 4, 3, 1, 1])
+        np.testing.assert_array_equal(fit.x, expected.x)
 
     def test_refine_without_free_entries(self):
         near = np.full(6, 0.3)
         np.testing.assert_array_equal(
             fit_conditions(near, ConditionSystem.tableau(3, 3), free=[]).x, near
         )
-        found = refine(quads.from_float(near), ConditionSystem.tableau(3, 3), free=[])
-        np.testing.assert_array_equal(quads.to_float(found.x), near)
+        fit = refine(quads.from_float(near), ConditionSystem.tableau(3, 3), free=[])
+        np.testing.assert_array_equal(quads.to_float(fit.x), near)
 
     @pytest.mark.parametrize("solver", ["refine", "fit"])
     @pytest.mark.parametrize(
@@ -113,34 +113,34 @@ class TestRefine:
 class TestPolish:
     def test_polish_exceeds_binary128(self):
         near = [Fraction(float(entry)) for entry in packed("CG4a")]
-        found = polish(near, ConditionSystem.tableau(4, 5))
-        assert found.largest_residual < Fraction(1, 10**44)
-        a, b = unpack(found.x, 5)
+        fit = polish(near, ConditionSystem.tableau(4, 5))
+        assert fit.largest_residual < Fraction(1, 10**44)
+        a, b = unpack(fit.x, 5)
         assert max(map(abs, residuals_exact(a, b, 4))) < Fraction(1, 10**43)
-        assert found.iterations <= 5
-        assert max(abs(p - q) for p, q in zip(found.x, near, strict=True)) < 1e-14
+        assert fit.iterations <= 5
+        assert max(abs(p - q) for p, q in zip(fit.x, near, strict=True)) < 1e-14
 
     def test_polish_with_dependent_conditions(self):
-        found = polish(
+        fit = polish(
             [Fraction(float(entry)) for entry in packed("CG5a")], ConditionSystem.tableau(5, 9)
         )
-        assert found.largest_residual < Fraction(1, 10**44)
+        assert fit.largest_residual < Fraction(1, 10**44)
 
     def test_polish_preserves_linear_relations(self):
         gamma = Fraction(1.3512071919596578)
         line = np.array([0.5, 1, -1, 1, -2, 0.5, 1, -2, 1])[:, None]
         offset = [0, 0, Fraction(1, 2), 0, 1, 0, 0, 1, 0]
         near = [o + Fraction(d) * gamma for o, d in zip(offset, line[:, 0], strict=True)]
-        found = polish(near, ConditionSystem.tableau(4, 3, rows=Rows.DIAGONAL), directions=line)
-        assert found.largest_residual < Fraction(1, 10**44)
-        root = 2 - 1 / found.x[6]
+        fit = polish(near, ConditionSystem.tableau(4, 3, rows=Rows.DIAGONAL), directions=line)
+        assert fit.largest_residual < Fraction(1, 10**44)
+        root = 2 - 1 / fit.x[6]
         assert abs(root**3 - 2) < Fraction(1, 10**43)
-        expected = [o + Fraction(d) * found.x[6] for o, d in zip(offset, line[:, 0], strict=True)]
-        assert list(found.x) == expected
+        expected = [o + Fraction(d) * fit.x[6] for o, d in zip(offset, line[:, 0], strict=True)]
+        assert list(fit.x) == expected
 
     def test_polish_of_point_that_is_no_zero(self):
-        found = polish([Fraction(1, 2)] * 3, ConditionSystem.tableau(3, 2))
-        assert found.largest_residual > Fraction(1, 100)
+        fit = polish([Fraction(1, 2)] * 3, ConditionSystem.tableau(3, 2))
+        assert fit.largest_residual > Fraction(1, 100)
 
     @pytest.mark.parametrize("directions", [np.eye(5), np.ones(6), np.ones((6, 0))])
     def test_bad_directions(self, directions):

@@ -39,10 +39,10 @@ def store(path):
 
 
 def test_solutions_are_the_methods_of_the_search(store):
-    found = list(solutions(store.run(1)))
+    starts = list(solutions(store.run(1)))
     methods = cg.search(3, 3, 40, 1).methods
-    assert len(found) == len(methods) > 10
-    largest = sorted(one.candidate.largest for one in found)
+    assert len(starts) == len(methods) > 10
+    largest = sorted(one.candidate.largest for one in starts)
     np.testing.assert_allclose(
         largest, [max(abs(float(c.value)) for c in method.coefficients) for method in methods]
     )
@@ -53,9 +53,9 @@ def test_solutions_are_the_methods_of_the_search(store):
 @pytest.mark.parametrize("run", [1, 2, 3])
 @pytest.mark.parametrize("objective", OBJECTIVES)
 def test_best_solutions_come_first(store, run, objective):
-    found = best(store.run(run), objective, 3)
+    starts = best(store.run(run), objective, 3)
     values = [one.objective(objective) for one in solutions(store.run(run))]
-    assert [one.objective(objective) for one in found] == sorted(values)[:3]
+    assert [one.objective(objective) for one in starts] == sorted(values)[:3]
 
 
 def test_connected_solutions_are_one_family(store):
@@ -78,10 +78,10 @@ def test_connected_solutions_are_one_family(store):
 
 
 def test_families_are_components(store):
-    found = list(solutions(store.run(1)))
-    groups = families(found)
-    assert sum(map(len, groups)) == len(found)
-    assert 1 < len(groups) < len(found) / 2  # some walks arrive, not all
+    starts = list(solutions(store.run(1)))
+    groups = families(starts)
+    assert sum(map(len, groups)) == len(starts)
+    assert 1 < len(groups) < len(starts) / 2  # some walks arrive, not all
     assert [len(group) for group in groups] == sorted(map(len, groups), reverse=True)
     assert families([]) == []
 
@@ -105,13 +105,13 @@ def test_publish_run(store, run, tmp_path):
 
 
 def test_publish_without_optimisation(store, tmp_path):
-    found = list(solutions(store.run(1)))[-1]
+    starts = list(solutions(store.run(1)))[-1]
     publication = publish(
-        store.run(1), "Plain", tmp_path, number=found.record.number, max_iterations=0
+        store.run(1), "Plain", tmp_path, number=starts.record.number, max_iterations=0
     )
-    assert f"start {found.record.number}" in publication.method.source
+    assert f"start {starts.record.number}" in publication.method.source
     x = np.array([float(entry.value) for entry in publication.method.coefficients])
-    np.testing.assert_allclose(x, found.candidate.x, atol=1e-15)
+    np.testing.assert_allclose(x, starts.candidate.x, atol=1e-15)
     assert publication.principal_error == publication.initial_principal_error
 
 
@@ -142,18 +142,18 @@ def test_decades(store):
 
 
 class TestFromAStoreToTheCatalogue:
-    """A find is a method like those of the package: known by name, with its proof and a page."""
+    """A published method is like those of the package: known by name, with its proof and a page."""
 
     @pytest.mark.filterwarnings("error")
     def test_a_method_of_the_user(self, store, tmp_path, capsys):
         result = best(store.run(1), "principal-error", 1)[0]
-        made = publish(store.run(1), "Mine", tmp_path, number=result.record.number)
+        publication = publish(store.run(1), "Mine", tmp_path, number=result.record.number)
         file = str(tmp_path / "Mine.toml")
-        assert cg.Method.load(file) == made.method
-        assert certificate_beside(file, made.method) == made.certificate
-        assert made.method.digits(60, certificate=made.certificate) is not None
+        assert cg.Method.load(file) == publication.method
+        assert certificate_beside(file, publication.method) == publication.certificate
+        assert publication.method.digits(60, certificate=publication.certificate) is not None
         assert main(["show", file, "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["certificate"] == str(made.certificate)
+        assert json.loads(capsys.readouterr().out)["certificate"] == str(publication.certificate)
         assert main(["certify", file]) == 0
         assert main(["export", file, "json", "--digits", "60"]) == 0
 
@@ -168,11 +168,11 @@ class TestFromAStoreToTheCatalogue:
     def test_publish_into_catalogue_folder(self, store, tmp_path, monkeypatch):
         folder = tmp_path / "catalogue"
         (folder / "certificates").mkdir(parents=True)
-        made = publish(store.run(2), "CF4z", folder)
-        assert made.files == (folder / "CF4z.toml", folder / "certificates" / "CF4z.toml")
+        publication = publish(store.run(2), "CF4z", folder)
+        assert publication.files == (folder / "CF4z.toml", folder / "certificates" / "CF4z.toml")
         catalogue = cg.catalogue.Catalogue(folder)
-        assert catalogue["CF4z"] == made.method
-        cg.proofs.check(cg.proofs.Certificate.load(made.files[1]), made.method)
+        assert catalogue["CF4z"] == publication.method
+        cg.proofs.check(cg.proofs.Certificate.load(publication.files[1]), publication.method)
 
     @pytest.mark.slow
     def test_its_page(self, store, tmp_path, monkeypatch):
@@ -181,10 +181,10 @@ class TestFromAStoreToTheCatalogue:
         import method_pages
 
         monkeypatch.setattr(method_pages, "FOLDER", tmp_path / "methods")
-        made = publish(store.run(2), "CF4z", tmp_path)
-        text = method_pages.page(made.method)
+        publication = publish(store.run(2), "CF4z", tmp_path)
+        text = method_pages.page(publication.method)
         assert text.startswith("# CF4z\n")
-        assert made.method.source in text
+        assert publication.method.source in text
         for form in ("toml", "json", "c", "julia"):
             assert list((tmp_path / "methods" / "files" / form).iterdir())
 
@@ -198,10 +198,10 @@ class TestFromAStoreToTheCatalogue:
 
         certify = module.certify
         monkeypatch.setattr(module, "certify", whole_only)
-        made = publish(store.run(1), "Part", tmp_path)
-        assert made.certificate is not None
-        assert made.reason == "two conditions are left"
-        assert len(made.files) == 2
+        publication = publish(store.run(1), "Part", tmp_path)
+        assert publication.certificate is not None
+        assert publication.reason == "two conditions are left"
+        assert len(publication.files) == 2
 
     def test_publish_rejects_names_of_the_package(self, store, tmp_path):
         for name in ("CF4", "RKMK4"):

@@ -97,9 +97,9 @@ class TestMethods:
 
     @pytest.mark.parametrize("rows", PATTERNS)
     def test_methods_have_order_of_search(self, rows):
-        found = search(4, 5, 40, seed=1, rows=rows)
-        assert len(found.methods) >= 5
-        for method in found.methods:
+        result = search(4, 5, 40, seed=1, rows=rows)
+        assert len(result.methods) >= 5
+        for method in result.methods:
             assert method.order == 4
             assert method.rows == PATTERNS[rows]
             assert method.largest_residual() < 1e-33
@@ -118,9 +118,9 @@ class TestMethods:
         assert sizes == sorted(sizes)
 
     def test_equal_methods_are_listed_once(self):
-        found = search(2, 1, 30, seed=1, rows="diagonal")
-        assert all(start.exact for start in found.starts)
-        assert [method.exact for method in found.methods] == [methods["ImplicitMidpoint"].exact]
+        result = search(2, 1, 30, seed=1, rows="diagonal")
+        assert all(start.exact for start in result.starts)
+        assert [method.exact for method in result.methods] == [methods["ImplicitMidpoint"].exact]
 
     def test_best_start_has_smallest_residual(self, order_four):
         best = order_four.best
@@ -128,34 +128,34 @@ class TestMethods:
         assert best.largest_residual == min(s.largest_residual for s in order_four.starts)
 
     def test_search_without_methods(self):
-        found = search(4, 4, 10, seed=1, force=True)
-        assert found.methods == ()
-        assert not found.best.exact
-        assert 1e-5 < found.best.largest_residual < 1
+        result = search(4, 4, 10, seed=1, force=True)
+        assert result.methods == ()
+        assert not result.best.exact
+        assert 1e-5 < result.best.largest_residual < 1
 
     @pytest.mark.parametrize("algorithm", ["minimum-norm", "lmdif"])
     def test_nothing_is_exact_without_refinement(self, algorithm):
-        found = search(3, 3, 6, seed=1, refine_below=0, algorithm=algorithm)
-        assert all(start.quad is None and not start.exact for start in found.starts)
-        assert found.methods == ()
-        assert found.best.largest_residual < 1e-8
+        result = search(3, 3, 6, seed=1, refine_below=0, algorithm=algorithm)
+        assert all(start.quad is None and not start.exact for start in result.starts)
+        assert result.methods == ()
+        assert result.best.largest_residual < 1e-8
 
     @pytest.mark.parametrize("algorithm", ["minimum-norm", "lmdif"])
     @pytest.mark.parametrize("refine_below", [1e-15, 1e300])
     @pytest.mark.parametrize("width", [1e60, 1e200, 1e300])
     def test_overflow_ends_start(self, algorithm, refine_below, width):
-        found = search(
+        result = search(
             3, 3, 3, seed=1, width=width, algorithm=algorithm, refine_below=refine_below,
             maxfev=50, refine_maxfev=50,
         )  # fmt: skip
-        assert found.methods == ()
-        assert not found.best.exact
-        assert found.best.largest_residual > 1
+        assert result.methods == ()
+        assert not result.best.exact
+        assert result.best.largest_residual > 1
 
     @pytest.mark.parametrize("algorithm", ["minimum-norm", "lmdif"])
     def test_width_zero_gives_equal_guesses(self, algorithm):
-        found = search(2, 2, 3, seed=1, width=0, algorithm=algorithm)
-        assert len({start.x for start in found.starts}) == 1
+        result = search(2, 2, 3, seed=1, width=0, algorithm=algorithm)
+        assert len({start.x for start in result.starts}) == 1
 
     def test_evaluations_are_bounded(self):
         for start in search(4, 5, 10, seed=1, maxfev=20).starts:
@@ -203,24 +203,24 @@ class TestThePapersWay:
                 assert start.quad is None or start.quad.f > 1e-40
 
     def test_the_number_of_evaluations_is_bounded(self):
-        found = search(4, 5, 3, seed=2, algorithm="lmdif", maxfev=40)
-        assert all(start.double.nfev <= 40 + 15 for start in found.starts)
-        assert {start.double.info for start in found.starts} == {Status.TOO_MANY_EVALUATIONS}
+        result = search(4, 5, 3, seed=2, algorithm="lmdif", maxfev=40)
+        assert all(start.double.nfev <= 40 + 15 for start in result.starts)
+        assert {start.double.info for start in result.starts} == {Status.TOO_MANY_EVALUATIONS}
 
     @pytest.mark.parametrize("rows", ["diagonal", "full"])
     def test_implicit_rows(self, rows):
-        found = search(3, 3, 4, seed=1, rows=rows, algorithm="lmdif")
-        assert found.methods
-        assert {(m.order, m.explicit) for m in found.methods} == {(3, False)}
+        result = search(3, 3, 4, seed=1, rows=rows, algorithm="lmdif")
+        assert result.methods
+        assert {(m.order, m.explicit) for m in result.methods} == {(3, False)}
 
 
 class TestImplicit:
     @pytest.mark.parametrize("rows", ["diagonal", "full"])
     @pytest.mark.parametrize(("order", "stages"), [(2, 1), (3, 3), (4, 4)])
     def test_implicit_methods_are_found(self, rows, order, stages):
-        found = search(order, stages, 30, seed=2, rows=rows)
-        assert len(found.methods) >= 1
-        assert all(method.order == order and not method.explicit for method in found.methods)
+        result = search(order, stages, 30, seed=2, rows=rows)
+        assert len(result.methods) >= 1
+        assert all(method.order == order and not method.explicit for method in result.methods)
 
     @pytest.mark.parametrize("name", PATTERNS)
     def test_rows_by_name_and_value(self, name):
@@ -231,15 +231,15 @@ class TestImplicit:
         assert len(by_name.best.x) == unknowns(4, PATTERNS[name])
 
     def test_finds_methods_with_fewer_unknowns_than_conditions(self):
-        found = search(4, 3, 200, seed=1, rows="diagonal", force=True)
-        (method,) = found.methods
+        result = search(4, 3, 200, seed=1, rows="diagonal", force=True)
+        (method,) = result.methods
         np.testing.assert_allclose(method.a, methods["DICG4"].a, atol=1e-15)
-        assert len(found.best.x) == 9 < conditions.count(4, independent=True)
+        assert len(result.best.x) == 9 < conditions.count(4, independent=True)
 
     def test_finds_fully_implicit_methods_with_fewer_unknowns(self):
-        found = search(4, 3, 40, seed=1, rows="full", force=True)
-        assert len(found.methods) >= 2
-        for method in found.methods:
+        result = search(4, 3, 40, seed=1, rows="full", force=True)
+        assert len(result.methods) >= 2
+        for method in result.methods:
             assert method.order == 4
             np.testing.assert_allclose(method.b, methods["DICG4"].b, rtol=1e-14)
             np.testing.assert_allclose(method.c, methods["DICG4"].c, rtol=1e-14)
@@ -338,9 +338,9 @@ class TestArguments:
         search(order, stages, 1, seed=1, rows=rows, maxfev=4)
 
     def test_accepts_numpy_integers(self):
-        found = search(*np.array([2, 2, 1, 1]))
-        assert found == search(2, 2, 1, 1)
-        assert json.dumps(found.settings.order) == "2"
+        result = search(*np.array([2, 2, 1, 1]))
+        assert result == search(2, 2, 1, 1)
+        assert json.dumps(result.settings.order) == "2"
 
     def test_search_is_exported(self):
         assert cg.search is search
@@ -373,10 +373,10 @@ class TestRequirements:
     @pytest.mark.parametrize("minimise", [None, "principal_error", "largest_coefficient"])
     def test_methods_satisfy_the_bounds(self, order_three, minimise):
         bounds = {"abscissae": (0, 1), "bound": 1.5}
-        found = search(**SMALL, starts=40, **bounds, minimise=minimise)
-        assert found.starts == order_three.starts
-        assert 0 < len(found.methods) < len(order_three.methods)
-        for method in found.methods:
+        result = search(**SMALL, starts=40, **bounds, minimise=minimise)
+        assert result.starts == order_three.starts
+        assert 0 < len(result.methods) < len(order_three.methods)
+        for method in result.methods:
             assert method.order == 3
             assert method.largest_residual() < 1e-33
             assert method.c.min() >= 0.0
@@ -386,24 +386,26 @@ class TestRequirements:
     @pytest.mark.parametrize("minimise", ["principal_error", "largest_coefficient"])
     def test_minimised_methods(self, order_three, minimise):
         objective = attrgetter(minimise) if minimise == "principal_error" else largest
-        found = search(**SMALL, starts=40, minimise=minimise).methods
-        values = list(map(objective, found))
+        selected = search(**SMALL, starts=40, minimise=minimise).methods
+        values = list(map(objective, selected))
         assert values == pytest.approx(sorted(values), abs=1e-7)
         before = {method.name: method for method in order_three.methods}
-        ratios = [objective(method) / objective(before[method.name]) for method in found]
+        ratios = [objective(method) / objective(before[method.name]) for method in selected]
         assert len(ratios) == len(before)
         assert max(ratios) < 1.05
         assert min(ratios) < 0.8
-        assert found[0].source == before[found[0].name].source + ", then along the solution set"
+        assert (
+            selected[0].source == before[selected[0].name].source + ", then along the solution set"
+        )
 
     def test_methods_within_the_bounds_stay_as_they_are(self, order_three):
-        found = search(**SMALL, starts=40, bound=largest(order_three.methods[3]) + 1e-3).methods
-        assert set(order_three.methods[:4]) <= set(found)
+        selected = search(**SMALL, starts=40, bound=largest(order_three.methods[3]) + 1e-3).methods
+        assert set(order_three.methods[:4]) <= set(selected)
 
     def test_trees(self):
-        found = search(4, 4, 60, 1, flows=5, abscissae=(0, 1)).methods
-        assert found
-        assert all(method.c.min() >= 0 and method.c.max() <= 1 for method in found)
+        selected = search(4, 4, 60, 1, flows=5, abscissae=(0, 1)).methods
+        assert selected
+        assert all(method.c.min() >= 0 and method.c.max() <= 1 for method in selected)
 
     @pytest.mark.parametrize(
         ("wish", "message"),
@@ -436,9 +438,9 @@ class TestRequirements:
     ],
 )
 def test_names_of_methods(options, name):
-    found = search(**SMALL, starts=12, **options).methods
-    assert found
-    assert all(re.fullmatch(name, method.name) for method in found)
+    selected = search(**SMALL, starts=12, **options).methods
+    assert selected
+    assert all(re.fullmatch(name, method.name) for method in selected)
 
 
 def largest(method):

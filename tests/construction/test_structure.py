@@ -86,14 +86,14 @@ def test_bad_input(arguments, message):
 
 
 @pytest.mark.parametrize(
-    ("identities", "weightless", "kept"),
+    ("identities", "weightless", "counts"),
     [
         ([StageOrderTwo(1)], (1,), [1, 1, 2, 6, 19, 56, 176]),
         ([StageOrderTwo(1), MiddleAbscissae()], (0, 1), [1, 0, 1, 4, 12, 36, 112]),
     ],
 )
-def test_number_of_equations_through_order_seven(identities, weightless, kept):
-    assert [len(kept_words(grade, identities, weightless)) for grade in range(1, 8)] == kept
+def test_number_of_equations_through_order_seven(identities, weightless, counts):
+    assert [len(kept_words(grade, identities, weightless)) for grade in range(1, 8)] == counts
 
 
 def test_number_of_equations_of_pairs():

@@ -50,31 +50,31 @@ def test_results_do_not_depend_on_workers():
 
 
 def test_first_weight_is_held_while_solving():
-    found = cg.search(**FIVE, starts=20, tree=CHAIN, refine_below=0.0)
-    first = np.array([float(start.x[0]) for start in found.starts])
+    result = cg.search(**FIVE, starts=20, tree=CHAIN, refine_below=0.0)
+    first = np.array([float(start.x[0]) for start in result.starts])
     assert ((first > 0.2) & (first < 0.8)).all()
     assert len(set(first)) == len(first)
 
 
 @pytest.mark.parametrize("tree", [cg.methods["CF4"], cg.methods["CF4"].tree])
 def test_given_tree_has_its_weights_as_unknowns(tree):
-    found = cg.search(4, 4, 40, 1, tree=tree)
-    assert found.settings.tree == Layout.of_tree(cg.methods["CF4"].tree)
-    assert found.methods
-    assert all(m.layout == found.settings.tree and m.order == 4 for m in found.methods)
+    result = cg.search(4, 4, 40, 1, tree=tree)
+    assert result.settings.tree == Layout.of_tree(cg.methods["CF4"].tree)
+    assert result.methods
+    assert all(m.layout == result.settings.tree and m.order == 4 for m in result.methods)
 
 
 def test_second_results_make_pairs():
-    found = cg.search(4, 5, 10, 1, flows=6, embedded=True).methods
-    assert found
-    assert {(m.order, m.embedded_order, m.exponentials) for m in found} == {(4, 3, 6)}
+    methods = cg.search(4, 5, 10, 1, flows=6, embedded=True).methods
+    assert methods
+    assert {(m.order, m.embedded_order, m.exponentials) for m in methods} == {(4, 3, 6)}
 
 
 def test_drawn_pairs_have_nonzero_estimates():
-    found = cg.search(5, 7, 60, 1, flows=12, embedded=True, first_same_as_last=True, workers=2)
-    assert found.settings.first_same_as_last
-    assert len(found.methods) > 1
-    for method in found.methods:
+    result = cg.search(5, 7, 60, 1, flows=12, embedded=True, first_same_as_last=True, workers=2)
+    assert result.settings.first_same_as_last
+    assert len(result.methods) > 1
+    for method in result.methods:
         layout = method.layout
         assert (method.order, method.embedded_order, method.stages) == (5, 4, 7)
         assert layout.stage_points[-1] == layout.results[0] == layout.parents[layout.results[1]]
@@ -88,8 +88,8 @@ def test_drawn_pairs_have_nonzero_estimates():
 
 def test_last_weight_of_estimate_is_held_while_solving():
     shape = {"flows": 12, "embedded": True, "first_same_as_last": True}
-    found = cg.search(5, 7, 12, 1, **shape, refine_below=0.0)
-    last = np.array([float(start.x[-1]) for start in found.starts])
+    result = cg.search(5, 7, 12, 1, **shape, refine_below=0.0)
+    last = np.array([float(start.x[-1]) for start in result.starts])
     assert ((last > 0.1) & (last < 0.2)).all()
 
 
@@ -97,13 +97,13 @@ def test_search_resumes_from_store(tmp_path):
     path = tmp_path / "runs.db"
     options = FIVE | {"flows": 9, "maxfev": 40}
     cg.search(**options, starts=4, store=path)
-    found = cg.search(**options, starts=6, store=path)
-    assert found == cg.search(**options, starts=6)
+    result = cg.search(**options, starts=6, store=path)
+    assert result == cg.search(**options, starts=6)
     with Store(path) as store:
         records = list(store.run(1).records())
     assert [record.number for record in records] == list(range(6))
     for record in records:
-        layout = start_layout(found.settings, record.number)
+        layout = start_layout(result.settings, record.number)
         assert (record.stages, record.flows) == (6, 9)
         assert json.loads(record.tree)["parents"] == list(layout.parents)
 
@@ -198,35 +198,41 @@ def test_rejects_too_few_stages_or_unknowns(look):
 
 
 def test_force_skips_counting():
-    found = cg.search(5, 5, 2, 0, flows=9, force=True)
-    assert len(found.starts) == 2
-    assert not found.methods
+    result = cg.search(5, 5, 2, 0, flows=9, force=True)
+    assert len(result.starts) == 2
+    assert not result.methods
 
 
 def test_construct_drops_flows_of_drawn_trees(tmp_path):
     path = tmp_path / "trees"
     options = {**FIVE, "flows": 9, "first_flows": 10, "tries": 60}
-    found = cg.construct(**options, workers=2, store=path)
-    assert (found.method.order, found.method.stages, found.method.exponentials) == (5, 6, 9)
+    construction = cg.construct(**options, workers=2, store=path)
+    assert (
+        construction.method.order,
+        construction.method.stages,
+        construction.method.exponentials,
+    ) == (5, 6, 9)
     drawn = draw_layout(
-        6, 10, np.random.default_rng(np.random.SeedSequence(1, spawn_key=(found.best.index,)))
+        6,
+        10,
+        np.random.default_rng(np.random.SeedSequence(1, spawn_key=(construction.best.index,))),
     )
     assert len(drawn.parents) == 10
     again = cg.construct(**options, workers=1, store=path)
-    assert again == found
-    assert cg.construct(**options, workers=1) == found
+    assert again == construction
+    assert cg.construct(**options, workers=1) == construction
 
 
 def test_construct_with_given_tree():
-    found = cg.construct(4, 4, 1, tree=cg.methods["CF4"])
-    assert (found.method.order, found.method.exponentials) == (4, 5)
-    assert found.method.layout == cg.methods["CF4"].layout
+    construction = cg.construct(4, 4, 1, tree=cg.methods["CF4"])
+    assert (construction.method.order, construction.method.exponentials) == (4, 5)
+    assert construction.method.layout == cg.methods["CF4"].layout
 
 
 def test_construct_drops_flows_of_given_tree():
     tree = (tuple(range(-1, 10)), (-1, 0, 1, 3, 4, 7))
-    found = cg.construct(5, 6, 1, tree=tree, flows=10, tries=60)
-    assert (found.method.order, found.method.exponentials) == (5, 10)
+    construction = cg.construct(5, 6, 1, tree=tree, flows=10, tries=60)
+    assert (construction.method.order, construction.method.exponentials) == (5, 10)
     with pytest.raises(ValueError, match="flows must be at most 11, got 12"):
         cg.construct(5, 6, 1, tree=tree, flows=12)
     with pytest.raises(ValueError, match="first_flows must be None with a tree"):
@@ -240,10 +246,10 @@ def test_finish_converges_to_zero():
     assert free.size < system.equations
     x = candidate.x + 1e-4 * np.random.default_rng(1).standard_normal(candidate.x.size)
     before = float(np.sum(system.residual(x) ** 2))
-    found, f = finish(system, x, free)
+    actual, f = finish(system, x, free)
     assert before > 1e-10
     assert f < 1e-26
-    assert np.abs(found - candidate.x).max() < 1
+    assert np.abs(actual - candidate.x).max() < 1
     near = decompose(system.jacobian(candidate.x)[:, free])
     assert near.rank == candidate.rank == 67
     back = retract(system, candidate.x + 1e-3 * near.kernel[:, 0], free, near)
@@ -252,9 +258,9 @@ def test_finish_converges_to_zero():
 
 
 def solution(order, **shape):
-    found = cg.search(order=order, seed=1, **shape)
-    start = next(start for start in found.starts if start.exact)
-    layout = start_layout(found.settings, start.index)
+    result = cg.search(order=order, seed=1, **shape)
+    start = next(start for start in result.starts if start.exact)
+    layout = start_layout(result.settings, start.index)
     return Candidate(ConditionSystem(order, layout), np.array(start.x, dtype=float))
 
 

@@ -65,7 +65,7 @@ def test_right_hand_sides_in_numba():
     pytest.importorskip("numba")
     names = run("docs/howto/compiled.md", "numba")
     assert names["by_numba"].success
-    wanted = cg.solve_ivp(
+    expected = cg.solve_ivp(
         lambda t, y: [0.0, np.sin(t), y[0, 0]],
         (0, 5),
         np.eye(3),
@@ -73,7 +73,7 @@ def test_right_hand_sides_in_numba():
         rtol=1e-9,
         atol=1e-9,
     )
-    np.testing.assert_allclose(names["by_numba"].y[-1], wanted.y[-1], atol=1e-12)
+    np.testing.assert_allclose(names["by_numba"].y[-1], expected.y[-1], atol=1e-12)
 
 
 @pytest.mark.slow

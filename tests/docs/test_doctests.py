@@ -52,26 +52,26 @@ def test_doctests_of_module(name):
         pytest.skip("diffrax is not installed")
     module = importlib.import_module(name)
     finder, runner = doctest.DocTestFinder(), doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-    told = []
+    output = []
     with np.printoptions():
         for test in finder.find(module):
-            runner.run(test, out=told.append)
-    assert runner.failures == 0, "".join(told)
+            runner.run(test, out=output.append)
+    assert runner.failures == 0, "".join(output)
 
 
 def resolved(name):
-    found = cg
+    target = cg
     for part in name.split(".")[1:]:
-        found = getattr(found, part)
-    return found
+        target = getattr(target, part)
+    return target
 
 
 def offered():
     """Names of what `cg` offers, and the modules that it lists."""
     names = {f"cg.{name}" for name in cg.__all__}
     for name in sorted(names):
-        if isinstance(found := resolved(name), ModuleType):
-            names |= {f"{name}.{inner}" for inner in found.__all__}
+        if isinstance(actual := resolved(name), ModuleType):
+            names |= {f"{name}.{inner}" for inner in actual.__all__}
     return names
 
 
@@ -95,18 +95,18 @@ def public():
     }
 
 
-def examples_of(found):
+def examples_of(target):
     """Return the examples of an object that the test above runs; of a value, those of its class."""
-    if not hasattr(found, "__qualname__"):
-        found = type(found)
-    module = importlib.import_module(found.__module__)
+    if not hasattr(target, "__qualname__"):
+        target = type(target)
+    module = importlib.import_module(target.__module__)
     if module.__name__ not in NAMES:
         return []
-    wanted = f"{found.__module__}.{found.__qualname__}"
+    expected = f"{target.__module__}.{target.__qualname__}"
     return [
         example
         for test in doctest.DocTestFinder(recurse=True).find(module)
-        if test.name == wanted
+        if test.name == expected
         for example in test.examples
         if not example.options.get(doctest.SKIP)
     ]
@@ -115,8 +115,8 @@ def examples_of(found):
 def without_example(objects):
     return [
         name
-        for name, found in objects.items()
-        if not isinstance(found, ModuleType | int) and not examples_of(found)
+        for name, actual in objects.items()
+        if not isinstance(actual, ModuleType | int) and not examples_of(actual)
     ]
 
 

@@ -27,9 +27,9 @@ def tool():
 def checked(tool):
     monkeypatch = pytest.MonkeyPatch()
     monkeypatch.setattr(tool, "slope_of", lambda _: float("nan"))
-    found = [tool.check(entry) for entry in tool.read()]
+    actual = [tool.check(entry) for entry in tool.read()]
     monkeypatch.undo()
-    return {(c.entry["implementation"].split(" ")[0], c.entry["name"]): c for c in found}
+    return {(c.entry["implementation"].split(" ")[0], c.entry["name"]): c for c in actual}
 
 
 def without_slope(row):

@@ -59,10 +59,12 @@ def reproduction():
     residuals = conditions.exact_residuals_of(cg6a, 6)
     independent = conditions.exact_residuals_of(cg6a, 6, independent=True)
     held = sum(abs(residual) <= Fraction(1, 10**6) for residual in residuals)
-    every, own = (power_of_ten(sum(r * r for r in rs), 1) for rs in (residuals, independent))
+    over_all, over_independent = (
+        power_of_ten(sum(r * r for r in rs), 1) for rs in (residuals, independent)
+    )
     yield f"{held} of {len(residuals)} hold to 10⁻⁶"
     yield f"Σb − 1 = {power_of_ten(sum(cg6a.exact[1]) - 1, 0)}:"
-    yield f"has f = {own} ({every} over all trees"
+    yield f"has f = {over_independent} ({over_all} over all trees"
     cut, rounded = (
         [f"{nearest_exact(name, truncated=truncated):.2f}" for name in ("CG4a", "CG5a")]
         for truncated in (True, False)

@@ -19,7 +19,7 @@ def test_code_of_readme_runs(capsys):
     names = run("README.md")
     assert names["run"].success
     assert names["frame"].membership_error(names["run"].y).max() < 1e-14
-    assert names["found"]
+    assert names["four"]
     assert names["five"].order == 5
     assert names["proof"].order == names["method"].order == 6
     assert "The end of t_span was reached" in capsys.readouterr().out
@@ -40,9 +40,9 @@ def test_code_of_frames_page():
     path, flight = names["path"], names["flight"]
     # latitude: z' = -(1 - z^2) / 2; longitude grows with time
     z = -np.tanh(path.t / 2)
-    wanted = np.stack([np.cos(path.t), np.sin(path.t), z], axis=-1)
-    wanted[:, :2] *= np.sqrt(1 - z * z)[:, None]
-    np.testing.assert_allclose(path.y, wanted, atol=1e-7)
+    expected = np.stack([np.cos(path.t), np.sin(path.t), z], axis=-1)
+    expected[:, :2] *= np.sqrt(1 - z * z)[:, None]
+    np.testing.assert_allclose(path.y, expected, atol=1e-7)
 
     scalar_first = cg.frames.Product(
         cg.frames.UnitQuaternion(scalar_first=True), cg.frames.Euclidean(3)
@@ -109,15 +109,15 @@ def test_code_of_munthe_kaas_page():
 def test_code_of_runs_page(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     names = run("docs/runs.md")
-    made = {"runs.db", "Mine.toml", "Mine.certificate.toml"}
-    assert {path.name for path in tmp_path.iterdir()} == made
-    assert names["made"].certificate.order == names["made"].method.order == 4
-    found, told = names["found"], capsys.readouterr().out.splitlines()
-    assert told[0] == repr(found)
-    exact = sum(start.exact for start in found.starts)
+    files = {"runs.db", "Mine.toml", "Mine.certificate.toml"}
+    assert {path.name for path in tmp_path.iterdir()} == files
+    assert names["publication"].certificate.order == names["publication"].method.order == 4
+    result, lines = names["result"], capsys.readouterr().out.splitlines()
+    assert lines[0] == repr(result)
+    exact = sum(start.exact for start in result.starts)
     assert exact > 10
-    best = min(start.quad.f for start in found.starts if start.quad)
+    best = min(start.quad.f for start in result.starts if start.quad)
     method = names["method"]
-    assert told[1] == f"{method.name} {method.principal_error}"
+    assert lines[1] == f"{method.name} {method.principal_error}"
     assert method.c.max() <= 1.0
-    assert told[2] == f"search 4 200 {exact} {best}"
+    assert lines[2] == f"search 4 200 {exact} {best}"

@@ -69,8 +69,8 @@ def test_pages_of_methods(from_docs):
         words, sentences = pages.proof(method)
         assert (words == "yes") == (sentences.startswith(f"**Proved: order {method.order}")), name
         assert pages.coefficients(method).startswith("| "), name
-        *entries, own = pages.citations(method)
-        assert f"method {name}}}" in own
+        *entries, last = pages.citations(method)
+        assert f"method {name}}}" in last
         if re.search(r"\b(19|20)\d\d\b", method.source or ""):
             assert entries, name
     assert pages.proof(cg.methods["CG6a"])[0] == "no"

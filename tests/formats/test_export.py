@@ -44,12 +44,12 @@ def errors_of(step):
     return [sum(w * v for w, v in zip(row, step.fields, strict=True)) for row in weights]
 
 
-def agree(found, names):
+def agree(output, names):
     """Compare lines of numbers as C's %a writes them."""
-    wanted = [row for name in names for row in ours(name)]
-    rows = [[float.fromhex(number) for number in line.split()] for line in found.splitlines()]
-    assert len(rows) == len(wanted)
-    np.testing.assert_array_equal(rows, wanted)
+    expected = [row for name in names for row in ours(name)]
+    rows = [[float.fromhex(number) for number in line.split()] for line in output.splitlines()]
+    assert len(rows) == len(expected)
+    np.testing.assert_array_equal(rows, expected)
 
 
 def on_algebra(method):
@@ -335,14 +335,14 @@ def test_step_has_the_higher_order(method):
     functions = [heisenberg.field, Heisenberg().flow]
     functions += [heisenberg.dexpinv] * on_algebra(method)
     start = np.array(START)
-    found = names["step"](*functions, TIME, start, STEP)
+    actual = names["step"](*functions, TIME, start, STEP)
     step = Step(heisenberg.field, Heisenberg(), method)
-    np.testing.assert_array_equal(found, step(TIME, start, STEP))
+    np.testing.assert_array_equal(actual, step(TIME, start, STEP))
     if method.error_weights:
         point, error = names["step_error"](*functions, TIME, start, STEP)
-        wanted = errors_of(step)
-        np.testing.assert_array_equal(error, wanted)
+        expected = errors_of(step)
+        np.testing.assert_array_equal(error, expected)
     else:
         point, second = names["step_pair"](*functions, TIME, start, STEP)
         np.testing.assert_array_equal(second, step.pair(TIME, start, STEP)[1])
-    np.testing.assert_array_equal(point, found)
+    np.testing.assert_array_equal(point, actual)

@@ -29,9 +29,9 @@ def test_data_round_trip(format):
     for name in ALL:
         method = resolve_method(name)
         text = cg.export(name, format)
-        found = loads(text)
-        assert found == method
-        assert dumps(found) == dumps(method)
+        loaded = loads(text)
+        assert loaded == method
+        assert dumps(loaded) == dumps(method)
         tables = json.loads(text) if format == "json" else tomllib.loads(text)
         assert tables["name"] == name
 
@@ -52,10 +52,10 @@ class TestDigits:
         table = json.loads(method.export("json", digits=60))
         assert table["b"] == b
         assert [row + ["0"] * (3 - len(row)) for row in table["a"]] == a
-        found = loads(method.export("toml", digits=200))
-        residuals = cg.conditions.exact_residuals_of(found, 3)
+        loaded = loads(method.export("toml", digits=200))
+        residuals = cg.conditions.exact_residuals_of(loaded, 3)
         assert max(map(abs, residuals)) < Fraction(1, 10**198)
-        assert found.order == 3
+        assert loaded.order == 3
 
     def test_abscissae_have_all_digits(self):
         method = cg.methods["CG3(2)"]
@@ -63,10 +63,10 @@ class TestDigits:
         c3 = sum(map(Fraction, a[2]))
         text = method.export("c", digits=80)
         numbers = re.search(r"cg3_2_c\[3\] = \{(.*?)\};", text, re.DOTALL)[1]
-        found = re.findall(r"NUMBER\((.*?)\)", numbers)
-        assert found[1] == a[1][0]  # which the certificate holds at its stored value
-        assert len(found[2]) == 82
-        assert abs(Fraction(found[2]) - c3) < Fraction(1, 10**80)
+        matches = re.findall(r"NUMBER\((.*?)\)", numbers)
+        assert matches[1] == a[1][0]  # which the certificate holds at its stored value
+        assert len(matches[2]) == 82
+        assert abs(Fraction(matches[2]) - c3) < Fraction(1, 10**80)
 
     def test_users_certificate(self):
         method = cg.Tableau(cg.methods["CG3(2)"].entries, cg.methods["CG3(2)"].weights, name="mine")
@@ -209,8 +209,8 @@ def test_julia_parses():
         root = parser.parse(cg.export(name, "julia").encode()).root_node
         assert not root.has_error
         (module,) = (node for node in root.children if node.type == "module_definition")
-        found = sum(node.type == "function_definition" for node in module.children)
-        assert found >= 2 + (resolve_method(name).embedded_order is not None)
+        actual = sum(node.type == "function_definition" for node in module.children)
+        assert actual >= 2 + (resolve_method(name).embedded_order is not None)
 
 
 class TestRounded:
@@ -222,9 +222,9 @@ class TestRounded:
                 for line in method.export("latex", digits=digits).split("\n")
                 if line.endswith(r"\\")
             ]
-            for found, row in zip(rows[1:5], method.exact[0][1:], strict=True):
+            for actual, row in zip(rows[1:5], method.exact[0][1:], strict=True):
                 exact = sum(row)
-                assert abs(Fraction(found[0]) - exact) <= Fraction(1, 2 * 10**digits), digits
+                assert abs(Fraction(actual[0]) - exact) <= Fraction(1, 2 * 10**digits), digits
         assert "$0.876890$ & " in method.export("latex", digits=6)
 
     def test_trailing_zeros(self):
@@ -240,8 +240,10 @@ class TestRounded:
         assert tableau.export("latex").count("frac") == 60
         assert "3 & 0.1" in tableau._repr_latex_()
         assert _tableau(tableau, 6).splitlines()[29].split()[:3] == ["3", "│", "0.1"]
-        found = cg.diagnose(tableau, c=[0] * 29 + [1]).findings
-        assert [f.message for f in found if f.message.startswith("row 30 of a sums to 3, not to")]
+        diagnosis = cg.diagnose(tableau, c=[0] * 29 + [1]).findings
+        assert [
+            f.message for f in diagnosis if f.message.startswith("row 30 of a sums to 3, not to")
+        ]
 
 
 @pytest.mark.parametrize(

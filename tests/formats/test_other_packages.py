@@ -50,11 +50,11 @@ def test_diffrax(jax, name):
     term = diffrax.ODETerm(lambda t, y, _: xp.array([y[1], -xp.sin(y[0]) + 0.1 * t]))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = diffrax.diffeqsolve(term, Solver(), 0.0, 1.0, 0.125, xp.array([0.3, 0.4]))
+        solution = diffrax.diffeqsolve(term, Solver(), 0.0, 1.0, 0.125, xp.array([0.3, 0.4]))
     ours = cg.integrate(
         oscillator, (0, 1), [0.3, 0.4], frame=cg.frames.Euclidean(2), method=name, h=0.125
     )
-    np.testing.assert_allclose(found.ys[-1], ours.y[-1], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(solution.ys[-1], ours.y[-1], rtol=0, atol=1e-14)
     assert (abs(made.b_error).max() > 0) == (method.embedded_order is not None)
 
 
@@ -63,14 +63,14 @@ def test_nodepy(name):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         module("nodepy")
-        found = to_nodepy(name)
+        actual = to_nodepy(name)
         method = cg.catalogue.resolve_method(name)
         better = max(method.order, method.embedded_order or 0)
-        assert found.order() == better
-        np.testing.assert_array_equal(found.A.astype(float), method.a)
-        np.testing.assert_allclose(found.c.astype(float), method.c, atol=1e-15)
+        assert actual.order() == better
+        np.testing.assert_array_equal(actual.A.astype(float), method.a)
+        np.testing.assert_allclose(actual.c.astype(float), method.c, atol=1e-15)
         if method.embedded_order is not None:
-            assert found.embedded_method.order() == min(method.order, method.embedded_order)
+            assert actual.embedded_method.order() == min(method.order, method.embedded_order)
 
 
 def test_rejects():

@@ -79,8 +79,8 @@ def test_data_escape_texts(what: str) -> None:
     method = method_of(what)
     for text in (dumps(method), dumps_json(method)):
         assert text.replace("\n", "").isprintable()
-        found = loads(text)
-        assert (found.name, found.source) == TEXTS[what]
+        loaded = loads(text)
+        assert (loaded.name, loaded.source) == TEXTS[what]
     assert tomllib.loads(dumps(method))["source"] == json.loads(dumps_json(method))["source"]
 
 
@@ -107,8 +107,8 @@ def test_a_terminal_gets_lines_of_text(
     for format in FORMATS:
         main(["export", str(file), format])
     captured = capsys.readouterr()
-    told = captured.out + captured.err
-    assert told.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
+    output = captured.out + captured.err
+    assert output.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
 
 
 def test_rejects_surrogates() -> None:

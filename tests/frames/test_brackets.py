@@ -61,10 +61,10 @@ def test_bracket_broadcasts(frame):
     u, v = vectors(frame, 1, 2), vectors(frame, 2, 6).reshape(3, 2, -1)
     for order, function in ((0, frame.bracket), (7, frame.dexpinv)):
         options = {"order": order} if order else {}
-        found = function(u, v, **options)
-        assert found.shape == v.shape
+        actual = function(u, v, **options)
+        assert actual.shape == v.shape
         for i, j in np.ndindex(3, 2):
-            np.testing.assert_allclose(found[i, j], function(u[j], v[i, j], **options), atol=1e-14)
+            np.testing.assert_allclose(actual[i, j], function(u[j], v[i, j], **options), atol=1e-14)
 
 
 @over_frames

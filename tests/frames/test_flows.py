@@ -75,9 +75,9 @@ def test_compiled_flows_restore_rigid_motions_like_frames(frame):
     points, fields = frame.random_point(rng, (20,)), frame.random_vector(rng, (20, 3))
     points[..., :3, :3] += 1e-9 * rng.standard_normal((20, 3, 3))
     moved = flows_of(frame)(WEIGHTS * fields, points)
-    wanted = _Flows(frame)(WEIGHTS * fields, points)
-    np.testing.assert_allclose(moved[..., :3], wanted[..., :3], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(moved, wanted, rtol=0, atol=1e-8)
+    expected = _Flows(frame)(WEIGHTS * fields, points)
+    np.testing.assert_allclose(moved[..., :3], expected[..., :3], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-8)
     assert frame.membership_error(moved).max() < 1e-15
 
 
@@ -89,12 +89,12 @@ def test_compiled_differences_match_frames(frame, size):
     v = frame.random_vector(rng, (2, 50))
     v *= size / np.linalg.norm(v, axis=-1, keepdims=True)
     moved = frame.flow(v, points)
-    found = difference_of(frame)(points, moved)
+    actual = difference_of(frame)(points, moved)
     expected = frame.exp_coordinates(points, moved)
     # a translation may be as long as the points are, for which the roundings grow
-    np.testing.assert_allclose(found, expected, rtol=0, atol=5e-15)
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=5e-15)
     if size < 2.0:
-        np.testing.assert_allclose(frame.flow(found, points), moved, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(frame.flow(actual, points), moved, rtol=0, atol=1e-14)
 
 
 def half_turns():
@@ -110,9 +110,9 @@ def test_compiled_differences_of_half_turns(frame):
     v[:, :3] = half_turns()
     y0 = frame.random_point(np.random.default_rng(10))
     y1 = frame.flow(v, np.broadcast_to(y0, (43, *y0.shape)))
-    found = difference_of(frame)(np.broadcast_to(y0, y1.shape), y1)
-    np.testing.assert_allclose(np.linalg.norm(found[:, :3], axis=-1), np.pi, rtol=1e-14)
-    np.testing.assert_allclose(frame.flow(found, y0), y1, rtol=0, atol=2e-14)
+    actual = difference_of(frame)(np.broadcast_to(y0, y1.shape), y1)
+    np.testing.assert_allclose(np.linalg.norm(actual[:, :3], axis=-1), np.pi, rtol=1e-14)
+    np.testing.assert_allclose(frame.flow(actual, y0), y1, rtol=0, atol=2e-14)
 
 
 def test_compiled_differences_at_the_ends():
@@ -173,10 +173,10 @@ def test_differences_over_half_a_turn_are_nan_or_correct(frame):
     rng = np.random.default_rng(4)
     y, v = frame.random_point(rng, 200), 3.0 * frame.random_vector(rng, 200)
     far = flows_of(frame)(v[:, None], y)
-    found = difference_of(frame)(y, far)
-    known = np.isfinite(found).all(axis=-1)
+    actual = difference_of(frame)(y, far)
+    known = np.isfinite(actual).all(axis=-1)
     assert known.any()
-    np.testing.assert_allclose(frame.flow(found[known], y[known]), far[known], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(frame.flow(actual[known], y[known]), far[known], rtol=0, atol=1e-13)
     half = np.diag([-1.0, -1.0, *[1.0] * (frame.n - 2)]) if frame.n > 1 else -np.eye(1)
     assert np.isnan(difference_of(frame)(np.eye(frame.n, dtype=frame.dtype), half + 0 * y[0])).all()
 

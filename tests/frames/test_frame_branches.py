@@ -59,8 +59,8 @@ def test_compiled_angles_agree_where_they_are_known(n):
     v = 0.2 * frame.random_vector(rng, (20,))
     y = frame.flow(v, one)
     known = frame.exp_coordinates(one, y)
-    found = difference(np.broadcast_to(one, y.shape), y)
-    np.testing.assert_allclose(found, known, rtol=0, atol=1e-14 * n)
+    actual = difference(np.broadcast_to(one, y.shape), y)
+    np.testing.assert_allclose(actual, known, rtol=0, atol=1e-14 * n)
 
 
 @pytest.mark.parametrize(
@@ -76,20 +76,20 @@ def test_logarithms_reach_the_point_or_are_nan(frame):
         y1 = frame.flow(v, y0)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found = frame.exp_coordinates(y0, y1)
-        has = np.isfinite(found).all(axis=-1)
-        assert np.isnan(found[~has]).all()
-        missed = np.linalg.norm(frame.flow(found[has], y0[has]) - y1[has], axis=(-2, -1))
-        assert (missed <= 1e-8 * np.linalg.norm(y1[has], axis=(-2, -1))).all()
+            coordinates = frame.exp_coordinates(y0, y1)
+        has = np.isfinite(coordinates).all(axis=-1)
+        assert np.isnan(coordinates[~has]).all()
+        errors = np.linalg.norm(frame.flow(coordinates[has], y0[has]) - y1[has], axis=(-2, -1))
+        assert (errors <= 1e-8 * np.linalg.norm(y1[has], axis=(-2, -1))).all()
         known += has.sum()
     assert known > 20
 
 
 def test_singular_matrices_do_not_affect_the_batch():
     y = np.stack([np.ones((2, 2)), np.eye(2), np.eye(2)])
-    found = GL(2).exp_coordinates(y, [np.eye(2), np.ones((2, 2)), [[1.0, 1.0], [0.0, 1.0]]])
-    assert np.isnan(found[:2]).all()
-    np.testing.assert_allclose(found[2], [0.0, 1.0, 0.0, 0.0], atol=1e-15)
+    coordinates = GL(2).exp_coordinates(y, [np.eye(2), np.ones((2, 2)), [[1.0, 1.0], [0.0, 1.0]]])
+    assert np.isnan(coordinates[:2]).all()
+    np.testing.assert_allclose(coordinates[2], [0.0, 1.0, 0.0, 0.0], atol=1e-15)
 
 
 def test_scipy_prints_nothing(capfd):
@@ -97,8 +97,8 @@ def test_scipy_prints_nothing(capfd):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for frame in (GL(2), GL(2, "body")):
-            found = frame.exp_coordinates(np.eye(2), y)
-            assert np.isnan(found).all() or off(frame, found, np.eye(2), y) < 10.0
+            coordinates = frame.exp_coordinates(np.eye(2), y)
+            assert np.isnan(coordinates).all() or off(frame, coordinates, np.eye(2), y) < 10.0
             assert np.isnan(frame.exp_coordinates(np.eye(2), -np.eye(2))).all()
     assert capfd.readouterr() == ("", "")
 
@@ -112,9 +112,9 @@ def test_nearly_antipodal_points_of_spheres(n):
             y0, v = frame.random_point(rng), frame.random_vector(rng)
             v = frame.without_isotropy(v, y0)
             y1 = frame.flow((np.pi + distance) / np.linalg.norm(v) * v, y0)
-            for found in (frame.exp_coordinates(y0, y1), difference(y0, y1)):
-                if np.isfinite(found).all():
-                    assert off(frame, found, y0, y1) < 4e-15
+            for actual in (frame.exp_coordinates(y0, y1), difference(y0, y1)):
+                if np.isfinite(actual).all():
+                    assert off(frame, actual, y0, y1) < 4e-15
                     known += 1
     assert known > 500
     assert np.isnan(difference(y0, -y0)).all()
@@ -140,6 +140,6 @@ def test_half_turns_of_some_planes(kind, n, distance):
         y1 = frame.restore(axes @ form @ axes.conj().T @ y0)
         v = frame.exp_coordinates(y0, y1)
         assert off(frame, v, y0, y1) < 2e-14
-        found = difference(y0, y1)
-        if np.isfinite(found).all():
-            assert off(frame, found, y0, y1) < 2e-13
+        actual = difference(y0, y1)
+        if np.isfinite(actual).all():
+            assert off(frame, actual, y0, y1) < 2e-13

@@ -43,15 +43,15 @@ def test_local_coordinates_reach_the_point(frame, batch, size):
     y0 = frame.random_point(rng, batch)
     v = min(size, size * MAX_SCALE.get(frame, 1.0)) * frame.random_vector(rng, batch)
     y1 = frame.flow(v, y0)
-    found = frame.local_coordinates(y0, y1)
-    assert found.shape == v.shape
-    assert found.dtype == np.float64
-    error = largest(frame.flow(found, y0) - y1, frame)
+    coordinates = frame.local_coordinates(y0, y1)
+    assert coordinates.shape == v.shape
+    assert coordinates.dtype == np.float64
+    error = largest(frame.flow(coordinates, y0) - y1, frame)
     assert (error <= 4e-15 * largest(y0, frame) ** 2).all()
     # no longer than the way that is known, up to the rounding of the points
     length = np.linalg.norm(v, axis=-1)
     rounding = 1e-13 * largest(y0, frame) ** 2
-    assert (np.linalg.norm(found, axis=-1) <= 1.1 * length + rounding).all()
+    assert (np.linalg.norm(coordinates, axis=-1) <= 1.1 * length + rounding).all()
 
 
 @every_frame
@@ -88,17 +88,17 @@ def test_nonfinite_points_do_not_affect_the_batch(frame):
     y1 = frame.flow(1e-3 * frame.random_vector(rng, (2,)), y0)
     alone = frame.local_coordinates(y0[1], y1[1])
     y1[0].flat[0] = np.nan
-    found = frame.local_coordinates(y0, y1)
-    assert np.isnan(found[0]).any()
-    np.testing.assert_allclose(found[1], alone, rtol=0, atol=1e-12)
+    coordinates = frame.local_coordinates(y0, y1)
+    assert np.isnan(coordinates[0]).any()
+    np.testing.assert_allclose(coordinates[1], alone, rtol=0, atol=1e-12)
 
 
 def test_local_coordinates_of_unreachable_points_are_nan():
     """The field vanishes at zero and leads away from there nowhere."""
     frame = FieldFrame([lambda y: y], lambda v, y: np.exp(v[0]) * y, point_shape=1)
-    found = frame.local_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
-    assert np.isnan(found[0]).all()
-    np.testing.assert_allclose(found[1], np.log(1.5), rtol=1e-14)
+    coordinates = frame.local_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
+    assert np.isnan(coordinates[0]).all()
+    np.testing.assert_allclose(coordinates[1], np.log(1.5), rtol=1e-14)
 
 
 @pytest.mark.parametrize("frame", [Stiefel(50, 5), IsospectralOrbit(tuple(range(12)))], ids=name)
@@ -108,8 +108,10 @@ def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
     y0 = frame.random_point(rng, (4,))
     y1 = frame.flow(1e-3 * frame.random_vector(rng, (4,)), y0)
     monkeypatch.delattr(np.linalg, "pinv")
-    found = frame.local_coordinates(y0, y1)
-    np.testing.assert_allclose(frame.flow(found, y0), y1, rtol=0, atol=4e-15 * np.abs(y0).max())
+    coordinates = frame.local_coordinates(y0, y1)
+    np.testing.assert_allclose(
+        frame.flow(coordinates, y0), y1, rtol=0, atol=4e-15 * np.abs(y0).max()
+    )
 
 
 @pytest.mark.parametrize(
@@ -127,14 +129,14 @@ def test_coefficients_of_tangents_have_minimum_norm(frame):
     rng = np.random.default_rng(76)
     y = frame.random_point(rng, (3,))
     tangent = frame.field(frame.random_vector(rng, (3,)), y)
-    found = frame._coefficients_at(y, tangent)
-    np.testing.assert_allclose(frame.field(found, y), tangent, rtol=0, atol=1e-14)
+    actual = frame._coefficients_at(y, tangent)
+    np.testing.assert_allclose(frame.field(actual, y), tangent, rtol=0, atol=1e-14)
     for k in range(3):
         fields = frame.field(np.eye(frame.dim), y[k]).reshape(frame.dim, -1)
         matrix = np.concatenate([fields.real, fields.imag], axis=1).T
         right = np.concatenate([tangent[k].real.ravel(), tangent[k].imag.ravel()])
-        wanted = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
-        np.testing.assert_allclose(found[k], wanted, rtol=0, atol=2e-14)
+        expected = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
+        np.testing.assert_allclose(actual[k], expected, rtol=0, atol=2e-14)
 
 
 def test_closed_form_and_general_local_coordinates_agree():
@@ -165,8 +167,8 @@ def test_coordinate_sizes():
     point[:3, 3], point[:3, 4] = [3.0, 0.0, 4.0], [0.0, -7.0, 0.0]
     y = frame.join(np.eye(3), [-2.0, 0.5], point, np.eye(2))
     ones = np.ones(3)
-    wanted = np.concatenate([ones, [2.0, 0.5], ones, 5.0 * ones, 7.0 * ones, ones])
-    np.testing.assert_array_equal(frame.coordinate_sizes(y), wanted)
+    expected = np.concatenate([ones, [2.0, 0.5], ones, 5.0 * ones, 7.0 * ones, ones])
+    np.testing.assert_array_equal(frame.coordinate_sizes(y), expected)
     many = frame.coordinate_sizes(np.stack([y, 2.0 * y]))
     assert many.shape == (2, frame.dim)
     np.testing.assert_array_equal(many[1, 3:5], [4.0, 1.0])
@@ -230,10 +232,12 @@ def test_local_coordinates_keep_large_logarithms(frame):
     known = frame.exp_coordinates(y0, y1)
     if known is None:
         return
-    found = frame.local_coordinates(y0, y1)
+    coordinates = frame.local_coordinates(y0, y1)
     has = np.isfinite(known).all(axis=-1)
-    assert np.isfinite(found[has]).all()
-    off, before = (largest(frame.flow(v[has], y0[has]) - y1[has], frame) for v in (found, known))
+    assert np.isfinite(coordinates[has]).all()
+    off, before = (
+        largest(frame.flow(v[has], y0[has]) - y1[has], frame) for v in (coordinates, known)
+    )
     assert (off <= np.maximum(before, 5e-15 * largest(y1[has], frame))).all()
 
 
@@ -246,8 +250,8 @@ def test_coordinates_on_su_have_minimum_norm(n):
     assert n == 2 or (np.abs(angles.sum(axis=-1)) > 1.0).sum() > 5
     vectors = frame.random_point(rng, (40,))
     y = (vectors * np.exp(1j * angles)[:, None, :]) @ vectors.conj().swapaxes(-1, -2)
-    found = np.linalg.norm(frame.algebra(frame.exp_coordinates(np.eye(n), y)), axis=(-2, -1))
-    for own, length in zip(angles, found, strict=True):
+    coordinates = np.linalg.norm(frame.algebra(frame.exp_coordinates(np.eye(n), y)), axis=(-2, -1))
+    for own, length in zip(angles, coordinates, strict=True):
         moved = own + 2.0 * np.pi * np.array([*product((-1, 0, 1), repeat=n)])
         traceless = np.abs(moved.sum(axis=-1)) < 1e-9
         assert length == pytest.approx(np.linalg.norm(moved[traceless], axis=-1).min(), abs=1e-13)

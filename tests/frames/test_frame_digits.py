@@ -84,15 +84,15 @@ def test_exponentials(group, size):
         for _ in range(5):
             v = of_size(group, rng, size)
             exact = exact_exponential(group, v)
-            found = group.exponential(v)
-            wanted = doubles(group, exact)
-            scale = max(1.0, np.abs(wanted).max())
+            actual = group.exponential(v)
+            expected = doubles(group, exact)
+            scale = max(1.0, np.abs(expected).max())
             rounding = 8.0 * EPSILON * (1.0 + size) * scale
-            np.testing.assert_allclose(found, wanted, rtol=0, atol=rounding)
+            np.testing.assert_allclose(actual, expected, rtol=0, atol=rounding)
             # what is far below one has its own digits beside the diagonal
             away = doubles(group, exact - identity(group))
             beside = ~np.eye(group.size, dtype=bool)
-            error = np.abs(found - away)[beside].max(initial=0.0)
+            error = np.abs(actual - away)[beside].max(initial=0.0)
             if size < 1.0:
                 assert error <= 4.0 * EPSILON * size
 
@@ -106,11 +106,11 @@ def test_logarithms_near_the_identity(group, size):
         for _ in range(5):
             x = group.exponential(of_size(group, rng, size))
             away = flint_matrix(group, x) - identity(group)
-            wanted = exact_logarithm(group, away)
-            found = group.logarithm(x)
-            length = np.linalg.norm(wanted)
+            expected = exact_logarithm(group, away)
+            coordinates = group.logarithm(x)
+            length = np.linalg.norm(expected)
             # half-rounded cosines on the diagonal are no part of the algebra
-            assert np.linalg.norm(found - wanted) <= 6.0 * EPSILON * length
+            assert np.linalg.norm(coordinates - expected) <= 6.0 * EPSILON * length
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=repr)
@@ -120,8 +120,8 @@ def test_logarithms_far_from_the_identity(group, size):
     with ctx.workdps(120):
         for _ in range(5):
             x = group.exponential(of_size(group, rng, size))
-            found = group.logarithm(x)
-            back = doubles(group, exact_exponential(group, found) - flint_matrix(group, x))
+            coordinates = group.logarithm(x)
+            back = doubles(group, exact_exponential(group, coordinates) - flint_matrix(group, x))
             condition = np.linalg.cond(x)
             assert np.abs(back).max() <= 30.0 * EPSILON * condition * np.abs(x).max()
 
@@ -138,11 +138,13 @@ def test_exp_coordinates_of_nearby_points(group, size):
             start, end = flint_matrix(group, y0), flint_matrix(group, y1)
             inverse = start.inv()
             quotient = inverse * end if group.convention == "body" else end * inverse
-            wanted = exact_logarithm(group, quotient - identity(group))
-            found = group.exp_coordinates(y0, y1)
+            expected = exact_logarithm(group, quotient - identity(group))
+            coordinates = group.exp_coordinates(y0, y1)
             condition = np.linalg.cond(y0)
             difference = np.abs(y1 - y0).max()
-            assert np.linalg.norm(found - wanted) <= 30.0 * EPSILON * condition**2 * difference
+            assert (
+                np.linalg.norm(coordinates - expected) <= 30.0 * EPSILON * condition**2 * difference
+            )
 
 
 @pytest.mark.parametrize("size", [1e-15, 1e-12, 1e-9, 1e-5])
@@ -157,10 +159,10 @@ def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
     ):
         y0 = frame.random_point(rng)
         y1 = frame.flow(size * frame.random_vector(rng), y0)
-        found = frame.exp_coordinates(y0, y1)
+        coordinates = frame.exp_coordinates(y0, y1)
         tangent = (y1 - y0) - y0 * (y0 @ (y1 - y0))
         np.testing.assert_allclose(
-            frame.field(found, y0), tangent, rtol=0, atol=size * (1e-15 + 3.0 * size**2)
+            frame.field(coordinates, y0), tangent, rtol=0, atol=size * (1e-15 + 3.0 * size**2)
         )
 
 
@@ -198,8 +200,8 @@ def test_large_angles_stay_on_compact_manifolds(frame, size):
 def test_large_angles_are_reduced(group, size):
     v = of_size(group, np.random.default_rng(67), size)
     with ctx.workdps(60):
-        wanted = doubles(group, exact_exponential(group, v))
-    np.testing.assert_allclose(group.exponential(v), wanted, rtol=0, atol=10.0 * EPSILON * size)
+        expected = doubles(group, exact_exponential(group, v))
+    np.testing.assert_allclose(group.exponential(v), expected, rtol=0, atol=10.0 * EPSILON * size)
 
 
 NOT_COMPACT = [
@@ -245,16 +247,16 @@ def test_largest_allowed_flows_stay_on_the_manifold(group, omega, size):
     moved = group.flow(v, np.eye(group.size))
     assert group.relative_error(moved) < max(4e-15, 1e-8 * (size / 2**32) ** 2)
     with ctx.workdps(60):
-        wanted = doubles(group, exact_exponential(group, v))
-    np.testing.assert_allclose(moved, wanted, rtol=0, atol=20.0 * EPSILON * size)
+        expected = doubles(group, exact_exponential(group, v))
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=20.0 * EPSILON * size)
 
 
 def test_local_coordinates_are_nan_without_convergence():
     """Corrections that are far too long are no reason for an exception."""
     frame = CoadjointOrbit(SL(2), (0.5, 0.25, 0.75))
     y0 = frame.random_point(np.random.default_rng(69))
-    found = frame.local_coordinates(y0, 1e12 * y0)
-    assert np.isnan(found).all()
+    coordinates = frame.local_coordinates(y0, 1e12 * y0)
+    assert np.isnan(coordinates).all()
     assert cg.frames.GL(1).local_coordinates([[1.0]], [[-1.0]]).shape == (1,)
 
 
@@ -269,6 +271,6 @@ def test_local_coordinates_of_large_points(group, growth):
         y0 = group.restore(stretch @ group.random_point(rng))
         for size in (1e-3, 1e-9):
             y1 = group.flow(size * group.random_vector(rng), y0)
-            found = group.local_coordinates(y0, y1)
-            off = np.abs(group.flow(found, y0) - y1).max()
+            coordinates = group.local_coordinates(y0, y1)
+            off = np.abs(group.flow(coordinates, y0) - y1).max()
             assert off <= 2e-14 * np.abs(y1).max(), (seed, size)

@@ -100,9 +100,9 @@ def test_logarithms_that_do_not_exist_are_nan():
 def test_real_logarithm_undoes_the_exponential(size):
     matrix = np.random.default_rng(31).standard_normal((4, 4))
     matrix *= size / np.linalg.norm(matrix)
-    found = real_log1p(scipy.linalg.expm(matrix)[None] - np.eye(4))[0]
+    actual = real_log1p(scipy.linalg.expm(matrix)[None] - np.eye(4))[0]
     # The exponential itself is only known to a rounding.
-    np.testing.assert_allclose(found, matrix, rtol=0, atol=2e-15)
+    np.testing.assert_allclose(actual, matrix, rtol=0, atol=2e-15)
 
 
 def test_logarithms_of_rotations_by_half_turns():

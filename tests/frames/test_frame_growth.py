@@ -65,9 +65,9 @@ def hyperbolic(frame, rng, rate):
     """Coefficients whose matrix has an eigenvalue of that real part, and a general one."""
     while True:
         v = frame.random_vector(rng)
-        found = np.linalg.eigvals(generator(frame, v)).real.max()
-        if found > 0.3:
-            return v * (rate / found)
+        actual = np.linalg.eigvals(generator(frame, v)).real.max()
+        if actual > 0.3:
+            return v * (rate / actual)
         if isinstance(frame, CoadjointOrbit) and frame.algebra == SE3():
             return 5.0 * rate * v  # grows like the square of time, at most
 
@@ -82,10 +82,10 @@ def test_growing_solutions_keep_their_digits(frame, way):
         y0 = y = frame.random_point(rng)
         for u in vectors:
             y = frame.flow(u, y)
-        wanted = exact_flows(frame, vectors, y0)
-        size = np.abs(wanted).max()
+        expected = exact_flows(frame, vectors, y0)
+        size = np.abs(expected).max()
         assert size > (10.0 if "SE3" in repr(frame) else 1e7) or way < 0.0
-        np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-12 * size)
+        np.testing.assert_allclose(y, expected, rtol=0, atol=1e-12 * size)
 
 
 @pytest.mark.parametrize("frame", [f for f in GROUPS if "Semi" not in repr(f)], ids=repr)
@@ -95,10 +95,10 @@ def test_growth_in_changing_directions(frame):
     y0 = y = frame.random_point(rng)
     for u in vectors:
         y = frame.flow(u, y)
-    wanted = exact_flows(frame, vectors, y0)
-    size = np.abs(wanted).max()
+    expected = exact_flows(frame, vectors, y0)
+    size = np.abs(expected).max()
     assert size > 1e3
-    np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-11 * size)
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-11 * size)
 
 
 @pytest.mark.parametrize(
@@ -112,14 +112,14 @@ def test_flows_for_long_times(frame, end, h):
     with ctx.workdps(50):
         growth = [float(arb(end).cosh()), float(arb(end).sinh())]
     for way in (1.0, -1.0):
-        found = cg.integrate(
+        solution = cg.integrate(
             lambda t, y: v, (0.0, way * end), np.eye(2), frame=frame, method="CG4", h=h
         )
-        wanted = growth[0] * np.eye(2) + way * growth[1] * omega
-        np.testing.assert_allclose(found.y[-1], wanted, rtol=1e-10)
+        expected = growth[0] * np.eye(2) + way * growth[1] * omega
+        np.testing.assert_allclose(solution.y[-1], expected, rtol=1e-10)
         if frame != GL(2):  # there it is singular, as far as doubles can tell
-            assert frame.relative_error(found.y[-1]) < 1e-14
-            frame.check_point(found.y[-1])
+            assert frame.relative_error(solution.y[-1]) < 1e-14
+            frame.check_point(solution.y[-1])
 
 
 @pytest.mark.parametrize("frame", [SL(2), SL(3), Sp(2), Sp(4), Semidirect(SL(2))], ids=repr)

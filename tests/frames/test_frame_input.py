@@ -84,15 +84,15 @@ def test_rejects_nonnumeric_points(y):
 def test_accepts_unusual_array_types():
     frame, v = SO3(), [0.5, -0.25, 1.0]
     y = frame.flow([1.0, 2.0, 3.0], np.eye(3))
-    wanted = frame.flow(v, y)
+    expected = frame.flow(v, y)
     readonly = y.copy()
     readonly.flags.writeable = False
     wide = np.zeros((6, 6))
     wide[::2, ::2] = y
     for odd in (readonly, wide[::2, ::2], np.asfortranarray(y), y.tolist(), y.astype(object)):
-        np.testing.assert_array_equal(frame.flow(v, odd), wanted)
-    np.testing.assert_array_equal(frame.flow(np.ma.masked_array(v), y), wanted)
-    np.testing.assert_array_equal(frame.flow(np.float32(v), y), wanted)
+        np.testing.assert_array_equal(frame.flow(v, odd), expected)
+    np.testing.assert_array_equal(frame.flow(np.ma.masked_array(v), y), expected)
+    np.testing.assert_array_equal(frame.flow(np.float32(v), y), expected)
     np.testing.assert_array_equal(frame.flow([1, 2, 3], np.eye(3, dtype=int)), y)
     assert frame.flow(np.zeros((0, 3)), y).shape == (0, 3, 3)
 
@@ -230,9 +230,9 @@ def test_random_points_and_vectors(frame, method):
     for size in (-1, (2, -1)):
         with pytest.raises(ValueError, match="size must not be negative, got"):
             draw(rng(0), size)
-    wanted = draw(rng(0), (3,))
+    expected = draw(rng(0), (3,))
     for size in (3, [3], np.int64(3), (np.int64(3),)):
-        np.testing.assert_array_equal(draw(rng(0), size), wanted)
+        np.testing.assert_array_equal(draw(rng(0), size), expected)
     assert len(draw(rng(0), 0)) == 0
 
 

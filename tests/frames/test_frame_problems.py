@@ -28,7 +28,7 @@ TODA = np.diag([1.0, -0.5, 0.3, 2.0]) + np.diag([0.5, 1.0, 0.7], 1) + np.diag([0
 def reference(f, span, y0):
     """Solve y' = f(t, y) for arrays of any shape, off the manifold."""
     shape = np.shape(y0)
-    found = solve_ivp(
+    solution = solve_ivp(
         lambda t, y: np.ravel(f(t, y.reshape(shape))),
         span,
         np.ravel(y0),
@@ -36,7 +36,7 @@ def reference(f, span, y0):
         rtol=1e-12,
         atol=1e-13,
     )
-    return found.y[:, -1].reshape(shape)
+    return solution.y[:, -1].reshape(shape)
 
 
 def bracket(lax):
@@ -45,11 +45,11 @@ def bracket(lax):
 
 def test_a_free_body_keeps_its_casimir_and_its_energy():
     frame = CoadjointOrbit(SO3(), MOMENTUM)
-    found = cg.solve_ivp(lambda t, m: m / INERTIA, (0, 10), MOMENTUM, frame=frame, **TIGHT)
-    wanted = reference(lambda t, m: np.cross(m, m / INERTIA), (0, 10), MOMENTUM)
-    np.testing.assert_allclose(found.y[-1], wanted, rtol=0, atol=1e-6)
-    np.testing.assert_allclose((found.y**2).sum(axis=-1), MOMENTUM @ MOMENTUM, rtol=1e-15)
-    energy = (found.y**2 / INERTIA).sum(axis=-1)
+    solution = cg.solve_ivp(lambda t, m: m / INERTIA, (0, 10), MOMENTUM, frame=frame, **TIGHT)
+    expected = reference(lambda t, m: np.cross(m, m / INERTIA), (0, 10), MOMENTUM)
+    np.testing.assert_allclose(solution.y[-1], expected, rtol=0, atol=1e-6)
+    np.testing.assert_allclose((solution.y**2).sum(axis=-1), MOMENTUM @ MOMENTUM, rtol=1e-15)
+    energy = (solution.y**2 / INERTIA).sum(axis=-1)
     np.testing.assert_allclose(energy, energy[0], rtol=1e-6)
 
 
@@ -67,9 +67,9 @@ def test_a_heavy_top_on_the_dual_of_rigid_motions():
         return np.concatenate([y[:3] / INERTIA, centre])
 
     np.testing.assert_allclose(frame.field(f(0, y0), y0), derivative(0, y0), rtol=0, atol=1e-15)
-    found = cg.solve_ivp(f, (0, 4), y0, frame=frame, **TIGHT)
-    np.testing.assert_allclose(found.y[-1], reference(derivative, (0, 4), y0), rtol=0, atol=1e-6)
-    momentum, vertical = found.y[:, :3], found.y[:, 3:]
+    solution = cg.solve_ivp(f, (0, 4), y0, frame=frame, **TIGHT)
+    np.testing.assert_allclose(solution.y[-1], reference(derivative, (0, 4), y0), rtol=0, atol=1e-6)
+    momentum, vertical = solution.y[:, :3], solution.y[:, 3:]
     np.testing.assert_allclose(np.vecdot(vertical, vertical), 1.0, rtol=0, atol=1e-14)
     np.testing.assert_allclose(np.vecdot(momentum, vertical), y0[:3] @ y0[3:], rtol=0, atol=1e-14)
 
@@ -88,11 +88,11 @@ def test_oja_flow_finds_the_largest_eigenvectors():
         return matrix @ y - y @ (y.T @ matrix @ y)
 
     np.testing.assert_allclose(frame.field(f(0, y0), y0), derivative(0, y0), rtol=0, atol=1e-14)
-    found = cg.solve_ivp(f, (0, 12), y0, frame=frame, t_eval=[1.0, 12.0], rtol=1e-7, atol=1e-7)
-    np.testing.assert_allclose(found.y[0], reference(derivative, (0, 1), y0), rtol=0, atol=1e-6)
-    last = found.y[1] @ found.y[1].T
+    solution = cg.solve_ivp(f, (0, 12), y0, frame=frame, t_eval=[1.0, 12.0], rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(solution.y[0], reference(derivative, (0, 1), y0), rtol=0, atol=1e-6)
+    last = solution.y[1] @ solution.y[1].T
     np.testing.assert_allclose(last, np.diag([0.0, 0.0, 0.0, 1.0, 1.0]), rtol=0, atol=1e-6)
-    assert frame.membership_error(found.y).max() < 1e-15
+    assert frame.membership_error(solution.y).max() < 1e-15
 
 
 def test_toda_flow_sorts_the_eigenvalues():
@@ -101,12 +101,12 @@ def test_toda_flow_sorts_the_eigenvalues():
     def f(t, y):
         return frame.group.coefficients(bracket(y))
 
-    found = cg.solve_ivp(f, (0, 30), TODA, frame=frame, t_eval=[1.0, 30.0], rtol=1e-7, atol=1e-7)
-    wanted = reference(lambda t, y: bracket(y) @ y - y @ bracket(y), (0, 1), TODA)
-    np.testing.assert_allclose(found.y[0], wanted, rtol=0, atol=1e-6)
+    solution = cg.solve_ivp(f, (0, 30), TODA, frame=frame, t_eval=[1.0, 30.0], rtol=1e-7, atol=1e-7)
+    expected = reference(lambda t, y: bracket(y) @ y - y @ bracket(y), (0, 1), TODA)
+    np.testing.assert_allclose(solution.y[0], expected, rtol=0, atol=1e-6)
     eigenvalues = np.linalg.eigvalsh(TODA)
-    np.testing.assert_allclose(found.y[1], np.diag(eigenvalues[::-1]), rtol=0, atol=1e-6)
-    np.testing.assert_allclose(np.linalg.eigvalsh(found.y[1]), eigenvalues, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(solution.y[1], np.diag(eigenvalues[::-1]), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.eigvalsh(solution.y[1]), eigenvalues, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("group", [SO3(), SO(3)])
@@ -135,8 +135,8 @@ def test_navigation_on_a_semidirect_product(group):
 
     y0 = np.eye(5)
     np.testing.assert_allclose(frame.field(f(0, y0), y0), derivative(0, y0), rtol=0, atol=1e-14)
-    found = cg.solve_ivp(f, (0, 2), y0, frame=frame, **TIGHT)
-    np.testing.assert_allclose(found.y[-1], reference(derivative, (0, 2), y0), rtol=0, atol=1e-6)
+    solution = cg.solve_ivp(f, (0, 2), y0, frame=frame, **TIGHT)
+    np.testing.assert_allclose(solution.y[-1], reference(derivative, (0, 2), y0), rtol=0, atol=1e-6)
 
 
 def test_one_column_is_a_rigid_motion():

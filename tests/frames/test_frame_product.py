@@ -41,7 +41,7 @@ def test_parts_of_readonly_points_are_readonly(frame):
 @pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
 def test_split_of_unusual_arrays(frame):
     y = frame.random_point(np.random.default_rng(83), (2, 5))
-    wanted = frame.split(y)
+    expected = frame.split(y)
     wide = np.zeros((2, 5, 2 * y.shape[-1]))
     wide[..., ::2] = y
     bytes_ = np.zeros(y.nbytes + 1, dtype=np.uint8)
@@ -49,12 +49,12 @@ def test_split_of_unusual_arrays(frame):
     unaligned[...] = y
     same_type = y.astype(pickle.loads(pickle.dumps(y.dtype)))
     for odd in (wide[..., ::2], np.asfortranarray(y), unaligned, y.tolist(), same_type):
-        for part, right in zip(frame.split(odd), wanted, strict=True):
+        for part, right in zip(frame.split(odd), expected, strict=True):
             np.testing.assert_array_equal(part, right)
-    for part, right in zip(frame.split(wide[1, 2, ::2]), wanted, strict=True):
+    for part, right in zip(frame.split(wide[1, 2, ::2]), expected, strict=True):
         np.testing.assert_array_equal(part, right[1, 2])
     swapped = y[1, 2].astype(">f8")
-    for part, right in zip(frame.split(swapped), wanted, strict=True):
+    for part, right in zip(frame.split(swapped), expected, strict=True):
         np.testing.assert_array_equal(part, right[1, 2])
     for wrong in (y[0, 0, :-1], 1.0, np.zeros((3, y.shape[-1] + 1))):
         with pytest.raises(ValueError, match="y must have shape"):

@@ -125,15 +125,15 @@ def test_exp_coordinates_invert_the_flow(frame, seed, scale):
     scale = min(scale, 0.1)
     y, v = sample(frame, seed, scale)
     moved = frame.flow(v, y)
-    found = frame.exp_coordinates(y, moved)
-    if found is None:
+    coordinates = frame.exp_coordinates(y, moved)
+    if coordinates is None:
         assert isinstance(frame, HomogeneousSpace | UserFrame) or "Coadjoint" in repr(frame)
         return
     rounding = 1e-14 * condition(y, moved)
-    np.testing.assert_allclose(frame.flow(found, y), moved, rtol=0, atol=rounding)
-    assert np.linalg.norm(found) <= np.linalg.norm(v) + rounding
+    np.testing.assert_allclose(frame.flow(coordinates, y), moved, rtol=0, atol=rounding)
+    assert np.linalg.norm(coordinates) <= np.linalg.norm(v) + rounding
     if acts_freely(frame):
-        np.testing.assert_allclose(found, v, rtol=0, atol=rounding)
+        np.testing.assert_allclose(coordinates, v, rtol=0, atol=rounding)
 
 
 @every_frame
@@ -142,10 +142,12 @@ def test_exp_coordinates_invert_the_flow(frame, seed, scale):
 def test_exp_coordinates_of_arbitrary_points(frame, seed):
     rng = np.random.default_rng(seed)
     x, y = frame.random_point(rng), frame.random_point(rng)
-    found = frame.exp_coordinates(x, y)
-    if found is None or not np.isfinite(found).all():
+    coordinates = frame.exp_coordinates(x, y)
+    if coordinates is None or not np.isfinite(coordinates).all():
         return
-    np.testing.assert_allclose(frame.flow(found, x), y, rtol=0, atol=2e-14 * condition(x, y) ** 2)
+    np.testing.assert_allclose(
+        frame.flow(coordinates, x), y, rtol=0, atol=2e-14 * condition(x, y) ** 2
+    )
 
 
 @every_frame

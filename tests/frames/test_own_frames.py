@@ -1,4 +1,4 @@
-"""What a subclass of a frame must have, and what is said of a flow that has no numbers."""
+"""What a subclass of a frame must have, and warnings about flows that leave the manifold."""
 
 import numpy as np
 import pytest
@@ -91,7 +91,7 @@ def test_solution_off_the_manifold_warns(many):
             return cg.solve_ensemble(lambda t, y: [1.0], (0, 1), [[1.0, 0.0]] * 2, **options)
         return cg.solve_ivp(lambda t, y: [1.0], (0, 1), [1.0, 0.0], **options)
 
-    with pytest.warns(UserWarning, match="the solution has left the manifold: .* 1e-08") as told:
+    with pytest.warns(UserWarning, match="the solution has left the manifold: .* 1e-08") as caught:
         solve(drifting())
-    assert told[0].filename == __file__
+    assert caught[0].filename == __file__
     solve(drifting(lambda y: y / np.hypot(*y)))

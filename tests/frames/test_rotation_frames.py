@@ -114,8 +114,8 @@ def test_logarithms_agree_with_scipy(frame, angle):
     rng = np.random.default_rng(17)
     v = turned(rng, min(angle, 3.1415))
     y = frame.random_point(rng)
-    found = frame.exp_coordinates(y, frame.flow(v, y))
-    np.testing.assert_allclose(found, v, rtol=0, atol=2e-15 * (1 + angle))
+    coordinates = frame.exp_coordinates(y, frame.flow(v, y))
+    np.testing.assert_allclose(coordinates, v, rtol=0, atol=2e-15 * (1 + angle))
     np.testing.assert_allclose(
         SO3().logarithm(Rotation.from_rotvec(v).as_matrix()), v, rtol=0, atol=4e-15
     )
@@ -125,9 +125,9 @@ def test_logarithms_of_half_and_full_turns():
     for axis in (*np.eye(3), [0.6, 0.0, -0.8], [-2 / 3, 1 / 3, 2 / 3]):
         turn = np.pi * np.array(axis)
         rotation = SO3().flow(turn, np.eye(3))
-        found = SO3().logarithm(rotation)
-        assert np.linalg.norm(found) == pytest.approx(np.pi, abs=1e-14)
-        np.testing.assert_allclose(SO3().flow(found, np.eye(3)), rotation, rtol=0, atol=1e-14)
+        coordinates = SO3().logarithm(rotation)
+        assert np.linalg.norm(coordinates) == pytest.approx(np.pi, abs=1e-14)
+        np.testing.assert_allclose(SO3().flow(coordinates, np.eye(3)), rotation, rtol=0, atol=1e-14)
     one = np.array([0.0, 0.0, 0.0, 1.0])
     full = UnitQuaternion().exp_coordinates(one, -one)
     np.testing.assert_allclose(full, [2 * np.pi, 0.0, 0.0])
@@ -146,8 +146,8 @@ def test_rigid_motions_are_the_matrix_exponential(convention, angle):
         exponential = exact_exponential(frame.algebra(twist))
         rounding = 1e-15 * (1 + angle)
         np.testing.assert_allclose(frame.exponential(twist), exponential, rtol=0, atol=rounding)
-        wanted = y @ exponential if convention == "body" else exponential @ y
-        np.testing.assert_allclose(frame.flow(twist, y), wanted, rtol=0, atol=8 * rounding)
+        expected = y @ exponential if convention == "body" else exponential @ y
+        np.testing.assert_allclose(frame.flow(twist, y), expected, rtol=0, atol=8 * rounding)
 
 
 @pytest.mark.parametrize("angle", [1e-300, 1e-160, 1e-12, 1e-8, 1e-4, 1e-2, 0.3, 0.999, 1.001])
@@ -183,8 +183,8 @@ def test_sphere_flow_is_the_rotation():
     rng = np.random.default_rng(22)
     y, v = Sphere(2).random_point(rng, (20,)), rng.standard_normal((20, 3))
     np.testing.assert_allclose(Sphere(2).field(v, y), np.cross(v, y), rtol=0, atol=1e-15)
-    wanted = Rotation.from_rotvec(v).apply(y)
-    np.testing.assert_allclose(Sphere(2).flow(v, y), wanted, rtol=0, atol=2e-15)
+    expected = Rotation.from_rotvec(v).apply(y)
+    np.testing.assert_allclose(Sphere(2).flow(v, y), expected, rtol=0, atol=2e-15)
     assert np.isnan(Sphere(2).exp_coordinates(y, -y)).all()
     quarter = Sphere(2).exp_coordinates([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     np.testing.assert_allclose(quarter, [0.0, 0.0, np.pi / 2])
@@ -220,11 +220,11 @@ def test_scipy_rotations_are_accepted_as_points(frame, batch):
     moved = frame.flow(v, rotation)
     np.testing.assert_array_equal(moved, frame.flow(v, points))
     turn = Rotation.from_rotvec(v)
-    wanted = rotation * turn if frame.convention == "body" else turn * rotation
-    found = frame.as_rotation(moved)
-    assert isinstance(found, Rotation)
-    assert found.single == (not batch)
-    np.testing.assert_allclose(found.as_matrix(), wanted.as_matrix(), rtol=0, atol=3e-15)
+    expected = rotation * turn if frame.convention == "body" else turn * rotation
+    actual = frame.as_rotation(moved)
+    assert isinstance(actual, Rotation)
+    assert actual.single == (not batch)
+    np.testing.assert_allclose(actual.as_matrix(), expected.as_matrix(), rtol=0, atol=3e-15)
     np.testing.assert_allclose(frame.distance(rotation, points), 0.0, rtol=0, atol=1e-15)
     if not batch:
         np.testing.assert_array_equal(frame.check_point(rotation), points)
@@ -242,11 +242,11 @@ def test_as_rotation_inverts_read_points(frame):
 def test_matrices_and_quaternions_of_one_rotation_agree():
     rotation = rotations_of_scipy(np.random.default_rng(25), 3)
     vector = np.array([0.3, -1.0, 0.5])
-    wanted = rotation.apply(vector)
+    expected = rotation.apply(vector)
     for frame in ROTATION_FRAMES:
         points = frame.read_points(rotation, "y")
         if isinstance(frame, SO):
-            np.testing.assert_allclose(points @ vector, wanted, rtol=0, atol=1e-15)
+            np.testing.assert_allclose(points @ vector, expected, rtol=0, atol=1e-15)
         elif frame.scalar_first:
             np.testing.assert_array_equal(points, rotation.as_quat(scalar_first=True))
         else:

@@ -19,18 +19,18 @@ from research import impossibility
 
 
 class Call(NamedTuple):
-    """A function with arguments that are right, and the errors of its own."""
+    """A function with arguments that are right, and the errors of its errors."""
 
     function: Callable[..., Any]
     arguments: dict[str, Any]
-    own: tuple[type[Exception], ...] = ()
+    errors: tuple[type[Exception], ...] = ()
 
 
-def call(function: Callable[..., Any], /, *own: type[Exception], **arguments: Any) -> Call:
+def call(function: Callable[..., Any], /, *errors: type[Exception], **arguments: Any) -> Call:
     """Return a call whose other arguments have their defaults."""
     parameters = inspect.signature(function).parameters.values()
     defaults = {p.name: p.default for p in parameters if p.default is not p.empty}
-    return Call(function, defaults | arguments, own)
+    return Call(function, defaults | arguments, errors)
 
 
 def by_name(calls: list[Call]) -> dict[str, Call]:

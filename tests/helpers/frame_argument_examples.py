@@ -63,13 +63,13 @@ def of_frame(name, frame):
         "exponential": {"v": v},
         "inverse": {"x": near},
     }
-    if name == "FieldFrame":  # it was given no bracket
+    if name == "FieldFrame":  # it was values no bracket
         del arguments["bracket"], arguments["dexpinv"]
-    for method, given in arguments.items():
+    for method, values in arguments.items():
         if callable(getattr(frame, method, None)):
             yield (
                 f"{name}.{method}",
-                Call(getattr(frame, method), given, (FlowOverflowError, NotImplementedError)),
+                Call(getattr(frame, method), values, (FlowOverflowError, NotImplementedError)),
             )
 
 
@@ -99,8 +99,8 @@ FRAME_EXAMPLES = by_name(
 def of_problem(problem):
     """Return calls of a problem: its class, and its methods."""
     kind = type(problem).__name__
-    given = {name: getattr(problem, name) for name in inspect.signature(type(problem)).parameters}
-    yield f"problems.{kind}", Call(type(problem), given)
+    values = {name: getattr(problem, name) for name in inspect.signature(type(problem)).parameters}
+    yield f"problems.{kind}", Call(type(problem), values)
     points = {"y": problem.y0} if hasattr(problem, "y0") else {}
     arguments = {
         "invariants": points,

@@ -73,11 +73,11 @@ class Step:
             if paths.series and u is not None:
                 v = self.frame.dexpinv(u, v, order=paths.series)
             self.fields.append(v)
-        found = [self._end(path, h)[0] for path in results]
+        actual = [self._end(path, h)[0] for path in results]
         self._known = [(t, y, self.fields[0])]
         if paths.final_stage:
-            self._known.append((t + h, found[0], final))
-        return found
+            self._known.append((t + h, actual[0], final))
+        return actual
 
     def _iterate(self, t, y, h):
         """Find the coefficients at implicit stages by fixed-point iteration."""
@@ -122,27 +122,27 @@ def choose_steps(f, span, y0, *, frame, method, first_step, rtol=1e-3, atol=1e-6
     """Return the steps of a pair by Gustafsson's control."""
     (t, stop), y, step = span, y0, Step(f, frame, method)
     sign, exponent = np.sign(stop - t), error_exponent(method)
-    found, size, last, after_rejection = Steps([t], y0, 0, 0, 0), first_step, 1.0, False
+    actual, size, last, after_rejection = Steps([t], y0, 0, 0, 0), first_step, 1.0, False
     while t != stop:
-        wanted = size
+        expected = size
         shortened = sign * (t + sign * size - stop) >= 0.0
         end = stop if shortened else t + sign * size
         taken = abs(end - t)
         y1, err = step.trial(t, y, end - t, rtol, atol)
         if not err <= 1.0:
             size = taken * (max(0.2, 0.9 * err**-exponent) if np.isfinite(err) else 0.25)
-            found.rejected, after_rejection = found.rejected + 1, True
+            actual.rejected, after_rejection = actual.rejected + 1, True
             continue
         factor = 5.0
         if err > 0.0:
             factor = min(5.0, max(0.2, 0.9 * (err**-0.7 * last**0.4) ** exponent))
         size = taken * (min(factor, 1.0) if after_rejection else factor)
         if shortened and not after_rejection:
-            size = max(size, wanted)
+            size = max(size, expected)
         t, y, last, after_rejection = end, y1, max(err, 1e-4), False
-        found.times.append(t)
-    found.y, found.nfev, found.nexp = y, step.nfev, step.nexp
-    return found
+        actual.times.append(t)
+    actual.y, actual.nfev, actual.nexp = y, step.nfev, step.nexp
+    return actual
 
 
 def error(frame, other, y1, y, rtol, atol):
@@ -167,11 +167,11 @@ def _rms(values):
 
 def uncompiled(frame):
     """Return a frame that does the same in Python alone."""
-    made = copy.copy(frame)
-    object.__setattr__(made, "__class__", _kind(type(frame)))
-    if "group" in vars(made):
-        vars(made)["group"] = uncompiled(made.group)
-    return made
+    copied = copy.copy(frame)
+    object.__setattr__(copied, "__class__", _kind(type(frame)))
+    if "group" in vars(copied):
+        vars(copied)["group"] = uncompiled(copied.group)
+    return copied
 
 
 @cache

@@ -8,10 +8,10 @@ from cg.integration.step.paths import Path, paths_of
 
 
 def reversed_paths(method):
-    found = paths_of(method)
+    paths = paths_of(method)
     # rows that share their first flows would be cut up
-    assert len(found.paths) == len({*found.stages, found.result, found.embedded} - {0})
-    return replace(found, paths=tuple(Path(p.origin, p.flows[::-1]) for p in found.paths))
+    assert len(paths.paths) == len({*paths.stages, paths.result, paths.embedded} - {0})
+    return replace(paths, paths=tuple(Path(p.origin, p.flows[::-1]) for p in paths.paths))
 
 
 def reverse_flows(monkeypatch):

@@ -10,7 +10,9 @@ from cg.trees.ordered import OrderedTree
 
 trees = st.recursive(
     st.just(OrderedTree()),
-    lambda subtrees: st.lists(subtrees, max_size=4).map(lambda found: OrderedTree(tuple(found))),
+    lambda subtrees: st.lists(subtrees, max_size=4).map(
+        lambda children: OrderedTree(tuple(children))
+    ),
     max_leaves=12,
 )
 

@@ -255,16 +255,16 @@ def test_steps_are_those_that_the_formulas_choose(frame, name, sign):
     f, y0 = generic(frame, seed=3)
     tolerance = {2: 1e-5, 3: 1e-5, 8: 1e-12}.get(PAIRS[name].order, 1e-8)
     options = {"frame": frame, "method": PAIRS[name], "rtol": tolerance, "atol": tolerance / 3}
-    found = cg.solve_ivp(f, (0.1, 0.1 + sign), y0, first_step=0.4, **options)
+    solution = cg.solve_ivp(f, (0.1, 0.1 + sign), y0, first_step=0.4, **options)
     expected = choose_steps(f, (0.1, 0.1 + sign), y0, first_step=0.4, **options)
-    assert (found.steps, found.nrejected) == (len(expected.times) - 1, expected.rejected)
-    assert found.nrejected > 0
+    assert (solution.steps, solution.nrejected) == (len(expected.times) - 1, expected.rejected)
+    assert solution.nrejected > 0
     # rounding of points as a part of the tolerance is one of the sizes too
     atol = 1e-6 if tolerance > 1e-9 else 1e-3
-    np.testing.assert_allclose(found.t, expected.times, rtol=0, atol=atol)
-    np.testing.assert_allclose(found.y[-1], expected.y, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(solution.t, expected.times, rtol=0, atol=atol)
+    np.testing.assert_allclose(solution.y[-1], expected.y, rtol=0, atol=1e-12)
     if PAIRS[name].explicit:
-        assert (found.nfev, found.nexp) == (expected.nfev, expected.nexp)
+        assert (solution.nfev, solution.nexp) == (expected.nfev, expected.nexp)
 
 
 def test_tolerances_of_each_coordinate_by_the_formulas():
@@ -272,37 +272,37 @@ def test_tolerances_of_each_coordinate_by_the_formulas():
     f, y0 = generic(frame, seed=3)
     options = {"frame": frame, "method": PAIRS["CG2(3)"], "rtol": 1e-4, "first_step": 0.1}
     for atol in ([1e-4, 1.0, 1e-5, 1e-3, 1e-6], [0.0] * 5):
-        found = cg.solve_ivp(f, (0, 2), y0, atol=atol, **options)
+        solution = cg.solve_ivp(f, (0, 2), y0, atol=atol, **options)
         expected = choose_steps(f, (0, 2), y0, atol=np.array(atol), **options)
-        np.testing.assert_allclose(found.t, expected.times, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(solution.t, expected.times, rtol=0, atol=1e-9)
 
 
 def test_the_largest_and_the_smallest_change_of_the_size():
     """By five where there is no error; by a fifth, or a fourth where there is no number."""
     still = {"frame": Euclidean(1), "method": PAIRS["CG2(3)"], "first_step": 1e-3}
-    found = cg.solve_ivp(lambda t, y: [1.0], (0, 10), [0.0], **still)
-    np.testing.assert_allclose(np.diff(found.t)[:5], 1e-3 * 5.0 ** np.arange(5), rtol=1e-11)
+    solution = cg.solve_ivp(lambda t, y: [1.0], (0, 10), [0.0], **still)
+    np.testing.assert_allclose(np.diff(solution.t)[:5], 1e-3 * 5.0 ** np.arange(5), rtol=1e-11)
     cases = ((lambda t, y: [1e9 * np.cos(1e3 * t)], 0.2), (lambda t, y: [1e308], 0.25))
     for f, factor in cases:
-        seen = []
+        times = []
 
-        def recorded(t, y, f=f, seen=seen):
-            seen.append(t)
+        def recorded(t, y, f=f, times=times):
+            times.append(t)
             return f(t, y)
 
         cg.solve_ivp(recorded, (0, 10), [1.0], **(still | {"first_step": 8.0, "max_steps": 2}))
         stages = 8.0 * np.array(PAIRS["CG2(3)"].c[1:])
-        np.testing.assert_allclose(seen[1:5], [*stages, *(factor * stages)], rtol=1e-15)
+        np.testing.assert_allclose(times[1:5], [*stages, *(factor * stages)], rtol=1e-15)
 
 
 def test_errors_are_those_of_scipy_angles_or_distances():
     before, other, y = np.array([10.0, 1.0]), np.array([4.0, 6.0]), np.array([5.0, 8.0])
     expected = math.sqrt(((1 / (1 + 1.0)) ** 2 + (2 / (2 + 0.8)) ** 2) / 2)
-    found = error(Euclidean(2), other, y, before, 0.1, np.array([1.0, 2.0]))
-    assert found == pytest.approx(expected)
+    actual = error(Euclidean(2), other, y, before, 0.1, np.array([1.0, 2.0]))
+    assert actual == pytest.approx(expected)
     turned = SO3().flow([0.0, 3e-3, 0.0], np.eye(3))
-    found = error(SO3(), np.eye(3), turned, np.eye(3), 1e-3, 0.0)
-    assert found == pytest.approx(3.0 / math.sqrt(3))
+    actual = error(SO3(), np.eye(3), turned, np.eye(3), 1e-3, 0.0)
+    assert actual == pytest.approx(3.0 / math.sqrt(3))
     frame = Stiefel(3, 1)
     rng = np.random.default_rng(1)
     y = frame.random_point(rng)
@@ -328,12 +328,12 @@ def test_the_last_stage_is_the_first_of_the_next_step(extra):
     pair = cg.methods["DP5(4)"]
     for frame in (SO3(), SO(4)):  # in compiled code, and in Python
         y0 = frame.random_point(np.random.default_rng(3))
-        found = cg.solve_ivp(
+        solution = cg.solve_ivp(
             lambda t, y, n=frame.dim: np.cos(t + np.arange(n)) * y[0, 1],
             (0, 1), y0, frame=frame, method=pair, h=0.125, **extra,
         )  # fmt: skip
         between = 8 * extra_evaluations(pair) if extra else 0
-        assert found.nfev == 1 + 8 * (pair.stages - 1) + between
+        assert solution.nfev == 1 + 8 * (pair.stages - 1) + between
 
 
 SHORT = [
@@ -394,6 +394,6 @@ def test_blow_up_ends_without_success_and_keeps_what_was_accepted(in_c, function
     assert (chosen.y.shape, chosen.status) == ((4, 1), -1)
     for terminal, status in ((True, 1), (False, -1)):
         event = cg.Event(lambda t, y: y[0] - 100.0, terminal=terminal)
-        found = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), events=event)
-        assert (found.status, len(found.t_events[0])) == (status, 1)
-        assert found.y_events[0] == pytest.approx(100.0)
+        actual = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), events=event)
+        assert (actual.status, len(actual.t_events[0])) == (status, 1)
+        assert actual.y_events[0] == pytest.approx(100.0)

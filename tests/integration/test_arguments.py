@@ -64,10 +64,32 @@ def check_rejected(calls, changes, error, message):
         names = inspect.signature(function).parameters
         if changes.keys() <= names.keys():
             count += 1
-            given = {name: value for name, value in valid.items() if name in names}
+            arguments = {name: value for name, value in valid.items() if name in names}
             with pytest.raises(error, match=message):
-                function(**given | changes)
+                function(**arguments | changes)
     assert count
+
+
+@pytest.mark.parametrize(("function", "valid"), CALLS)
+def test_unknown_argument(function, valid):
+    names = inspect.signature(function).parameters
+    arguments = {name: value for name, value in valid.items() if name in names}
+    with pytest.raises(TypeError, match="unexpected keyword argument 'tol'"):
+        function(**arguments, tol=1e-6)
+
+
+def test_output_options_of_a_stepper():
+    with pytest.raises(TypeError, match="unexpected keyword argument 't_eval'; the options are"):
+        cg.Stepper(never, 0.0, np.eye(3), frame=SO3(), t_eval=[0.0])
+
+
+def test_signatures_show_all_options():
+    options = inspect.signature(cg.solve_ivp).parameters
+    assert options["max_step"].default == np.inf
+    for function in (cg.solve_ensemble, cg.solve_linear, cg.solve_variational):
+        parameters = inspect.signature(function).parameters
+        shared = [name for name in options if name not in {"f", "stage_solver", "jac"}]
+        assert [name for name in parameters if name in shared] == shared, function
 
 
 @pytest.mark.parametrize(

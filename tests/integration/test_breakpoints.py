@@ -40,31 +40,31 @@ def compiled(keep, side):
 @pytest.mark.parametrize("backward", [False, True])
 @pytest.mark.parametrize("in_c", [False, True])
 def test_steps_end_there_and_see_their_own_side(way, backward, in_c):
-    seen, side = [], "left" if backward else "right"
+    times, side = [], "left" if backward else "right"
 
     def f(t, y):
-        seen.append(t)
+        times.append(t)
         return stairs(t, y, side)
 
     span, points = ((1.0, 0.0), POINTS[::-1]) if backward else ((0.0, 1.0), POINTS)
-    found = cg.solve_ivp(
-        compiled(seen, side) if in_c else f, span, [0.0], breakpoints=points, dense_output=True,
+    solution = cg.solve_ivp(
+        compiled(times, side) if in_c else f, span, [0.0], breakpoints=points, dense_output=True,
         **LINE, **way,
     )  # fmt: skip
-    assert np.isin(points, found.t).all()
+    assert np.isin(points, solution.t).all()
     # forward a step that begins at a point sees the point itself; a step that ends there does not
     sign = -1.0 if backward else 1.0
     for point in points:
-        assert np.nextafter(point, -sign * np.inf) in seen
-        assert point in seen
-    first = [seen.index(p) for p in points]
-    last = [max(i for i, t in enumerate(seen) if sign * (t - p) < 0.0) for p in points]
+        assert np.nextafter(point, -sign * np.inf) in times
+        assert point in times
+    first = [times.index(p) for p in points]
+    last = [max(i for i, t in enumerate(times) if sign * (t - p) < 0.0) for p in points]
     assert all(a > b for a, b in zip(first, last, strict=True))
     start = height(span[0])
-    np.testing.assert_allclose(found.y[:, 0], height(found.t) - start, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(solution.y[:, 0], height(solution.t) - start, rtol=0, atol=1e-13)
     t = np.linspace(0, 1, 101)
-    np.testing.assert_allclose(found.sol(t)[:, 0], height(t) - start, rtol=0, atol=1e-13)
-    assert found.nrejected == 0
+    np.testing.assert_allclose(solution.sol(t)[:, 0], height(t) - start, rtol=0, atol=1e-13)
+    assert solution.nrejected == 0
 
 
 @pytest.mark.parametrize("way", WAYS[:3], ids=str)
@@ -99,9 +99,9 @@ def test_the_order_is_kept_on_rotations(method):
 
 def test_those_beyond_the_span_are_left_out():
     plain = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], **LINE)
-    found = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=[-1.0, 0.0, 0.2, 5.0], **LINE)
-    np.testing.assert_array_equal(found.t, plain.t)
-    np.testing.assert_array_equal(found.y, plain.y)
+    solution = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=[-1.0, 0.0, 0.2, 5.0], **LINE)
+    np.testing.assert_array_equal(solution.t, plain.t)
+    np.testing.assert_array_equal(solution.y, plain.y)
 
 
 def test_kinks_that_are_not_named_are_warned_of():

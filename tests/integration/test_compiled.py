@@ -89,9 +89,9 @@ def test_every_kth_step_and_the_last_are_stored(every, compiled, affine):
     options = {"frame": problem.frame, "method": "CG3", "h": 0.1}
     all_steps = integrate(f if compiled else problem.f, (0, 1), problem.y0, **options)
     some = integrate(f if compiled else problem.f, (0, 1), problem.y0, save_every=every, **options)
-    wanted = sorted({*range(0, 11, every), 10})
-    np.testing.assert_array_equal(some.t, all_steps.t[wanted])
-    np.testing.assert_array_equal(some.y, all_steps.y[wanted])
+    expected = sorted({*range(0, 11, every), 10})
+    np.testing.assert_array_equal(some.t, all_steps.t[expected])
+    np.testing.assert_array_equal(some.y, all_steps.y[expected])
     assert some.nfev == all_steps.nfev
 
 
@@ -99,13 +99,13 @@ def test_every_kth_step_and_the_last_are_stored(every, compiled, affine):
 def test_stored_steps_do_not_depend_on_pauses(every, monkeypatch):
     options = {"frame": SO3(), "method": "CG3", "h": 0.05, "save_every": every}
     f = lambda t, y: [t, y[0, 0], 1.0]  # noqa: E731
-    wanted = integrate(f, (0, 1), np.eye(3), **options)
+    expected = integrate(f, (0, 1), np.eye(3), **options)
     rng = np.random.default_rng(6)
     for most in range(1, 20):
         monkeypatch.setattr(StepBudget, "start", lambda _, most=most: rng.integers(1, most + 1))
-        found = integrate(f, (0, 1), np.eye(3), **options)
-        np.testing.assert_array_equal(found.t, wanted.t)
-        np.testing.assert_array_equal(found.y, wanted.y)
+        solution = integrate(f, (0, 1), np.eye(3), **options)
+        np.testing.assert_array_equal(solution.t, expected.t)
+        np.testing.assert_array_equal(solution.y, expected.y)
 
 
 def test_pointers_and_callables_are_the_same(function, library):
@@ -119,8 +119,8 @@ def test_pointers_and_callables_are_the_same(function, library):
         integrate(f, (0, 1), [1.0], **options).y
         for f in (pointer, LowLevelCallable(pointer), prototype(address))
     ]
-    for found in results:
-        np.testing.assert_array_equal(found, results[0])
+    for actual in results:
+        np.testing.assert_array_equal(actual, results[0])
     assert results[0][-1, 0] == pytest.approx(np.e, abs=1e-4)
 
 
@@ -130,9 +130,9 @@ def test_a_callback_into_python_works_too():
         f[0] = y[0]
         return 0
 
-    found = integrate(growth, (0, 1), [1.0], frame=Euclidean(1), method="CG4a", h=0.125)
-    wanted = integrate(lambda t, y: y, (0, 1), [1.0], frame=Euclidean(1), method="CG4a", h=0.125)
-    np.testing.assert_allclose(found.y, wanted.y, rtol=0, atol=1e-15)
+    solution = integrate(growth, (0, 1), [1.0], frame=Euclidean(1), method="CG4a", h=0.125)
+    expected = integrate(lambda t, y: y, (0, 1), [1.0], frame=Euclidean(1), method="CG4a", h=0.125)
+    np.testing.assert_allclose(solution.y, expected.y, rtol=0, atol=1e-15)
 
 
 def test_numba(affine):
@@ -147,10 +147,10 @@ def test_numba(affine):
         return 0
 
     options = {"frame": Euclidean(1), "method": "CG4a", "h": 0.125}
-    wanted = integrate(lambda t, y: y, (0, 1), [1.0], **options).y
+    expected = integrate(lambda t, y: y, (0, 1), [1.0], **options).y
     for f in (growth, LowLevelCallable(growth.ctypes)):
         assert compiled_rhs(f) is not None
-        np.testing.assert_allclose(integrate(f, (0, 1), [1.0], **options).y, wanted, atol=1e-15)
+        np.testing.assert_allclose(integrate(f, (0, 1), [1.0], **options).y, expected, atol=1e-15)
 
 
 class Meeting(ctypes.Structure):
@@ -171,8 +171,8 @@ def test_python_lock_is_released(function):
     f, data = meeting(function, 20_000)
     with ThreadPoolExecutor(2) as pool:
         runs = [pool.submit(integrate, f, (0, 1), [0.0], **OPTIONS) for _ in range(2)]
-        found = [run.result().y for run in runs]
-    np.testing.assert_array_equal(found[0], found[1])
+        actual = [run.result().y for run in runs]
+    np.testing.assert_array_equal(actual[0], actual[1])
     assert data.callers == 2
 
 
@@ -193,9 +193,9 @@ def test_ensembles_and_complex_points_from_python(function):
     ]
     # SU(2) has three coefficients; the others stay unwritten.
     y = np.array([[0.6 + 0.8j, 0.0], [0.0, 0.6 - 0.8j]])
-    found = growth.on(SU(2), None)(0.0, y)
-    assert found[0] == 0.6
-    assert np.isnan(found[1:]).all()
+    actual = growth.on(SU(2), None)(0.0, y)
+    assert actual[0] == 0.6
+    assert np.isnan(actual[1:]).all()
     with pytest.raises(RuntimeError, match="f returned the error code 7 at t = 1"):
         compiled_rhs(function("stops")).on(Euclidean(1), None)(1.0, np.zeros(1))
     with pytest.raises(ValueError, match="frame must be given"):
@@ -260,15 +260,15 @@ def test_functions_that_read_numbers_need_them(kind, library):
     with pytest.raises(ValueError, match=message):
         cg.solve_ensemble(f, (0, 1), [[1.0], [2.0]], frame=Euclidean(1))
     options = OPTIONS | {"parameters": [-1.0, 2.0], "h": 0.125}
-    found = integrate(f, (0, 1), [1.0], **options)
-    assert found.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
+    solution = integrate(f, (0, 1), [1.0], **options)
+    assert solution.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
 
 
 def test_functions_that_read_numbers_may_have_user_data(library):
     data = np.array([-1.0, 2.0])
     f = LowLevelCallable(requires_data(library)["pointer"], ctypes.c_void_p(data.ctypes.data))
-    found = integrate(f, (0, 1), [1.0], **(OPTIONS | {"h": 0.125}))
-    assert found.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
+    solution = integrate(f, (0, 1), [1.0], **(OPTIONS | {"h": 0.125}))
+    assert solution.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
 
 
 def test_other_signatures_are_refused(library):

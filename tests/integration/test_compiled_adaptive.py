@@ -120,11 +120,11 @@ def test_complex_points(affine):
     f, _keep = affine(problem)
     y0 = problem.y0.view(complex).reshape(2, 2)
     options = {"rtol": 1e-6, "atol": 1e-6, "t_eval": [0.0, 0.4, 1.0], "dense_output": True}
-    found = cg.solve_ivp(f, (0, 1), y0, frame=SU(2), **options)
+    solution = cg.solve_ivp(f, (0, 1), y0, frame=SU(2), **options)
     flat = cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **options)
-    assert (found.y.dtype, found.y.shape) == (complex, (3, 2, 2))
-    np.testing.assert_array_equal(found.y.reshape(3, 4).view(float), flat.y)
-    assert SU(2).membership_error(found.sol(np.linspace(0, 1, 7))).max() < 1e-14
+    assert (solution.y.dtype, solution.y.shape) == (complex, (3, 2, 2))
+    np.testing.assert_array_equal(solution.y.reshape(3, 4).view(float), flat.y)
+    assert SU(2).membership_error(solution.sol(np.linspace(0, 1, 7))).max() < 1e-14
     fixed = cg.integrate(f, (0, 1), y0, frame=SU(2), method="CG4a", h=0.1)
     slow = cg.integrate(from_python(f, SU(2)), (0, 1), y0, frame=SU(2), method="CG4a", h=0.1)
     assert fixed.y.dtype == complex
@@ -138,9 +138,9 @@ def test_points_between_where_the_step_has_no_logarithm(affine):
     problem.constant[:] = 1.2e308
     f, _keep = affine(problem)
     options = {"method": "CG4(3)", "first_step": 2.0, "t_eval": [0.5, 1.0, 1.5, 2.0]}
-    found = cg.solve_ivp(f, (0, 2), problem.y0, frame=problem.frame, **options)
-    assert found.steps == 1
-    np.testing.assert_allclose(found.y[:, 0] / 1e308, [-0.6, 0.0, 0.6, 1.2], rtol=0, atol=1e-14)
+    solution = cg.solve_ivp(f, (0, 2), problem.y0, frame=problem.frame, **options)
+    assert solution.steps == 1
+    np.testing.assert_allclose(solution.y[:, 0] / 1e308, [-0.6, 0.0, 0.6, 1.2], rtol=0, atol=1e-14)
 
 
 def test_products_of_one_frame_are_that_frame(affine):

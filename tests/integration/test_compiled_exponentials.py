@@ -36,8 +36,8 @@ SIZES = [0.0, 1e-200, 1e-9, 1e-3, 0.05, 0.5, 0.86, 1.9, 2.1, 7.0, 90.0]
 def exact(x):
     """Return the exponential of a matrix in 192 bits, rounded."""
     with ctx.workprec(192):
-        found = acb_mat(x.astype(complex).tolist()).exp()
-        entries = [complex(float(z.real.mid()), float(z.imag.mid())) for z in found.entries()]
+        actual = acb_mat(x.astype(complex).tolist()).exp()
+        entries = [complex(float(z.real.mid()), float(z.imag.mid())) for z in actual.entries()]
     values = np.array(entries).reshape(x.shape)
     return values if x.dtype.kind == "c" else values.real
 
@@ -49,9 +49,9 @@ def test_exponentials(frame, size):
     x = frame.algebra(v)
     v *= size / np.linalg.norm(x, 2)
     y = np.eye(frame.size, dtype=frame.dtype)
-    found = flows_of(frame)(v[None], y, restore=False)
+    actual = flows_of(frame)(v[None], y, restore=False)
     # a rounding of the matrix turns by so much
-    np.testing.assert_allclose(found, exact(frame.algebra(v)), rtol=0, atol=4e-15 * (1 + size))
+    np.testing.assert_allclose(actual, exact(frame.algebra(v)), rtol=0, atol=4e-15 * (1 + size))
 
 
 def test_what_is_not_finite_stays_so():

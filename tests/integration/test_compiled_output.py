@@ -76,12 +76,12 @@ def assert_same_events(fast, slow):
     assert (fast.steps, fast.status, fast.message) == (slow.steps, slow.status, slow.message)
     np.testing.assert_allclose(fast.t, slow.t, rtol=0, atol=1e-11)
     np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=1e-10)
-    for t, other, y, wanted in zip(
+    for t, other, y, expected in zip(
         fast.t_events, slow.t_events, fast.y_events, slow.y_events, strict=True
     ):
         np.testing.assert_allclose(t, other, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-10)
-        assert (y.shape, y.dtype) == (wanted.shape, wanted.dtype)
+        np.testing.assert_allclose(y, expected, rtol=0, atol=1e-10)
+        assert (y.shape, y.dtype) == (expected.shape, expected.dtype)
 
 
 @pytest.mark.parametrize("options", [{"max_step": 0.01}, {"method": "CG2", "h": 0.01}])
@@ -90,10 +90,10 @@ def test_what_comes_after_the_end_does_no_harm(options, function):
     f, event = function("stops"), marked(lambda t, y: t - 0.45, terminal=True)
     solve = {"frame": Euclidean(1)} | options
     for extra in ({}, {"t_eval": np.linspace(0, 1, 21)}, {"dense_output": True}):
-        found = cg.solve_ivp(f, (0, 1), [0.0], events=event, **solve, **extra)
-        assert found.status == 1
-        assert found.t[-1] == pytest.approx(0.45, abs=1e-12)
-        assert found.t_events[0] == pytest.approx([0.45])
+        solution = cg.solve_ivp(f, (0, 1), [0.0], events=event, **solve, **extra)
+        assert solution.status == 1
+        assert solution.t[-1] == pytest.approx(0.45, abs=1e-12)
+        assert solution.t_events[0] == pytest.approx([0.45])
     event.terminal = False
     with pytest.raises(RuntimeError, match=r"f returned the error code 7 at t = 0\.5"):
         cg.solve_ivp(f, (0, 1), [0.0], events=event, **solve)
@@ -102,9 +102,9 @@ def test_what_comes_after_the_end_does_no_harm(options, function):
 def test_an_event_in_the_last_step_before_an_error(function):
     event = marked(lambda t, y: t - 0.45, terminal=True)
     options = {"frame": Euclidean(1), "method": "LieEuler", "h": 0.25, "events": event}
-    found = cg.solve_ivp(function("stops"), (0, 2), [0.0], dense_output=True, **options)
-    assert (found.status, found.steps) == (1, 2)
-    assert found.sol(0.4) == 0.0
+    solution = cg.solve_ivp(function("stops"), (0, 2), [0.0], dense_output=True, **options)
+    assert (solution.status, solution.steps) == (1, 2)
+    assert solution.sol(0.4) == 0.0
     options["h"] = 0.375  # the coefficients at the end of the step with the event can't be had
     event.terminal = False
     with pytest.raises(RuntimeError, match=r"code 7 at t = 0\.75"):
@@ -114,10 +114,10 @@ def test_an_event_in_the_last_step_before_an_error(function):
 def test_little_is_computed_beyond_the_end(function):
     event = marked(lambda t, y: t - 1.0, terminal=True)
     options = {"frame": Euclidean(1), "method": "CG4a", "h": 1e-3, "events": event}
-    found = cg.solve_ivp(function("rests"), (0, 1e6), [0.0], t_eval=[0.5], **options)
-    assert found.t.tolist() == [0.5]
-    assert found.steps == 1000
-    assert found.nfev <= (1000 + 64) * cg.methods["CG4a"].stages + 2
+    solution = cg.solve_ivp(function("rests"), (0, 1e6), [0.0], t_eval=[0.5], **options)
+    assert solution.t.tolist() == [0.5]
+    assert solution.steps == 1000
+    assert solution.nfev <= (1000 + 64) * cg.methods["CG4a"].stages + 2
 
 
 def test_the_loop_runs_in_compiled_code(affine, monkeypatch):

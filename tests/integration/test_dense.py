@@ -58,12 +58,12 @@ T0 = 0.3
 def one_step(frame, h, method):
     """Return the solution within one step, and accurate points between its ends."""
     f, y0 = generic(frame)
-    made = cg.solve_ivp(
+    step = cg.solve_ivp(
         f, (T0, T0 + h), y0, frame=frame, method=method, h=abs(h), dense_output=True
     )
-    assert made.steps == 1
+    assert step.steps == 1
     fine = cg.integrate(f, (T0, T0 + h), y0, frame=frame, method="CG6g", h=abs(h) / 6)
-    return made, fine
+    return step, fine
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
@@ -72,8 +72,8 @@ def test_local_order_is_that_of_the_steps(frame, method, sign):
     sizes = np.array([0.1, 0.05, 0.025])
     errors = []
     for h in sizes:
-        made, fine = one_step(frame, sign * h, method)
-        errors.append(frame.distance(made.sol(fine.t), fine.y).max())
+        step, fine = one_step(frame, sign * h, method)
+        errors.append(frame.distance(step.sol(fine.t), fine.y).max())
     order = observed_order(sizes, errors, floor=2e-15).order
     assert order > cg.methods[method].order + 0.6
 
@@ -85,8 +85,8 @@ def test_implicit_methods_have_it_too(method):
     sizes = np.array([0.1, 0.05, 0.025])
     errors = []
     for h in sizes:
-        made, fine = one_step(SO3(), h, method)
-        errors.append(SO3().distance(made.sol(fine.t), fine.y).max())
+        step, fine = one_step(SO3(), h, method)
+        errors.append(SO3().distance(step.sol(fine.t), fine.y).max())
     order = observed_order(sizes, errors, floor=2e-15).order
     assert order > cg.methods[method].order + 0.6
 
@@ -103,10 +103,10 @@ def test_the_ends_are_exact_and_all_is_on_the_manifold(frame):
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_it_is_continuous_at_the_ends_without_their_being_set(frame):
-    made, _ = one_step(frame, 0.3, "CG5a")
-    ends = made.sol(np.nextafter(made.t, made.t[::-1]))
-    np.testing.assert_allclose(ends[0], made.y[0], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(ends[1], made.y[-1], rtol=0, atol=1e-14)
+    step, _ = one_step(frame, 0.3, "CG5a")
+    ends = step.sol(np.nextafter(step.t, step.t[::-1]))
+    np.testing.assert_allclose(ends[0], step.y[0], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(ends[1], step.y[-1], rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("method", ["CG3", "CF6(5)", "DOP853", "RKMK5(4)", "RKMK8(5,3)"])
@@ -125,9 +125,9 @@ def test_bits_are_the_same_however_many_steps_are_made_at_once(frame, method, mo
         monkeypatch.setattr(run, "_MIN_BUFFER", size)
         monkeypatch.setattr(run, "_MAX_BUFFER", size)
         monkeypatch.setattr(StepBudget, "start", lambda self, size=size: size)
-        made = cg.solve_ivp(f, (0.0, 2.1), y0, **options)
-        np.testing.assert_array_equal(made.y, whole.y)
-        np.testing.assert_array_equal(made.sol(times), points)
+        continued = cg.solve_ivp(f, (0.0, 2.1), y0, **options)
+        np.testing.assert_array_equal(continued.y, whole.y)
+        np.testing.assert_array_equal(continued.sol(times), points)
     for index in np.ndindex(times.shape):
         np.testing.assert_array_equal(whole.sol(times[index]), points[index])
 
@@ -135,21 +135,21 @@ def test_bits_are_the_same_however_many_steps_are_made_at_once(frame, method, mo
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_derivatives_at_the_ends_are_the_field(frame):
     f, _ = generic(frame)
-    made, _ = one_step(frame, 0.05, "CG5a")
+    step, _ = one_step(frame, 0.05, "CG5a")
     d = 1e-5
-    for t, y, inside in ((T0, made.y[0], d), (T0 + 0.05, made.y[-1], -d)):
-        near = made.sol(np.array([t + inside, t + 2 * inside]))
+    for t, y, inside in ((T0, step.y[0], d), (T0 + 0.05, step.y[-1], -d)):
+        near = step.sol(np.array([t + inside, t + 2 * inside]))
         slope = (4 * near[0] - near[1] - 3 * y) / (2 * inside)
         np.testing.assert_allclose(slope, frame.field(f(t, y), y), rtol=0, atol=2e-6)
 
 
 def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
     f, _ = generic(Euclidean(3))
-    made, _ = one_step(Euclidean(3), 0.5, "CG3")
-    ends = [(T0, made.y[0]), (T0 + 0.5, made.y[-1])]
+    step, _ = one_step(Euclidean(3), 0.5, "CG3")
+    ends = [(T0, step.y[0]), (T0 + 0.5, step.y[-1])]
     cubic = CubicHermiteSpline(*zip(*ends, strict=True), [f(t, y) for t, y in ends])
     t = np.linspace(T0, T0 + 0.5, 20)
-    np.testing.assert_allclose(made.sol(t), cubic(t), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(step.sol(t), cubic(t), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("count", range(2, 9))
@@ -166,8 +166,8 @@ def test_the_last_flow_takes_away_the_leading_error(count):
     interpolated = Polynomial.fit(nodes.nodes, values, count - 1, domain=[0, 1], window=[0, 1])
     integral = interpolated.integ()
     rest = solution(1.0) - (integral(1.0) - integral(0.0))
-    made = integral(s) - integral(0.0) + rest * nodes.blend(s)
-    np.testing.assert_allclose(made, solution(s), rtol=0, atol=1e-11)
+    value = integral(s) - integral(0.0) + rest * nodes.blend(s)
+    np.testing.assert_allclose(value, solution(s), rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("method", ["CG3", "RKMK5(4)"])
@@ -275,13 +275,13 @@ SINGLE = [
 
 @pytest.fixture(scope="module")
 def truths():
-    found = {}
+    values = {}
     for frame in (SO3(), Stiefel(3, 1)):
         f, y0 = generic(frame, seed=5)
-        found[frame] = cg.solve_ivp(
+        values[frame] = cg.solve_ivp(
             f, (0, 1), y0, frame=frame, method="CG7b", h=1 / 24, dense_output=True
         ).sol
-    return found
+    return values
 
 
 @pytest.mark.parametrize(
@@ -320,10 +320,10 @@ def test_many_times_take_little_memory_beside_the_result(method):
         asked = tracemalloc.get_traced_memory()[1]
         tracemalloc.reset_peak()
         before = tracemalloc.get_traced_memory()[0]
-        found = cg.solve_ivp(f, (0, 5), np.eye(3), t_eval=times, **options).y
+        solution = cg.solve_ivp(f, (0, 5), np.eye(3), t_eval=times, **options).y
         solved = tracemalloc.get_traced_memory()[1] - before
     finally:
         tracemalloc.stop()
-    np.testing.assert_array_equal(found, between)
+    np.testing.assert_array_equal(solution, between)
     assert asked < 3 * between.nbytes + 30e6
-    assert solved < 4 * found.nbytes + 30e6
+    assert solved < 4 * solution.nbytes + 30e6

@@ -98,9 +98,9 @@ def test_a_factor_that_commutes_is_none_of_the_others():
     u = np.array([9.0, 0.0, 0.0, 50.0, 60.0, 0.1, 0.2, 0.3])
     v = np.array([1.0, 0.0, 0.0, 1.0, 2.0, 1.0, 2.0, 3.0])
     for dexpinv in functions(frame):
-        found = dexpinv(u, v)
-        np.testing.assert_array_equal(found[:5], v[:5])
-        np.testing.assert_allclose(found[5:], frame.factors[2].dexpinv(u[5:], v[5:]), atol=1e-15)
+        values = dexpinv(u, v)
+        np.testing.assert_array_equal(values[:5], v[:5])
+        np.testing.assert_allclose(values[5:], frame.factors[2].dexpinv(u[5:], v[5:]), atol=1e-15)
 
 
 FAST = 40.0
@@ -144,14 +144,14 @@ def test_a_chosen_step_that_is_too_long_is_rejected(frame):
     f, y0 = fast(frame)
     # tolerances that anything meets
     options = {"method": "RKMK5(4)", "rtol": 0.5, "atol": 1e6, "first_step": 0.25}
-    found, again = (
+    actual, again = (
         cg.solve_ivp(f, (0, 0.25), y0, frame=same, **options) for same in (frame, uncompiled(frame))
     )
-    assert found.success
-    assert found.nrejected >= 1
-    assert found.steps >= 2
-    assert frame.membership_error(found.y).max() < 1e-9
-    assert (found.steps, found.nrejected, found.nfev) == (
+    assert actual.success
+    assert actual.nrejected >= 1
+    assert actual.steps >= 2
+    assert frame.membership_error(actual.y).max() < 1e-9
+    assert (actual.steps, actual.nrejected, actual.nfev) == (
         again.steps,
         again.nrejected,
         again.nfev,
@@ -182,10 +182,10 @@ def test_steps_beyond_it_of_methods_with_flows_have_output_too(turns, coordinate
         return [0.1 * np.sin(t), 0.1 * np.cos(t), turns]
 
     solution = cg.integrate(f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0)
-    made = cg.solve_ivp(
+    interpolant = cg.solve_ivp(
         f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0, dense_output=True
     ).sol
-    assert bool(made._steps.t[0, 3]) == coordinates
-    np.testing.assert_array_equal(made(1.0), solution.y[-1])
+    assert bool(interpolant._steps.t[0, 3]) == coordinates
+    np.testing.assert_array_equal(interpolant(1.0), solution.y[-1])
     exact = cg.solve_ivp(f, (0, 1), np.eye(3), frame=SO3(), rtol=1e-11, atol=1e-11, t_eval=TIMES)
-    assert SO3().distance(made(TIMES), exact.y).max() < 3e-2
+    assert SO3().distance(interpolant(TIMES), exact.y).max() < 3e-2

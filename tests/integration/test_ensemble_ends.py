@@ -29,25 +29,25 @@ OUTPUTS = {
 def test_a_member_that_fails_ends_alone(options, output, function):
     rates = np.stack([RATES, [NEVER, NEVER, NEVER, 0.6]], axis=-1)
     f = function("decays")
-    found = cg.solve_ensemble(f, (0, 1), [1.0], parameters=rates, **options, **OUTPUTS[output])
-    assert found.status.tolist() == [0, 0, 0, -1]
-    assert not found.success
-    assert list(found.messages) == [3]
-    assert re.match(r"f returned the error code 5 at t = 0\.[6-9]", found.messages[3])
-    assert found.message == f"Failure of 1 of 4 trajectories; of y0[3]: {found.messages[3]}."
-    assert found[3].message == found.messages[3]
-    assert 0.3 < found.t_end[3] <= 0.65
-    there = found.t <= found.t_end[3]
-    assert (found.y[there, 3] == 1.0).all()  # its rate is zero
-    assert np.isnan(found.y[~there, 3]).all()
-    assert found[3].t.tolist() == found.t[there].tolist()
+    solution = cg.solve_ensemble(f, (0, 1), [1.0], parameters=rates, **options, **OUTPUTS[output])
+    assert solution.status.tolist() == [0, 0, 0, -1]
+    assert not solution.success
+    assert list(solution.messages) == [3]
+    assert re.match(r"f returned the error code 5 at t = 0\.[6-9]", solution.messages[3])
+    assert solution.message == f"Failure of 1 of 4 trajectories; of y0[3]: {solution.messages[3]}."
+    assert solution[3].message == solution.messages[3]
+    assert 0.3 < solution.t_end[3] <= 0.65
+    there = solution.t <= solution.t_end[3]
+    assert (solution.y[there, 3] == 1.0).all()  # its rate is zero
+    assert np.isnan(solution.y[~there, 3]).all()
+    assert solution[3].t.tolist() == solution.t[there].tolist()
     apart = members_alone(f, (0, 1), np.ones((3, 1)), rates[:3], **options, **OUTPUTS[output])
     for i, alone in enumerate(apart):
-        np.testing.assert_array_equal(found.y[:, i], alone.y[-len(found.t) :])
-        assert found.nfev[i] == alone.nfev
-    if found.sol is not None:
-        assert np.isnan(found.sol(0.9)[3, 0])
-        np.testing.assert_allclose(found.sol(0.9)[:3, 0], np.exp(0.9 * RATES[:3]), rtol=1e-8)
+        np.testing.assert_array_equal(solution.y[:, i], alone.y[-len(solution.t) :])
+        assert solution.nfev[i] == alone.nfev
+    if solution.sol is not None:
+        assert np.isnan(solution.sol(0.9)[3, 0])
+        np.testing.assert_allclose(solution.sol(0.9)[:3, 0], np.exp(0.9 * RATES[:3]), rtol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -63,44 +63,44 @@ def test_a_member_that_fails_ends_alone(options, output, function):
 @pytest.mark.parametrize("output", OUTPUTS)
 def test_failures_are_named(name, good, bad, options, message, output, function):
     span = (0.0, 1.0) if "h" in options else (0.0, 0.5)
-    found = cg.solve_ensemble(
+    solution = cg.solve_ensemble(
         function(name), span, [[good], [bad], [good]],
         **{**LINE, **options, **OUTPUTS[output], "t_eval": [0.0, span[1]]},
     )  # fmt: skip
-    assert list(found.messages) == [1]
-    assert found.messages[1].startswith(message)
-    assert found.message.startswith("Failure of 1 of 3 trajectories; of y0[1]: ")
-    assert np.isnan(found.y).ravel().tolist() == [False] * 4 + [True, False]
+    assert list(solution.messages) == [1]
+    assert solution.messages[1].startswith(message)
+    assert solution.message.startswith("Failure of 1 of 3 trajectories; of y0[1]: ")
+    assert np.isnan(solution.y).ravel().tolist() == [False] * 4 + [True, False]
 
 
 def test_where_all_fail_what_they_reached_is_kept(function):
     numbers = [[-1.0, 0.6], [-1.0, 0.6]]
-    found = cg.solve_ensemble(
+    solution = cg.solve_ensemble(
         function("decays"), (0, 1), [1.0], parameters=numbers, t_eval=np.arange(33) / 32, **FIXED
     )
-    assert found.status.tolist() == [-1, -1]
-    assert found.message.startswith("Failure of 2 of 2 trajectories; of y0[0]: f returned")
-    assert found.nrejected.tolist() == [0, 0]
-    n = len(found[0].t)
-    assert 0.5 < found[0].t[-1] < 0.65
-    np.testing.assert_allclose(found.y[:n, 0, 0], np.exp(-found.t[:n]), rtol=1e-8)
-    assert np.isnan(found.y[n:]).all()
+    assert solution.status.tolist() == [-1, -1]
+    assert solution.message.startswith("Failure of 2 of 2 trajectories; of y0[0]: f returned")
+    assert solution.nrejected.tolist() == [0, 0]
+    n = len(solution[0].t)
+    assert 0.5 < solution[0].t[-1] < 0.65
+    np.testing.assert_allclose(solution.y[:n, 0, 0], np.exp(-solution.t[:n]), rtol=1e-8)
+    assert np.isnan(solution.y[n:]).all()
 
 
 def test_a_function_too_large_for_any_step(affine):
     problem = AffineField(Euclidean(1), [0.0])
     problem.constant[:] = 1e308
     f, _keep = affine(problem)
-    found = cg.solve_ensemble(f, (0, 1), [[0.0], [1.0]], **LINE)
-    assert found.messages[0].startswith("f is too large to choose a step at t = 0, got ")
+    solution = cg.solve_ensemble(f, (0, 1), [[0.0], [1.0]], **LINE)
+    assert solution.messages[0].startswith("f is too large to choose a step at t = 0, got ")
 
 
 def test_points_too_large_for_the_solution_within(function):
     options = {"t_eval": [0.5], "rtol": 1e-3, **LINE}
     y0 = np.array([[1.0], [1e308]])
-    found = cg.solve_ensemble(function("growth"), (0, 0.58), y0, **options)
-    check(found, members_alone(function("growth"), (0, 0.58), y0, **options))
-    assert math.isclose(found.y[0, 0, 0], math.exp(0.5), rel_tol=1e-4)
+    solution = cg.solve_ensemble(function("growth"), (0, 0.58), y0, **options)
+    check(solution, members_alone(function("growth"), (0, 0.58), y0, **options))
+    assert math.isclose(solution.y[0, 0, 0], math.exp(0.5), rel_tol=1e-4)
 
 
 @pytest.mark.parametrize("options", [{}, {"vectorized": True}, {"executor": "threads"}])
@@ -115,9 +115,9 @@ def test_an_exception_of_f_ends_the_call(options):
 
 
 def test_one_warning_for_all_members():
-    with pytest.warns(UserWarning, match="rtol") as told:
+    with pytest.warns(UserWarning, match="rtol") as caught:
         cg.solve_ensemble(lambda t, y: y, (0, 1), np.zeros((4, 1)), rtol=0.0, **LINE)
-    assert len(told) == 1
+    assert len(caught) == 1
 
 
 @pytest.mark.parametrize("options", [CHOSEN, FIXED], ids=["chosen", "fixed"])
@@ -125,25 +125,25 @@ def test_terminal_events_of_all_members_end_it_all(options, function):
     event = cg.Event(lambda t, y, row: y[0] - 0.5, terminal=True)
     # the second function fails later, which is no failure of what has ended before
     numbers = np.array([[-1.0, NEVER], [-2.0, 0.75]])
-    found = cg.solve_ensemble(
+    solution = cg.solve_ensemble(
         function("decays"), (0, 5), [1.0], parameters=numbers, events=event, **options
     )
-    assert found.status.tolist() == [1, 1]
-    assert (found.success, found.message) == (True, "A terminal event ended the integration.")
-    np.testing.assert_allclose(found.t_end, np.log(2) / -numbers[:, 0], rtol=1e-7)
-    assert found.y_events[0][1] == pytest.approx(0.5)
+    assert solution.status.tolist() == [1, 1]
+    assert (solution.success, solution.message) == (True, "A terminal event ended the integration.")
+    np.testing.assert_allclose(solution.t_end, np.log(2) / -numbers[:, 0], rtol=1e-7)
+    assert solution.y_events[0][1] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("kind", ["compiled", "python", "vectorized"])
 def test_progress_is_the_sum_over_members(kind, function, monkeypatch):
     monkeypatch.setattr(progress, "_SECONDS", 0.0)
     monkeypatch.setattr(step_budget, "_SECONDS", 0.0)
-    told = []
+    reports = []
     cg.solve_ensemble(
         function("growth") if kind == "compiled" else lambda t, y: y, (0, 2), np.ones((5, 1)),
-        vectorized=kind == "vectorized", progress=lambda *now: told.append(now), **CHOSEN,
+        vectorized=kind == "vectorized", progress=lambda *now: reports.append(now), **CHOSEN,
     )  # fmt: skip
-    done, total = zip(*told, strict=True)
+    done, total = zip(*reports, strict=True)
     assert set(total) == {10.0}
     assert all(a <= b for a, b in itertools.pairwise(done))
     assert done[-1] == 10.0
@@ -177,40 +177,40 @@ class TestCommonSteps:
         def f(t, y):
             many = np.ndim(t) == 1
             flat = np.ascontiguousarray(y).reshape(len(t) if many else 1, -1).view(float)
-            found = np.cos(flat @ weights.T + np.reshape(t, (-1, 1)))
-            return found if many else found[0]
+            actual = np.cos(flat @ weights.T + np.reshape(t, (-1, 1)))
+            return actual if many else actual[0]
 
         options = {"frame": frame, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
-        found = cg.solve_ensemble(
+        actual = cg.solve_ensemble(
             f, (0, 1), y0, vectorized=vectorized, common_steps=True, t_eval=[0.15, 1], **options
         )
-        assert len(set(found.steps.tolist())) == 1
+        assert len(set(actual.steps.tolist())) == 1
         alone = members_alone(f, (0, 1), y0, **{**options, "t_eval": [0.15, 1]})
         most = max(run.steps for run in alone)
-        assert most <= found.steps[0] <= 1.3 * most
+        assert most <= actual.steps[0] <= 1.3 * most
         for i, run in enumerate(alone):
-            np.testing.assert_array_equal(found.sol[i].ts, found.sol.ts)
-            assert frame.distance(found.y[:, i], run.y).max() < 2e-5
-        assert frame.membership_error(found.y).max() < 1e-13
+            np.testing.assert_array_equal(actual.sol[i].ts, actual.sol.ts)
+            assert frame.distance(actual.y[:, i], run.y).max() < 2e-5
+        assert frame.membership_error(actual.y).max() < 1e-13
 
     @pytest.mark.parametrize("common", [False, True])
     @pytest.mark.parametrize("vectorized", [False, True])
     def test_a_terminal_event_ends_one_member(self, common, vectorized):
         event = cg.Event(lambda t, y: y[0] - 10.0, terminal=True)
-        found = cg.solve_ensemble(
+        solution = cg.solve_ensemble(
             lambda t, y: y**2, (0, 2), [[1.0], [0.1]], events=event, vectorized=vectorized,
             common_steps=common, rtol=1e-8, dense_output=True, **LINE,
         )  # fmt: skip
-        assert found.status.tolist() == [1, 0]
-        assert found.success
-        assert found.messages == {0: "A terminal event ended the integration."}
-        np.testing.assert_allclose(found.t_end, [0.9, 2.0], rtol=1e-6)
-        assert [len(times) for times in found.t_events[0]] == [1, 0]
-        np.testing.assert_allclose(found.y_events[0][0], [[10.0]], rtol=1e-12)
-        assert np.isnan(found.y[-1, 0, 0])
-        np.testing.assert_allclose(found.y[-1, 1], 1 / 8, rtol=1e-6)
-        assert np.isnan(found.sol(1.0)[0, 0])
-        np.testing.assert_allclose(found.sol(1.0)[1, 0], 1 / 9, rtol=1e-6)
+        assert solution.status.tolist() == [1, 0]
+        assert solution.success
+        assert solution.messages == {0: "A terminal event ended the integration."}
+        np.testing.assert_allclose(solution.t_end, [0.9, 2.0], rtol=1e-6)
+        assert [len(times) for times in solution.t_events[0]] == [1, 0]
+        np.testing.assert_allclose(solution.y_events[0][0], [[10.0]], rtol=1e-12)
+        assert np.isnan(solution.y[-1, 0, 0])
+        np.testing.assert_allclose(solution.y[-1, 1], 1 / 8, rtol=1e-6)
+        assert np.isnan(solution.sol(1.0)[0, 0])
+        np.testing.assert_allclose(solution.sol(1.0)[1, 0], 1 / 9, rtol=1e-6)
 
 
 def test_a_compiled_function_that_writes_into_its_point(function):
@@ -223,8 +223,10 @@ def test_a_compiled_function_that_writes_into_its_point(function):
         {"method": "CF5r", "h": 0.01},  # in two registers
         {"method": "RKMK5(4)", "h": 0.01},
     ):
-        found = cg.solve_ensemble(function("overwrites"), (0, 1), [[1.0], [1.0]], **LINE, **options)
-        np.testing.assert_allclose(found.y[-1], np.full((2, 1), np.exp(-1.0)), rtol=1e-9)
+        solution = cg.solve_ensemble(
+            function("overwrites"), (0, 1), [[1.0], [1.0]], **LINE, **options
+        )
+        np.testing.assert_allclose(solution.y[-1], np.full((2, 1), np.exp(-1.0)), rtol=1e-9)
 
 
 @pytest.mark.parametrize("which", [min, max])
@@ -232,7 +234,7 @@ def test_functions_that_fail_between_steps(which):
     """What is evaluated for output alone isn't evaluated by any step."""
     signature = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)
     options = {"method": "CG4(3)", **LINE}
-    wanted = {"t_eval": [0.31, 0.72], **options}
+    expected = {"t_eval": [0.31, 0.72], **options}
 
     def growth(times, bad=()):
         def called(t, y, f, data):
@@ -244,11 +246,11 @@ def test_functions_that_fail_between_steps(which):
 
     steps, both, y0 = set(), set(), np.array([[1.0], [3.5], [1.5]])
     cg.solve_ivp(growth(steps), (0, 1), y0[1], **options)
-    cg.solve_ivp(growth(both), (0, 1), y0[1], **wanted)
-    found = cg.solve_ensemble(growth(set(), {which(both - steps)}), (0, 1), y0, **wanted)
-    assert list(found.messages) == [1]
-    assert found.messages[1].startswith("f returned the error code 9 at t = 0.")
-    assert np.isnan(found.y[-1, 1]).all()
+    cg.solve_ivp(growth(both), (0, 1), y0[1], **expected)
+    solution = cg.solve_ensemble(growth(set(), {which(both - steps)}), (0, 1), y0, **expected)
+    assert list(solution.messages) == [1]
+    assert solution.messages[1].startswith("f returned the error code 9 at t = 0.")
+    assert np.isnan(solution.y[-1, 1]).all()
     for i in (0, 2):
-        alone = cg.solve_ivp(growth(set()), (0, 1), y0[i], **wanted)
-        np.testing.assert_array_equal(found.y[:, i], alone.y)
+        alone = cg.solve_ivp(growth(set()), (0, 1), y0[i], **expected)
+        np.testing.assert_array_equal(solution.y[:, i], alone.y)

@@ -161,8 +161,8 @@ def test_results_go_to_an_array_on_disk(library, tmp_path):
     y0 = POINTS
     options = {"frame": FRAME, "t_eval": TIMES, "workers": 2}
     out = np.lib.format.open_memmap(tmp_path / "y.npy", "w+", float, (3, 10, 3, 3))
-    found = cg.solve_ensemble(f, (0, 1), y0, **options, out=out)
-    assert found.y is out
+    solution = cg.solve_ensemble(f, (0, 1), y0, **options, out=out)
+    assert solution.y is out
     out.flush()
     whole = cg.solve_ensemble(f, (0, 1), y0, frame=FRAME, t_eval=TIMES)
     np.testing.assert_array_equal(np.load(tmp_path / "y.npy"), whole.y)
@@ -197,13 +197,13 @@ def test_methods_of_the_package_travel_by_name(monkeypatch):
 
     monkeypatch.setattr(ensemble, "completed", noted)
     pair = cg.methods["CF4(3)"]
-    own = cg.catalogue.loads(cg.catalogue.dumps(pair).replace("CF4(3)", "Mine", 1))
-    for method in ("CF4(3)", pair, "RKMK5(4)", own):
+    renamed = cg.catalogue.loads(cg.catalogue.dumps(pair).replace("CF4(3)", "Mine", 1))
+    for method in ("CF4(3)", pair, "RKMK5(4)", renamed):
         cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, method=method, workers=2)
     again = [pickle.loads(pickle.dumps(work)).problem.plan.method for work in known]
     assert again[0] is again[1] is pair
     assert again[2] is known[2].problem.plan.method
-    assert again[3] == own
+    assert again[3] == renamed
 
 
 def test_pointers_do_not_travel(library):
@@ -242,9 +242,9 @@ def test_points_are_those_of_their_times(executor, t_eval):
     )  # fmt: skip
     times = [0.0, 2.0] if t_eval is None else t_eval
     assert run.t.tolist() == times
-    wanted = starts + np.reshape(times, (-1, 1))
-    wanted[wanted > 1.0] = np.nan
-    np.testing.assert_allclose(run.y[..., 0], wanted, rtol=0, atol=1e-14)
+    expected = starts + np.reshape(times, (-1, 1))
+    expected[expected > 1.0] = np.nan
+    np.testing.assert_allclose(run.y[..., 0], expected, rtol=0, atol=1e-14)
     for start, ends in zip(starts, run.t_events[0], strict=True):
         np.testing.assert_allclose(ends, [1.0 - start] if start > -1.0 else [])
 

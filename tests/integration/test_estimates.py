@@ -37,15 +37,15 @@ def tool(monkeypatch):
 
 def quotients(equations, method):
     """Return errors in tolerances."""
-    found = []
+    actual = []
     for case in equations:
         for tolerance in TOLERANCES:
             run = cg.solve_ivp(
                 case.f, (0, case.end), case.y0, frame=case.frame, method=method,
                 rtol=tolerance, atol=tolerance,
             )  # fmt: skip
-            found.append(case.error(run.y[-1]) / tolerance)
-    return found
+            actual.append(case.error(run.y[-1]) / tolerance)
+    return actual
 
 
 def test_references_of_spins(equations):
@@ -64,9 +64,9 @@ def test_there_is_a_default_of_each_kind():
 def test_defaults_are_honest(equations, name):
     from benchmarks.estimates import LARGEST, MEDIAN
 
-    found = quotients(equations, name)
-    assert np.median(found) <= MEDIAN
-    assert max(found) <= LARGEST
+    actual = quotients(equations, name)
+    assert np.median(actual) <= MEDIAN
+    assert max(actual) <= LARGEST
 
 
 @pytest.mark.parametrize("name", ["BS3(2)", "DP5(4)", "DVERK6(5)", "Verner7(6)", "Verner8(7)"])
@@ -84,11 +84,11 @@ def test_the_tool_finds_them(tool):
     pair = cg.methods["BS3(2)"]
     assert tool.make(pair, tool.RECIPES["BS3(2)"])[0] == pair
     recipe = tool.Recipe(cg.structure.points.START, 2, 4)
-    found, error, hits = tool.make(cg.methods["DP5(4)"], recipe)
+    actual, error, hits = tool.make(cg.methods["DP5(4)"], recipe)
     assert hits == 4
-    assert (found.order, found.embedded_order, found.pair_exponentials) == (5, 4, 14)
-    assert found.exact_embedded == cg.methods["DP5(4)"].exact_embedded
-    assert 0 < error == pytest.approx(found.embedded.principal_error, rel=1e-9)
+    assert (actual.order, actual.embedded_order, actual.pair_exponentials) == (5, 4, 14)
+    assert actual.exact_embedded == cg.methods["DP5(4)"].exact_embedded
+    assert 0 < error == pytest.approx(actual.embedded.principal_error, rel=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -204,11 +204,11 @@ def test_event_times_are_as_accurate_as_the_steps_in_any_unit_of_time(method, un
     def f(t, y):
         return np.array([y[1], -y[0]]) / unit
 
-    found = cg.solve_ivp(
+    solution = cg.solve_ivp(
         f, (start, start + 8 * unit), [1.0, 0.0], events=lambda t, y: y[0], method=method,
         **OSCILLATOR,
     )  # fmt: skip
-    (times,), (points,) = found.t_events, found.y_events
+    (times,), (points,) = solution.t_events, solution.y_events
     exact = np.pi * np.array([0.5, 1.5, 2.5])
     rounding = np.spacing(start) / unit
     np.testing.assert_allclose((times - start) / unit, exact, rtol=0, atol=2e-9 + rounding)
@@ -221,9 +221,9 @@ def test_event_times_are_as_accurate_as_the_steps_in_any_unit_of_time(method, un
     [(9, 0.45, 0.3), (3, 0.6369616873214543, 1.0), (9, 0.2697867137638703, 1.0)],
 )
 def test_an_event_of_odd_multiplicity_is_found(multiplicity, zero, h):
-    found = cg.solve_ivp(
+    solution = cg.solve_ivp(
         lambda t, y: [1.0], (0, 1), [0.0], frame=Euclidean(1), method="CG4a", h=h,
         events=lambda t, y: (t - zero) ** multiplicity,
     )  # fmt: skip
     # such a function is zero in floating point within 1e-324 ** (1 / 9) of its zero
-    assert found.t_events[0] == pytest.approx([zero], abs=1e-9)
+    assert solution.t_events[0] == pytest.approx([zero], abs=1e-9)

@@ -229,9 +229,9 @@ def test_elapsed_time_is_right_to_rounding_of_time(start, span, parts):
 @pytest.mark.parametrize("method", ["CG3", "ImplicitMidpoint"])
 @pytest.mark.parametrize(("save_every", "stored"), [(1, 21), (6, 5), (100, 2)])
 def test_steps_are_counted_whether_they_are_stored_or_not(frame, method, save_every, stored):
-    found = integrate(
+    solution = integrate(
         lambda t, y: np.zeros(3), (0, 1), np.eye(3), frame=frame, method=method, h=0.05,
         save_every=save_every,
     )  # fmt: skip
-    assert (found.steps, len(found.t)) == (20, stored)
-    assert "steps=20, " in repr(found)
+    assert (solution.steps, len(solution.t)) == (20, stored)
+    assert "steps=20, " in repr(solution)

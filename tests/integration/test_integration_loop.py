@@ -64,8 +64,8 @@ def test_times_that_coincide():
 
 def test_evaluations_of_the_continuous_solution():
     """By the order of a method, and the stages that a node more may cost as many as."""
-    found = {name: extra_evaluations(resolve_method(name)) for name in EXTRA}
-    assert found == EXTRA
+    values = {name: extra_evaluations(resolve_method(name)) for name in EXTRA}
+    assert values == EXTRA
 
 
 @pytest.mark.parametrize("method", ["CG3", "CG4a", "CF4(3)", "RKMK5(4)"])
@@ -81,18 +81,18 @@ def test_flows_of_output_between_steps(method, frame):
     assert solve(t_eval=[0.25, 0.75]).nexp == plain.nexp
     extra, flows = extra_evaluations(plain.method), 1
     if method.startswith("RKMK"):
-        made = extra
+        flows_of_output = extra
     elif frame == SO3():  # some iterations lead to the coordinates of the end
-        made = solve(t_eval=[0.25, 0.6]).nexp - plain.nexp - flows
-        assert extra + 2 <= made <= extra + 4
+        flows_of_output = solve(t_eval=[0.25, 0.6]).nexp - plain.nexp - flows
+        assert extra + 2 <= flows_of_output <= extra + 4
         return
     else:
         nodes, flows = node_count(plain.method), len(result_flows(plain.method)) + 1
         # the interpolant with n nodes is closed at its end; that with one less leads to n - 2
-        made = (nodes - 1) * flows + extra * flows
-    assert solve(t_eval=[0.25, 0.6]).nexp == plain.nexp + made + flows
-    assert solve(t_eval=[0.3, 0.55, 0.7]).nexp == plain.nexp + 2 * made + 3 * flows
-    assert solve(dense_output=True).nexp == plain.nexp + 4 * made
+        flows_of_output = (nodes - 1) * flows + extra * flows
+    assert solve(t_eval=[0.25, 0.6]).nexp == plain.nexp + flows_of_output + flows
+    assert solve(t_eval=[0.3, 0.55, 0.7]).nexp == plain.nexp + 2 * flows_of_output + 3 * flows
+    assert solve(dense_output=True).nexp == plain.nexp + 4 * flows_of_output
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
@@ -106,13 +106,13 @@ def test_one_member_whose_f_is_too_large_for_any_step(frame, vectorized, common)
     with pytest.raises(OverflowError, match=re.escape(message)):
         cg.solve_ivp(lambda t, y: np.full(3, 1e308), (0, 1), y0[0], frame=frame)
     for bad, large in ((1, [[1.0], [1e308]]), (0, [[1e308], [1.0]])):
-        found = cg.solve_ensemble(
+        solution = cg.solve_ensemble(
             lambda t, y, size: size * np.ones((*size.shape[:-1], 3)), (0, 1), y0, frame=frame,
             parameters=large, vectorized=vectorized, common_steps=common,
         )  # fmt: skip
-        assert found.messages == {bad: message}
-        assert found.status[bad] == -1
-        assert found.t_end[[bad, 1 - bad]].tolist() == [0.0, 1.0]
+        assert solution.messages == {bad: message}
+        assert solution.status[bad] == -1
+        assert solution.t_end[[bad, 1 - bad]].tolist() == [0.0, 1.0]
 
 
 @pytest.mark.parametrize("span", [(0.0, 1.0), (1.0, -1.0)])
@@ -120,15 +120,15 @@ def test_continuous_solutions_of_members_reach_both_ends(span, function):
     f, parameters = decay(function)
     y0 = np.array([[1.0], [3.0]])
     for options in ({}, {"method": "CG4a", "h": 0.25}):
-        found = cg.solve_ensemble(
+        solution = cg.solve_ensemble(
             f, span, y0, frame=Euclidean(1), parameters=parameters, dense_output=True, **options
         )
-        assert (found.njev.tolist(), found.nlu.tolist()) == ([0, 0], [0, 0])
-        assert (found.nfev > 0).all()
-        assert (found.sol.t_min, found.sol.t_max) == (min(span), max(span))
-        assert (found.sol.ts[0], found.sol.ts[-1]) == span
-        np.testing.assert_array_equal(found.sol(span[0]), y0)
-        np.testing.assert_array_equal(found.sol(span), found.y[[0, -1]])
+        assert (solution.njev.tolist(), solution.nlu.tolist()) == ([0, 0], [0, 0])
+        assert (solution.nfev > 0).all()
+        assert (solution.sol.t_min, solution.sol.t_max) == (min(span), max(span))
+        assert (solution.sol.ts[0], solution.sol.ts[-1]) == span
+        np.testing.assert_array_equal(solution.sol(span[0]), y0)
+        np.testing.assert_array_equal(solution.sol(span), solution.y[[0, -1]])
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 1 / 32}])
@@ -138,15 +138,17 @@ def test_a_member_s_solution_reaches_the_event_that_ends_it(options, in_c, funct
     if not in_c:
         f = lambda t, y, own: own[0] * y  # noqa: E731
     for span in ((0.0, 2.0), (0.25, 2.25)):
-        found = cg.solve_ensemble(
+        solution = cg.solve_ensemble(
             f, span, np.ones((2, 1)), frame=Euclidean(1), events=cg.Event(half, terminal=True),
             dense_output=True, parameters=parameters, **options,
         )  # fmt: skip
         for i in range(2):
-            end, point = found.t_events[0][i][0], found.y_events[0][i][0]
-            assert found.t_end[i] == end
-            np.testing.assert_array_equal(found.sol(end)[i], point)
-            assert np.isnan(found.sol(min(np.nextafter(end, 9), found.sol.t_max))[i]) == (i == 1)
+            end, point = solution.t_events[0][i][0], solution.y_events[0][i][0]
+            assert solution.t_end[i] == end
+            np.testing.assert_array_equal(solution.sol(end)[i], point)
+            assert np.isnan(solution.sol(min(np.nextafter(end, 9), solution.sol.t_max))[i]) == (
+                i == 1
+            )
 
 
 def test_events_at_the_end_of_a_step():
@@ -170,12 +172,12 @@ def test_a_member_that_an_event_ended_takes_no_more_steps(function):
     f, parameters = decay(function, ends=(NEVER, 0.75))
     options = {"frame": Euclidean(1), "parameters": parameters}
     for way in ({"method": "CG4a", "h": 1 / 256}, {"max_step": 1 / 256}):
-        found = cg.solve_ensemble(
+        solution = cg.solve_ensemble(
             f, (0, 2), np.ones((2, 1)), events=cg.Event(half, terminal=True), **way, **options
         )
-        assert found.success
-        assert [len(t) for t in found.t_events[0]] == [1, 1]
-        assert found.status.tolist() == [1, 1]
+        assert solution.success
+        assert [len(t) for t in solution.t_events[0]] == [1, 1]
+        assert solution.status.tolist() == [1, 1]
 
 
 def test_memory_for_steps_grows(monkeypatch):

@@ -51,8 +51,8 @@ def test_an_interrupt_ends_the_call(kind, library):
             with pytest.raises(subprocess.TimeoutExpired):
                 process.wait(0.3)
             process.send_signal(signal.SIGINT)
-            said, _ = process.communicate(timeout=20)
+            output, _ = process.communicate(timeout=20)
         finally:
             process.kill()
-    assert said == "interrupted\n"
+    assert output == "interrupted\n"
     assert process.returncode == 0

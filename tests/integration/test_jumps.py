@@ -56,19 +56,19 @@ def ball(t, count=6):
 
 @pytest.mark.parametrize("options", [{}, {"h": 0.07}, {"h": 1.0}, {"method": "RKMK5(4)"}])
 def test_a_bouncing_ball_is_the_closed_form(options):
-    found = drop(dense_output=True, **options)
+    solution = drop(dense_output=True, **options)
     times, speeds = impacts(4)
-    assert (found.status, found.success) == (0, True)
-    np.testing.assert_allclose(found.t_events[0], times, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(found.y_events[0][:, 0], 0.0, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(found.y_events[0][:, 1], -speeds, rtol=0, atol=1e-10)
-    expected = [[0.0, -KEPT * y[1]] for y in found.y_events[0]]
-    np.testing.assert_array_equal(found.y_after[0], expected)
+    assert (solution.status, solution.success) == (0, True)
+    np.testing.assert_allclose(solution.t_events[0], times, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(solution.y_events[0][:, 0], 0.0, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(solution.y_events[0][:, 1], -speeds, rtol=0, atol=1e-10)
+    expected = [[0.0, -KEPT * y[1]] for y in solution.y_events[0]]
+    np.testing.assert_array_equal(solution.y_after[0], expected)
     at = np.linspace(0.0, 3.0, 41)
-    np.testing.assert_allclose(found.sol(at), [ball(t) for t in at], rtol=0, atol=1e-9)
-    kept = drop(t_eval=at, **options)
-    np.testing.assert_array_equal(kept.y, found.sol(at))
-    np.testing.assert_allclose(kept.t_events[0], times, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(solution.sol(at), [ball(t) for t in at], rtol=0, atol=1e-9)
+    at_times = drop(t_eval=at, **options)
+    np.testing.assert_array_equal(at_times.y, solution.sol(at))
+    np.testing.assert_allclose(at_times.t_events[0], times, rtol=0, atol=1e-11)
 
 
 def test_after_the_jump_is_what_t_eval_and_dense_output_give():
@@ -100,15 +100,15 @@ def test_a_velocity_is_reset_on_a_body():
         return BODY.join(rotation, 0.5 * velocity)
 
     y0 = BODY.join(SO3().flow([0.0, 0.0, 0.1], np.eye(3)), [0.0, 0.0, 2.0])
-    found = cg.solve_ivp(
+    solution = cg.solve_ivp(
         spin, (0, 5), y0, frame=BODY, rtol=1e-9, atol=1e-9, max_step=0.5,
         events=cg.Event(sideways, jump=brake),
     )  # fmt: skip
     first = (np.pi - 0.1) / 2.0
-    np.testing.assert_allclose(found.t_events[0], [first, first + np.pi], rtol=0, atol=1e-8)
-    assert BODY.membership_error(found.y).max() < 1e-14
-    np.testing.assert_allclose(found.y_after[0][:, 11], [1.0, 0.5], rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(found.y_after[0][:, :11], found.y_events[0][:, :11])
+    np.testing.assert_allclose(solution.t_events[0], [first, first + np.pi], rtol=0, atol=1e-8)
+    assert BODY.membership_error(solution.y).max() < 1e-14
+    np.testing.assert_allclose(solution.y_after[0][:, 11], [1.0, 0.5], rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(solution.y_after[0][:, :11], solution.y_events[0][:, :11])
 
 
 @pytest.mark.parametrize("backward", [False, True])
@@ -120,13 +120,13 @@ def test_an_event_does_not_happen_again_where_it_jumped(backward, shift):
     def jump(t, y):
         return [y[0], y[1] + 1.0]
 
-    found = cg.solve_ivp(
+    solution = cg.solve_ivp(
         lambda t, y: [1.0, 0.0], (0, 6 * sign), [0.0, 0.0], frame=Euclidean(2), max_step=0.4,
         events=cg.Event(lambda t, y: np.sin(np.pi * (t - 0.5 * sign)) + shift, jump=jump),
     )  # fmt: skip
     zeros = sign * (np.arange(6) + 0.5)
-    np.testing.assert_allclose(found.t_events[0], zeros, rtol=0, atol=1e-12)
-    assert found.y[-1, 1] == 6.0
+    np.testing.assert_allclose(solution.t_events[0], zeros, rtol=0, atol=1e-12)
+    assert solution.y[-1, 1] == 6.0
 
 
 @pytest.mark.parametrize("h", [None, 0.3])
@@ -135,39 +135,39 @@ def test_backward(h):
     end = 2.0
     options = {} if h is None else {"h": h}
     floor = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, -y[1] / KEPT])
-    found = drop((end, 0.0), ball(end), events=floor, **options)
+    solution = drop((end, 0.0), ball(end), events=floor, **options)
     times = impacts(3)[0]
-    np.testing.assert_allclose(found.t_events[0], times[times < end][::-1], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(found.y[-1], [1.0, 0.0], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(solution.t_events[0], times[times < end][::-1], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(solution.y[-1], [1.0, 0.0], rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("terminal", [1, 2, 4])
 def test_a_terminal_event_ends_without_its_last_jump(terminal):
-    found = drop(
+    solution = drop(
         events=cg.Event(height, direction=-1, jump=bounce, terminal=terminal), dense_output=True
     )
     times, _ = impacts(terminal)
-    assert (found.status, found.success) == (1, True)
-    np.testing.assert_allclose(found.t_events[0], times, rtol=0, atol=1e-11)
-    assert found.t[-1] == found.t_events[0][-1] == found.sol.t_max
-    np.testing.assert_array_equal(found.y_after[0][-1], found.y_events[0][-1])
-    np.testing.assert_array_equal(found.y[-1], found.y_events[0][-1])
-    np.testing.assert_array_equal(found.sol(found.t[-1]), found.y[-1])
+    assert (solution.status, solution.success) == (1, True)
+    np.testing.assert_allclose(solution.t_events[0], times, rtol=0, atol=1e-11)
+    assert solution.t[-1] == solution.t_events[0][-1] == solution.sol.t_max
+    np.testing.assert_array_equal(solution.y_after[0][-1], solution.y_events[0][-1])
+    np.testing.assert_array_equal(solution.y[-1], solution.y_events[0][-1])
+    np.testing.assert_array_equal(solution.sol(solution.t[-1]), solution.y[-1])
 
 
 @pytest.mark.parametrize("options", [{"h": 0.25}, {"h": 0.4}, {"max_step": 0.3}])
 def test_a_jump_at_the_end_of_the_span(options):
-    found = cg.solve_ivp(
+    solution = cg.solve_ivp(
         lambda t, y: [1.0], (0, 1), [0.0], frame=Euclidean(1), dense_output=True,
         **({"method": "CG4a"} if "h" in options else {}), **options,
         events=cg.Event(lambda t, y: t - 1.0, jump=lambda t, y: y + 5.0),
     )  # fmt: skip
-    assert found.t_events[0].tolist() == [1.0]
-    assert found.y_events[0] == pytest.approx(np.array([[1.0]]), abs=1e-14)
-    np.testing.assert_array_equal(found.y_after[0], found.y_events[0] + 5.0)
-    assert (found.t[-1], found.status) == (1.0, 0)
-    np.testing.assert_array_equal(found.y[-1], found.y_after[0][0])
-    np.testing.assert_array_equal(found.sol(1.0), found.y[-1])
+    assert solution.t_events[0].tolist() == [1.0]
+    assert solution.y_events[0] == pytest.approx(np.array([[1.0]]), abs=1e-14)
+    np.testing.assert_array_equal(solution.y_after[0], solution.y_events[0] + 5.0)
+    assert (solution.t[-1], solution.status) == (1.0, 0)
+    np.testing.assert_array_equal(solution.y[-1], solution.y_after[0][0])
+    np.testing.assert_array_equal(solution.sol(1.0), solution.y[-1])
 
 
 def test_jumps_without_progress_end_the_integration():
@@ -176,11 +176,11 @@ def test_jumps_without_progress_end_the_integration():
         cg.Event(lambda t, y: y[0] - 1.0, direction=1, jump=lambda t, y: [np.nextafter(2.0, 0.0)]),
         cg.Event(lambda t, y: y[0] - 2.0, direction=1, jump=lambda t, y: [np.nextafter(1.0, 0.0)]),
     ]
-    found = cg.solve_ivp(
+    solution = cg.solve_ivp(
         lambda t, y: [1.0], (0, 3), [0.0], frame=Euclidean(1), events=events, rtol=1e-8
     )
-    assert (found.status, found.success) == (-1, False)
-    assert "jumps of events follow each other without progress at t = 1" in found.message
+    assert (solution.status, solution.success) == (-1, False)
+    assert "jumps of events follow each other without progress at t = 1" in solution.message
     rest = drop((0.0, 20.0))
     last = impacts(500)[0][-1]
     assert rest.status == -1
@@ -196,7 +196,7 @@ def test_other_events_in_the_step_of_a_jump():
         cg.Event(lambda t, y: y[0] - 0.5, jump=lambda t, y: [0.0]),
         cg.Event(lambda t, y: y[0] - 0.6),
     ]
-    found = cg.solve_ivp(
+    solution = cg.solve_ivp(
         lambda t, y: [1.0],
         (0, 1.95),
         [0.0],
@@ -205,10 +205,10 @@ def test_other_events_in_the_step_of_a_jump():
         h=2.0,
         events=events,
     )
-    np.testing.assert_allclose(found.t_events[0], [0.4, 0.9, 1.4, 1.9], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(found.t_events[1], [0.5, 1.0, 1.5], rtol=0, atol=1e-14)
-    assert len(found.t_events[2]) == 0
-    for before, after in zip(found.y_events[0], found.y_after[0], strict=True):
+    np.testing.assert_allclose(solution.t_events[0], [0.4, 0.9, 1.4, 1.9], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(solution.t_events[1], [0.5, 1.0, 1.5], rtol=0, atol=1e-14)
+    assert len(solution.t_events[2]) == 0
+    for before, after in zip(solution.y_events[0], solution.y_after[0], strict=True):
         np.testing.assert_array_equal(before, after)
 
 
@@ -216,12 +216,12 @@ def test_other_events_in_the_step_of_a_jump():
 def test_members_jump_on_their_own(frame):
     y0 = frame.random_point(np.random.default_rng(1), 4)
     turned = SO3().flow([0.3, 0.0, 0.0], np.eye(3))
-    event = cg.Event(lambda t, y, own: y[1, 0], jump=lambda t, y, own: turned @ y)
+    event = cg.Event(lambda t, y, args: y[1, 0], jump=lambda t, y, args: turned @ y)
     rates = np.arange(1.0, 5.0)[:, None]
     options = {"frame": frame, "events": event, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
 
-    def f(t, y, own):
-        return own[0] * np.array([0.3, np.cos(t), 2.0])
+    def f(t, y, args):
+        return args[0] * np.array([0.3, np.cos(t), 2.0])
 
     together = cg.solve_ensemble(f, (0, 4), y0, parameters=rates, t_eval=[1, 4], **options)
     assert sum(map(len, together.t_events[0])) >= 4
@@ -278,11 +278,11 @@ def test_functions_with_attributes_jump_as_events_do():
     def double(t, y):
         return 2.0 * y
 
-    given = cg.Event(floor, direction=-1, jump=double)
+    attached = cg.Event(floor, direction=-1, jump=double)
     floor.direction, floor.jump = -1, double
     options = {"frame": Euclidean(1), "rtol": 1e-8, "atol": 1e-8}
     runs = [
-        cg.solve_ivp(lambda t, y: -y, (0, 3), [1.0], events=e, **options) for e in (given, floor)
+        cg.solve_ivp(lambda t, y: -y, (0, 3), [1.0], events=e, **options) for e in (attached, floor)
     ]
     np.testing.assert_allclose(runs[0].t_events[0], np.log(2.0) * np.arange(1, 5), atol=1e-7)
     np.testing.assert_array_equal(runs[0].y, runs[1].y)

@@ -46,8 +46,8 @@ def test_the_reference_agrees_with_methods_for_nonlinear_equations():
     frame = SO3()
     a = coefficients_for(frame)
     other = cg.solve_ivp(lambda t, y: a(t), (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-13)
-    found = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-13)
-    np.testing.assert_allclose(found.y[-1], other.y[-1], rtol=0, atol=1e-11)
+    solution = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(solution.y[-1], other.y[-1], rtol=0, atol=1e-11)
 
 
 def matrices_of(spins, sites):
@@ -124,8 +124,8 @@ def test_coefficients_are_evaluated_at_the_nodes_alone():
     nodes = magnus["CFM6(4)"].c
     assert solution.nfev == len(times) == 7
     assert solution.nexp == 8
-    wanted = sorted({*(0.5 * nodes), *(0.5 + 0.5 * nodes)})
-    np.testing.assert_allclose(sorted(times), wanted, rtol=0, atol=1e-15)
+    expected = sorted({*(0.5 * nodes), *(0.5 + 0.5 * nodes)})
+    np.testing.assert_allclose(sorted(times), expected, rtol=0, atol=1e-15)
 
 
 def test_output_between_steps_is_as_accurate_as_steps():
@@ -133,17 +133,17 @@ def test_output_between_steps_is_as_accurate_as_steps():
     a = coefficients_for(frame)
     times = np.linspace(0, 2, 41)
     exact = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-12, t_eval=times)
-    for given in ({"t_eval": times}, {"dense_output": True}):
-        run = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-7, atol=1e-7, **given)
+    for output in ({"t_eval": times}, {"dense_output": True}):
+        run = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-7, atol=1e-7, **output)
         y = run.y if run.sol is None else run.sol(times)
         np.testing.assert_allclose(y, exact.y, rtol=0, atol=1e-7)
 
 
 def test_a_method_for_nonlinear_equations_serves_too():
     a = coefficients_for(SO3())
-    found = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="CF4", h=0.1)
+    solution = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="CF4", h=0.1)
     same = cg.integrate(lambda t, y: a(t), (0, 1), np.eye(3), frame=SO3(), method="CF4", h=0.1)
-    np.testing.assert_array_equal(found.y[-1], same.y[-1])
+    np.testing.assert_array_equal(solution.y[-1], same.y[-1])
 
 
 @pytest.mark.parametrize("node", ["1/2", "1/3", "1"])
@@ -329,8 +329,8 @@ class TestLinearAction:
             for k in range(4):
                 matrix = np.tensordot(scale * v[k], self.DENSE, 1)
                 exact = expm(matrix) @ y[k]
-                found = frame.flow(scale * v, y)[k]
-                np.testing.assert_allclose(found, exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+                actual = frame.flow(scale * v, y)[k]
+                np.testing.assert_allclose(actual, exact, rtol=0, atol=1e-11 * np.abs(exact).max())
                 np.testing.assert_allclose(
                     frame.field(scale * v[k], y[k]), matrix @ y[k], rtol=1e-13, atol=1e-13
                 )
@@ -381,11 +381,11 @@ class TestLinearAction:
         def a(t):
             return [1.0, np.cos(t)]
 
-        found = cg.solve_linear(a, (0, 3), psi, frame=frame, rtol=1e-9, atol=1e-9)
+        solution = cg.solve_linear(a, (0, 3), psi, frame=frame, rtol=1e-9, atol=1e-9)
         dense = cg.frames.MatrixFrame(generators)
         same = cg.solve_linear(a, (0, 3), psi, frame=dense, method="CFM8(4)", h=0.02)
-        np.testing.assert_allclose(found.y[-1], same.y[-1], rtol=0, atol=1e-9)
-        assert abs(np.linalg.norm(found.y[-1]) - 1) < 1e-13
+        np.testing.assert_allclose(solution.y[-1], same.y[-1], rtol=0, atol=1e-9)
+        assert abs(np.linalg.norm(solution.y[-1]) - 1) < 1e-13
 
     def test_a_flow_beyond_double_precision_is_refused(self):
         with pytest.raises(cg.frames.FlowOverflowError):

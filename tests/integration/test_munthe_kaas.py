@@ -256,8 +256,8 @@ def test_interpolants_of_any_tableau_meet_the_conditions_of_their_order(name):
     exact = cg.solve_ivp(f, (0, 0.2), [1.0, 0.5], **options).sol
     errors = []
     for h in sizes:
-        made = cg.solve_ivp(
+        interpolant = cg.solve_ivp(
             f, (0, h), [1.0, 0.5], frame=Euclidean(2), method=method, h=h, dense_output=True
         ).sol
-        errors.append(np.abs(made(h * t) - exact(h * t)).max())
+        errors.append(np.abs(interpolant(h * t) - exact(h * t)).max())
     assert np.log2(errors[0] / errors[1]) > method.order + 0.6

@@ -19,7 +19,7 @@ from cg.reproduce.reference_runs import integrate_compiled
 pytestmark = pytest.mark.sanitize
 
 ORDERS = {
-    **{key: (m, m.order) for key, m in METHODS.items()},
+    **{key: (m, m.order) for key, m in METHODS.items() if m.explicit},
     **{
         f"{key}, second": (m.embedded, m.embedded_order) for key, m in METHODS.items() if m.embedded
     },
@@ -91,8 +91,8 @@ def test_the_series_in_compiled_code(frame, order):
     if frame in ORBITS:  # within the radius of convergence
         u /= 4
     expected = frame.dexpinv(u, v, order=order)
-    found = dexpinv_of(frame, order)(u, v)
-    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
+    values = dexpinv_of(frame, order)(u, v)
+    np.testing.assert_allclose(values, expected, rtol=1e-13, atol=1e-13)
 
 
 @pytest.mark.parametrize("size", [1e-9, 0.1, 0.7, 0.99, 1.01, 2.0])

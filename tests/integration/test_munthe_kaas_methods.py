@@ -20,8 +20,8 @@ HEUN = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0], name="Heun")
 
 class TestMethods:
     def test_orders(self):
-        found = {key: (m.order, m.embedded_order, m.third_order) for key, m in METHODS.items()}
-        assert found == {
+        values = {key: (m.order, m.embedded_order, m.third_order) for key, m in METHODS.items()}
+        assert values == {
             "RKMK3(2)": (3, 2, None),
             "RKMK4": (4, None, None),
             "RKMK5(4)": (5, 4, None),
@@ -30,8 +30,10 @@ class TestMethods:
         }
 
     def test_flows(self):
-        found = {key: (m.stages, m.exponentials, m.pair_exponentials) for key, m in METHODS.items()}
-        assert found == {
+        values = {
+            key: (m.stages, m.exponentials, m.pair_exponentials) for key, m in METHODS.items()
+        }
+        assert values == {
             "RKMK3(2)": (4, 3, 3),
             "RKMK4": (4, 4, 4),
             "RKMK5(4)": (7, 6, 6),

@@ -73,8 +73,8 @@ def test_slope_is_the_order_in_quadruple_precision(affine, name):
 
 def test_the_methods_of_the_paper_are_among_them():
     orders = {name: order for name, (_, order) in WEIGHTS.items()}
-    wanted = {"CG2": 2, "CG3": 3, "CG4": 4, "CG4a": 4, "CG5a": 5, "CG2(3), embedded": 2}
-    assert wanted.items() <= orders.items()
+    expected = {"CG2": 2, "CG3": 3, "CG4": 4, "CG4a": 4, "CG5a": 5, "CG2(3), embedded": 2}
+    assert expected.items() <= orders.items()
 
 
 @pytest.mark.parametrize("name", REVERSED)

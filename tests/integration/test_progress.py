@@ -12,43 +12,43 @@ from cg.integration.loop import progress as module
 FRAME = cg.frames.SO3()
 
 
-class Told(list):
+class Reports(list):
     def __call__(self, done, total):
         self.append((done, total))
 
 
 @pytest.fixture
-def told(monkeypatch):
+def reports(monkeypatch):
     monkeypatch.setattr(module, "_SECONDS", 0.0)
-    return Told()
+    return Reports()
 
 
 def turn(t, y):
     return [0.1, 0.2, np.cos(t)]
 
 
-def check(told, total, end=None):
-    done = [entry for entry, _ in told]
-    assert {entry for _, entry in told} == {total}
+def check(reports, total, end=None):
+    done = [entry for entry, _ in reports]
+    assert {entry for _, entry in reports} == {total}
     assert done == sorted(done)
     assert done[-1] == (total if end is None else pytest.approx(end))
 
 
 class TestProgress:
     @pytest.mark.parametrize("span", [(0, 3), (3, 0)])
-    def test_of_fixed_steps(self, told, span):
-        cg.integrate(turn, span, np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=told)
-        check(told, 3.0)
-        assert len(told) >= 2
+    def test_of_fixed_steps(self, reports, span):
+        cg.integrate(turn, span, np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=reports)
+        check(reports, 3.0)
+        assert len(reports) >= 2
 
     @pytest.mark.parametrize("options", [{}, {"h": 0.1}, {"t_eval": [1.0, 2.0]}])
-    def test_of_solve_ivp(self, told, options):
+    def test_of_solve_ivp(self, reports, options):
         cg.solve_ivp(
-            turn, (-1, 2), np.eye(3), frame=FRAME, progress=told, method="DP5(4)", **options
+            turn, (-1, 2), np.eye(3), frame=FRAME, progress=reports, method="DP5(4)", **options
         )
-        check(told, 3.0)
+        check(reports, 3.0)
 
-    def test_of_slow_steps(self, told):
+    def test_of_slow_steps(self, reports):
         """Compiled code pauses after each step that takes longer than a user waits."""
 
         def slow(t, y):
@@ -57,53 +57,53 @@ class TestProgress:
 
         run = cg.solve_ivp(
             slow, (0, 1), np.eye(2), frame=cg.frames.GL(2), max_step=0.1, method="CF4(3)",
-            progress=told,
+            progress=reports,
         )  # fmt: skip
-        check(told, 1.0)
-        assert len(told) == run.steps + 1  # each step, and the end
+        check(reports, 1.0)
+        assert len(reports) == run.steps + 1  # each step, and the end
 
-    def test_of_what_ends_early(self, told):
+    def test_of_what_ends_early(self, reports):
         def event(t, y):
             return t - 1.25
 
         event.terminal = True
         run = cg.solve_ivp(
-            turn, (0, 3), np.eye(3), frame=FRAME, events=event, max_step=0.5, progress=told
+            turn, (0, 3), np.eye(3), frame=FRAME, events=event, max_step=0.5, progress=reports
         )
         assert run.status == 1
-        assert told[-1][0] < 3.0
-        check(told, 3.0, told[-1][0])
+        assert reports[-1][0] < 3.0
+        check(reports, 3.0, reports[-1][0])
 
-    def test_of_members_with_steps_of_their_own(self, told, affine):
+    def test_of_members_with_steps_of_their_own(self, reports, affine):
         problem = cg.problems.AffineField(FRAME, np.eye(3))
         compiled, _kept = affine(problem)
         y0 = np.broadcast_to(np.eye(3), (4, 3, 3))
-        options = {"frame": FRAME, "max_step": 0.1, "progress": told}
+        options = {"frame": FRAME, "max_step": 0.1, "progress": reports}
         for span in ((0, 0.5), (1, 0.5)):
             for workers in (None, 2):
-                told.clear()
+                reports.clear()
                 cg.solve_ensemble(compiled, span, y0, workers=workers, **options)
-                check(told, 2.0)
-                assert len(told) >= 2
+                check(reports, 2.0)
+                assert len(reports) >= 2
 
-    def test_of_members_that_end_early(self, told):
+    def test_of_members_that_end_early(self, reports):
         def event(t, y):
             return t - 1.25
 
         run = cg.solve_ensemble(
-            turn, (0, 3), np.broadcast_to(np.eye(3), (3, 3, 3)), frame=FRAME, progress=told,
+            turn, (0, 3), np.broadcast_to(np.eye(3), (3, 3, 3)), frame=FRAME, progress=reports,
             events=cg.Event(event, terminal=True),
         )  # fmt: skip
         assert run.status.tolist() == [1, 1, 1]
-        check(told, 9.0)
+        check(reports, 9.0)
 
     def test_seldom_and_at_the_end(self):
-        told = Told()
-        cg.integrate(turn, (0, 3), np.eye(3), frame=FRAME, method="CG3", h=0.01, progress=told)
-        assert told[-1] == (3.0, 3.0)
-        assert len(told) < 100
+        reports = Reports()
+        cg.integrate(turn, (0, 3), np.eye(3), frame=FRAME, method="CG3", h=0.01, progress=reports)
+        assert reports[-1] == (3.0, 3.0)
+        assert len(reports) < 100
 
-    def test_its_errors_are_errors(self, told):
+    def test_its_errors_are_errors(self, reports):
         def stop(done, total):
             raise KeyboardInterrupt
 

@@ -101,34 +101,34 @@ def test_an_ensemble_needs_the_shape_of_its_coefficients():
 
 
 def points_seen(keep, frame=FRAME, y0=Y0):
-    """Return what f kept of its points, and copies of the points."""
-    kept, copies = [], []
+    """Return what f stored of its points, and copies of the points."""
+    stored, copies = [], []
 
     def f(t, y):
-        kept.append(keep(y))
+        stored.append(keep(y))
         copies.append(y.copy())
         return np.linspace(0.1, 0.7, frame.dim)
 
     run(f, y0, frame=frame)
-    return kept, copies
+    return stored, copies
 
 
 def test_points_that_f_keeps_stay_as_they_were():
-    kept, copies = points_seen(lambda y: y)
-    np.testing.assert_array_equal(kept, copies)
-    assert len({y.tobytes() for y in kept}) > 8
-    kept, copies = points_seen(lambda y: y[9:])
-    np.testing.assert_array_equal(kept, np.array(copies)[:, 9:])
-    kept, copies = points_seen(memoryview)
-    np.testing.assert_array_equal([np.array(view) for view in kept], copies)
+    stored, copies = points_seen(lambda y: y)
+    np.testing.assert_array_equal(stored, copies)
+    assert len({y.tobytes() for y in stored}) > 8
+    stored, copies = points_seen(lambda y: y[9:])
+    np.testing.assert_array_equal(stored, np.array(copies)[:, 9:])
+    stored, copies = points_seen(memoryview)
+    np.testing.assert_array_equal([np.array(view) for view in stored], copies)
     every_third = [0]
 
     def sometimes(y):
         every_third[0] += 1
         return y if every_third[0] % 3 else None
 
-    kept, copies = points_seen(sometimes)
-    pairs = [(y, z) for y, z in zip(kept, copies, strict=True) if y is not None]
+    stored, copies = points_seen(sometimes)
+    pairs = [(y, z) for y, z in zip(stored, copies, strict=True) if y is not None]
     np.testing.assert_array_equal(*zip(*pairs, strict=True))
 
 
@@ -136,20 +136,20 @@ def test_points_that_f_keeps_stay_as_they_were():
 def test_what_f_does_to_its_point_is_undone(frame):
     y0 = frame.random_point(np.random.default_rng(1))
     v = np.linspace(0.1, 0.7, frame.dim)
-    seen = []
+    points = []
 
     def spoil(t, y):
-        seen.append((y.shape, y.dtype, y.flags.writeable))
+        points.append((y.shape, y.dtype, y.flags.writeable))
         y.flags.writeable = True
         y[...] = 7.0
         y.flags.writeable = False
-        if len(seen) % 2:
+        if len(points) % 2:
             y.shape = (y.size,)
         return v
 
-    found = run(spoil, y0, frame=frame)
-    np.testing.assert_array_equal(found, run(lambda t, y: v, y0, frame=frame))
-    assert set(seen) == {(frame.point_shape, frame.dtype, False)}
+    actual = run(spoil, y0, frame=frame)
+    np.testing.assert_array_equal(actual, run(lambda t, y: v, y0, frame=frame))
+    assert set(points) == {(frame.point_shape, frame.dtype, False)}
 
 
 def test_f_may_integrate_itself():
@@ -165,8 +165,8 @@ def test_f_may_integrate_itself():
         np.testing.assert_array_equal(y, before)
         return rates(t, y)
 
-    found = cg.integrate(f, (0.0, 0.25), Y0, **OPTIONS).y
-    np.testing.assert_array_equal(found, cg.integrate(rates, (0.0, 0.25), Y0, **OPTIONS).y)
+    solution = cg.integrate(f, (0.0, 0.25), Y0, **OPTIONS).y
+    np.testing.assert_array_equal(solution, cg.integrate(rates, (0.0, 0.25), Y0, **OPTIONS).y)
 
 
 @pytest.mark.parametrize("count", [0, 1, 32, 33, 1000])
@@ -179,6 +179,8 @@ def test_any_number_of_further_arguments(frame, method, count):
 
     point = frame.random_point(np.random.default_rng(3), ())
     options = {"h": 0.5} if method == "CG3" else {}
-    found = cg.solve_ivp(f, (0, 1), point, frame=frame, method=method, args=range(count), **options)
-    assert found.success
-    np.testing.assert_allclose(found.y[-1], point, rtol=0, atol=1e-15)
+    solution = cg.solve_ivp(
+        f, (0, 1), point, frame=frame, method=method, args=range(count), **options
+    )
+    assert solution.success
+    np.testing.assert_allclose(solution.y[-1], point, rtol=0, atol=1e-15)

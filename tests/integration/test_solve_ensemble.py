@@ -107,30 +107,30 @@ def members_alone(f, span, y0, parameters=None, **options):
     ]
 
 
-def check(found, apart, *, atol=0.0):
+def check(ensemble, apart, *, atol=0.0):
     """Check that members of an ensemble are their own solutions."""
-    assert len(found) == len(apart)
-    assert found.y.shape == (len(found.t), len(apart), *found.frame.point_shape)
-    assert not found.y.flags.writeable
-    assert not found.t.flags.writeable
+    assert len(ensemble) == len(apart)
+    assert ensemble.y.shape == (len(ensemble.t), len(apart), *ensemble.frame.point_shape)
+    assert not ensemble.y.flags.writeable
+    assert not ensemble.t.flags.writeable
     for i, alone in enumerate(apart):
-        member = found[i]
+        member = ensemble[i]
         same(member.t, alone.t, atol)
         same(member.y, alone.y, atol)
         n = len(alone.t)
-        same(found.y[:n, i], alone.y, atol)
-        assert np.isnan(found.y[n:, i]).all()
+        same(ensemble.y[:n, i], alone.y, atol)
+        assert np.isnan(ensemble.y[n:, i]).all()
         for count in COUNTS:
             assert getattr(member, count) == getattr(alone, count)
             if count != "success":
-                assert getattr(found, count)[i] == getattr(alone, count)
+                assert getattr(ensemble, count)[i] == getattr(alone, count)
         assert (member.method, member.frame, member.h) == (alone.method, alone.frame, alone.h)
         assert member.message == alone.message
         assert (member.t_events is None) == (alone.t_events is None)
         for name in ("t_events", "y_events", "y_after"):
-            for j, wanted in enumerate(getattr(alone, name) or ()):
-                same(getattr(member, name)[j], wanted, atol)
-                same(getattr(found, name)[j][i], wanted, atol)
+            for j, expected in enumerate(getattr(alone, name) or ()):
+                same(getattr(member, name)[j], expected, atol)
+                same(getattr(ensemble, name)[j][i], expected, atol)
         assert (member.sol is None) == (alone.sol is None)
         if alone.sol is not None:
             same(member.sol.ts, alone.sol.ts, 1e4 * atol)
@@ -139,16 +139,16 @@ def check(found, apart, *, atol=0.0):
             same(
                 member.sol(where), alone.sol(np.clip(where, alone.sol.t_min, alone.sol.t_max)), atol
             )
-            same(found.sol(where)[:, i], member.sol(where), 0.0)
+            same(ensemble.sol(where)[:, i], member.sol(where), 0.0)
 
 
-def same(found, wanted, atol):
-    assert found.dtype == wanted.dtype
-    assert found.shape == wanted.shape
+def same(actual, expected, atol):
+    assert actual.dtype == expected.dtype
+    assert actual.shape == expected.shape
     if atol:
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=atol)
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=atol)
     else:
-        np.testing.assert_array_equal(found, wanted)
+        np.testing.assert_array_equal(actual, expected)
 
 
 @pytest.mark.parametrize(("frame", "steps"), COMBINED)
@@ -157,13 +157,13 @@ def test_members_are_what_they_are_alone(kind, frame, steps, function):
     f, y0, numbers = problem(kind, FRAMES[frame], function)
     alone = one_driven if kind == "vectorized" else f
     for span, names in (((0.0, 1.0), None), ((1.0, -0.25), BACKWARDS)):
-        given = outputs(span)
-        for output in (given[name] for name in names or given):
+        by_name = outputs(span)
+        for output in (by_name[name] for name in names or by_name):
             options = {**numbers, **STEPS[steps], **output}
-            found = cg.solve_ensemble(f, span, y0, vectorized=kind == "vectorized", **options)
+            solution = cg.solve_ensemble(f, span, y0, vectorized=kind == "vectorized", **options)
             # an error estimate is a small difference, so that steps agree to fewer digits
             atol = (1e-10 if "rtol" in options else 1e-13) if kind == "vectorized" else 0.0
-            check(found, members_alone(alone, span, y0, **options), atol=atol)
+            check(solution, members_alone(alone, span, y0, **options), atol=atol)
 
 
 LINE = {"frame": Euclidean(1)}
@@ -183,11 +183,13 @@ def rotated(t, y):
 
 
 def test_one_point_serves_all_rows_of_parameters():
-    found = cg.solve_ensemble(growth, (0, 1), [2.0], parameters=RATES[:, None], rtol=1e-9, **LINE)
-    assert found.y.shape == (2, 4, 1)
-    np.testing.assert_allclose(found.y[-1, :, 0], 2.0 * np.exp(RATES), rtol=1e-7)
+    solution = cg.solve_ensemble(
+        growth, (0, 1), [2.0], parameters=RATES[:, None], rtol=1e-9, **LINE
+    )
+    assert solution.y.shape == (2, 4, 1)
+    np.testing.assert_allclose(solution.y[-1, :, 0], 2.0 * np.exp(RATES), rtol=1e-7)
     alone = cg.solve_ivp(growth, (0, 1), [2.0], parameters=RATES[:1], rtol=1e-9, **LINE)
-    np.testing.assert_array_equal(found[0].y[-1], alone.y[-1])
+    np.testing.assert_array_equal(solution[0].y[-1], alone.y[-1])
     one = cg.solve_ensemble(lambda t, y: -y, (0, 1), [2.0], **LINE)
     assert (len(one), one.y.shape) == (1, (2, 1, 1))
 
@@ -196,35 +198,35 @@ def test_further_arguments_come_before_parameters():
     def f(t, y, a, b, row):
         return a * y[0] + b * row
 
-    found = cg.solve_ensemble(
+    solution = cg.solve_ensemble(
         f, (0, 1), [[1.0], [2.0]], args=iter((0.0, 2.0)), parameters=[[1.0], [3.0]], **LINE
     )
-    np.testing.assert_allclose(found.y[-1], [[3.0], [8.0]], rtol=1e-12)
+    np.testing.assert_allclose(solution.y[-1], [[3.0], [8.0]], rtol=1e-12)
 
 
 def test_indices_and_copies():
     y0 = SO3().random_point(np.random.default_rng(1), 3)
-    found = cg.solve_ensemble(
+    solution = cg.solve_ensemble(
         rotated, (0, 1), y0, frame=SO3(), dense_output=True, events=lambda t, y: t - 0.5
     )
-    assert len(found) == 3
+    assert len(solution) == 3
     for i in range(3):
-        np.testing.assert_array_equal(found[i - 3].y, found[i].y)
+        np.testing.assert_array_equal(solution[i - 3].y, solution[i].y)
     for i in (3, -4):
         with pytest.raises(IndexError):
-            found[i]
-    assert [member.steps for member in found] == found.steps.tolist()
-    assert "members=3" in repr(found)
-    assert "members=3" in repr(found.sol)
-    again = pickle.loads(pickle.dumps(found))
-    member = pickle.loads(pickle.dumps(found[-1]))
+            solution[i]
+    assert [member.steps for member in solution] == solution.steps.tolist()
+    assert "members=3" in repr(solution)
+    assert "members=3" in repr(solution.sol)
+    again = pickle.loads(pickle.dumps(solution))
+    member = pickle.loads(pickle.dumps(solution[-1]))
     where = np.linspace(0, 1, 9)
-    np.testing.assert_array_equal(again.y, found.y)
-    np.testing.assert_array_equal(again.sol(where), found.sol(where))
+    np.testing.assert_array_equal(again.y, solution.y)
+    np.testing.assert_array_equal(again.sol(where), solution.sol(where))
     np.testing.assert_array_equal(again[-1].sol(where), member.sol(where))
-    np.testing.assert_array_equal(member.y, found[-1].y)
-    np.testing.assert_array_equal(again.y_events[0][2], found.y_events[0][2])
-    assert again.messages == found.messages
+    np.testing.assert_array_equal(member.y, solution[-1].y)
+    np.testing.assert_array_equal(again.y_events[0][2], solution.y_events[0][2])
+    assert again.messages == solution.messages
     assert not again.y.flags.writeable
     assert not again.t.flags.writeable
 
@@ -265,10 +267,10 @@ def test_parts_and_pauses_change_nothing(size, function, monkeypatch):
 
 def test_lanes_change_nothing(monkeypatch):
     """A vectorized function is called with whatever members are on their way."""
-    seen = set()
+    sizes = set()
 
     def f(t, y, rates):
-        seen.add(len(t))
+        sizes.add(len(t))
         return rates * y
 
     options = {
@@ -278,11 +280,11 @@ def test_lanes_change_nothing(monkeypatch):
         **LINE,
     }
     whole = cg.solve_ensemble(f, (0, 1), [1.0], **options)
-    assert max(seen) == 7
-    seen.clear()
+    assert max(sizes) == 7
+    sizes.clear()
     monkeypatch.setattr(run_module, "_LANES", 2)
     parts = cg.solve_ensemble(f, (0, 1), [1.0], **options)
-    assert max(seen) == 2
+    assert max(sizes) == 2
     np.testing.assert_array_equal(parts.y, whole.y)
     np.testing.assert_array_equal(parts.nfev, whole.nfev)
 

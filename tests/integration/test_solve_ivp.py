@@ -125,19 +125,19 @@ def test_t_eval_may_be_empty():
 
 
 def test_args_reach_f_and_events():
-    seen = []
+    arguments = []
 
     def f(t, y, factor, shift):
         return factor * PROBLEM.f(t, y) + shift
 
     def event(t, y, factor, shift):
-        seen.append((factor, shift))
+        arguments.append((factor, shift))
         return t - 0.5
 
     solution = solve(f, args=(2.0, 0.25), events=event)
     plain = solve(lambda t, y: 2.0 * PROBLEM.f(t, y) + 0.25)
     np.testing.assert_array_equal(solution.y, plain.y)
-    assert set(seen) == {(2.0, 0.25)}
+    assert set(arguments) == {(2.0, 0.25)}
 
 
 def test_steps_without_end_are_given_up(monkeypatch):

@@ -231,16 +231,16 @@ def test_members_with_common_steps_take_them_together():
 
 @pytest.mark.parametrize("fixed", [True, False])
 def test_a_breakpoint_that_is_advanced_to_is_seen_from_before(fixed):
-    seen = []
+    times = []
 
     def f(t, y):
-        seen.append(t)
+        times.append(t)
         return [0.0 if t < 1.0 else 5.0]
 
     control = {"method": "CF4", "h": 0.25} if fixed else {"method": "DP5(4)", **OPTIONS}
     stepper = cg.Stepper(f, 0.0, [2.0], 2.0, frame=Euclidean(1), breakpoints=[1.0], **control)
     stepper.advance(1.0)
-    assert max(seen) == np.nextafter(1.0, 0.0)
+    assert max(times) == np.nextafter(1.0, 0.0)
     assert stepper.y == 2.0
     stepper.advance(2.0)
     assert stepper.y == pytest.approx(7.0, abs=1e-12)

@@ -13,6 +13,7 @@ import cg
 from cg.analysis.convergence import final_errors, observed_order
 from cg.catalogue import munthe_kaas
 from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, UnitQuaternion
+from cg.integration.step.collocation import transformation
 
 RADAU = munthe_kaas["RadauIIA5"]
 PLANE = Euclidean(2)
@@ -326,8 +327,8 @@ class TestLoop:
         np.testing.assert_array_equal(run.y[-1], each)
         common = cg.solve_ensemble(f, (0, 20), START, vectorized=True, common_steps=True, **options)
         np.testing.assert_allclose(common.y[-1], each, rtol=1e-5)
-        given = cg.solve_ensemble(alone, (0, 20), START, jac=jac, workers=2, **options)
-        np.testing.assert_allclose(given.y[-1], each, rtol=1e-5)
+        exact = cg.solve_ensemble(alone, (0, 20), START, jac=jac, workers=2, **options)
+        np.testing.assert_allclose(exact.y[-1], each, rtol=1e-5)
 
     def test_derivatives(self):
         options = {"frame": PLANE, "rtol": 1e-8, "atol": 1e-8}
@@ -342,6 +343,27 @@ class TestLoop:
         run = cg.solve_ivp(lambda t, y: 1.0 + y**2, (0, 4), [0.0], **options)
         assert not run.success
         assert run.t[-1] == pytest.approx(np.pi / 2, abs=1e-3)
+
+    def test_singular_matrices(self):
+        """Factors don't exist for the first step size; adaptive steps are then smaller."""
+        gamma = float(transformation(RADAU)[-3])
+        options = {"frame": Euclidean(1), "method": RADAU, "jac": lambda t, y: [[8.0 * gamma]]}
+        with pytest.raises(cg.ConvergenceError, match="did not converge"):
+            cg.integrate(lambda t, y: -y, (0, 1), [1.0], h=0.125, **options)
+        run = cg.solve_ivp(lambda t, y: -y, (0, 1), [1.0], first_step=0.125, **options)
+        assert run.nrejected > 0
+        assert run.y[-1, 0] == pytest.approx(np.exp(-1.0), rel=1e-3)
+
+    def test_jacobians_that_overflow(self):
+        def f(t, y):
+            return 1e305 * np.tanh(1e8 * (y - 1.0))
+
+        options = {"frame": Euclidean(1), "method": RADAU}
+        with pytest.raises(cg.ConvergenceError, match="did not converge"):
+            cg.integrate(f, (0, 1), [1.0], h=0.125, **options)
+        with pytest.warns(UserWarning, match="steps were rejected"):
+            run = cg.solve_ivp(f, (0, 1), [1.0], **options)
+        assert "step size fell below" in run.message
 
     def test_exceptions_of_f_in_stages(self):
         def f(t, y):

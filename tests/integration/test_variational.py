@@ -47,15 +47,15 @@ class Wave:
         return np.cos(self.phase(t, y, p))[:, None] * self.d / 3
 
     def solve(self, y0=None, p=None, span=SPAN, **options):
-        given = {"frame": self.frame, "parameters": self.parameters if p is None else p} | TIGHT
+        defaults = {"frame": self.frame, "parameters": self.parameters if p is None else p} | TIGHT
         y0 = self.y0 if y0 is None else y0
-        return cg.solve_ivp(self.f, span, y0, **(given | options))
+        return cg.solve_ivp(self.f, span, y0, **(defaults | options))
 
     def derivatives(self, span=SPAN, exact=True, **options):
-        given = {"frame": self.frame, "parameters": self.parameters} | TIGHT
+        defaults = {"frame": self.frame, "parameters": self.parameters} | TIGHT
         if exact:
-            given |= {"jac": self.jac, "df_dp": self.df_dp}
-        return cg.solve_variational(self.f, span, self.y0, **(given | options))
+            defaults |= {"jac": self.jac, "df_dp": self.df_dp}
+        return cg.solve_variational(self.f, span, self.y0, **(defaults | options))
 
     def by_fields(self, v, **options):
         """Return the derivative of the end along a field at the start."""
@@ -79,13 +79,13 @@ def test_derivatives_are_differences_of_solutions(frame):
     for v in (np.eye(frame.dim)[-1], rng.standard_normal(frame.dim) / np.sqrt(frame.dim)):
         expected = wave.by_fields(v)
         size = max(1.0, np.abs(expected).max())
-        for found, tolerance in ((exact, 1e-9), (estimated, 1e-7)):
-            tangent = frame.field(found.transition[-1] @ v, found.y[-1])
+        for actual, tolerance in ((exact, 1e-9), (estimated, 1e-7)):
+            tangent = frame.field(actual.transition[-1] @ v, actual.y[-1])
             assert np.abs(tangent - expected).max() < tolerance * size
     v = rng.standard_normal(2) / 2
     expected = wave.by_parameters(v)
-    for found, tolerance in ((exact, 1e-9), (estimated, 1e-7)):
-        tangent = frame.field(found.sensitivity[-1] @ v, found.y[-1])
+    for actual, tolerance in ((exact, 1e-9), (estimated, 1e-7)):
+        tangent = frame.field(actual.sensitivity[-1] @ v, actual.y[-1])
         assert np.abs(tangent - expected).max() < tolerance * max(1.0, np.abs(expected).max())
 
 
@@ -135,11 +135,11 @@ def test_tolerances_of_each_coordinate_are_those_of_its_derivatives():
 )
 def test_any_method(options):
     wave = Wave(SO3(), seed=3)
-    found = wave.derivatives(**options)
+    derivatives = wave.derivatives(**options)
     expected = wave.by_fields(np.eye(3)[0], **options)
-    tangent = SO3().field(found.transition[-1][:, 0], found.y[-1])
+    tangent = SO3().field(derivatives.transition[-1][:, 0], derivatives.y[-1])
     # the derivative of a step of fixed size isn't the step of the derivative
-    tolerance = 1e-3 if found.method.name == "ImplicitMidpoint" else 2e-9
+    tolerance = 1e-3 if derivatives.method.name == "ImplicitMidpoint" else 2e-9
     assert np.abs(tangent - expected).max() < tolerance
 
 
@@ -181,15 +181,15 @@ def test_transitions_of_coefficients_of_time_are_adjoint_maps(seed, convention):
     rng = np.random.default_rng(seed)
     a, b = rng.standard_normal((2, 3))
     frame = SO3(convention)
-    found = cg.solve_variational(
+    solution = cg.solve_variational(
         lambda t, y: a * np.cos(t) + b, (0, 2), frame.random_point(rng), frame=frame,
         jac=lambda t, y: np.zeros((3, 3)), control_derivatives=True, **TIGHT,
     )  # fmt: skip
-    product = found.transition @ found.transition.mT
+    product = solution.transition @ solution.transition.mT
     np.testing.assert_allclose(product, np.broadcast_to(np.eye(3), product.shape), atol=1e-9)
-    moved = found.y[-1] @ found.y[0].T
-    expected = moved if convention == "space" else found.y[-1].T @ found.y[0]
-    np.testing.assert_allclose(found.transition[-1], expected, atol=1e-9)
+    moved = solution.y[-1] @ solution.y[0].T
+    expected = moved if convention == "space" else solution.y[-1].T @ solution.y[0]
+    np.testing.assert_allclose(solution.transition[-1], expected, atol=1e-9)
 
 
 @settings(max_examples=15)
@@ -199,7 +199,7 @@ def test_transitions_of_hamiltonian_systems_are_symplectic(seed):
     k = rng.standard_normal((2, 2))
     zero, one = np.zeros((2, 2)), np.eye(2)
     j = np.block([[zero, one], [-one, zero]])
-    found = cg.solve_variational(
+    solution = cg.solve_variational(
         lambda t, y: np.concatenate([y[2:], -k.T @ np.sin(k @ y[:2])]),
         (0, 2),
         rng.standard_normal(4),
@@ -208,16 +208,16 @@ def test_transitions_of_hamiltonian_systems_are_symplectic(seed):
         control_derivatives=True,
         **TIGHT,
     )
-    forms = found.transition.mT @ j @ found.transition
+    forms = solution.transition.mT @ j @ solution.transition
     np.testing.assert_allclose(forms, np.broadcast_to(j, forms.shape), atol=1e-8)
 
 
 def test_on_spheres_tangents_move_and_isotropy_does_not():
     """A spin about itself moves nothing, so that its image is a spin about the end."""
     wave = Wave(Sphere(2))
-    found = wave.derivatives()
-    start, end = found.y[0], found.y[-1]
-    image = found.transition[-1] @ start
+    derivatives = wave.derivatives()
+    start, end = derivatives.y[0], derivatives.y[-1]
+    image = derivatives.transition[-1] @ start
     assert np.abs(np.cross(image, end)).max() < 1e-9
     assert np.abs(image).max() > 0.1
 
@@ -227,39 +227,41 @@ def test_output_between_steps():
     p0 = np.diag(np.arange(1.0, 7.0))
     times = np.linspace(*SPAN, 9)
     dense = wave.derivatives(dense_output=True, P0=p0)
-    kept = wave.derivatives(t_eval=times, P0=p0)
-    assert kept.transition.shape == (9, 6, 6)
-    assert kept.sensitivity.shape == (9, 6, 2)
+    at_times = wave.derivatives(t_eval=times, P0=p0)
+    assert at_times.transition.shape == (9, 6, 6)
+    assert at_times.sensitivity.shape == (9, 6, 2)
     assert isinstance(dense.sol, cg.VariationalOutput)
-    np.testing.assert_array_equal(dense.sol(times), kept.y)
-    np.testing.assert_array_equal(dense.sol.transition(times), kept.transition)
-    np.testing.assert_array_equal(dense.sol.sensitivity(times), kept.sensitivity)
-    np.testing.assert_array_equal(dense.sol.covariance(times), kept.covariance)
+    np.testing.assert_array_equal(dense.sol(times), at_times.y)
+    np.testing.assert_array_equal(dense.sol.transition(times), at_times.transition)
+    np.testing.assert_array_equal(dense.sol.sensitivity(times), at_times.sensitivity)
+    np.testing.assert_array_equal(dense.sol.covariance(times), at_times.covariance)
     assert dense.sol.transition(SPAN[0]).shape == (6, 6)
     np.testing.assert_allclose(
-        kept.covariance, kept.transition @ p0 @ kept.transition.mT, rtol=0, atol=1e-14
+        at_times.covariance, at_times.transition @ p0 @ at_times.transition.mT, rtol=0, atol=1e-14
     )
-    for time, transition in zip(times[1::3], kept.transition[1::3], strict=True):
+    for time, transition in zip(times[1::3], at_times.transition[1::3], strict=True):
         tangent = wave.frame.field(transition[:, 1], dense.sol(time))
         expected = wave.by_fields(np.eye(6)[1], span=(SPAN[0], time))
         assert np.abs(tangent - expected).max() < 1e-9
 
 
 def test_without_parameters_and_covariance():
-    found = cg.solve_variational(lambda t, y: [y[0]], (0, 1), [1.0], frame=Euclidean(1), **TIGHT)
-    assert (found.sensitivity, found.covariance, found.dt_events, found.sol) == (None,) * 4
-    np.testing.assert_allclose(found.transition[-1], np.e, rtol=1e-9)
-    assert not found.transition.flags.writeable
-    assert repr(found).startswith("VariationalSolution(t=0...1")
+    solution = cg.solve_variational(lambda t, y: [y[0]], (0, 1), [1.0], frame=Euclidean(1), **TIGHT)
+    assert (solution.sensitivity, solution.covariance, solution.dt_events, solution.sol) == (
+        None,
+    ) * 4
+    np.testing.assert_allclose(solution.transition[-1], np.e, rtol=1e-9)
+    assert not solution.transition.flags.writeable
+    assert repr(solution).startswith("VariationalSolution(t=0...1")
 
 
 def test_functions_get_their_arguments():
     """Arguments come first, parameters last, and points can't be written to."""
-    seen = []
+    factors = []
 
     def f(t, y, a, p):
         assert not y.flags.writeable
-        seen.append(a)
+        factors.append(a)
         return a * p[0] * y
 
     def jac(t, y, a, p):
@@ -271,13 +273,13 @@ def test_functions_get_their_arguments():
         assert not y.flags.writeable
         return [[a * y[0]]]
 
-    found = cg.solve_variational(
+    solution = cg.solve_variational(
         f, (0, 1), [1.0], frame=Euclidean(1), args=(2.0,), parameters=[0.5], jac=jac, df_dp=df_dp,
         **TIGHT,
     )  # fmt: skip
-    assert set(seen) == {2.0}
-    np.testing.assert_allclose(found.transition[-1], np.e, rtol=1e-9)
-    np.testing.assert_allclose(found.sensitivity[-1], 2 * np.e, rtol=1e-9)
+    assert set(factors) == {2.0}
+    np.testing.assert_allclose(solution.transition[-1], np.e, rtol=1e-9)
+    np.testing.assert_allclose(solution.sensitivity[-1], 2 * np.e, rtol=1e-9)
 
 
 def test_parameters_of_any_size_are_differenced():
@@ -287,9 +289,9 @@ def test_parameters_of_any_size_are_differenced():
     def f(t, y, p):
         return [np.cos(p[0] * 1e5) + y[0] * p[1] / 1e20 + np.sin(p[2])]
 
-    found = cg.solve_variational(f, (0, 1), [0.0], frame=Euclidean(1), parameters=p, **TIGHT)
+    solution = cg.solve_variational(f, (0, 1), [0.0], frame=Euclidean(1), parameters=p, **TIGHT)
     expected = np.array([-np.sin(1.0) * 1e5 * (np.e - 1), 1e-20 * np.cos(1.0), np.e - 1])
-    np.testing.assert_allclose(found.sensitivity[-1, 0], expected, rtol=1e-7)
+    np.testing.assert_allclose(solution.sensitivity[-1, 0], expected, rtol=1e-7)
 
 
 class TestBadInput:
@@ -300,8 +302,8 @@ class TestBadInput:
         def never(t, y, *more):
             raise AssertionError("f was called")
 
-        given = {"f": never, "t_span": (0, 1), "y0": np.eye(3), "frame": SO3()} | options
-        return cg.solve_variational(**given)
+        arguments = {"f": never, "t_span": (0, 1), "y0": np.eye(3), "frame": SO3()} | options
+        return cg.solve_variational(**arguments)
 
     @pytest.mark.parametrize("name", ["jac", "df_dp"])
     @pytest.mark.parametrize(
@@ -316,10 +318,10 @@ class TestBadInput:
         ids=["shape", "text", "None", "NaN", "complex"],
     )
     def test_of_what_functions_return(self, name, value, message):
-        given = {name: lambda t, y, p: value}
+        arguments = {name: lambda t, y, p: value}
         message = message.format(name=name, shape=r"\(3, 3\)")
         with pytest.raises(ValueError, match=message):
-            self.call(f=lambda t, y, p: [0.1, 0.2, 0.3], parameters=np.ones(3), **given)
+            self.call(f=lambda t, y, p: [0.1, 0.2, 0.3], parameters=np.ones(3), **arguments)
 
     @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
     def test_exceptions_of_functions_end_the_call(self, name):
@@ -328,9 +330,9 @@ class TestBadInput:
                 raise ZeroDivisionError(name)
             return np.ones(3) if name == "f" else np.eye(3)
 
-        given = {"f": lambda t, y, p: np.ones(3), name: fails}
+        arguments = {"f": lambda t, y, p: np.ones(3), name: fails}
         with pytest.raises(ZeroDivisionError, match=name):
-            self.call(parameters=np.ones(3), rtol=1e-9, **given)
+            self.call(parameters=np.ones(3), rtol=1e-9, **arguments)
 
     def test_derivatives_beyond_doubles(self):
         with pytest.raises(OverflowError, match="derivatives of the solution exceed the range"):
@@ -348,22 +350,22 @@ def test_a_power_is_its_members():
         return np.concatenate([one.f(t, y[0], p), one.f(t, y[1], p)])
 
     other = SO3().random_point(np.random.default_rng(5))
-    found = cg.solve_variational(
+    solution = cg.solve_variational(
         both, SPAN, np.stack([one.y0, other]), frame=Power(SO3(), 2), parameters=one.parameters,
         **TIGHT,
     )  # fmt: skip
     alone = one.derivatives(exact=False)
-    np.testing.assert_allclose(found.transition[-1, :3, :3], alone.transition[-1], atol=1e-8)
-    np.testing.assert_allclose(found.transition[-1, :3, 3:], 0.0, atol=1e-8)
+    np.testing.assert_allclose(solution.transition[-1, :3, :3], alone.transition[-1], atol=1e-8)
+    np.testing.assert_allclose(solution.transition[-1, :3, 3:], 0.0, atol=1e-8)
 
 
 def test_symplectic_group_as_the_flow_of_a_linear_equation():
     """On Sp(2) in space axes, linear in t: the transition is the adjoint map of the solution."""
     frame = Sp(2)
-    found = cg.solve_variational(
+    solution = cg.solve_variational(
         lambda t, y: [0.3, 0.1 * t, -0.2], (0, 1), np.eye(2), frame=frame,
         jac=lambda t, y: np.zeros((3, 3)), control_derivatives=True, **TIGHT,
     )  # fmt: skip
-    y = found.y[-1]
+    y = solution.y[-1]
     images = y @ frame.algebra(np.eye(3)) @ np.linalg.inv(y)
-    np.testing.assert_allclose(found.transition[-1].T, frame.coefficients(images), atol=1e-9)
+    np.testing.assert_allclose(solution.transition[-1].T, frame.coefficients(images), atol=1e-9)

@@ -34,50 +34,50 @@ def functions(function):
 
 
 def solve(functions, **options):
-    given = {"t_span": SPAN, "y0": Y0, "parameters": P, **GIVEN, **functions, **options}
-    return cg.solve_variational(**given)
+    arguments = {"t_span": SPAN, "y0": Y0, "parameters": P, **GIVEN, **functions, **options}
+    return cg.solve_variational(**arguments)
 
 
-def agree(found, wanted, tolerance):
-    size = np.abs(wanted.transition).max()
+def agree(actual, expected, tolerance):
+    size = np.abs(expected.transition).max()
     for name in ("y", "transition", "sensitivity"):
         np.testing.assert_allclose(
-            getattr(found, name)[-1], getattr(wanted, name)[-1], rtol=0, atol=tolerance * size
+            getattr(actual, name)[-1], getattr(expected, name)[-1], rtol=0, atol=tolerance * size
         )
 
 
 def test_all_of_it_is_called_by_compiled_code(functions, monkeypatch):
-    wanted = solve({"f": top})
+    expected = solve({"f": top})
     monkeypatch.setattr(
         "cg.integration.variational.field.VariationalField.__call__",
         lambda *arguments: pytest.fail("Python was asked"),
     )
-    agree(solve({"f": top}), wanted, 1e-12)
-    agree(solve(functions), wanted, 1e-9)
-    agree(solve({"f": functions["f"]}), wanted, 1e-9)
-    agree(solve(functions | {"jac": None}), wanted, 1e-9)
-    agree(solve(functions | {"df_dp": None}), wanted, 1e-9)
+    agree(solve({"f": top}), expected, 1e-12)
+    agree(solve(functions), expected, 1e-9)
+    agree(solve({"f": functions["f"]}), expected, 1e-9)
+    agree(solve(functions | {"jac": None}), expected, 1e-9)
+    agree(solve(functions | {"df_dp": None}), expected, 1e-9)
 
 
 def test_compiled_functions_and_those_of_python_together(functions):
-    wanted = solve(functions)
-    agree(solve({"f": functions["f"], "jac": lambda t, y, p: jacobian(functions, y, p)}), wanted,
+    expected = solve(functions)
+    agree(solve({"f": functions["f"], "jac": lambda t, y, p: jacobian(functions, y, p)}), expected,
           1e-9)  # fmt: skip
-    agree(solve(functions | {"f": top}), wanted, 1e-9)
+    agree(solve(functions | {"f": top}), expected, 1e-9)
 
 
 def jacobian(functions, y, p):
-    found = np.empty((6, 6))
-    functions["jac"](0.0, np.array(y).ctypes.data_as(DOUBLES), found.ctypes.data_as(DOUBLES),
+    actual = np.empty((6, 6))
+    functions["jac"](0.0, np.array(y).ctypes.data_as(DOUBLES), actual.ctypes.data_as(DOUBLES),
                      p.ctypes.data)  # fmt: skip
-    return found
+    return actual
 
 
 def test_steps_are_those_of_the_solution_alone(functions):
-    found = solve(functions)
+    solution = solve(functions)
     alone = cg.solve_ivp(functions["f"], SPAN, Y0, parameters=P, **GIVEN)
-    np.testing.assert_array_equal(found.t, alone.t)
-    np.testing.assert_array_equal(found.y, alone.y)
+    np.testing.assert_array_equal(solution.t, alone.t)
+    np.testing.assert_array_equal(solution.y, alone.y)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -85,10 +85,10 @@ def test_differences_on_every_frame(name, affine):
     problem = PROBLEMS[name]
     compiled, _data = affine(problem)
     options = {"frame": problem.frame, "method": "CF6(5)", "h": 0.125}
-    found = cg.solve_variational(compiled, (0, 0.5), problem.y0, **options)
-    wanted = cg.solve_variational(problem.f, (0, 0.5), problem.y0, **options)
-    np.testing.assert_allclose(found.y, wanted.y, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(found.transition, wanted.transition, rtol=1e-8, atol=1e-8)
+    solution = cg.solve_variational(compiled, (0, 0.5), problem.y0, **options)
+    expected = cg.solve_variational(problem.f, (0, 0.5), problem.y0, **options)
+    np.testing.assert_allclose(solution.y, expected.y, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(solution.transition, expected.transition, rtol=1e-8, atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -99,9 +99,9 @@ def test_frames_whose_flows_are_in_python(frame, affine):
     compiled, _data = affine(problem)
     assert has_brackets(frame)
     options = {"frame": frame, "method": "CF6(5)", "h": 0.125}
-    found = cg.solve_variational(compiled, (0, 0.5), problem.y0, **options)
-    wanted = cg.solve_variational(problem.f, (0, 0.5), problem.y0, **options)
-    np.testing.assert_allclose(found.transition, wanted.transition, rtol=1e-8, atol=1e-8)
+    solution = cg.solve_variational(compiled, (0, 0.5), problem.y0, **options)
+    expected = cg.solve_variational(problem.f, (0, 0.5), problem.y0, **options)
+    np.testing.assert_allclose(solution.transition, expected.transition, rtol=1e-8, atol=1e-8)
 
 
 def test_events_get_the_parameters(functions, library):
@@ -109,52 +109,54 @@ def test_events_get_the_parameters(functions, library):
     level.restype = ctypes.c_double
     level.argtypes = [ctypes.c_double, DOUBLES, ctypes.c_void_p]
     kick = {"direction": -1, "jump": lambda t, y, p: BODY.flow([0, 0, 0, 0, 0, p[3]], y)}
-    found = solve(functions, events=cg.Event(level, **kick))
-    wanted = solve({"f": top}, events=cg.Event(lambda t, y, p: y[8] - 0.2 * p[3], **kick))
-    assert found.t_events[0].size >= 1
-    np.testing.assert_allclose(found.t_events[0], wanted.t_events[0], rtol=1e-10)
-    np.testing.assert_allclose(found.dt_events[0], wanted.dt_events[0], atol=1e-7)
-    agree(found, wanted, 1e-8)
+    solution = solve(functions, events=cg.Event(level, **kick))
+    expected = solve({"f": top}, events=cg.Event(lambda t, y, p: y[8] - 0.2 * p[3], **kick))
+    assert solution.t_events[0].size >= 1
+    np.testing.assert_allclose(solution.t_events[0], expected.t_events[0], rtol=1e-10)
+    np.testing.assert_allclose(solution.dt_events[0], expected.dt_events[0], atol=1e-7)
+    agree(solution, expected, 1e-8)
 
 
 @pytest.mark.parametrize("executor", [None, "threads"])
 def test_ensembles(functions, executor):
     rows = P * np.linspace(0.9, 1.1, 5)[:, None]
-    found = cg.solve_variational_ensemble(
+    solution = cg.solve_variational_ensemble(
         **functions, t_span=SPAN, y0=Y0, parameters=rows, executor=executor, **GIVEN
     )
     for k in range(5):
         alone = solve(functions, parameters=rows[k])
-        np.testing.assert_array_equal(found.transition[-1, k], alone.transition[-1])
-        np.testing.assert_array_equal(found.sensitivity[-1, k], alone.sensitivity[-1])
+        np.testing.assert_array_equal(solution.transition[-1, k], alone.transition[-1])
+        np.testing.assert_array_equal(solution.sensitivity[-1, k], alone.sensitivity[-1])
 
 
 def test_ensembles_in_other_processes(library):
     path = library._name
-    given = {
+    arguments = {
         name: cg.CompiledFunction(path, symbol)
         for name, symbol in (("f", "top"), ("jac", "top_jac"), ("df_dp", "top_df_dp"))
     }
     rows = P * np.linspace(0.9, 1.1, 3)[:, None]
     options = {"t_span": SPAN, "y0": Y0, "parameters": rows, **GIVEN}
-    alone = cg.solve_variational_ensemble(**given, **options)
-    found = cg.solve_variational_ensemble(**given, **options, executor="processes", workers=2)
-    np.testing.assert_array_equal(found.transition, alone.transition)
+    alone = cg.solve_variational_ensemble(**arguments, **options)
+    solution = cg.solve_variational_ensemble(
+        **arguments, **options, executor="processes", workers=2
+    )
+    np.testing.assert_array_equal(solution.transition, alone.transition)
 
 
 def test_data_of_their_own(functions, function):
-    """Without parameters f has data of its own, and others get these."""
+    """Without parameters f has data of its top, and others get these."""
     data = P.copy()
-    own = LowLevelCallable(function("top"), ctypes.c_void_p(data.ctypes.data))
-    found = solve({"f": own, "jac": functions["jac"]}, parameters=None)
+    top = LowLevelCallable(function("top"), ctypes.c_void_p(data.ctypes.data))
+    solution = solve({"f": top, "jac": functions["jac"]}, parameters=None)
     agree_all = solve(functions)
-    np.testing.assert_allclose(found.transition, agree_all.transition, rtol=1e-13)
-    assert found.sensitivity is None
+    np.testing.assert_allclose(solution.transition, agree_all.transition, rtol=1e-13)
+    assert solution.sensitivity is None
 
 
 def test_coefficients_can_be_asked_for_from_python(functions):
     problem = cg.integration.problem.make_problem(
-        functions["f"], SPAN, Y0, method="CG4a", h=0.1, parameters=P, frame=BODY
+        functions["f"], SPAN, Y0, frame=BODY, options={"method": "CG4a", "h": 0.1, "parameters": P}
     )
     joint = add_derivatives(problem, **functions, control_derivatives=False)
     assert isinstance(joint.rhs, CompiledVariation)

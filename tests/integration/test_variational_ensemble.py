@@ -60,15 +60,15 @@ def members(**options):
 def test_members_are_those_of_single_calls():
     p0 = np.stack([(k + 1) * np.eye(2) for k in range(MEMBERS)])
     options = {"events": FLOOR, "t_eval": [1.0, 4.0], "dense_output": True}
-    found = members(P0=p0, **options)
-    assert found.transition.shape == (2, MEMBERS, 2, 2)
-    assert found.sensitivity.shape == (2, MEMBERS, 2, 1)
-    assert found.covariance.shape == (2, MEMBERS, 2, 2)
+    solution = members(P0=p0, **options)
+    assert solution.transition.shape == (2, MEMBERS, 2, 2)
+    assert solution.sensitivity.shape == (2, MEMBERS, 2, 1)
+    assert solution.covariance.shape == (2, MEMBERS, 2, 2)
     for k in range(MEMBERS):
         alone = cg.solve_variational(
             swing, (0, 4), Y0[k], parameters=P[k], P0=p0[k], **options, **GIVEN
         )
-        member = found[k]
+        member = solution[k]
         assert isinstance(member, cg.VariationalSolution)
         for name in ("t", "y", "transition", "sensitivity", "covariance"):
             np.testing.assert_array_equal(getattr(member, name), getattr(alone, name))
@@ -76,36 +76,46 @@ def test_members_are_those_of_single_calls():
         np.testing.assert_array_equal(member.y_events[0], alone.y_events[0])
         np.testing.assert_array_equal(member.y_after[0], alone.y_after[0])
         np.testing.assert_array_equal(member.dt_events[0], alone.dt_events[0])
-        np.testing.assert_array_equal(found.dt_events[0][k], alone.dt_events[0])
+        np.testing.assert_array_equal(solution.dt_events[0][k], alone.dt_events[0])
         np.testing.assert_array_equal(member.sol(0.7), alone.sol(0.7))
         np.testing.assert_array_equal(member.sol.covariance(0.7), alone.sol.covariance(0.7))
-    assert sum(each.size for each in found.t_events[0]) >= 2
-    assert found.sol.transition([0.5, 0.7]).shape == (2, MEMBERS, 2, 2)
-    np.testing.assert_array_equal(found.sol.covariance(0.7)[2], found[2].sol.covariance(0.7))
-    assert repr(found).startswith("EnsembleVariationalSolution(")
+    assert sum(each.size for each in solution.t_events[0]) >= 2
+    assert solution.sol.transition([0.5, 0.7]).shape == (2, MEMBERS, 2, 2)
+    np.testing.assert_array_equal(solution.sol.covariance(0.7)[2], solution[2].sol.covariance(0.7))
+    assert repr(solution).startswith("EnsembleVariationalSolution(")
 
 
 @pytest.mark.parametrize("exact", [True, False])
 @pytest.mark.parametrize("common", [True, False])
 def test_functions_of_many_points(exact, common):
     alone = members()
-    given = {"jac": swings_jac, "df_dp": swings_dp} if exact else {"jac": None, "df_dp": None}
-    found = cg.solve_variational_ensemble(
-        swings, (0, 4), Y0, parameters=P, vectorized=True, common_steps=common, **(GIVEN | given)
+    derivatives = {"jac": swings_jac, "df_dp": swings_dp} if exact else {"jac": None, "df_dp": None}
+    solution = cg.solve_variational_ensemble(
+        swings,
+        (0, 4),
+        Y0,
+        parameters=P,
+        vectorized=True,
+        common_steps=common,
+        **(GIVEN | derivatives),
     )
     tolerance = 1e-6 if common else 1e-9
-    np.testing.assert_allclose(found.transition, alone.transition, atol=tolerance, rtol=tolerance)
-    np.testing.assert_allclose(found.sensitivity, alone.sensitivity, atol=tolerance, rtol=tolerance)
+    np.testing.assert_allclose(
+        solution.transition, alone.transition, atol=tolerance, rtol=tolerance
+    )
+    np.testing.assert_allclose(
+        solution.sensitivity, alone.sensitivity, atol=tolerance, rtol=tolerance
+    )
 
 
 def test_functions_of_many_points_with_jumps():
     alone = members(events=FLOOR)
-    found = cg.solve_variational_ensemble(
+    solution = cg.solve_variational_ensemble(
         swings, (0, 4), Y0, parameters=P, vectorized=True, events=FLOOR,
         **(GIVEN | {"jac": swings_jac, "df_dp": swings_dp}),
     )  # fmt: skip
-    np.testing.assert_allclose(found.transition, alone.transition, atol=1e-9)
-    for rows, others in zip(found.dt_events[0], alone.dt_events[0], strict=True):
+    np.testing.assert_allclose(solution.transition, alone.transition, atol=1e-9)
+    for rows, others in zip(solution.dt_events[0], alone.dt_events[0], strict=True):
         np.testing.assert_allclose(rows, others, atol=1e-9)
 
 
@@ -116,50 +126,50 @@ def test_rotations_and_a_common_covariance():
 
     start = [BODY.join(SO3().random_point(RNG), RNG.standard_normal(3)) for _ in range(3)]
     p0 = np.diag(np.arange(1.0, 7.0))
-    found = cg.solve_variational_ensemble(f, (0, 1), start, frame=BODY, P0=p0, **TIGHT)
-    expected = found.transition @ p0 @ found.transition.mT
-    np.testing.assert_allclose(found.covariance, expected, rtol=1e-13, atol=1e-13)
+    solution = cg.solve_variational_ensemble(f, (0, 1), start, frame=BODY, P0=p0, **TIGHT)
+    expected = solution.transition @ p0 @ solution.transition.mT
+    np.testing.assert_allclose(solution.covariance, expected, rtol=1e-13, atol=1e-13)
     alone = cg.solve_variational(f, (0, 1), start[1], frame=BODY, **TIGHT)
-    np.testing.assert_array_equal(found.transition[-1, 1], alone.transition[-1])
+    np.testing.assert_array_equal(solution.transition[-1, 1], alone.transition[-1])
 
 
 @pytest.mark.parametrize("executor", ["threads", "processes"])
 def test_executors(executor):
     alone = members(events=FLOOR, dense_output=True)
-    found = members(events=FLOOR, dense_output=True, executor=executor, workers=2)
-    np.testing.assert_array_equal(found.transition, alone.transition)
-    np.testing.assert_array_equal(found.sensitivity, alone.sensitivity)
-    for rows, others in zip(found.dt_events[0], alone.dt_events[0], strict=True):
+    solution = members(events=FLOOR, dense_output=True, executor=executor, workers=2)
+    np.testing.assert_array_equal(solution.transition, alone.transition)
+    np.testing.assert_array_equal(solution.sensitivity, alone.sensitivity)
+    for rows, others in zip(solution.dt_events[0], alone.dt_events[0], strict=True):
         np.testing.assert_array_equal(rows, others)
 
 
 def test_results_can_be_pickled():
-    found = members(dense_output=True)
-    again = pickle.loads(pickle.dumps(found))
-    np.testing.assert_array_equal(again.transition, found.transition)
+    solution = members(dense_output=True)
+    again = pickle.loads(pickle.dumps(solution))
+    np.testing.assert_array_equal(again.transition, solution.transition)
     assert not again.transition.flags.writeable
-    np.testing.assert_array_equal(again.sol.transition(0.5), found.sol.transition(0.5))
+    np.testing.assert_array_equal(again.sol.transition(0.5), solution.sol.transition(0.5))
 
 
 def test_members_that_fail_are_nan():
     def f(t, y, p):
         return [p[0] * y[0] ** 2]
 
-    found = cg.solve_variational_ensemble(
+    solution = cg.solve_variational_ensemble(
         f, (0, 2), [1.0], frame=Euclidean(1), parameters=[[0.25], [1.0]], t_eval=[0.5, 2.0]
     )
-    assert found.status.tolist() == [0, -1]
-    assert np.isfinite(found.transition[:, 0]).all()
-    assert np.isnan(found.transition[1, 1])
-    assert found[1].transition.shape == (1, 1, 1)
-    np.testing.assert_allclose(found.transition[0, 0], 1 / (1 - 0.125) ** 2, rtol=1e-3)
+    assert solution.status.tolist() == [0, -1]
+    assert np.isfinite(solution.transition[:, 0]).all()
+    assert np.isnan(solution.transition[1, 1])
+    assert solution[1].transition.shape == (1, 1, 1)
+    np.testing.assert_allclose(solution.transition[0, 0], 1 / (1 - 0.125) ** 2, rtol=1e-3)
 
 
 def test_one_point_and_many_parameters():
     wave = Wave(SO3())
     rows = np.stack([wave.parameters, 2 * wave.parameters])
-    found = cg.solve_variational_ensemble(
+    solution = cg.solve_variational_ensemble(
         wave.f, SPAN, wave.y0, frame=SO3(), parameters=rows, jac=wave.jac, df_dp=wave.df_dp, **TIGHT
     )
     alone = wave.derivatives()
-    np.testing.assert_array_equal(found.sensitivity[-1, 0], alone.sensitivity[-1])
+    np.testing.assert_array_equal(solution.sensitivity[-1, 0], alone.sensitivity[-1])

@@ -34,15 +34,15 @@ def fall(t, y, p):
 @given(
     height=st.floats(0.5, 1.5),
     speed=st.floats(-2.0, 2.0),
-    kept=st.floats(0.5, 0.95),
+    restitution=st.floats(0.5, 0.95),
     method=st.sampled_from(["RKMK8(5,3)", "CF6(5)", "DOP853"]),
 )
-def test_a_bouncing_ball_is_the_closed_form(height, speed, kept, method):
+def test_a_bouncing_ball_is_the_closed_form(height, speed, restitution, method):
     floor = cg.Event(
         lambda t, y, p: y[0], direction=-1, jump=lambda t, y, p: [0.0, -p[0] * y[1]], terminal=2
     )
-    found = cg.solve_variational(
-        fall, (0, 50), [height, speed], frame=Euclidean(2), parameters=[kept], events=floor,
+    solution = cg.solve_variational(
+        fall, (0, 50), [height, speed], frame=Euclidean(2), parameters=[restitution], events=floor,
         method=method, max_step=0.5, rtol=1e-11, atol=1e-11,
     )  # fmt: skip
 
@@ -50,9 +50,9 @@ def test_a_bouncing_ball_is_the_closed_form(height, speed, kept, method):
     impact = np.sqrt(speed**2 + 2 * GRAVITY * height)
     by_start = np.array([GRAVITY, speed, 0.0]) / impact
     first = (np.array([0.0, 1.0, 0.0]) + by_start) / GRAVITY
-    second = first + 2 * (kept * by_start + impact * np.array([0.0, 0.0, 1.0])) / GRAVITY
-    np.testing.assert_allclose(found.dt_events[0], [first, second], rtol=1e-8, atol=1e-8)
-    assert found.dt_events[0].shape == (2, 3)
+    second = first + 2 * (restitution * by_start + impact * np.array([0.0, 0.0, 1.0])) / GRAVITY
+    np.testing.assert_allclose(solution.dt_events[0], [first, second], rtol=1e-8, atol=1e-8)
+    assert solution.dt_events[0].shape == (2, 3)
 
 
 def kick(t, y, p):
@@ -77,31 +77,31 @@ def test_jumps_that_depend_on_all():
     p = np.array([0.7, 0.8])
     options = {"frame": BODY, "events": FLOOR, "rtol": 1e-12, "atol": 1e-12}
     span = (0.0, 1.9)
-    found = cg.solve_variational(tumble, span, y0, parameters=p, dense_output=True, **options)
-    assert found.t_events[0].size >= 2
-    reference = found.y[-1]
+    solution = cg.solve_variational(tumble, span, y0, parameters=p, dense_output=True, **options)
+    assert solution.t_events[0].size >= 2
+    reference = solution.y[-1]
 
     def end(x):
         moved = cg.solve_ivp(tumble, span, BODY.flow(x[:5], y0), parameters=p + x[5:], **options)
-        assert moved.t_events[0].size == found.t_events[0].size
+        assert moved.t_events[0].size == solution.t_events[0].size
         return np.concatenate([BODY.exp_coordinates(reference, moved.y[-1]), moved.t_events[0]])
 
     expected = differences(end, 7)
-    derivatives = np.concatenate([found.transition[-1], found.sensitivity[-1]], axis=1)
+    derivatives = np.concatenate([solution.transition[-1], solution.sensitivity[-1]], axis=1)
     size = np.abs(expected).max()
     assert np.abs(derivatives - expected[:5]).max() < 2e-9 * size
-    assert np.abs(found.dt_events[0] - expected[5:]).max() < 2e-9 * size
+    assert np.abs(solution.dt_events[0] - expected[5:]).max() < 2e-9 * size
     # before and after the jump
-    time = found.t_events[0][0]
-    after = found.sol.transition(time)
-    before = found.sol.transition(np.nextafter(time, 0.0))
+    time = solution.t_events[0][0]
+    after = solution.sol.transition(time)
+    before = solution.sol.transition(np.nextafter(time, 0.0))
     assert np.abs(after - before).max() > 0.1
     # the solution itself is that of solve_ivp
     alone = cg.solve_ivp(tumble, span, y0, parameters=p, **options)
-    np.testing.assert_array_equal(found.y, alone.y)
-    np.testing.assert_array_equal(found.t_events[0], alone.t_events[0])
-    np.testing.assert_array_equal(found.y_events[0], alone.y_events[0])
-    np.testing.assert_array_equal(found.y_after[0], alone.y_after[0])
+    np.testing.assert_array_equal(solution.y, alone.y)
+    np.testing.assert_array_equal(solution.t_events[0], alone.t_events[0])
+    np.testing.assert_array_equal(solution.y_events[0], alone.y_events[0])
+    np.testing.assert_array_equal(solution.y_after[0], alone.y_after[0])
 
 
 @pytest.mark.parametrize("frame", [Sphere(2), CoadjointOrbit(SO3(), (0.6, 0.0, -0.8))], ids=repr)
@@ -110,10 +110,10 @@ def test_jumps_on_homogeneous_spaces(frame):
     mirror = cg.Event(
         lambda t, y, p: t - 0.3 - 0.2 * y[0], jump=lambda t, y, p: y * np.array([1.0, -1.0, 1.0])
     )
-    found = wave.derivatives(events=mirror)
-    assert found.t_events[0].size == 1
+    derivatives = wave.derivatives(events=mirror)
+    assert derivatives.t_events[0].size == 1
     v = np.array([0.3, -0.5, 0.4])
-    tangent = frame.field(found.transition[-1] @ v, found.y[-1])
+    tangent = frame.field(derivatives.transition[-1] @ v, derivatives.y[-1])
     assert np.abs(tangent - wave.by_fields(v, events=mirror)).max() < 2e-9
 
 
@@ -127,28 +127,30 @@ def test_times_of_events_without_jumps(terminal):
         lambda t, y, p: t - 0.7 - 0.1 * (p[1] - wave.parameters[1]),
         lambda t, y, p: 1.0,
     ]
-    found = wave.derivatives(events=events)
-    jumps = [each.size for each in found.t_events]
+    derivatives = wave.derivatives(events=events)
+    jumps = [each.size for each in derivatives.t_events]
     assert jumps == [1, 0 if terminal else 1, 0]
-    assert [rows.shape for rows in found.dt_events] == [(count, 5) for count in jumps]
+    assert [rows.shape for rows in derivatives.dt_events] == [(count, 5) for count in jumps]
 
     def times(x):
         moved = wave.solve(SO3().flow(x[:3], wave.y0), wave.parameters + x[3:], events=events)
         return np.concatenate(moved.t_events)
 
     expected = differences(times, 5, step=1e-3)
-    np.testing.assert_allclose(np.concatenate(found.dt_events), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        np.concatenate(derivatives.dt_events), expected, rtol=1e-9, atol=1e-9
+    )
 
 
 def test_a_time_given_by_a_parameter():
     """An event at t = p: its derivative is that of the parameter alone."""
-    found = cg.solve_variational(
+    solution = cg.solve_variational(
         lambda t, y, p: [y[0]], (0, 1), [1.0], frame=Euclidean(1), parameters=[0.4],
         events=cg.Event(lambda t, y, p: t - p[0], jump=lambda t, y, p: 2 * y), **TIGHT,
     )  # fmt: skip
-    np.testing.assert_allclose(found.dt_events[0], [[0.0, 1.0]], atol=1e-12)
-    np.testing.assert_allclose(found.transition[-1], [[2 * np.e]], rtol=1e-10)
-    np.testing.assert_allclose(found.sensitivity[-1], 0.0, atol=1e-10)
+    np.testing.assert_allclose(solution.dt_events[0], [[0.0, 1.0]], atol=1e-12)
+    np.testing.assert_allclose(solution.transition[-1], [[2 * np.e]], rtol=1e-10)
+    np.testing.assert_allclose(solution.sensitivity[-1], 0.0, atol=1e-10)
 
 
 def test_a_mode_that_jumps():
@@ -162,15 +164,15 @@ def test_a_mode_that_jumps():
                     jump=lambda t, y, p: [y[0], y[1], -1.0])  # fmt: skip
     y0, p = np.array([0.1, 0.0, 1.0]), np.array([1.0, 0.5])
     options = {"frame": Euclidean(3), "events": belt, "rtol": 1e-12, "atol": 1e-12}
-    found = cg.solve_variational(f, (0, 1), y0, parameters=p, **options)
+    solution = cg.solve_variational(f, (0, 1), y0, parameters=p, **options)
 
     def end(x):
         moved = y0 + np.append(x[:2], 0.0)
         return cg.solve_ivp(f, (0, 1), moved, parameters=p + x[2:], **options).y[-1]
 
     expected = differences(end, 4)
-    np.testing.assert_allclose(found.transition[-1][:, :2], expected[:, :2], atol=2e-9)
-    np.testing.assert_allclose(found.sensitivity[-1], expected[:, 2:], atol=2e-9)
+    np.testing.assert_allclose(solution.transition[-1][:, :2], expected[:, :2], atol=2e-9)
+    np.testing.assert_allclose(solution.sensitivity[-1], expected[:, 2:], atol=2e-9)
 
 
 def test_breakpoints():
@@ -180,9 +182,11 @@ def test_breakpoints():
         return [np.sin(y[0, 1]) + p[0], 0.3, 0.0] if t < 0.4 else [0.0, y[0, 0] * p[0], 1.0]
 
     p, options = np.array([0.6]), {"frame": SO3(), "breakpoints": [0.4], **TIGHT}
-    found = cg.solve_variational(f, (0, 1), np.eye(3), parameters=p, dense_output=True, **options)
-    assert 0.4 in found.t
-    reference = found.y[-1]
+    solution = cg.solve_variational(
+        f, (0, 1), np.eye(3), parameters=p, dense_output=True, **options
+    )
+    assert 0.4 in solution.t
+    reference = solution.y[-1]
 
     def end(x):
         moved = cg.solve_ivp(f, (0, 1), SO3().flow(x[:3], np.eye(3)), parameters=p + x[3:],
@@ -190,23 +194,23 @@ def test_breakpoints():
         return SO3().exp_coordinates(reference, moved.y[-1])
 
     expected = differences(end, 4, step=1e-3)
-    np.testing.assert_allclose(found.transition[-1], expected[:, :3], atol=1e-7)
-    np.testing.assert_allclose(found.sensitivity[-1], expected[:, 3:], atol=1e-7)
-    gap = found.sol.transition(0.4) - found.sol.transition(np.nextafter(0.4, 0))
+    np.testing.assert_allclose(solution.transition[-1], expected[:, :3], atol=1e-7)
+    np.testing.assert_allclose(solution.sensitivity[-1], expected[:, 3:], atol=1e-7)
+    gap = solution.sol.transition(0.4) - solution.sol.transition(np.nextafter(0.4, 0))
     assert np.abs(gap).max() < 1e-14
 
 
 def test_backward_in_time():
     """A ball caught in the air: where was it thrown, and when was it at the floor?"""
     floor = lambda t, y: y[0]  # noqa: E731
-    found = cg.solve_variational(
+    solution = cg.solve_variational(
         lambda t, y: [y[1], -GRAVITY], (0, -1), [0.5, 2.0], frame=Euclidean(2), events=floor,
         jac=lambda t, y: [[0.0, 1.0], [0.0, 0.0]], **TIGHT,
     )  # fmt: skip
     impact = np.sqrt(4.0 + GRAVITY)
     expected = [-1 / impact, 1 / GRAVITY - 2 / (impact * GRAVITY)]
-    np.testing.assert_allclose(found.dt_events[0], [expected], atol=1e-9)
-    np.testing.assert_allclose(found.transition[-1], [[1.0, -1.0], [0.0, 1.0]], atol=1e-12)
+    np.testing.assert_allclose(solution.dt_events[0], [expected], atol=1e-9)
+    np.testing.assert_allclose(solution.transition[-1], [[1.0, -1.0], [0.0, 1.0]], atol=1e-12)
 
 
 def test_compiled_events_have_derivatives():
@@ -216,19 +220,19 @@ def test_compiled_events_have_derivatives():
     def f(t, y):
         return [y[1], -GRAVITY]
 
-    found = cg.solve_variational(f, events=level, **options)
-    wanted = cg.solve_variational(f, events=lambda t, y: y[0] - 0.25 * t, **options)
-    np.testing.assert_allclose(found.t_events[0], wanted.t_events[0], rtol=1e-14)
-    np.testing.assert_allclose(found.dt_events[0], wanted.dt_events[0], rtol=1e-12)
+    solution = cg.solve_variational(f, events=level, **options)
+    expected = cg.solve_variational(f, events=lambda t, y: y[0] - 0.25 * t, **options)
+    np.testing.assert_allclose(solution.t_events[0], expected.t_events[0], rtol=1e-14)
+    np.testing.assert_allclose(solution.dt_events[0], expected.dt_events[0], rtol=1e-12)
 
 
 def test_an_event_that_only_touches_has_no_derivative():
     options = {"frame": Euclidean(1), "t_span": (0, 1), "y0": [1.0], "h": 0.25, "method": "CG4a"}
-    found = cg.solve_variational(
+    solution = cg.solve_variational(
         lambda t, y: [1.0], events=lambda t, y: (y[0] - 1.5) ** 3, **options
     )
-    assert found.t_events[0].tolist() == [0.5]
-    assert not np.isfinite(found.dt_events[0]).any()
+    assert solution.t_events[0].tolist() == [0.5]
+    assert not np.isfinite(solution.dt_events[0]).any()
     stuck = cg.Event(lambda t, y: (t - 0.5) ** 3, jump=lambda t, y: y)
     with pytest.raises(ValueError, match=r"events\[0\] must change its sign .* is 0 at t = 0.5"):
         cg.solve_variational(lambda t, y: [0.0], events=stuck, **options)

@@ -69,8 +69,8 @@ class TestValues:
     def test_flows_and_fields(self, frame, example):
         y, v, w = example
         rules = rules_of(frame)
-        found = jax.jit(lambda v, w, y: (rules.restore(rules.flow(v, y)), rules.field(w, y)))
-        moved, tangent = found(v, w, y)
+        actual = jax.jit(lambda v, w, y: (rules.restore(rules.flow(v, y)), rules.field(w, y)))
+        moved, tangent = actual(v, w, y)
         close(moved, frame.flow(v, y))
         close(tangent, frame.field(w, y))
 
@@ -89,8 +89,8 @@ class TestValues:
         close(back, tangent, 10)
         close(sizes, frame.coordinate_sizes(y))
         close(derivative, frame.dexpinv(v, w, order=8), 10)
-        for found in known:
-            close(found, frame.exp_coordinates(y, end), 10)
+        for actual in known:
+            close(actual, frame.exp_coordinates(y, end), 10)
 
     def test_points_near_each_other(self, frame, example):
         y, _, w = example
@@ -120,10 +120,10 @@ class TestSeriesOfDexpinv:
             * np.array([0.0, 0.1, 2.0, 10.0, 1e3, 1e160])[:, None]
         )
         u[5] = 8.0 * v[5]
-        found = jax.jit(jax.vmap(lambda u, v: rules_of(frame).dexpinv(u, v, 6)))(u, v)
+        values = jax.jit(jax.vmap(lambda u, v: rules_of(frame).dexpinv(u, v, 6)))(u, v)
         expected = frame.dexpinv(u, v, order=6)
         assert np.isnan(expected[3:5]).all()
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
+        np.testing.assert_allclose(values, expected, rtol=1e-12)
 
     def test_derivatives_stay_finite(self):
         frame = SU(3)
@@ -203,9 +203,9 @@ class TestSmoothFunctions:
         for _ in range(3):
             functions.append(jax.grad(functions[-1]))
         values = jax.jit(jax.vmap(lambda q: [f(q) for f in functions]))(self.AT)
-        for derivative, found in enumerate(values):
+        for derivative, actual in enumerate(values):
             expected = [self.series(q, k, derivative) for q in self.AT]
-            np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
+            np.testing.assert_allclose(actual, expected, rtol=1e-13, atol=1e-15)
 
     def test_single_precision(self):
         low = jnp.asarray(self.AT, np.float32)
@@ -224,8 +224,8 @@ class TestSmoothFunctions:
     @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 0.79, 0.81, 1.6, 2.5, 3.14])
     def test_angles(self, angle):
         q, c = np.sin(angle) ** 2, np.cos(angle)
-        found = angle_over_sine(jnp.asarray(q), jnp.asarray(c))
-        assert float(found) == pytest.approx(angle / np.sin(angle) if angle else 1.0, rel=1e-12)
+        actual = angle_over_sine(jnp.asarray(q), jnp.asarray(c))
+        assert float(actual) == pytest.approx(angle / np.sin(angle) if angle else 1.0, rel=1e-12)
 
 
 class TestPoints:

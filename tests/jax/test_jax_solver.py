@@ -62,9 +62,9 @@ class TestSteps:
         ts = np.linspace(0.0, 0.5, 7)
         y0 = point(frame)
         solver = cg.jax.Solver(name)
-        found = solve(ours, solver, y0, h=0.1, end=0.5, saveat=diffrax.SaveAt(ts=ts))
+        solution = solve(ours, solver, y0, h=0.1, end=0.5, saveat=diffrax.SaveAt(ts=ts))
         expected = cg.solve_ivp(f, (0.0, 0.5), y0, frame=frame, method=name, h=0.1, t_eval=ts)
-        np.testing.assert_allclose(found.ys, expected.y, rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(solution.ys, expected.y, rtol=0.0, atol=1e-13)
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", EXPLICIT)
@@ -137,12 +137,12 @@ class TestErrors:
     def test_steps_are_those_of_solve_ivp(self, name, rtol):
         frame = ATTITUDE_AND_VELOCITY
         ours = cg.jax.FrameTerm(body(jnp), frame)
-        found = solve(ours, cg.jax.Solver(name), START, end=5.0, rtol=rtol, args=INERTIA)
+        solution = solve(ours, cg.jax.Solver(name), START, end=5.0, rtol=rtol, args=INERTIA)
         expected = cg.solve_ivp(
             body(np), (0.0, 5.0), START, frame=frame, method=name, rtol=rtol, atol=rtol
         )
-        assert found.stats["num_accepted_steps"] == len(expected.t) - 1
-        np.testing.assert_allclose(found.ys[-1], expected.y[-1], rtol=0.0, atol=2e-12)
+        assert solution.stats["num_accepted_steps"] == len(expected.t) - 1
+        np.testing.assert_allclose(solution.ys[-1], expected.y[-1], rtol=0.0, atol=2e-12)
 
     @pytest.mark.parametrize(
         ("frame", "name"),
@@ -160,10 +160,10 @@ class TestErrors:
     def test_on_frames(self, frame, name):
         ours, f = term(frame)
         y0 = point(frame)
-        found = solve(ours, cg.jax.Solver(name, dense="steps"), y0, end=2.0)
+        solution = solve(ours, cg.jax.Solver(name, dense="steps"), y0, end=2.0)
         expected = cg.solve_ivp(f, (0.0, 2.0), y0, frame=frame, method=name, rtol=1e-6, atol=1e-6)
-        assert found.stats["num_accepted_steps"] == len(expected.t) - 1
-        np.testing.assert_allclose(found.ys[-1], expected.y[-1], rtol=0.0, atol=2e-12)
+        assert solution.stats["num_accepted_steps"] == len(expected.t) - 1
+        np.testing.assert_allclose(solution.ys[-1], expected.y[-1], rtol=0.0, atol=2e-12)
 
     def test_plain_controllers_of_diffrax(self):
         """They compare entries."""
@@ -190,7 +190,7 @@ class TestErrors:
     def test_the_largest_step(self):
         frame = Euclidean(1)
         ours = cg.jax.FrameTerm(lambda t, y, args: 0.0 * y + 1.0, frame)
-        found = diffrax.diffeqsolve(
+        solution = diffrax.diffeqsolve(
             ours,
             cg.jax.Solver("BS3(2)"),
             0.0,
@@ -199,8 +199,8 @@ class TestErrors:
             jnp.zeros(1),
             stepsize_controller=cg.jax.controller(frame, 1e-3, 1e-3, max_step=0.125),
         )
-        assert found.stats["num_steps"] >= 8
-        assert float(found.ys[-1, 0]) == pytest.approx(1.0, abs=1e-15)
+        assert solution.stats["num_steps"] >= 8
+        assert float(solution.ys[-1, 0]) == pytest.approx(1.0, abs=1e-15)
 
 
 class TestOutput:
@@ -220,11 +220,11 @@ class TestOutput:
         ours, f = term(frame)
         ts = np.linspace(0.0, 2.0, 23)
         y0 = point(frame)
-        found = solve(ours, cg.jax.Solver(name), y0, end=2.0, saveat=diffrax.SaveAt(ts=ts))
+        solution = solve(ours, cg.jax.Solver(name), y0, end=2.0, saveat=diffrax.SaveAt(ts=ts))
         expected = cg.solve_ivp(
             f, (0.0, 2.0), y0, frame=frame, method=name, rtol=1e-6, atol=1e-6, t_eval=ts
         )
-        np.testing.assert_allclose(found.ys, expected.y, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(solution.ys, expected.y, rtol=0.0, atol=1e-12)
 
     def test_dense_output_and_events(self):
         frame = UnitQuaternion()
@@ -234,7 +234,7 @@ class TestOutput:
         event = diffrax.Event(
             lambda t, y, args, **kwargs: y[0] - y[3], root_finder=optimistix.Newton(1e-11, 1e-11)
         )
-        found = solve(
+        solution = solve(
             ours,
             cg.jax.Solver("CF4(3)"),
             y0,
@@ -247,9 +247,9 @@ class TestOutput:
             f, (0.0, 4.0), y0, frame=frame, method="CF4(3)", rtol=1e-7, atol=1e-7,
             events=cg.Event(lambda t, y: y[0] - y[3], terminal=True), dense_output=True,
         )  # fmt: skip
-        assert float(found.ts[-1]) == pytest.approx(expected.t[-1], abs=1e-9)
+        assert float(solution.ts[-1]) == pytest.approx(expected.t[-1], abs=1e-9)
         t = 0.37 * expected.t[-1]
-        np.testing.assert_allclose(found.evaluate(t), expected.sol(t), rtol=0.0, atol=1e-11)
+        np.testing.assert_allclose(solution.evaluate(t), expected.sol(t), rtol=0.0, atol=1e-11)
 
     def test_the_cheap_form(self):
         """It has the ends of the steps, and an error of second order between them."""
@@ -284,11 +284,11 @@ class TestOwnFrames:
         ours, f = term(frame(jnp))
         ts = np.linspace(0.0, 1.0, 5)
         y0 = np.array([1.0, 2.0])
-        found = solve(ours, cg.jax.Solver("CF4(3)"), y0, saveat=diffrax.SaveAt(ts=ts))
+        solution = solve(ours, cg.jax.Solver("CF4(3)"), y0, saveat=diffrax.SaveAt(ts=ts))
         expected = cg.solve_ivp(
             f, (0.0, 1.0), y0, frame=frame(np), method="CF4(3)", rtol=1e-6, atol=1e-6, t_eval=ts
         )
-        np.testing.assert_allclose(found.ys, expected.y, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(solution.ys, expected.y, rtol=0.0, atol=1e-12)
 
     def test_without_brackets(self):
         frame = FieldFrame(
@@ -335,12 +335,12 @@ class TestRefusals:
         def run(f=None, y0=y0):
             return solve(term(frame, f)[0], cg.jax.Solver("CF4"), y0, h=0.1)
 
-        wanted = r"f must return 3 real numbers, shape \(3,\), got "
-        with pytest.raises(ValueError, match=wanted + r"shape \(4,\)"):
+        expected = r"f must return 3 real numbers, shape \(3,\), got "
+        with pytest.raises(ValueError, match=expected + r"shape \(4,\)"):
             run(lambda t, y, args: y)
-        with pytest.raises(ValueError, match=wanted + "complex128"):
+        with pytest.raises(ValueError, match=expected + "complex128"):
             run(lambda t, y, args: 1j * y[:3])
-        with pytest.raises(ValueError, match=wanted + "None"):
+        with pytest.raises(ValueError, match=expected + "None"):
             run(lambda t, y, args: None)
         with pytest.raises(ValueError, match=r"y0 must have shape \(4,\), got \(3,\)"):
             run(y0=y0[:3])

@@ -71,13 +71,13 @@ class TestTransforms:
         )
         options = {"end": 4.0, "event": event, "max_steps": 512}
 
-        def found(factor):
+        def energy(factor):
             solver = cg.jax.Solver(name)
             run = solve(ours, solver, y0, h=0.05, args=factor, **options)
             return jnp.concatenate([run.ts, run.ys[0]])
 
-        values = jax.jit(found)
-        slope = jax.jit(jax.jacrev(found))(0.8)
+        values = jax.jit(energy)
+        slope = jax.jit(jax.jacrev(energy))(0.8)
         assert 0.1 < float(values(0.8)[0]) < 3.9
         expected = self.quotient(lambda s: np.asarray(values(0.8 + s)), 5e-3)
         np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-7)
@@ -131,8 +131,8 @@ class TestTransforms:
         inertias = jnp.asarray(INERTIA) * jnp.array([[1.0], [2.0], [0.5]]) + jnp.eye(3)
         together = jax.jit(jax.vmap(self.end))(inertias)
         alone = jax.jit(self.end)
-        for inertia, found in zip(inertias, together, strict=True):
-            np.testing.assert_allclose(found, alone(inertia), rtol=0.0, atol=1e-11)
+        for inertia, actual in zip(inertias, together, strict=True):
+            np.testing.assert_allclose(actual, alone(inertia), rtol=0.0, atol=1e-11)
 
     @pytest.mark.parametrize(
         "frame",

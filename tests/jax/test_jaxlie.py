@@ -51,8 +51,8 @@ def test_exponentials_are_those_of_jaxlie(convention):
     frame = SE3(convention)
     y = cg.jax.flow(frame, jnp.roll(twist, 3), cg.jax.from_jaxlie(frame, start))
     np.testing.assert_allclose(y, end.as_matrix(), rtol=0.0, atol=1e-14)
-    found = cg.jax.to_jaxlie(frame, y, jaxlie.SE3)
-    np.testing.assert_allclose((found.inverse() @ end).log(), 0.0, atol=1e-14)
+    actual = cg.jax.to_jaxlie(frame, y, jaxlie.SE3)
+    np.testing.assert_allclose((actual.inverse() @ end).log(), 0.0, atol=1e-14)
     turn = cg.jax.to_jaxlie(SO3(), y[:3, :3], jaxlie.SO3)
     np.testing.assert_allclose(turn.as_matrix(), end.as_matrix()[:3, :3], atol=1e-14)
 

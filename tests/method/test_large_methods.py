@@ -1,4 +1,4 @@
-"""Methods of many stages: nothing computes more than it shows, and what it doesn't is said."""
+"""Methods of many stages: only what is shown is computed, and values left out are named."""
 
 import random
 import time
@@ -33,8 +33,8 @@ def test_show_says_what_is_not_computed(
     assert main(["show", str(file)]) == 0
     assert time.process_time() - begin < 20
     lines = capsys.readouterr().out.splitlines()
-    (said,) = (line.split(maxsplit=2) for line in lines if line.startswith("  not computed"))
-    assert said[2].startswith(f"limits of stability, since with {stages} stages and a common")
+    (words,) = (line.split(maxsplit=2) for line in lines if line.startswith("  not computed"))
+    assert words[2].startswith(f"limits of stability, since with {stages} stages and a common")
     assert not any("stable on" in line for line in lines)
     with pytest.raises(ValueError, match=r"method must have .*: limits of stability"):
         cg.plot.stability_region(dense(stages))

@@ -63,8 +63,8 @@ class TestConversion:
             1, {0: Fraction(17, 48), 1: Fraction(-51, 80), 2: Fraction(8, 15)}
         )
         assert method.stage_points == (-1, 0, 1)
-        found = two_registers(method)
-        assert found == tuple(tuple(map(Fraction, row)) for row in WILLIAMSON)
+        actual = two_registers(method)
+        assert actual == tuple(tuple(map(Fraction, row)) for row in WILLIAMSON)
         assert all(coefficient.unit == 0 for coefficient in method.coefficients)
 
     def test_luescher(self):
@@ -170,7 +170,7 @@ class TestOrderOnManifolds:
         assert tool.table_of(rows) in page, "out of date; run tools/write_low_storage_table.py"
 
     def test_rational_members_of_the_family_of_three_stages(self):
-        found = 0
+        actual = 0
         for denominator in range(2, 40):
             for numerator in range(1, denominator):
                 c2 = Fraction(numerator, denominator)
@@ -180,8 +180,8 @@ class TestOrderOnManifolds:
                     method = from_two_registers(a, b)
                     assert not any(flat_residuals(*method.exact, 3))
                     assert not any(conditions.exact_residuals_of(method, 3))
-                    found += 1
-        assert found == 7
+                    actual += 1
+        assert actual == 7
 
     @pytest.mark.parametrize("nodes", [1, 2, 3, 4, 5])
     def test_weights_of_ordered_trees_follow_from_flat_ones(self, nodes):
@@ -191,9 +191,9 @@ class TestOrderOnManifolds:
     def test_a_method_of_order_five(self, tool):
         a, b = two_registers(methods["CF5r"])
         parameters = [*a[1:], *b]
-        found = tool.closest(parameters, 5)
-        assert max(abs(x - y) for x, y in zip(found, parameters, strict=True)) < 1e-35
-        refined = tool.weights_of(found)
+        actual = tool.closest(parameters, 5)
+        assert max(abs(x - y) for x, y in zip(actual, parameters, strict=True)) < 1e-35
+        refined = tool.weights_of(actual)
         assert max(map(abs, conditions.exact_residuals_of(refined, 5))) < 1e-55
         assert max(map(abs, flat_residuals(*refined.exact, 6))) > 1e-5
         slopes = tool.slopes(np.array(parameters, dtype=float), 5)

@@ -92,8 +92,8 @@ def test_words_are_the_compositions():
 
 
 def test_residuals_of_the_midpoint_rule():
-    found = linear_residuals([Fraction(1, 2)], [[Fraction(1)]], 3)
-    residuals = dict(zip(words(3), found, strict=True))
+    actual = linear_residuals([Fraction(1, 2)], [[Fraction(1)]], 3)
+    residuals = dict(zip(words(3), actual, strict=True))
     assert all(abs(residuals[word]) < 1e-60 for word in [(1,), (1, 1), (2,), (1, 1, 1)])
     # its coefficients are 1/4 for A_3 and for both words of A_1 and A_2
     for word, coefficient in {(3,): "1/3", (1, 2): "1/6", (2, 1): "1/3"}.items():

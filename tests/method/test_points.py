@@ -64,8 +64,8 @@ class TestMethods:
             assert same.exact == tableau.exact
             assert same.exponentials == tableau.exponentials
             np.testing.assert_array_equal(same.c, tableau.c)
-            found = conditions.residuals_of(same, 4)
-            np.testing.assert_allclose(found, 0, atol=1e-14)
+            residuals = conditions.residuals_of(same, 4)
+            np.testing.assert_allclose(residuals, 0, atol=1e-14)
 
     def test_shared_flows_count_once(self):
         # rows (x), (x, y), (x, y) and b = (x, y, z): three flows, and one for b's second weights
@@ -145,9 +145,9 @@ class TestMethods:
     def test_file_round_trip(self, tree):
         points = [(point.parent, point.weights) for point in tree.points]
         method = CommutatorFree(points, tree.stage_points, tree.result, name="x", source="y")
-        found = loads(dumps(method))
-        assert found == method
-        assert found.coefficients == method.coefficients
+        loaded = loads(dumps(method))
+        assert loaded == method
+        assert loaded.coefficients == method.coefficients
 
     def test_names_are_looked_up_in_one_place(self):
         assert resolve_method("CF4") is methods["CF4"]

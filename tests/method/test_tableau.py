@@ -233,11 +233,11 @@ class TestImmutability:
     def test_arrays(self, copied):
         pair = Tableau([[], ["1/2"]], [0, 1], b_embedded=[1, 0])
         assert pair.a.flags.writeable is False  # derived before it is copied
-        found = copied(pair)
-        found = pickle.loads(found) if isinstance(found, bytes) else found
-        assert found == pair
-        assert hash(found) == hash(pair)
-        for array in (found.a, found.b, found.c, found.b_embedded):
+        actual = copied(pair)
+        actual = pickle.loads(actual) if isinstance(actual, bytes) else actual
+        assert actual == pair
+        assert hash(actual) == hash(pair)
+        for array in (actual.a, actual.b, actual.c, actual.b_embedded):
             with pytest.raises(ValueError, match="read-only"):
                 array[...] = 1
 

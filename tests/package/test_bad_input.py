@@ -236,8 +236,8 @@ def test_coefficients_must_be_arrays_of_real_numbers(function):
 
 
 def test_numbers_of_numpy_are_accepted():
-    found = cg.search(2, np.int64(2), 1, 0, width=np.float32(0.5), rows=np.int64(0))
-    assert found.settings == cg.search(2, 2, 1, 0, width=0.5).settings
+    result = cg.search(2, np.int64(2), 1, 0, width=np.float32(0.5), rows=np.int64(0))
+    assert result.settings == cg.search(2, 2, 1, 0, width=0.5).settings
     exact = residuals_exact(np.float32([[0, 0], [0.5, 0]]), np.float32([0, 1]), 2)
     assert exact == (0, 0, 0)
     system = ConditionSystem.tableau(np.int64(3), np.int64(3), 0)

@@ -120,7 +120,7 @@ def values(key, right):
     return names
 
 
-def made(name, right):
+def argument(name, right):
     """Return the value of a name."""
     if name.startswith("array, "):
         change = name.removeprefix("array, ")
@@ -168,7 +168,7 @@ def error_of(name, changes):
     A RuntimeWarning of NumPy counts as an error if the result is finite.
     """
     call = EXAMPLES[name]
-    changed = {key: made(value, call.arguments[key]) for key, value in changes.items()}
+    changed = {key: argument(value, call.arguments[key]) for key, value in changes.items()}
     if (axes := call.arguments.get("ax")) is not None:
         axes.clear()
     with warnings.catch_warnings(record=True) as caught, limited(f"{name} {changes}"):
@@ -227,10 +227,10 @@ def check(name, changes):
     """Check that a call with some arguments changed returns, or raises an error that names one."""
     call = EXAMPLES[name]
     error = error_of(name, changes)
-    if error is None or isinstance(error, (MemoryError, *call.own)):
+    if error is None or isinstance(error, (MemoryError, *call.errors)):
         return
     assert isinstance(error, TypeError | ValueError), repr(error)
-    called = made(changes["name"], None) if "name" in changes else ""
+    called = argument(changes["name"], None) if "name" in changes else ""
     called = called if isinstance(called, str) else ""
     assert FUNCTIONS & changes.keys() or is_named(call, str(error), called), repr(error)
 

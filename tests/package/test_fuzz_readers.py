@@ -99,8 +99,8 @@ def test_methods_in_json(data):
         max_leaves=6,
     )
     entry[data.draw(st.sampled_from(KEYS))] = data.draw(anything)
-    found = reads(loads, json.dumps(entry), cg.MethodError)
-    assert found is None or isinstance(found, cg.Method)
+    actual = reads(loads, json.dumps(entry), cg.MethodError)
+    assert actual is None or isinstance(actual, cg.Method)
 
 
 @settings(max_examples=150 * MANY)
@@ -144,10 +144,10 @@ def test_stores(filled, tmp_path_factory, data):
         content[at : at + len(patch)] = patch
     path.write_bytes(content[: data.draw(st.integers(1, len(content)))])
     whole = cg.search(3, 3, 4, seed=5)
-    found = reads(
+    result = reads(
         lambda store: cg.search(3, 3, 4, seed=5, store=store), path, (ValueError, OSError)
     )
-    assert found is None or found == whole
+    assert result is None or result == whole
 
 
 def test_proofs_of_impossibility():

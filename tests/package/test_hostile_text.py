@@ -80,9 +80,9 @@ def test_certificates_stay_in_the_folder(
     save(cg.Tableau([[], ["1/2"]], [0, 1], name=name), bad)
     save(cg.Tableau([[], ["1/2"]], [0, 1], name="midpoint"), good)
     assert main(["--output", str(output), str(bad), str(good)]) == 1
-    told = capsys.readouterr().out
-    assert f"FAILED {bad}: name must be fit" in told
-    assert "1 proved, 1 failed" in told
+    output = capsys.readouterr().out
+    assert f"FAILED {bad}: name must be fit" in output
+    assert "1 proved, 1 failed" in output
     assert sorted(path.name for path in tmp_path.rglob("*.toml")) == [
         "bad.toml",
         "good.toml",
@@ -180,9 +180,9 @@ def test_check_continues_after_invalid_files(
         paths[-1].write_text(text, encoding="utf-8")
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
     assert main(["--check", *map(str, paths), "CG3", str(tmp_path / "none.toml"), "no such"]) == 1
-    told = capsys.readouterr().out.splitlines()
-    assert sum(line.startswith("FAILED") for line in told) == len(paths) + 2
-    assert told[-1] == f"1 proved, {len(paths) + 2} failed"
+    lines = capsys.readouterr().out.splitlines()
+    assert sum(line.startswith("FAILED") for line in lines) == len(paths) + 2
+    assert lines[-1] == f"1 proved, {len(paths) + 2} failed"
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,9 @@ from cg.trees.ordered import OrderedTree
 
 
 def test_construct_starts_at_the_highest_order() -> None:
-    made = cg.construct(8, 60, seed=0, tries=1, iterations=1, first_stages=60)
-    assert not made.exact
-    assert made.tries == 1
+    construction = cg.construct(8, 60, seed=0, tries=1, iterations=1, first_stages=60)
+    assert not construction.exact
+    assert construction.tries == 1
 
 
 @pytest.mark.parametrize("structure", Structure)
@@ -43,9 +43,9 @@ def test_number_of_equations(structure: Structure, order: int) -> None:
     if structure is Structure.MIDDLE:
         identities.append(MiddleAbscissae())
         held.add(0)
-    kept = sum(len(list(kept_words(n, identities, held))) for n in range(1, order + 1))
+    count = sum(len(list(kept_words(n, identities, held))) for n in range(1, order + 1))
     system = ConditionSystem.tableau(order, 20, structure=structure)
-    assert system.equations == kept + int(structure) * 18
+    assert system.equations == count + int(structure) * 18
 
 
 def test_stop_iteration_in_a_generator() -> None:
@@ -90,21 +90,21 @@ def test_deep_trees() -> None:
 
 
 def test_search_with_wide_guesses() -> None:
-    found = cg.search(3, 3, 2, 0, width=1e300, maxfev=5)
-    assert not found.methods
-    assert found.best.largest_residual > 0
+    result = cg.search(3, 3, 2, 0, width=1e300, maxfev=5)
+    assert not result.methods
+    assert result.best.largest_residual > 0
     with pytest.raises(ValueError, match="width must be at most 1e"):
         cg.search(3, 3, 2, 0, width=1e301)
-    made = cg.construct(3, 3, seed=0, width=1e300, tries=2)
-    assert not made.exact
+    construction = cg.construct(3, 3, seed=0, width=1e300, tries=2)
+    assert not construction.exact
 
 
 def test_search_results_have_short_reprs() -> None:
-    found = cg.search(3, 3, 40, 0)
+    result = cg.search(3, 3, 40, 0)
     assert re.fullmatch(
-        r"<SearchResult: order 3, 3 stages, seed 0: \d+ of 40 starts exact>", repr(found)
+        r"<SearchResult: order 3, 3 stages, seed 0: \d+ of 40 starts exact>", repr(result)
     )
-    assert len(repr(found.best)) < 500
+    assert len(repr(result.best)) < 500
     assert len(repr(cg.construct(4, 6, seed=0))) < 1000
 
 

@@ -62,8 +62,8 @@ class TestTrees:
 
     def test_count_classical_equals_kauri(self, kauri):
         for order in range(1, 10):
-            found = sum(1 for tree in kauri.trees_up_to_order(order) if tree.nodes())
-            assert conditions.count_classical(order) == found
+            actual = sum(1 for tree in kauri.trees_up_to_order(order) if tree.nodes())
+            assert conditions.count_classical(order) == actual
 
 
 FEW_STAGES = [name for name, method in cg.methods.items() if method.stages <= 9]

@@ -71,6 +71,6 @@ def test_strict_mypy_accepts_user_code(tmp_path):
 
 
 def test_strict_mypy_finds_errors(tmp_path):
-    told = check(tmp_path, WRONG).stdout
-    assert 'has type "int", variable has type "str"' in told
-    assert 'Unexpected keyword argument "methid"' in told
+    output = check(tmp_path, WRONG).stdout
+    assert 'has type "int", variable has type "str"' in output
+    assert 'Unexpected keyword argument "methid"' in output

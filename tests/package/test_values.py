@@ -27,9 +27,9 @@ def classes():
 
 
 def test_dataclasses_are_frozen():
-    found = dict(classes())
-    assert len(found) > 60
-    changing = {name for name, one in found.items() if not one.__dataclass_params__.frozen}
+    relations = dict(classes())
+    assert len(relations) > 60
+    changing = {name for name, one in relations.items() if not one.__dataclass_params__.frozen}
     modules = {name for name in changing if name.startswith("cg.jax.")}  # equinox freezes them
     assert changing - modules == CHANGE
 

@@ -87,9 +87,9 @@ class TestMethods:
     def test_a_tableau(self, ax):
         cg.plot.tableau("CG2(3)", ax)
         assert ax.get_title() == "CG2(3): order 3(2), 3 evaluations, 6 flows"
-        wanted = ["0", "3/4", "3/4", "17/24", "119/216", "17/108"]
-        wanted += ["13/51", "−2/3", "24/17", "17/54", "19/54", "1/3"]
-        assert texts(ax) == wanted
+        expected = ["0", "3/4", "3/4", "17/24", "119/216", "17/108"]
+        expected += ["13/51", "−2/3", "24/17", "17/54", "19/54", "1/3"]
+        assert texts(ax) == expected
         rows = {text.get_text(): text.get_position() for text in ax.texts}
         assert rows["119/216"][0] == rows["13/51"][0] == 1
         assert rows["13/51"][1] < rows["17/108"][1] < rows["3/4"][1]
@@ -140,8 +140,8 @@ class TestStability:
                 lambda t, y, k=value: [k * y[0]], (0, 1), [1.0], frame=cg.frames.Euclidean(1),
                 method=method, h=1.0,
             )  # fmt: skip
-            found = growth(method, np.array([value + 0j]))
-            np.testing.assert_allclose(found, run.y[-1], atol=1e-12)
+            actual = growth(method, np.array([value + 0j]))
+            np.testing.assert_allclose(actual, run.y[-1], atol=1e-12)
 
     def test_the_boundary(self, ax):
         cg.plot.stability_region("CG2", ax)

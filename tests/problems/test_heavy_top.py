@@ -34,8 +34,8 @@ def test_constants_and_initial_values():
     top = HeavyTop()
     rotation, m = top.frame.split(top.y0)
     cosine, sine = np.cos(np.pi / 16), np.sin(np.pi / 16)
-    wanted = [[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]]
-    np.testing.assert_allclose(rotation, wanted, rtol=0, atol=1e-16)
+    expected = [[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]]
+    np.testing.assert_allclose(rotation, expected, rtol=0, atol=1e-16)
     np.testing.assert_array_equal(hat(m), [[0, -1, 0], [1, 0, 0], [0, 0, 0]])
     np.testing.assert_array_equal(HeavyTop("velocity").y0[9:], [0, 0, 0.25])
     assert top.frame == Product(SO3(), Euclidean(3))
@@ -55,8 +55,8 @@ def test_heavy_top_equation_in_vector_form():
         omega = m / np.array([7 / 8, 7 / 8, 2 / 8])
         e3 = np.array([0.0, 0.0, 1.0])
         torque = 9.81 * np.sqrt(3) / 2 * np.cross(rotation.T @ e3, e3)
-        wanted = np.concatenate([omega, np.cross(m, omega) + torque])
-        np.testing.assert_allclose(top.f(0.0, y), wanted, rtol=1e-14, atol=1e-14)
+        expected = np.concatenate([omega, np.cross(m, omega) + torque])
+        np.testing.assert_allclose(top.f(0.0, y), expected, rtol=1e-14, atol=1e-14)
 
 
 def test_reference_estimates_its_error(reference):
@@ -152,8 +152,8 @@ def test_taylor_series_of_known_solutions():
         equations = (((arb(-1), (0, 0)),), ((arb(1), ()),), ((arb(-1), (2,)),))
         return QuadraticSystem(equations, (arb(1), arb(0), arb(1)))
 
-    found = reference_solution(build, [Fraction(1, 2), 3])
-    for t, (y, z, w), error in zip(found.times, found.values, found.errors, strict=True):
+    solution = reference_solution(build, [Fraction(1, 2), 3])
+    for t, (y, z, w), error in zip(solution.times, solution.values, solution.errors, strict=True):
         assert abs(y - 1 / (1 + t)) < 1e-40
         assert abs(z - t) < 1e-60
         assert float(w) == pytest.approx(np.exp(-float(t)), rel=1e-15)
@@ -209,8 +209,8 @@ def test_rotations_are_orthogonal_to_the_rounding_of_either_kind(top):
 
 def errors_in_quadruple(top, exact, name, steps):
     return [
-        float(max(abs(x - y) for x, y in zip(found.exact(-1), exact, strict=True)))
-        for found in (
+        float(max(abs(x - y) for x, y in zip(actual.exact(-1), exact, strict=True)))
+        for actual in (
             integrate_compiled(top, method=name, h=Fraction(1, n), steps=n, kind="real128")
             for n in steps
         )

@@ -127,6 +127,6 @@ def test_bad_arguments_are_rejected(make, error, message):
 def test_affine_field_on_a_batch():
     problem = AffineField(SE3(), np.eye(4))
     points = problem.frame.random_point(np.random.default_rng(1), (2, 3))
-    found = problem.f(0.5, points)
-    assert found.shape == (2, 3, 6)
-    np.testing.assert_allclose(found[1, 2], problem.f(0.5, points[1, 2]), rtol=0, atol=1e-15)
+    actual = problem.f(0.5, points)
+    assert actual.shape == (2, 3, 6)
+    np.testing.assert_allclose(actual[1, 2], problem.f(0.5, points[1, 2]), rtol=0, atol=1e-15)

@@ -1,5 +1,4 @@
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from fractions import Fraction
@@ -26,11 +25,8 @@ from cg.proofs import (
     check_file,
     proved,
 )
-from cg.proofs.__main__ import main
 from cg.proofs.files import certificate_names, folder
-from cg.proofs.krawczyk import krawczyk
-from cg.proofs.statement import Packed, box, free_of, system_of
-from cg.proofs.zero import zero_of
+from cg.proofs.statement import Packed, box
 from cg.structure.layout import Layout
 from cg.support.balls import working_precision as precision
 
@@ -75,8 +71,8 @@ class TestProofs:
         assert Certificate.loads(certificate.dumps()) == certificate
 
     def test_what_must_be_proved(self):
-        found = {name: proved(method) for name, method in ALL.items()}
-        assert found == dict.fromkeys(ALL, "whole") | dict.fromkeys(PARTLY, "partly") | {
+        values = {name: proved(method) for name, method in ALL.items()}
+        assert values == dict.fromkeys(ALL, "whole") | dict.fromkeys(PARTLY, "partly") | {
             "CG6a": "no"
         }
         assert set(CERTIFIED) == set(ALL) - {"CG6a"}
@@ -96,8 +92,8 @@ class TestProofs:
     def test_cg6a_is_refused(self):
         with pytest.raises(CertificationError, match="more than the last places") as caught:
             certify("CG6a")
-        found = caught.value.quantities
-        assert found["residual"] > found["allowed"] > 0
+        actual = caught.value.quantities
+        assert actual["residual"] > actual["allowed"] > 0
 
     @pytest.mark.parametrize("rows", [Rows.DIAGONAL, Rows.FULL])
     def test_implicit_methods(self, rows):
@@ -131,8 +127,8 @@ class TestProofs:
         refined = cg.support.quads.decode(refine(start, ConditionSystem.tableau(4, 5), free=free).x)
         with precision(certificate.bits):
             for k, ball in enumerate(box(packed, certificate)):
-                found = arb(refined[k].numerator) / refined[k].denominator
-                assert (ball + arb(0, 1e-31)).contains(found)  # what binary128 can tell
+                actual = arb(refined[k].numerator) / refined[k].denominator
+                assert (ball + arb(0, 1e-31)).contains(actual)  # what binary128 can tell
                 assert k in free or packed.values[k] - refined[k] < Fraction(1, 10**33)
 
 
@@ -143,8 +139,8 @@ def pair_of_order_four():
         guess[system.free] = np.random.default_rng(seed).uniform(-1, 1, len(system.free))
         fit = fit_conditions(guess, system, ftol=1e-27)
         if fit.f < 1e-24:
-            found = cg.support.quads.decode(refine(cg.support.quads.from_float(fit.x), system).x)
-            *a, b, second = system.layout.cut([cg.support.quads.to_decimal(v) for v in found])
+            actual = cg.support.quads.decode(refine(cg.support.quads.from_float(fit.x), system).x)
+            *a, b, second = system.layout.cut([cg.support.quads.to_decimal(v) for v in actual])
             return Tableau(a, b, name="pair", b_embedded=second)
     raise AssertionError("no pair found")
 
@@ -285,48 +281,6 @@ class TestFailures:
             certify(Tableau([[]], ["0.5"], name="half"))
 
 
-class TestCommand:
-    def test_all_small_ones(self, capsys):
-        assert main(["--check", *PROVED_HERE]) == 0
-        out = capsys.readouterr().out
-        assert "CG5a: order 5 within" in out
-        assert out.splitlines()[-1] == f"{len(PROVED_HERE)} proved"
-
-    def test_partial_proofs_are_counted_apart(self, tmp_path, capsys):
-        path = tmp_path / "CF5c.toml"
-        certify("CF5c", small=True).save(path)
-        assert main(["--check", "CG3", str(path), "nonsense"]) == 1
-        first, second, _, last = capsys.readouterr().out.splitlines()
-        assert first.startswith("proved CG3")
-        assert second.startswith("partly proved CF5c")
-        assert last == "1 proved, 1 partly, 1 failed"
-
-    def test_failures_have_an_exit_code(self, tmp_path, capsys):
-        path = tmp_path / "CG4a.toml"
-        honest = certificate_of(methods["CG4a"])
-        replace(honest, order=5).save(path)
-        assert main(["--check", "CG3", str(path)]) == 1
-        assert f"FAILED {path}" in capsys.readouterr().out
-        assert main(["--check", "CG6a"]) == 1
-        assert main(["--check", "nonsense"]) == 1
-        assert main(["--check", str(tmp_path / "none.toml")]) == 1
-
-    def test_new_certificates(self, tmp_path):
-        assert main(["--output", str(tmp_path), "CG4a"]) == 0
-        assert Certificate.load(tmp_path / "CG4a.toml") == certificate_of(methods["CG4a"])
-        assert main(["CG6a"]) == 1
-
-    def test_it_is_a_function_and_a_command(self):
-        assert cg.certify is certify
-        run = subprocess.run(
-            [sys.executable, "-m", "cg.proofs", "--check", "CG3"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert "proved CG3" in run.stdout
-
-
 class TestDigits:
     @pytest.mark.parametrize("name", ["CG4", "CG4a", "CG5a"])
     def test_residuals_at_100_digits(self, name):
@@ -404,63 +358,3 @@ def test_certify_what_is_no_method(method):
 def test_certify_an_order_that_is_none(order, error):
     with pytest.raises(error, match="order must be"):
         certify("CG4a", order)
-
-
-class TestOnlySmall:
-    """Certificates of methods whose dependent conditions are only shown to be small."""
-
-    def test_what_depends_on_others_is_below_a_bound(self):
-        method = methods["CF5c"]
-        certificate = certify(method, small=True)
-        assert not certificate.complete
-        assert certificate_of(method).complete
-        assert "but for 8 conditions" in str(certificate)
-        assert "those are below 1e-" in str(certificate)
-        assert Certificate.loads(certificate.dumps()) == certificate
-        check(certificate, method)
-        heading, trees = certificate.identities[0].split(": ")
-        assert len(trees.split()) == 8
-        for wrong in ("1e-300", "1e-20", "0", "-1e-50", "small"):
-            name = f"only small, below {wrong}: {trees}"
-            with pytest.raises(CertificationError):
-                check(replace(certificate, identities=(name,)), method)
-        for wrong in (f"{heading}: {trees} []", f"{heading}: {trees} [[]", f"{heading}: "):
-            with pytest.raises(CertificationError):
-                check(replace(certificate, identities=(wrong,)), method)
-        with pytest.raises(CertificationError):
-            check(replace(certificate, identities=(*certificate.identities, "path: 0")), method)
-        with pytest.raises(CertificationError, match="only shown to be small"):
-            method.digits(40, certificate=certificate)
-
-    def test_an_independent_condition_is_not_as_small(self):
-        """It is as far off as coefficients are rounded, 1e-36, and not at a zero of others."""
-        method = methods["CG4a"]
-        certificate = certify(method)
-        free = [name for name in method.layout.names if name not in certificate.fixed]
-        wrong = replace(
-            certificate,
-            identities=("only small, below 1e-41: [[[[[]]]]]",),
-            fixed=(*certificate.fixed, free[0]),
-        )
-        with pytest.raises(CertificationError, match="that conditions are small is not proved"):
-            check(wrong, method)
-
-    def test_where_the_zero_is(self):
-        """The map's image is taken again where it is wide, and still holds the zero."""
-        method = methods["CG4a"]
-        certificate = replace(certify(method), radius="1e-12")
-        packed = Packed.of(method)
-        with precision(certificate.bits):
-            system, free = system_of(packed, certificate), free_of(packed, certificate)
-            wide = krawczyk(system, packed.balls(), free, arb("1e-12"))
-            found = zero_of(packed, certificate, wide)
-            assert wide.proved
-            assert max(float(ball.rad()) for ball in wide.image) > 1e-30
-            assert max(float(found[k].rad()) for k in free) < 1e-45
-            assert all(wide.image[i].contains(found[k]) for i, k in enumerate(free))
-            assert all(abs(value) < 1e-40 for value in system.residuals(found))
-
-    def test_not_needed_where_all_are_independent(self):
-        assert certify("CG3", small=True).complete
-        with pytest.raises(TypeError, match="small"):
-            certify("CG3", small=1)

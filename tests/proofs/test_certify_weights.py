@@ -14,7 +14,7 @@ from cg.conditions import Rows
 from cg.proofs import certify
 from cg.proofs.dependent.composition import MidpointSteps, convolve, logarithm
 from cg.proofs.dependent.identities import MiddleAbscissae, StageOrderTwo
-from cg.proofs.dependent.path import Path
+from cg.proofs.dependent.path import PathStructure
 from cg.proofs.dependent.words import (
     condition_words,
     nodes,
@@ -38,10 +38,10 @@ class TestWords:
     def test_counts_and_densities(self):
         assert [len(condition_words(q)) for q in range(1, 7)] == [1, 2, 5, 13, 38, 113]
         for q in (3, 5):
-            found = tuple(
+            actual = tuple(
                 reciprocal_density(word) for word in condition_words(q, independent=False)
             )
-            assert found == conditions.right_sides(q)
+            assert actual == conditions.right_sides(q)
 
     def test_text(self):
         for word in condition_words(5):
@@ -65,17 +65,17 @@ class TestBalls:
         lengths = Layout.tableau(len(b), rows).lengths
         x = [v for row, n in zip([*a, b], lengths, strict=True) for v in row[:n]]
         layout = Layout.tableau(len(b), rows)
-        found = exact_residuals(layout, x, condition_words(4), len(b))
-        assert tuple(found) == conditions.residuals_exact(a, b, 4, independent=True)
+        residuals = exact_residuals(layout, x, condition_words(4), len(b))
+        assert tuple(residuals) == conditions.residuals_exact(a, b, 4, independent=True)
 
     @pytest.mark.parametrize("rows", Rows)
     def test_derivatives_agree_with_the_compiled_core(self, rows):
         layout = Layout.tableau(4, rows)
         x = np.random.default_rng(5).uniform(-1, 1, layout.size)
-        found = to_double(order_system(layout, 5, None).linearise([arb(v) for v in x])[1])
+        actual = to_double(order_system(layout, 5, None).linearise([arb(v) for v in x])[1])
         a, b = (np.array(part, float) for part in conditions.unpack(x, 4, rows))
         expected = conditions.jacobian(a, b, 5, independent=True, rows=rows)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13)
 
     def test_balls_hold_the_weights_of_all_points_in_them(self):
         method = methods["CG5a"]
@@ -88,15 +88,15 @@ class TestBalls:
             for _ in range(5):
                 steps = rng.uniform(-1e-3, 1e-3, 45).tolist()
                 inside = [v + d for v, d in zip(packed.balls(), steps, strict=True)]
-                found = Weights(packed.layout, quantities).evaluate(inside)
-                assert all(o.contains(i) for o, i in zip(outer, found, strict=True))
+                actual = Weights(packed.layout, quantities).evaluate(inside)
+                assert all(o.contains(i) for o, i in zip(outer, actual, strict=True))
 
     def test_parts_of_rows_and_marks(self):
         a, b = methods["CG3"].exact
         layout = Layout.tableau(3, Rows.EXPLICIT)
         x = [*a[1][:1], *a[2][:2], *b]
-        found = exact_residuals(layout, x, [((1,),), (1, ())], 3)
-        assert found == [b[2] * a[2][1], b[1] * (b[1] / 2 + b[2])]
+        residuals = exact_residuals(layout, x, [((1,),), (1, ())], 3)
+        assert residuals == [b[2] * a[2][1], b[1] * (b[1] / 2 + b[2])]
         with precision(200):
             balls = Packed.of(methods["CG3"]).balls()
             quantities = [Quantity(3, ((),), 2), Quantity(3, ((), ()), 2), Quantity(2, ((),), 1)]
@@ -130,8 +130,8 @@ def exact_weights(a, b, words):
     rows = conditions.rows_of(a)
     lengths = Layout.tableau(len(b), rows).lengths
     x = [v for row, n in zip([*a, b], lengths, strict=True) for v in row[:n]]
-    found = exact_residuals(Layout.tableau(len(b), rows), x, words, len(b))
-    return {w: value + reciprocal_density(w) for w, value in zip(words, found, strict=True)}
+    residuals = exact_residuals(Layout.tableau(len(b), rows), x, words, len(b))
+    return {w: value + reciprocal_density(w) for w, value in zip(words, residuals, strict=True)}
 
 
 def combined(relation, weights):
@@ -157,9 +157,9 @@ class TestIdentities:
     def check(self, identity, a, b, grades):
         layout = Layout.tableau(len(b), conditions.rows_of(a))
         for grade in grades:
-            found = self.relations(identity, grade)
-            assert found
-            for relation in found:
+            relations = self.relations(identity, grade)
+            assert relations
+            for relation in relations:
                 weights = exact_weights(a, b, list(relation))
                 assert combined(relation, weights) == 0
                 densities = {word: reciprocal_density(word) for word in relation}
@@ -182,22 +182,22 @@ class TestIdentities:
         for k in range(2, 5):
             c[k] = sum(a[k])
             sums = sum(b[j] * (c[k] - c[j]) for j in range(k))
-            wanted = c[k] ** 2 / 2 + mu * (sums - c[k] ** 2 / 2)
+            expected = c[k] ** 2 / 2 + mu * (sums - c[k] ** 2 / 2)
             if b[k]:  # move between a_k1 and a_k2: c_1 = 0, so that c_k stays
-                change = (wanted - sum(x * y for x, y in zip(a[k], c, strict=True))) / c[1]
+                change = (expected - sum(x * y for x, y in zip(a[k], c, strict=True))) / c[1]
                 a[k][1] += change
                 a[k][0] -= change
         layout = Layout.tableau(5)
         x = layout.packed([*a, b])
         with precision(200):
-            path = Path(layout, [5], x)
+            path = PathStructure(layout, [5], x)
             assert path.satisfied()
-            assert not Path(layout, [5], x, infinite=True).satisfied()
-            assert not Path(layout, [5], [*x[:-5], x[-5] + 1, *x[-4:]]).satisfied()
+            assert not PathStructure(layout, [5], x, infinite=True).satisfied()
+            assert not PathStructure(layout, [5], [*x[:-5], x[-5] + 1, *x[-4:]]).satisfied()
             balls = list(map(to_ball, x))
             words = condition_words(5, independent=False)
-            found = Weights(layout, [Quantity(5, word) for word in words]).evaluate(balls)
-            weights = dict(zip(words, found, strict=True))
+            actual = Weights(layout, [Quantity(5, word) for word in words]).evaluate(balls)
+            weights = dict(zip(words, actual, strict=True))
             relations = [{w: c for (_, w), c in one.items()} for one in path.relations(balls)]
             assert {word for one in relations for word in one} >= {((), ((),), ()), (((), ((),)),)}
             for relation in relations:
@@ -275,8 +275,8 @@ class TestComposition:
 
     def test_midpoint_steps_have_odd_logarithms(self):
         words = condition_words(4, independent=False)
-        found = exact_residuals(Layout.tableau(1, Rows.DIAGONAL), [Fraction(1, 2), 1], words, 1)
-        step = {w: v + reciprocal_density(w) for w, v in zip(words, found, strict=True)}
+        residuals = exact_residuals(Layout.tableau(1, Rows.DIAGONAL), [Fraction(1, 2), 1], words, 1)
+        step = {w: v + reciprocal_density(w) for w, v in zip(words, residuals, strict=True)}
         assert {nodes(w) for w in logarithm({(): Fraction(1), **step}, words)} == {1, 3}
 
     def test_convolution_is_composition(self):

@@ -96,10 +96,10 @@ def flattening(n: int = 60) -> Uncoupled:
 )
 def test_the_contraction_is_needed(constant: str, y: str, radius: str, size: int) -> None:
     system = parabola(constant)
-    found = attempt(system, y, radius, size)
-    assert dropped(found)
+    test = attempt(system, y, radius, size)
+    assert dropped(test)
     assert attempt(AtPoint(system), y, radius, size).proved
-    assert not found.proved
+    assert not test.proved
 
 
 @pytest.mark.parametrize("size", [1, 3])
@@ -109,17 +109,17 @@ def test_all_of_the_contraction_is_needed(size: int) -> None:
         # it increases, and is negative at the end: there is no zero
         assert system.slope(arb(0, 1)) > 0
         assert system.f(arb(1)) < 0
-    found = attempt(system, "0", "1", size)
-    assert halved(found)
-    assert not found.proved
+    test = attempt(system, "0", "1", size)
+    assert halved(test)
+    assert not test.proved
 
 
 @pytest.mark.parametrize(("y", "radius"), [("1.4142", "1e-3"), ("1.4142135623", "1e-9")])
 def test_a_zero_is_proved(y: str, radius: str) -> None:
-    found = attempt(parabola("-2"), y, radius, 2)
-    assert found.proved
-    assert found.contraction > 0
-    assert abs(found.ratio - found.correction / float(radius) - found.contraction) < 1e-12
+    test = attempt(parabola("-2"), y, radius, 2)
+    assert test.proved
+    assert test.contraction > 0
+    assert abs(test.ratio - test.correction / float(radius) - test.contraction) < 1e-12
 
 
 def test_a_zero_outside_the_box_is_not_proved() -> None:
@@ -130,7 +130,7 @@ def test_a_zero_outside_the_box_is_not_proved() -> None:
 @pytest.mark.parametrize("sign", [1, -1])
 def test_digits_are_decided_at_both_ends_of_a_ball(sign: int) -> None:
     with working_precision(200):
-        for middle, radius, digits, wanted in (
+        for middle, radius, digits, expected in (
             ("0.12345", "1e-9", 4, None),  # a tie, where the middle alone would be rounded
             ("0.1234500001", "1e-9", 4, None),
             ("0.1234500001", "1e-11", 4, "0.1235"),
@@ -140,7 +140,7 @@ def test_digits_are_decided_at_both_ends_of_a_ball(sign: int) -> None:
             ("0", "1e-40", 4, None),
         ):
             ball = (arb(middle) + arb(0, arb(radius).upper())) * sign
-            text = None if wanted is None else ("-" if sign < 0 else "") + wanted
+            text = None if expected is None else ("-" if sign < 0 else "") + expected
             assert _rounded(ball, digits) == text
 
 

@@ -57,17 +57,17 @@ def test_as_many_conditions_are_left_out_as_depend_on_others(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_what_is_left_out_follows_at_solutions_nearby(name):
-    """Off the solution set, but with the kept conditions satisfied, all others are too."""
+    """Off the solution set, but with the required conditions satisfied, all others are too."""
     method = cg.methods[name]
     system = cg.construction.pack_method(method).system
-    gone = set(left_out_of(method))
-    kept = [(0, word) not in gone for word in condition_words(5)]
+    left_out = set(left_out_of(method))
+    required = [(0, word) not in left_out for word in condition_words(5)]
     start = np.array([float(c.value) for c in method.coefficients])
     x = start + 1e-4 * np.random.default_rng(1).standard_normal(start.size)
     for _ in range(12):
-        x -= np.linalg.pinv(system.jacobian(x)[kept]) @ system.residual(x)[kept]
+        x -= np.linalg.pinv(system.jacobian(x)[required]) @ system.residual(x)[required]
     assert np.abs(x - start).max() > 1e-6
-    assert np.abs(system.residual(x)[kept]).max() < 1e-14
+    assert np.abs(system.residual(x)[required]).max() < 1e-14
     assert np.abs(system.residual(x)).max() < 1e-11
 
 
@@ -91,21 +91,21 @@ def test_products_of_vectors_are_weights_for_any_coefficients(name):
                 values = Weights(layout, quantities).evaluate(y)
                 expected = sum(v * m for v, m in zip(values, words.values(), strict=True))
                 both = zip(pairing.left[i], pairing.right[j], strict=True)
-                found = sum((a * b for a, b in both), arb(0))
-                assert abs(found - expected) < arb("1e-40")
+                actual = sum((a * b for a, b in both), arb(0))
+                assert abs(actual - expected) < arb("1e-40")
 
 
 def test_residuals_of_all_words_by_those_of_conditions():
     layout = cg.methods["CF5c"].layout
     x = random_rationals(layout.size, 4)
     words = list(condition_words(5, independent=False))
-    found = dict(zip(words, exact_residuals(layout, x, words, layout.stages), strict=True))
-    reduction = Reduction(Fraction, lambda word: found[word] + reciprocal_density(word))
+    residuals = dict(zip(words, exact_residuals(layout, x, words, layout.stages), strict=True))
+    reduction = Reduction(Fraction, lambda word: residuals[word] + reciprocal_density(word))
     conditions = set(condition_words(5))
     for word in words:
         combination = reduction(word)
         assert conditions.issuperset(combination)
-        assert found[word] == sum(c * found[one] for one, c in combination.items())
+        assert residuals[word] == sum(c * residuals[one] for one, c in combination.items())
 
 
 def test_moments_of_the_exact_solution():
@@ -146,7 +146,7 @@ def test_conditions_that_follow_since_moments_are_zero(monkeypatch):
     )
     rank = np.linalg.matrix_rank(jacobian, tol=1e-9)
 
-    def found(zeros=True):
+    def relations_of(zeros=True):
         def changed(*arguments):
             both = pairings(*arguments)
             for column, vector in zip(both[1].columns, both[1].right, strict=True):
@@ -160,15 +160,15 @@ def test_conditions_that_follow_since_moments_are_zero(monkeypatch):
             return find_relations(method.layout, [6], balls(method), 113 - rank)
 
     assert 113 - rank == 46
-    assert len(found(zeros=False)) < 46
-    assert len(found()) == 46
-    assert np.abs(found() @ jacobian).max() < 1e-9
+    assert len(relations_of(zeros=False)) < 46
+    assert len(relations_of()) == 46
+    assert np.abs(relations_of() @ jacobian).max() < 1e-9
 
     def doubled(context):
         return {word: 2 * m if m < 0 else m for word, m in moments(context).items()}
 
     monkeypatch.setattr("cg.proofs.dependent.pairings.moments", doubled)
-    assert np.abs(found() @ jacobian).max() > 1e-3
+    assert np.abs(relations_of() @ jacobian).max() > 1e-3
 
 
 def test_what_follows_and_what_does_not():

@@ -9,7 +9,7 @@ import pytest
 import cg
 from cg.method.low_storage import from_two_registers
 from cg.proofs import CertificationError, certify, check
-from cg.proofs.dependent.flat_rows import FlatRows
+from cg.proofs.dependent.flat_tableau import FlatTableau
 from cg.proofs.dependent.reduction import Reduction
 from cg.proofs.dependent.registers import TwoRegisters, exchanges
 from cg.proofs.dependent.words import condition_words, nodes
@@ -35,12 +35,12 @@ def test_relations_hold_for_any_coefficients_of_two_registers(seed):
     structure = TwoRegisters(layout, [5], x)
     assert structure.satisfied()
     words = list(condition_words(5, independent=False))
-    found = dict(zip(words, exact_residuals(layout, x, words, layout.stages), strict=True))
-    assert all(found[word] for word in words[:3])
+    residuals = dict(zip(words, exact_residuals(layout, x, words, layout.stages), strict=True))
+    assert all(residuals[word] for word in words[:3])
     relations = list(structure.relations())
     assert len(relations) > 30
     for relation in relations:
-        assert sum(c * found[word] for (_, word), c in relation.items()) == 0
+        assert sum(c * residuals[word] for (_, word), c in relation.items()) == 0
 
 
 def test_equations_tell_two_registers_from_others():
@@ -60,7 +60,7 @@ def test_flat_conditions_imply_all_others(order):
     conditions = [w for w in condition_words(order) if nodes(w) == order]
     # those of fewer nodes being satisfied, products vanish
     reduction = Reduction(Fraction, lambda _: Fraction(0))
-    flat = FlatRows(random_method(2, 1).layout, [order], [Fraction(0)] * 3).relations()
+    flat = FlatTableau(random_method(2, 1).layout, [order], [Fraction(0)] * 3).relations()
     trees = [{word: m for (_, word), m in one.items()} for one in flat]
     rows = [
         [float(reduction.total(one.items()).get(w, 0)) for w in conditions]

@@ -38,28 +38,28 @@ def test_catalogue_section_lists_all_methods(catalogue):
 
 
 def test_properties_of_a_known_method(catalogue):
-    found = entries(catalogue)["CG4a"]
-    assert (found["order"], found["embedded_order"], found["approximate"]) == (4, None, False)
-    assert (found["stages"], found["exponentials"]) == (5, 15)
-    assert found["largest_coefficient"] == 1.3918565724203246
-    assert found["abscissae"] == [0, 0.8768903263420429]
-    assert (found["rank"], found["conditions"]) == (13, 13)
+    entry = entries(catalogue)["CG4a"]
+    assert (entry["order"], entry["embedded_order"], entry["approximate"]) == (4, None, False)
+    assert (entry["stages"], entry["exponentials"]) == (5, 15)
+    assert entry["largest_coefficient"] == 1.3918565724203246
+    assert entry["abscissae"] == [0, 0.8768903263420429]
+    assert (entry["rank"], entry["conditions"]) == (13, 13)
     # the one dependent condition of CG5a is known
     assert entries(catalogue)["CG5a"]["rank"] == 37
     assert entries(catalogue)["CG2(3)"]["embedded_order"] == 2
 
 
 def test_residuals_and_ranks(catalogue):
-    for name, found in entries(catalogue).items():
-        assert found["conditions"] == count(found["order"], independent=True)
-        assert 0 < found["rank"] <= found["conditions"]
-        assert found["approximate"] == (found["largest_residual"] > 1e-32) == (name == "CG6a")
-        assert found["principal_error"] > 1e-5
+    for name, actual in entries(catalogue).items():
+        assert actual["conditions"] == count(actual["order"], independent=True)
+        assert 0 < actual["rank"] <= actual["conditions"]
+        assert actual["approximate"] == (actual["largest_residual"] > 1e-32) == (name == "CG6a")
+        assert actual["principal_error"] > 1e-5
 
 
 def test_catalogue_section_shows_certificates(catalogue):
     rows = {row[0]: row[-1] for row in beyond_catalogue.table(catalogue).rows}
-    proved = {name for name, found in entries(catalogue).items() if found["certificate"]}
+    proved = {name for name, actual in entries(catalogue).items() if actual["certificate"]}
     assert proved == {n for n, cell in rows.items() if cell != "–"}
     assert proved == {*certificate_names()} - {*magnus}
     assert rows["CG6a"] == "–"
@@ -103,8 +103,8 @@ def test_report_has_the_catalogue_section(tmp_path, monkeypatch):
     listed = {name: methods[name] for name in ("CG4a", "CG2(3)", "ImplicitMidpoint")}
     monkeypatch.setattr(beyond_catalogue, "methods", listed)
     assert main(["--only", "beyond.catalogue", "--out", str(tmp_path)]) == 0
-    found = read(tmp_path)["items"]["beyond.catalogue"]["methods"]
-    assert [entry["name"] for entry in found] == ["CG2(3)", "CG4a", "ImplicitMidpoint"]
+    item = read(tmp_path)["items"]["beyond.catalogue"]["methods"]
+    assert [entry["name"] for entry in item] == ["CG2(3)", "CG4a", "ImplicitMidpoint"]
     check_page((tmp_path / "report.html").read_text("utf-8"))
 
 

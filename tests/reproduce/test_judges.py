@@ -329,12 +329,12 @@ def test_every_judge_has_a_case():
 
 
 def test_claims_are_distinct():
-    asked = [
+    questions = [
         (name(claim.judge), getattr(claim.judge, "args", ()))
         for claim in CLAIMS
         if name(claim.judge) != "<lambda>"
     ]
-    assert len(set(asked)) == len(asked)
+    assert len(set(questions)) == len(questions)
 
 
 def test_claim_without_number_is_not_reproducible():

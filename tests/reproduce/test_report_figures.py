@@ -36,10 +36,10 @@ def curves(axes):
 
 def legend(figure):
     """Labels of the legend with the colours and styles that stand beside them."""
-    (found,) = figure.legends
+    (actual,) = figure.legends
     return {
         text.get_text(): (to_hex(handle.get_color()), handle.get_linestyle(), handle.get_marker())
-        for text, handle in zip(found.get_texts(), found.legend_handles, strict=True)
+        for text, handle in zip(actual.get_texts(), actual.legend_handles, strict=True)
     }
 
 
@@ -56,9 +56,9 @@ def slope(line):
 
 def check_methods(figure, axes, x, expected):
     """Each method's curve has its data, its own look, and the same look in the legend."""
-    found, shown = curves(axes), legend(figure)
+    actual, shown = curves(axes), legend(figure)
     for method, y in expected.items():
-        line = found[method]
+        line = actual[method]
         np.testing.assert_array_equal(line.get_xdata(), x)
         np.testing.assert_array_equal(line.get_ydata(), y)
         assert look(line) == shown[method]
@@ -242,13 +242,15 @@ def test_figure_of_a_search():
     blocks = search.present(search.PLANS[4], data)
     assert blocks[0].text.startswith("Partial: the first 4 of 20 starts.")
     (axes,) = drawn(charts(blocks)["search4"]).axes
-    found = curves(axes)
-    np.testing.assert_array_equal(found["after double, 4 starts"].get_xdata(), sorted(f_double))
-    np.testing.assert_array_equal(found["after double, 4 starts"].get_ydata(), [0.25, 0.5, 0.75, 1])
-    np.testing.assert_array_equal(found["after real(16), 2 starts"].get_xdata(), [1e-69, 1e-60])
-    np.testing.assert_array_equal(found["after real(16), 2 starts"].get_ydata(), [0.5, 1])
-    assert set(found["paper, after double: 1e−15"].get_xdata()) == {1e-15}
-    assert set(found["paper, after real(16): 1e−31"].get_xdata()) == {1e-31}
+    actual = curves(axes)
+    np.testing.assert_array_equal(actual["after double, 4 starts"].get_xdata(), sorted(f_double))
+    np.testing.assert_array_equal(
+        actual["after double, 4 starts"].get_ydata(), [0.25, 0.5, 0.75, 1]
+    )
+    np.testing.assert_array_equal(actual["after real(16), 2 starts"].get_xdata(), [1e-69, 1e-60])
+    np.testing.assert_array_equal(actual["after real(16), 2 starts"].get_ydata(), [0.5, 1])
+    assert set(actual["paper, after double: 1e−15"].get_xdata()) == {1e-15}
+    assert set(actual["paper, after real(16): 1e−31"].get_xdata()) == {1e-31}
     assert axes.get_xscale() == "log"
     assert axes.get_xlabel() == "f = sum of squared residuals"
     assert axes.get_ylabel() == "fraction of starts"
@@ -279,8 +281,8 @@ def test_figure_of_evaluations():
     }
     blocks = evaluations.present(data)
     (axes,) = drawn(charts(blocks)["evaluations"]).axes
-    found = axes.get_lines()
-    for line, start in zip(found, zip(*f, strict=True), strict=False):
+    actual = axes.get_lines()
+    for line, start in zip(actual, zip(*f, strict=True), strict=False):
         np.testing.assert_array_equal(line.get_xdata(), limits)
         np.testing.assert_array_equal(line.get_ydata(), start)
     np.testing.assert_array_equal(curves(axes)["median"].get_ydata(), [1e-3, 1e-6, 1e-9])

@@ -106,15 +106,15 @@ def test_interrupted_search_shows_its_result_and_continues(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         section.compute(SMALL, stopped)
     (path,) = stores(tmp_path)
-    kept = recorded(path)
-    assert 20 <= len(kept) < 60
+    stored = recorded(path)
+    assert 20 <= len(stored) < 60
     (part,) = shown
     finished = part["partial"]["starts"]
     assert 15 <= finished == len(part["f_double"]) <= 25
     assert part["partial"]["of"] == 60
     seen = []
     resumed = section.compute(SMALL, context(tmp_path, progress=lambda *now: seen.append(now)))
-    assert len(seen) == 60 - len(kept)
+    assert len(seen) == 60 - len(stored)
     fresh = tmp_path / "fresh"
     fresh.mkdir()
     assert resumed == section.compute(SMALL, context(fresh))

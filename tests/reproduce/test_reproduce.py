@@ -193,14 +193,14 @@ def test_reference_is_more_accurate_than_double(figures):
 
 
 def test_appendix_matches_the_paper(figures):
-    found = read(figures[0])["items"]["appendix"]["methods"]
-    assert [part["count"] for part in found.values()] == [20, 54, 152]
+    item = read(figures[0])["items"]["appendix"]["methods"]
+    assert [part["count"] for part in item.values()] == [20, 54, 152]
     for name in ("CG4a", "CG5a"):
-        part = found[name]
+        part = item[name]
         assert part["largest_difference"] <= 2e-16
         assert part["residuals"]["ours"]["largest"] < 1e-32
         assert 1e-18 < part["residuals"]["paper"]["largest"] < 1e-14
-    assert found["CG6a"]["residuals"]["paper"] == found["CG6a"]["residuals"]["ours"]
+    assert item["CG6a"]["residuals"]["paper"] == item["CG6a"]["residuals"]["ours"]
 
 
 def test_slopes_and_distance(figures):
@@ -226,11 +226,13 @@ def test_items_of_an_equal_run_remain_in_the_report(tmp_path):
 def test_report_with_other_settings_is_not_overwritten(tmp_path, capsys, other):
     out = ["--out", str(tmp_path)]
     assert main(["--only", "table3.2", *out]) == 0
-    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    contents = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     assert main(["--only", "appendix", *other, *out]) == 2
     message = capsys.readouterr().err
     assert "holds a report of other settings (seed 0, default search" in message
-    assert kept == {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    assert contents == {
+        path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()
+    }
 
 
 def test_full_run_has_its_own_folder(tmp_path, monkeypatch):
@@ -353,10 +355,10 @@ def test_documented_verdicts_match_the_judges():
     assert all(bool(claim.interpretation) == (claim.default_verdict == "fail") for claim in CLAIMS)
     text = (Path(__file__).parents[2] / "docs/reproduction.md").read_text(encoding="utf-8")
     passed, failed, other = counts
-    wanted = f"Of {len(CLAIMS)} claims {passed} pass by default, {failed} fail, and {other} is"
-    assert wanted in text
-    told = text.partition("| claim that fails | result |\n|---|---|\n")[2].partition("\n\n")[0]
-    assert len(told.splitlines()) == failed
+    expected = f"Of {len(CLAIMS)} claims {passed} pass by default, {failed} fail, and {other} is"
+    assert expected in text
+    rows = text.partition("| claim that fails | result |\n|---|---|\n")[2].partition("\n\n")[0]
+    assert len(rows.splitlines()) == failed
 
 
 def test_claims_about_other_papers_need_no_numbers():
@@ -388,8 +390,8 @@ def test_whole_default_run(tmp_path):
         assert "from {} to {}".format(*(power_of_ten(f, 1) for f in ends)) in text
     verdicts = results["claims"]["count"]
     assert sum(verdicts.values()) == len(CLAIMS)
-    told = {claim.text: claim.default_verdict for claim in CLAIMS}
-    assert {c["claim"]: c["verdict"] for c in results["claims"]["claims"]} == told
+    verdicts = {claim.text: claim.default_verdict for claim in CLAIMS}
+    assert {c["claim"]: c["verdict"] for c in results["claims"]["claims"]} == verdicts
     for claim in results["claims"]["claims"]:
         assert bool(claim["interpretation"]) == (claim["verdict"] == "fail")
     parsed = check_page((tmp_path / "report.html").read_text("utf-8"))
@@ -410,6 +412,6 @@ def test_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
     store.write_bytes(store.read_bytes()[:5000])
     capsys.readouterr()
     assert main(arguments) == 2
-    told = capsys.readouterr().err.splitlines()[-1]
-    assert told.startswith(f"reproduce-paper: error: store {store} is not an SQLite database")
-    assert told.endswith("; if you delete that file, its content is computed again")
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert message.startswith(f"reproduce-paper: error: store {store} is not an SQLite database")
+    assert message.endswith("; if you delete that file, its content is computed again")

@@ -33,12 +33,12 @@ pytestmark = pytest.mark.no_core
 
 
 def test_all_proofs_hold_and_say_what_they_prove() -> None:
-    said = [sentence for name in proof_names() for sentence in check(name)]
-    assert "no explicit Crouch-Grossman tableau of 4 stages has order 4" in said
-    assert "no tree of 4 points (of 24) has order 4" in said
+    sentences = [sentence for name in proof_names() for sentence in check(name)]
+    assert "no explicit Crouch-Grossman tableau of 4 stages has order 4" in sentences
+    assert "no tree of 4 points (of 24) has order 4" in sentences
     for order, flows in ((3, 1), (5, 2), (6, 3), (7, 4)):
         what = f"commutator-free method with a path of {flows} flows to its result"
-        assert f"no explicit {what} has order {order}" in said
+        assert f"no explicit {what} has order {order}" in sentences
 
 
 @pytest.mark.parametrize("name", ["CF3", "CF4", "CF5a", "CF5c", "CF6b", "CG5d", "CG6g"])
@@ -91,8 +91,8 @@ def _values(shape: TableauShape | PointsShape, seed: int) -> dict[str, Fraction]
 
 def _at(polynomial: object, names: tuple[str, ...], values: dict[str, Fraction]) -> Fraction:
     numbers = [fmpq(values[name].numerator, values[name].denominator) for name in names]
-    found = polynomial(*numbers)  # type: ignore[operator]
-    return Fraction(int(found.p), int(found.q))
+    actual = polynomial(*numbers)  # type: ignore[operator]
+    return Fraction(int(actual.p), int(actual.q))
 
 
 def _rows(stages: int, values: dict[str, Fraction]) -> list[list[Fraction]]:
@@ -109,8 +109,8 @@ def test_conditions_of_tableaux_agree_with_the_oracle(seed: int) -> None:
     shape = TableauShape(4)
     values = _values(shape, seed)
     rows = _rows(4, values)
-    found = [_at(p, shape.ring.names, values) for p in shape.conditions(4).values()]
-    assert found == list(residuals_exact(rows[:-1], rows[-1], 4))
+    actual = [_at(p, shape.ring.names, values) for p in shape.conditions(4).values()]
+    assert actual == list(residuals_exact(rows[:-1], rows[-1], 4))
 
 
 @pytest.mark.parametrize("parents", [(-1, 0, 1, 2), (-1, -1, 0, 1), (-1, 0, -1, 2)])
@@ -123,8 +123,8 @@ def test_conditions_of_points_agree_with_the_oracle(parents: tuple[int, ...]) ->
         row = [x - y for x, y in zip(rows[m + 1], rows[parent + 1], strict=True)]
         points.append(Point(parent, dict(enumerate(row))))
     tree = PointTree(tuple(points), (-1, 0, 1, 2), 3)
-    found = [_at(p, shape.ring.names, values) for p in shape.conditions(4).values()]
-    assert found == list(exact_residuals_of(tree, 4))
+    actual = [_at(p, shape.ring.names, values) for p in shape.conditions(4).values()]
+    assert actual == list(exact_residuals_of(tree, 4))
 
 
 def test_the_flat_conditions_vanish_at_the_classical_method_alone() -> None:
@@ -144,14 +144,14 @@ def test_the_flat_conditions_vanish_at_the_classical_method_alone() -> None:
 
 def test_the_words_of_one_flow_are_those_of_the_exponential() -> None:
     trees = forest(6)
-    wanted = {}
+    expected = {}
     for t in condition_trees(5):
         word = trees.children[t - 1]
         if set(word) <= {1, 2}:
             phi = Fraction(1, 2 ** word.count(2) * factorial(len(word)))
-            wanted[str(trees.tree(t))] = phi - Fraction(1, trees.density[t - 1])
-    found = {name: _at(p, (), {}) for name, p in PathShape(1).conditions(5).items()}
-    assert found == wanted
+            expected[str(trees.tree(t))] = phi - Fraction(1, trees.density[t - 1])
+    values = {name: _at(p, (), {}) for name, p in PathShape(1).conditions(5).items()}
+    assert values == expected
 
 
 def test_the_words_of_two_flows_vanish_at_a_known_method() -> None:
@@ -163,9 +163,9 @@ def test_the_words_of_two_flows_vanish_at_a_known_method() -> None:
     values = {"x0_1": sum(weights.values()), "x0_2": sum(w * c[k] for k, w in weights.items())}
     shape = PathShape(2)
     assert set(shape.ring.names) == set(values)
-    found = {name: _at(p, shape.ring.names, values) for name, p in shape.conditions(5).items()}
-    assert {found[name] for name in shape.conditions(4)} == {0}
-    assert set(found.values()) != {0}
+    actual = {name: _at(p, shape.ring.names, values) for name, p in shape.conditions(5).items()}
+    assert {actual[name] for name in shape.conditions(4)} == {0}
+    assert set(actual.values()) != {0}
 
 
 def test_all_trees_are_there() -> None:
@@ -209,8 +209,8 @@ def test_the_flat_condition_is_the_sum_of_the_orders() -> None:
     tree = OrderedTree.parse("[[[]][][]]")
     from research.impossibility.shapes import flat_density, orderings
 
-    found = orderings(tree)
-    assert sum(found.values()) == 6
-    assert len(found) == 3
-    sides = sum(Fraction(n, OrderedTree((t,)).density) for t, n in found.items())
+    actual = orderings(tree)
+    assert sum(actual.values()) == 6
+    assert len(actual) == 3
+    sides = sum(Fraction(n, OrderedTree((t,)).density) for t, n in actual.items())
     assert sides == Fraction(1, flat_density(tree))

@@ -27,21 +27,10 @@ from typing import Any, ClassVar
 import pytest
 
 import cg
-from cg.command import main
 from cg.runs import Store, completed, execution
 
 SEARCH: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
 CONSTRUCT: dict[str, Any] = {"order": 5, "stages": 6, "flows": 9, "first_flows": 10, "seed": 1}
-MPI = """
-import sys
-from mpi4py.futures import MPIPoolExecutor
-import cg
-if __name__ == "__main__":
-    with MPIPoolExecutor() as pool:
-        found = cg.search(3, 3, 30, 5, executor=pool, store=sys.argv[1])
-        assert found == cg.search(3, 3, 30, 5), "other results"
-        print("equal,", pool.num_workers, "workers")
-"""
 FOREVER = """
 import sys
 import cg
@@ -231,13 +220,13 @@ class TestDeath:
             yield execution.Finished(0, None, failure="Killed")
             yield from (execution.Finished(k, run(k), 0.1) for k in (2, 1))
 
-        found = cg.search(3, 3, 3, 5)
-        run = found.starts.__getitem__
+        result = cg.search(3, 3, 3, 5)
+        run = result.starts.__getitem__
         path = tmp_path / "runs.db"
         monkeypatch.setattr(cg.runs.long_run, "completed", ended)
         for store in (None, path):
             again = cg.search(3, 3, 3, 5, store=store)
-            assert list(again.starts) == list(found.starts[1:])
+            assert list(again.starts) == list(result.starts[1:])
             assert [(f.index, f.message) for f in again.failures] == [(0, "Killed")]
         monkeypatch.undo()
         # it would die again
@@ -306,8 +295,8 @@ class TestDeath:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(running.pid, signal.SIGKILL)
         with Store(path) as opened:
-            (kept,) = opened.runs()
-            starts = kept.starts + 3
+            (run,) = opened.runs()
+            starts = run.starts + 3
         assert cg.search(5, 9, starts, 1, maxfev=60, store=path) == cg.search(
             5, 9, starts, 1, maxfev=60
         )
@@ -391,67 +380,6 @@ class TestInterrupt:
         with pytest.raises(KeyboardInterrupt):
             collect(dropped, run)
         assert not dropped
-
-
-class TestEngines:
-    """The engines that people have, started for real."""
-
-    def test_dask(self, tmp_path):
-        distributed = pytest.importorskip("distributed")
-        with (
-            distributed.LocalCluster(
-                n_workers=2,
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address=":0",  # any port: another cluster may have the usual one
-                local_directory=tmp_path,
-            ) as cluster,
-            distributed.Client(cluster) as client,
-            client.get_executor() as pool,
-        ):
-            found = cg.search(**SEARCH, executor=pool, store=tmp_path / "runs.db")
-            assert found == cg.search(**SEARCH)
-            assert execution._workers_of(pool) == 2
-            store = tmp_path / "command.db"
-            command = ["search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "30"]
-            address = cluster.scheduler_address
-            assert main([*command, "--store", str(store), "--dask", address]) == 0
-        assert cg.search(**SEARCH, store=store) == found
-
-    def test_loky(self):
-        loky = pytest.importorskip("loky")
-        found = cg.search(**SEARCH, executor=lambda: loky.get_reusable_executor(2))
-        assert found == cg.search(**SEARCH)
-
-    def test_mpi(self, tmp_path):
-        pytest.importorskip("mpi4py")
-        script = tmp_path / "run.py"
-        script.write_text(MPI)
-        command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
-        told = subprocess.run(
-            [*command, "-m", "mpi4py.futures", str(script), str(tmp_path / "runs.db")],
-            capture_output=True,
-            text=True,
-            timeout=300,
-            check=False,
-        )
-        assert told.stdout == "equal, 2 workers\n", told.stderr
-
-    def test_mpi_from_the_command(self, tmp_path):
-        pytest.importorskip("mpi4py")
-        command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
-        command += ["-m", "mpi4py.futures", "-m", "cg", "search", "--order", "3", "--stages", "3"]
-        command += ["--starts", "30", "--seed", "5", "--store", str(tmp_path / "runs.db"), "--mpi"]
-        subprocess.run(command, timeout=300, check=True, stdout=subprocess.DEVNULL)
-        with Store(tmp_path / "runs.db") as store:
-            assert [run.starts for run in store.runs()] == [30]
-
-
-def test_engines_of_the_command_exclude_each_other(capsys):
-    command = ["search", "--order", "3", "--stages", "3", "--starts", "2"]
-    assert main([*command, "--processes", "--mpi"]) == 2
-    assert "--processes, --dask and --mpi exclude each other" in capsys.readouterr().err
-    assert main([*command, "--processes"]) == 0
 
 
 @pytest.mark.parametrize(

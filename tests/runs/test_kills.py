@@ -136,8 +136,8 @@ def test_reproduce(tmp_path):
     ended = kills = useful = 0
     stores = lambda: list(out.glob("checkpoints/*.db"))  # noqa: E731
     for kills, useful in killed_at_random(lambda: run(out), stores, restart, 8):  # noqa: B007
-        found = json.loads((out / "results.json").read_text("utf-8"))["items"]
-        assert found == expected
+        item = json.loads((out / "results.json").read_text("utf-8"))["items"]
+        assert item == expected
         ended += 1
     assert kills == KILLS
     report("reproduce", kills, useful, ended)

@@ -46,7 +46,7 @@ def path(tmp_path):
 
 def children(pid: int) -> list[int]:
     """Return the workers of a pool that a process has."""
-    found = []
+    workers = []
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes()
@@ -54,8 +54,8 @@ def children(pid: int) -> list[int]:
         except OSError:  # it has ended
             continue
         if parent == pid and b"spawn_main" in words:
-            found.append(int(entry.name))
-    return found
+            workers.append(int(entry.name))
+    return workers
 
 
 def repeated(path: Path) -> int:
@@ -157,9 +157,9 @@ def until_killed(kind, path, whole, kill, run):
         for file in path.parent.glob("runs.db*"):
             file.unlink()
         with Killer(path, kill, KILLS - kills, kills) as killer:
-            found = run()
-        assert found == whole
-        assert not found.failures
+            result = run()
+        assert result == whole
+        assert not result.failures
         assert not killer.lost
         kills += killer.kills
         ended += 1
@@ -184,9 +184,9 @@ class Cluster:
     """A scheduler of Dask, and workers of one thread each, all of which may be killed."""
 
     def __init__(self, folder: Path) -> None:
-        with socket.socket() as found:
-            found.bind(("127.0.0.1", 0))
-            self._port = found.getsockname()[1]
+        with socket.socket() as listener:
+            listener.bind(("127.0.0.1", 0))
+            self._port = listener.getsockname()[1]
         self._folder = folder
         self.address = f"tcp://127.0.0.1:{self._port}"
         listen = ["--host", "127.0.0.1", "--port", str(self._port)]
@@ -251,16 +251,16 @@ def test_killed_scheduler_of_dask(path, whole, tmp_path):
         before = recorded(path)
         with Cluster(tmp_path) as cluster, cluster.executor() as pool:
             killer = Killer(path, cluster.kill_the_scheduler, 1, kills)
-            told = None
+            lost = None
             try:
                 with killer:
                     cg.search(**SEARCH, executor=pool, store=path)
-            except BrokenExecutor as lost:
-                told = lost
-        assert (told is not None) == bool(killer.kills)
-        if told is not None:
-            assert "its scheduler has ended" in str(told)
-            assert f"finished results are in {path}; run the same search" in told.__notes__[0]
+            except BrokenExecutor as error:
+                lost = error
+        assert (lost is not None) == bool(killer.kills)
+        if lost is not None:
+            assert "its scheduler has ended" in str(lost)
+            assert f"finished results are in {path}; run the same search" in lost.__notes__[0]
         kills += killer.kills
         after = recorded(path)
         assert before <= after

@@ -33,10 +33,10 @@ def line(stream, **options):
     return ProgressLine(stream, clock=itertools.count().__next__, **options)
 
 
-def told(text):
-    found = [LINE.fullmatch(part) for part in text.splitlines()]
-    assert all(found), text
-    return [match.groupdict() for match in found]
+def parse_lines(text):
+    matches = [LINE.fullmatch(part) for part in text.splitlines()]
+    assert all(matches), text
+    return [match.groupdict() for match in matches]
 
 
 def expected(starts):
@@ -49,16 +49,16 @@ def expected(starts):
 class TestSearch:
     def test_rate_best_and_solved(self):
         stream = io.StringIO()
-        found = cg.search(**SEARCH, progress=line(stream, every=0))
-        lines = told(stream.getvalue())
-        best, solved = expected(found.starts)
+        result = cg.search(**SEARCH, progress=line(stream, every=0))
+        lines = parse_lines(stream.getvalue())
+        best, solved = expected(result.starts)
         assert 0 < solved[-1] < 12
         assert [one["f"] for one in lines] == best
         assert [int(one["solved"]) for one in lines] == solved
         assert [one["rate"] for one in lines] == ["1"] * 12
         assert lines[0]["left"] == "11 s"
         assert lines[-1]["left"] is None
-        assert found == cg.search(**SEARCH)
+        assert result == cg.search(**SEARCH)
 
     def test_stored_starts_count_except_in_rate(self, tmp_path):
         path = tmp_path / "runs.db"
@@ -66,9 +66,9 @@ class TestSearch:
         with stored_run(path, "search", vars(begun.settings)) as run:
             run.fail(Failure(11, "Killed"))
         stream = io.StringIO()
-        found = cg.search(**SEARCH, store=path, progress=line(stream, every=0))
-        lines = told(stream.getvalue())
-        best, solved = expected(found.starts)
+        result = cg.search(**SEARCH, store=path, progress=line(stream, every=0))
+        lines = parse_lines(stream.getvalue())
+        best, solved = expected(result.starts)
         assert [int(one["done"]) for one in lines] == [8, 9, 10, 11, 12]
         assert [one["f"] for one in lines] == best[6:]
         assert [int(one["solved"]) for one in lines] == solved[6:]
@@ -79,7 +79,7 @@ class TestSearch:
     def test_file_has_line_every_thirty_seconds_and_last_one(self):
         stream = io.StringIO()
         cg.search(**{**SEARCH, "starts": 70}, progress=line(stream))
-        assert [int(one["done"]) for one in told(stream.getvalue())] == [30, 60, 70]
+        assert [int(one["done"]) for one in parse_lines(stream.getvalue())] == [30, 60, 70]
 
     def test_short_run_writes_nothing_to_file(self):
         stream = io.StringIO()
@@ -92,13 +92,13 @@ class TestSearch:
         text = stream.getvalue()
         assert text.count("\n") == 1
         assert text.endswith("\n")
-        assert len(told("\n".join(text.rstrip("\n").split("\r\x1b[K")[1:]))) == 12
+        assert len(parse_lines("\n".join(text.rstrip("\n").split("\r\x1b[K")[1:]))) == 12
 
     def test_true_writes_to_standard_error(self, capsys, monkeypatch):
         monkeypatch.setattr(cg.runs.progress, "_REPORT", 0.0)
         cg.search(**SEARCH, progress=True)
         captured = capsys.readouterr()
-        assert len(told(captured.err)) == 12
+        assert len(parse_lines(captured.err)) == 12
         assert captured.out == ""
         cg.search(**SEARCH, progress=False)
         assert capsys.readouterr().err == ""
@@ -117,11 +117,11 @@ class TestConstruction:
         stream, calls = io.StringIO(), []
         settings = {"order": 5, "stages": 8, "seed": 1, "tries": 3, "workers": 1, "restarts": 0}
         settings |= {"iterations": 60}
-        found = cg.construct(**settings, progress=lambda *counts: calls.append(counts))
+        construction = cg.construct(**settings, progress=lambda *counts: calls.append(counts))
         assert calls == [(done, 3) for done in range(1, 4)]
-        attempts = [run_attempt(found.settings, index) for index in range(3)]
+        attempts = [run_attempt(construction.settings, index) for index in range(3)]
         cg.construct(**settings, progress=line(stream, every=0))
-        lines = told(stream.getvalue())
+        lines = parse_lines(stream.getvalue())
         assert {one["pieces"] for one in lines} == {"tries"}
         for number, one in enumerate(lines, 1):
             best = min(attempts[:number], key=lambda a: (not a.solved, a.stages, a.f))
@@ -135,7 +135,7 @@ class TestConstruction:
         settings = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2, "workers": 1}
         path = tmp_path / "runs.db"
         cg.construct(**settings, store=path, progress=line(stream, every=0))
-        assert told(stream.getvalue())[0]["size"] == " with 3 stages and 4 flows"
+        assert parse_lines(stream.getvalue())[0]["size"] == " with 3 stages and 4 flows"
         cg.construct(**settings, store=path, progress=line(stream, every=0))
 
 
@@ -154,13 +154,13 @@ class TestCommand:
         monkeypatch.setattr(cg.runs.progress, "_REPORT", 0.0)
         assert main([*self.ARGUMENTS, "--workers", "1"]) == 0
         best, solved = expected(cg.search(**SEARCH).starts)
-        lines = told(capsys.readouterr().err)
+        lines = parse_lines(capsys.readouterr().err)
         assert [one["f"] for one in lines] == best
         assert [int(one["solved"]) for one in lines] == solved
         assert main([*self.ARGUMENTS, "--quiet"]) == 0
         assert capsys.readouterr().err == ""
         assert main(["construct", "--order", "3", "--stages", "3"]) == 0
-        assert told(capsys.readouterr().err)[0]["pieces"] == "tries"
+        assert parse_lines(capsys.readouterr().err)[0]["pieces"] == "tries"
 
     def test_interrupt_says_how_to_continue(self, capsys, monkeypatch, tmp_path):
         def interrupted(*_, **__):

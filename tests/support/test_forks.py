@@ -19,8 +19,8 @@ from cg.support.balls import working_precision
 from flint import ctx
 from threadpoolctl import threadpool_info, threadpool_limits
 
-found = cg.search(3, 3, 2, 1, workers=1)  # loads what is loaded when it is used
-wanted = found.methods
+result = cg.search(3, 3, 2, 1, workers=1)  # loads what is loaded when it is used
+expected = result.methods
 threadpool_limits(2)
 
 def blas():
@@ -46,7 +46,7 @@ def in_child(work):
 
 def search_again():
     assert blas() == {2}, blas()
-    assert cg.search(3, 3, 2, 1, workers=1).methods == wanted
+    assert cg.search(3, 3, 2, 1, workers=1).methods == expected
     assert blas() == {2}, blas()
 """
 
@@ -56,14 +56,14 @@ def holding(context):
         begun.release()
         assert ended.wait(120)
 
-class Slow(type(found)):
+class Slow(type(result)):
     def _exact(self):
         begun.release()
         assert ended.wait(120)
         return ()
 
 def properties():
-    Slow(found.settings, found.starts).methods
+    Slow(result.settings, result.starts).methods
 
 def used():
     assert ctx.prec == 53

@@ -38,11 +38,11 @@ def outcome(case, limit):
             os.write(writing, repr(error).encode())
         os._exit(0)
     os.close(writing)
-    found = b""
+    output = b""
     while part := os.read(reading, 1000):
-        found += part
+        output += part
     status = os.waitpid(child, 0)[1]
-    return found.decode() if status == 0 else f"died: {status}"
+    return output.decode() if status == 0 else f"died: {status}"
 """
 
 
@@ -80,9 +80,9 @@ LARGE = {
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
 @pytest.mark.parametrize("case", LARGE)
 def test_large_methods_are_refused_below_a_limit_of_4_gib(case: str) -> None:
-    found = _run(f"print(outcome({case!r}, 4 << 30))")[0]
-    assert found.startswith("MemoryError: ")
-    assert LARGE[case] in found
+    message = _run(f"print(outcome({case!r}, 4 << 30))")[0]
+    assert message.startswith("MemoryError: ")
+    assert LARGE[case] in message
 
 
 # before the call itself, so that what Python allocates isn't part of it
@@ -126,19 +126,19 @@ for case, bound in cases.items():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
 def test_calls_below_any_limit_are_done_or_refused() -> None:
-    found = _run(_PREPARED)
-    assert len(found) == 8 * 25
-    assert not [line for line in found if line != "done" and not line.startswith("MemoryError")]
+    lines = _run(_PREPARED)
+    assert len(lines) == 8 * 25
+    assert not [line for line in lines if line != "done" and not line.startswith("MemoryError")]
     for k in range(8):
-        outcomes = [line == "done" for line in found[25 * k : 25 * (k + 1)]]
+        outcomes = [line == "done" for line in lines[25 * k : 25 * (k + 1)]]
         assert not outcomes[0]
         assert outcomes[-1]
         assert outcomes == sorted(outcomes)
 
 
 def test_the_refusal_says_what_was_asked_for() -> None:
-    asked = pytest.raises(MemoryError, match=r"^a thing needs 1\.05e\+06 GiB of memory")
-    with asked, reserved(2**50, "a thing"):
+    raises = pytest.raises(MemoryError, match=r"^a thing needs 1\.05e\+06 GiB of memory")
+    with raises, reserved(2**50, "a thing"):
         pass
 
 
@@ -182,7 +182,7 @@ for case in (
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
 def test_integrations_below_any_limit_are_done_or_refused() -> None:
-    found = _run(_INTEGRATIONS)
-    assert len(found) == 60
-    assert not [line for line in found if line != "done" and not line.startswith("MemoryError")]
-    assert {"done"} < set(found)
+    lines = _run(_INTEGRATIONS)
+    assert len(lines) == 60
+    assert not [line for line in lines if line != "done" and not line.startswith("MemoryError")]
+    assert {"done"} < set(lines)

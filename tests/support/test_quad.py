@@ -28,8 +28,8 @@ def quads(*bits):
 def through_fortran(bits):
     """Send b_1 to the compiled core, which gives Φ([τ]) = b_1 back."""
     order, tree = 1, 2
-    found = _core_r128.weights(order, Layout.tableau(1).code, bits.T, np.array([tree], np.intc))
-    return np.ascontiguousarray(found.T)
+    weights = _core_r128.weights(order, Layout.tableau(1).code, bits.T, np.array([tree], np.intc))
+    return np.ascontiguousarray(weights.T)
 
 
 @given(patterns)
@@ -96,8 +96,8 @@ def test_overflow():
 
 
 def test_strings_and_numbers_are_read_exactly():
-    found = decode(encode(["0.5", "119/128", 3, -0.25, Fraction(1, 4)]))
-    assert found == [Fraction(1, 2), Fraction(119, 128), 3, Fraction(-1, 4), Fraction(1, 4)]
+    actual = decode(encode(["0.5", "119/128", 3, -0.25, Fraction(1, 4)]))
+    assert actual == [Fraction(1, 2), Fraction(119, 128), 3, Fraction(-1, 4), Fraction(1, 4)]
     third = decode(encode(["1/3"]))[0]
     assert 0 < abs(third - Fraction(1, 3)) <= Fraction(1, 2**115)
     assert encode([]).shape == (0, 16)
@@ -164,8 +164,8 @@ def test_decimals_are_rounded_correctly(value, digits):
 
 def test_decimal_examples():
     third = Fraction(1, 3)
-    found = [to_decimal(third, 5), to_decimal(-third / 1000, 3), to_decimal(Fraction(12345), 2)]
-    assert found == ["0.33333", "-0.000333", "12000"]
+    actual = [to_decimal(third, 5), to_decimal(-third / 1000, 3), to_decimal(Fraction(12345), 2)]
+    assert actual == ["0.33333", "-0.000333", "12000"]
     assert [to_decimal(Fraction(0)), to_decimal(Fraction(5, 2))] == ["0", "2.5"]
     assert [to_decimal(Fraction(999, 1000), 2), to_decimal(Fraction(10), 1)] == ["1", "10"]
     assert [to_decimal(SMALLEST, 3), to_decimal(-LARGEST, 3)] == ["6.48e-4966", "-1.19e4932"]

@@ -83,8 +83,8 @@ def test_runs_that_overlap_keep_to_one_thread_each_and_restore_it() -> None:
             with closing(as_finished(long, [0], 1)) as running:
                 return list(running)
 
-        found = _together(run_long, run_short)
-        assert {threads for run in found for (one,) in [run] for threads in one} == {1}
+        actual = _together(run_long, run_short)
+        assert {threads for run in actual for (one,) in [run] for threads in one} == {1}
         assert set(_blas_threads()) == {2}
 
 
@@ -102,10 +102,10 @@ def test_searches_in_two_threads_give_what_each_gives_alone() -> None:
 
 def test_a_start_run_alone_is_that_of_the_search() -> None:
     with threadpool_limits(2):
-        found = cg.search(5, 9, 2, seed=1, workers=2)
+        result = cg.search(5, 9, 2, seed=1, workers=2)
         assert [
-            cg.construction.search.random_search.run_start(found.settings, k) for k in (0, 1)
-        ] == list(found.starts)
+            cg.construction.search.random_search.run_start(result.settings, k) for k in (0, 1)
+        ] == list(result.starts)
 
 
 def test_the_precision_is_one_thread_s_at_a_time() -> None:
@@ -118,10 +118,10 @@ def test_the_precision_is_one_thread_s_at_a_time() -> None:
                 assert ball.rel_accuracy_bits() >= bits - 3
             return str(ball.mid().man_exp())
 
-    wanted = {bits: third(bits) for bits in (64, 128, 1000)}
+    expected = {bits: third(bits) for bits in (64, 128, 1000)}
     with ThreadPoolExecutor(8) as pool:
         many = [64, 128, 1000] * 200
-        assert list(pool.map(third, many)) == [wanted[bits] for bits in many]
+        assert list(pool.map(third, many)) == [expected[bits] for bits in many]
     assert ctx.prec == before
 
 

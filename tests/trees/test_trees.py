@@ -11,17 +11,17 @@ pytestmark = pytest.mark.no_core
 
 
 def test_counts_are_catalan_numbers():
-    made = forest(10)
-    assert [made.count(n) for n in range(1, 11)] == [1, 1, 2, 5, 14, 42, 132, 429, 1430, 4862]
-    assert [catalan(n) for n in range(10)] == [made.count(n) for n in range(1, 11)]
-    assert len(made) == sum(map(catalan, range(10)))
+    ordered = forest(10)
+    assert [ordered.count(n) for n in range(1, 11)] == [1, 1, 2, 5, 14, 42, 132, 429, 1430, 4862]
+    assert [catalan(n) for n in range(10)] == [ordered.count(n) for n in range(1, 11)]
+    assert len(ordered) == sum(map(catalan, range(10)))
 
 
 def test_independent_trees_are_counted_by_aperiodic_necklaces():
     # OEIS A022553
-    made = forest(9)
-    found = [sum(map(made.is_independent, made.with_nodes(n))) for n in range(2, 10)]
-    assert found == [1, 1, 3, 8, 25, 75, 245, 800]
+    ordered = forest(9)
+    actual = [sum(map(ordered.is_independent, ordered.with_nodes(n))) for n in range(2, 10)]
+    assert actual == [1, 1, 3, 8, 25, 75, 245, 800]
 
 
 @given(trees)
@@ -74,38 +74,38 @@ def test_density_depends_on_the_order_of_children(text, density):
 @pytest.mark.parametrize("nodes", range(1, 10))
 def test_reciprocal_densities_sum_to_one(nodes):
     # their generating function solves W' = W², W(0) = 1
-    made = forest(nodes)
-    assert sum(Fraction(1, made.density[t - 1]) for t in made.with_nodes(nodes)) == 1
+    ordered = forest(nodes)
+    assert sum(Fraction(1, ordered.density[t - 1]) for t in ordered.with_nodes(nodes)) == 1
 
 
 @given(trees)
 def test_index_round_trip(tree):
-    made = forest(8)
+    ordered = forest(8)
     if tree.nodes > 8:
         with pytest.raises(KeyError, match="more than 8"):
-            made.index(tree)
+            ordered.index(tree)
     else:
-        index = made.index(tree)
-        assert made.tree(index) == tree
-        assert made.nodes[index - 1] == tree.nodes
-        assert made.density[index - 1] == tree.density
+        index = ordered.index(tree)
+        assert ordered.tree(index) == tree
+        assert ordered.nodes[index - 1] == tree.nodes
+        assert ordered.density[index - 1] == tree.density
 
 
 def test_tables_agree_with_the_trees():
-    made = forest(7)
-    assert len(set(made)) == len(made)
-    for index, tree in enumerate(made, 1):
-        word = made.children[index - 1]
-        assert [made.tree(letter) for letter in word] == list(tree.children)
+    ordered = forest(7)
+    assert len(set(ordered)) == len(ordered)
+    for index, tree in enumerate(ordered, 1):
+        word = ordered.children[index - 1]
+        assert [ordered.tree(letter) for letter in word] == list(tree.children)
         assert all(letter < index for letter in word)
         if index == 1:
-            links = (made.first[0], made.rest[0], made.prefix[0], made.last[0])
+            links = (ordered.first[0], ordered.rest[0], ordered.prefix[0], ordered.last[0])
             assert links == (0, 0, 0, 0)
             continue
-        assert made.first[index - 1] == word[0]
-        assert made.last[index - 1] == word[-1]
-        assert made.children[made.rest[index - 1] - 1] == word[1:]
-        assert made.children[made.prefix[index - 1] - 1] == word[:-1]
+        assert ordered.first[index - 1] == word[0]
+        assert ordered.last[index - 1] == word[-1]
+        assert ordered.children[ordered.rest[index - 1] - 1] == word[1:]
+        assert ordered.children[ordered.prefix[index - 1] - 1] == word[:-1]
 
 
 def test_indices_do_not_depend_on_max_nodes():
@@ -126,11 +126,11 @@ def test_bad_number_of_nodes(bad, error):
 
 
 def test_bad_index():
-    made = forest(3)
-    for index in (0, len(made) + 1):
+    ordered = forest(3)
+    for index in (0, len(ordered) + 1):
         with pytest.raises(IndexError, match=f"index must be between 1 and 4, got {index}"):
-            made.tree(index)
+            ordered.tree(index)
     with pytest.raises(ValueError, match="nodes must be between 1 and 3, got 4"):
-        made.with_nodes(4)
+        ordered.with_nodes(4)
     with pytest.raises(ValueError, match="nodes must be between 1 and 3, got 0"):
-        made.count(0)
+        ordered.count(0)

@@ -180,14 +180,6 @@ def lift(
     """
     order, embedded_order = _check_orders(tableau, order, embedded_order)
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
-    lengths = _check_chains(rows, order, flows, chains)
-    if flows is not None:
-        flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
-    tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
-    if check_flag("improve", improve) and order >= MAX_ORDER:
-        raise ValueError(
-            f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
-        )
     if max_iterations is None:
         max_iterations = _ITERATIONS.get(order, _ITERATIONS_BELOW)
     settings = _Settings(
@@ -195,37 +187,30 @@ def lift(
         order=order,
         embedded_order=embedded_order,
         stage_orders=stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else (),
-        flows=flows,
-        lengths=lengths,
+        lengths=_check_chains(rows, order, flows, chains),
+        flows=_check_flows(rows, flows),
         seed=check_integer("seed", seed, 0),
         max_iterations=check_integer("max_iterations", max_iterations, 1),
         reduce=check_flag("reduce", reduce),
-        improve=improve,
+        improve=_check_improve(improve, order),
     )
+    tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
     solutions: list[_Solution] = []
     best, index = np.inf, 0
     for index in range(tries):
-        raise_if_stopped()
         splitting, end = settings.solve(index)
         best = min(best, end.f)
         if end.solved:
             solutions.append(settings.finish(index, splitting, end))
         if len(solutions) == hits:
             break
+    names = {
+        "name": tableau.name if name is None else name,
+        "source": tableau.source if source is None else source,
+    }
     for solution in sorted(solutions, key=lambda solution: (solution.key, solution.index)):
-        splitting = solution.splitting
-        exact = refined(splitting, solution.end.x)
-        if exact.largest_residual < _EXACT:
-            method = CommutatorFree.from_layout(
-                splitting.layout,
-                exact.weights,
-                name=tableau.name if name is None else name,
-                source=tableau.source if source is None else source,
-            )
-            return Lifted(
-                method, solution.index, index + 1, len(solutions), splitting.free.size, exact.rank,
-                exact.largest_residual,
-            )  # fmt: skip
+        if (lifted := solution.lifted(names, index + 1, len(solutions))) is not None:
+            return lifted
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
 
 
@@ -237,6 +222,16 @@ class _Solution:
     index: int
     splitting: Splitting
     end: Fit
+
+    def lifted(self, names: dict[str, str], starts: int, hits: int) -> Lifted | None:
+        """Return the refined method, or None if it isn't exact."""
+        splitting, exact = self.splitting, refined(self.splitting, self.end.x)
+        if not exact.largest_residual < _EXACT:
+            return None
+        return Lifted(
+            CommutatorFree.from_layout(splitting.layout, exact.weights, **names),
+            self.index, starts, hits, splitting.free.size, exact.rank, exact.largest_residual,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -256,6 +251,7 @@ class _Settings:
 
     def solve(self, index: int) -> tuple[Splitting, Fit]:
         """Solve from one random start."""
+        raise_if_stopped()
         generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(index,)))
         if self.flows is not None:
             layout = random_layout(self.rows, self.flows, generator)
@@ -279,6 +275,20 @@ class _Settings:
             error = float(np.linalg.norm(splitting.principal_residual(end.x)))
             key = flows * error ** (1 / self.order), 0.0
         return _Solution(key, index, splitting, end)
+
+
+def _check_flows(rows: FlatRows, flows: int | None) -> int | None:
+    if flows is None:
+        return None
+    return check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
+
+
+def _check_improve(improve: bool, order: int) -> bool:
+    if check_flag("improve", improve) and order >= MAX_ORDER:
+        raise ValueError(
+            f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
+        )
+    return bool(improve)
 
 
 def _check_orders(

@@ -1,22 +1,18 @@
 """Compiled solver of order conditions: exact Jacobian, steps of least norm.
 
-Levenberg–Marquardt with geodesic acceleration in double precision. Dense linear algebra is done by
-the LAPACK of SciPy, whose addresses are passed to the compiled module.
+Levenberg–Marquardt with geodesic acceleration in double precision.
 """
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cython_blas, cython_lapack
-
-from cg import _core_r64
 
 from ...conditions.compiled import fit_minimum_norm
+from ...support.capsules import provide_lapack
 from ...support.checks import MAX_COUNT, check_flag, check_integer, check_real
 from ...support.parallel import stoppable
 from ...support.shared_numbers import MinimumNormStatus
@@ -94,6 +90,7 @@ def fit_conditions(
     damping = check_real("damping", damping, positive=True)
     max_iterations = check_integer("max_iterations", max_iterations, 0, MAX_COUNT)
     accurate = check_flag("accurate", accurate)
+    provide_lapack()
     trees, owner = system.conditions(independent=True)
     moving = (indices + 1).astype(np.intc)
     problem = (system.order, system.layout, x, trees, owner)
@@ -107,23 +104,3 @@ def fit_conditions(
     return MinimumNormFit(
         x_end, float(f), int(iterations), int(evaluations), MinimumNormStatus(status)
     )
-
-
-def _address(capsules: Mapping[str, object], name: str) -> int:
-    api = ctypes.pythonapi
-    api.PyCapsule_GetName.restype = ctypes.c_char_p
-    api.PyCapsule_GetName.argtypes = [ctypes.py_object]
-    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
-    api.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
-    capsule = capsules[name]
-    return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
-
-
-_core_r64.set_lapack(
-    [
-        _address(cython_blas.__pyx_capi__, "dsyrk"),
-        _address(cython_lapack.__pyx_capi__, "dpotrf"),
-        _address(cython_lapack.__pyx_capi__, "dpotrs"),
-        _address(cython_lapack.__pyx_capi__, "dgeqrf"),
-    ]
-)

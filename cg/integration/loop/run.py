@@ -8,100 +8,31 @@ budget of steps is used up, or a buffer is full; then Python collects the output
 from __future__ import annotations
 
 import ctypes
-import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import Steps
-from cg.integration.loop.messages import (
-    failure,
-    flow_not_finite,
-    no_progress,
-    too_many_steps,
-    too_small_a_step,
-)
+from cg.integration.loop.record import COUNTS, Control, Output, Record
 from cg.integration.loop.step_budget import StepBudget
-from cg.integration.loop.stiffness import is_stiff
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
-from cg.integration.rhs.python import PythonRhs, StageOverflowError
+from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.callbacks import Callbacks
 from cg.integration.step.collocation import Jacobian
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ConvergenceError, ImplicitStages
-from cg.integration.step.plan import Plan, has_brackets
-from cg.method.magnus import MagnusMethod
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ImplicitStages
+from cg.integration.step.plan import Plan
 from cg.method.tableau import Tableau
 from cg.support.memory import reserved
 from cg.support.parallel import raise_if_stopped
-from cg.support.shared_numbers import RECORD, Stop
 
-__all__ = ["Control", "Output", "Run"]
-
-_KINDS: dict[str, Any] = {
-    "integer": ctypes.c_int64,
-    "real": ctypes.c_double,
-    "address": ctypes.c_void_p,
-}
-COUNTS = ("nfev", "nexp", "njev", "nlu", "steps", "nrejected")
-"""Counts of each member, in the order of compiled code."""
+__all__ = ["Run"]
 
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
-
-
-class _Record(ctypes.Structure):
-    _fields_ = [(name, _KINDS[kind]) for name, kind in RECORD.items()]
-
-
-class Control(NamedTuple):
-    """The step size control.
-
-    Attributes
-    ----------
-    h
-        Size of equal steps, None for adaptive steps.
-    rtol, atol
-        Tolerances, ``atol`` of shape () or that of `Plan.tolerance_shape`.
-    max_step, first_step
-        Largest size and first size, None to choose the first one.
-    max_steps
-        Largest number of adaptive steps, rejected ones included.
-    """
-
-    h: float | None = None
-    rtol: float = 1e-3
-    atol: Array = np.array([1e-6])
-    max_step: float = math.inf
-    first_step: float | None = None
-    max_steps: int = 10**6
-
-
-class Output(NamedTuple):
-    """The output of trajectories.
-
-    Attributes
-    ----------
-    times
-        Output times, or None.
-    every
-        Number of steps between stored steps; 0 to store none.
-    dense
-        Whether to store interpolants.
-    y
-        Array for the points at ``times``, shape ``(times, members, width)``, or None.
-    capacity
-        The number of steps to store, 0 if it isn't known.
-    """
-
-    times: Array | None = None
-    every: int = 0
-    dense: bool = False
-    y: Array | None = None
-    capacity: int = 0
 
 
 class Run:
@@ -169,10 +100,8 @@ class Run:
         lanes: int | None = None,
     ) -> None:
         self._core = plan.core
-        self.plan = plan
-        self.rhs = rhs
-        self.control = control
-        self.output = output
+        self.plan, self.rhs = plan, rhs
+        self.control, self.output = control, output
         self.members = members = len(points)
         if lanes is None:
             lanes = members if common else _LANES if rhs.vectorized else 1
@@ -184,19 +113,7 @@ class Run:
         sparse = jacobian is not None and jacobian.sparse
         if plan.collocation:
             self.kept += plan.method.stages - 1 + (0 if sparse else plan.frame.dim)
-        in_entries = control.h is None and not plan.in_algebra
-        function, data, stride = rhs.addresses()
-        self.record = record = _Record(
-            members=members, lanes=lanes, common=common, keep_last=keep_last,
-            t0=t0, segments=len(stops), jacobian=0 if jacobian is None else 1 + sparse,
-            context=id(self.callbacks), function=function, vectorized=rhs.vectorized, data=data,
-            data_stride=stride, functions=self._functions,
-            h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
-            in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
-            max_step=control.max_step, first_step=control.first_step or 0.0,
-            max_steps=control.max_steps,
-            every=max(output.every, 1), dense=output.dense,
-        )  # fmt: skip
+        self.record = self._make_record(t0, len(stops), common, keep_last, jacobian)
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []
         self._steps: list[tuple[Array, ...]] = []
@@ -212,16 +129,37 @@ class Run:
         self._share("stops", np.array(stops))
         self._share("atol", control.atol.flatten())
         if events is not None and len(events):
-            columns = *events.functions.T, events.direction, events.max_counts, events.jumps
-            self._share("event_table", np.stack(columns, axis=-1, dtype=np.int64))
-        needed = 1 << 16 if lanes == 1 else 0
-        within = output.dense or record.outputs or self._functions
-        rows = (
-            plan.method.stages + 2 * (plan.columns if within else 0) + 4 * (self.kept - plan.kept)
+            self._share("event_table", events.rows)
+        self._open(points[0])
+
+    def _make_record(
+        self, t0: float, segments: int, common: bool, keep_last: bool, jacobian: Jacobian | None
+    ) -> Record:
+        plan, control, output = self.plan, self.control, self.output
+        in_entries = control.h is None and not plan.in_algebra
+        function, data, stride = self.rhs.addresses()
+        return Record(
+            members=self.members, lanes=self._lanes, common=common, keep_last=keep_last, t0=t0,
+            segments=segments, jacobian=0 if jacobian is None else 1 + jacobian.sparse,
+            context=id(self.callbacks), function=function, vectorized=self.rhs.vectorized,
+            data=data, data_stride=stride, functions=self._functions,
+            h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
+            in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
+            max_step=control.max_step, first_step=control.first_step or 0.0,
+            max_steps=control.max_steps, every=max(output.every, 1), dense=output.dense,
+        )  # fmt: skip
+
+    def _open(self, point: Points) -> None:
+        """Open the run in compiled code, which allocates memory for the members in its lanes."""
+        plan, record, lanes = self.plan, self.record, self._lanes
+        within = self.output.dense or record.outputs or self._functions
+        record.free = bool(within or record.keep_last) and plan.is_free(point)
+        rows = plan.method.stages + 4 * (self.kept - plan.kept)
+        rows += 2 * plan.columns if within else 0
+        needed = (1 << 16 if lanes == 1 else 0) + lanes * 8 * rows * (
+            plan.width + 2 * plan.frame.dim
         )
-        record.free = bool(within or keep_last) and plan.is_free(points[0])
-        needed += lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
-        with reserved(needed, f"{members} trajectories of {plan.width} numbers"):
+        with reserved(needed, f"{self.members} trajectories of {plan.width} numbers"):
             self.address = self._core.loop_open(plan.address, ctypes.addressof(record))
         if not self.address:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
@@ -400,46 +338,3 @@ class Run:
             return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
         of, t, y = (np.concatenate(parts) for parts in zip(*self._events, strict=True))
         return of - 1, t, plan.points(y, (len(t), 2))
-
-    def failure(self, member: int) -> Exception | str | None:  # noqa: PLR0911
-        """Return why a member ended early: an exception, or a message for failed adaptive steps."""
-        stop, t = Stop(self.status[member]), float(self.failed_at[member])
-        match stop:
-            case Stop.FINISHED | Stop.PAUSED | Stop.TERMINAL_EVENT:
-                return None
-            case Stop.STEP_TOO_SMALL:
-                return self._explain_step_failure(member, t)
-            case Stop.TOO_MANY_STEPS:
-                return too_many_steps(self.control.max_steps, t, self._is_stiff(member, t))
-            case Stop.JUMPS_WITHOUT_PROGRESS:
-                return no_progress(t)
-            case Stop.STAGES_NOT_SOLVED:
-                return self.callbacks.last_error or ConvergenceError(
-                    "it diverges", int(self.flag[member]), math.nan, t, self.record.step_size
-                )
-            case Stop.SLOPE_NOT_FINITE:
-                point = self.plan.points(self.end[member], ())
-                return failure(stop, 0, t, self.rhs.at_member(member, t, point))
-            case Stop.STAGE_NOT_FINITE if self.callbacks.last_error is not None:
-                return StageOverflowError(str(self.callbacks.last_error))
-        return failure(stop, int(self.flag[member]), t, name=self.rhs.name)
-
-    def _is_stiff(self, member: int, t: float) -> bool:
-        plan, h = self.plan, self.record.step_size
-        if self.members > 1:
-            h = (t - self.t0) / max(self.counts[member, COUNTS.index("steps")], 1)
-        if not has_brackets(plan.frame) or isinstance(plan.method, MagnusMethod):
-            return False
-        point = plan.points(self.end[member].copy(), ())
-        return is_stiff(plan.frame, plan.method, self.rhs, member, t, point, h)
-
-    def _explain_step_failure(self, member: int, t: float) -> str:
-        """Return the message for a step size that became too small."""
-        plan = self.plan
-        point = plan.points(self.end[member].copy(), ())
-        try:
-            slope = self.rhs.at_member(member, t, point)
-            moved = plan.frame.flow(self.record.step_size * slope, point)
-        except (ValueError, ArithmeticError, RuntimeError):
-            return too_small_a_step(t)
-        return too_small_a_step(t) if np.isfinite(moved).all() else flow_not_finite(plan.frame, t)

@@ -13,6 +13,7 @@ from scipy import LowLevelCallable
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.function import CompiledFunction
+from cg.support.capsules import address_in, context_of
 
 __all__ = ["SIGNATURE", "CompiledRhs", "compiled_rhs"]
 
@@ -233,15 +234,7 @@ def _addresses(source: Any) -> tuple[int, int]:
     """Return the addresses of a function and of its data."""
     # the first item is a capsule, whose context is the address of the user's data
     capsule = tuple.__getitem__(source, 0)
-    name = _capsule("GetName", ctypes.c_char_p, capsule)
-    address = _capsule("GetPointer", ctypes.c_void_p, capsule, name)
-    return address, _capsule("GetContext", ctypes.c_void_p, capsule) or 0
-
-
-def _capsule(name: str, result: Any, *arguments: Any) -> Any:
-    address = ctypes.cast(getattr(ctypes.pythonapi, f"PyCapsule_{name}"), ctypes.c_void_p).value
-    kinds: list[Any] = [ctypes.py_object, ctypes.c_char_p][: len(arguments)]
-    return ctypes.PYFUNCTYPE(result, *kinds)(address or 0)(*arguments)
+    return address_in(capsule), context_of(capsule)
 
 
 def _words(signature: str | None) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
@@ -148,6 +149,12 @@ class EventTable:
 
     def __len__(self) -> int:
         return len(self.events)
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """The table that compiled code reads, one row per event."""
+        columns = *self.functions.T, self.direction, self.max_counts, self.jumps
+        return np.stack(columns, axis=-1, dtype=np.int64)
 
     def value(self, index: int, member: int, t: float, y: Points) -> list[float]:
         """Return the value of an event's function, after checking it."""

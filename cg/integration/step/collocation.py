@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,35 +33,22 @@ def collocation_polynomial(c: Array) -> Array:
 
 
 def transformation(method: MuntheKaas) -> tuple[Fraction, ...]:
-    """Return the entries of ``transformation_t`` of ``fortran/newton.f90``, matrices by columns.
-
-    Only the inverse matters for the solution; it is exact, for quadruple precision.
-    """
-    inverse = _inverse([row[1:] for row in method.exact[0][1:]])
-    values, vectors = np.linalg.eig(np.array(inverse, dtype=np.float64))
+    """Return the entries of ``transformation_t`` of ``fortran/newton.f90``, matrices by columns."""
+    inverse = np.linalg.inv(method.a[1:, 1:])
+    values, vectors = np.linalg.eig(inverse)
     real, pair = np.argmin(np.abs(values.imag)), np.argmin(values.imag)
     basis = np.column_stack([vectors[:, real].real, vectors[:, pair].real, vectors[:, pair].imag])
-    matrices = basis, np.linalg.inv(basis), collocation_polynomial(method.c[1:])
+    matrices = inverse, basis, np.linalg.inv(basis), collocation_polynomial(method.c[1:])
     eigenvalues = values[real].real, values[pair].real, -values[pair].imag
     numbers = np.concatenate([*(matrix.ravel(order="F") for matrix in matrices), eigenvalues])
-    return *chain(*zip(*inverse, strict=True)), *map(Fraction, numbers.tolist())
-
-
-def _inverse(a: Sequence[Sequence[Fraction]]) -> list[list[Fraction]]:
-    """Return the inverse of a matrix of size 3, by cofactors."""
-    cofactors = [
-        [a[i - 2][j - 2] * a[i - 1][j - 1] - a[i - 2][j - 1] * a[i - 1][j - 2] for j in range(3)]
-        for i in range(3)
-    ]
-    determinant = sum(x * y for x, y in zip(a[0], cofactors[0], strict=True))
-    return [[cofactors[i][j] / determinant for i in range(3)] for j in range(3)]
+    return tuple(map(Fraction, numbers.tolist()))
 
 
 @dataclass(frozen=True, eq=False)
 class Jacobian:
     """The Jacobian of a right-hand side, from a function of the user.
 
-    Compiled code factors dense matrices itself; sparse ones are kept and factored here.
+    Compiled code factors dense matrices by LAPACK; sparse ones are kept and factored here.
 
     Attributes
     ----------

@@ -26,6 +26,7 @@ from cg.integration.step.paths import MethodPaths, error_power, paths_of, polyno
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
+from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
 
 __all__ = ["Plan", "error_exponent", "has_brackets", "plan_of"]
@@ -74,6 +75,8 @@ class Plan:
         self._free: bool | None = None
         self.series = series_order(method)
         self.collocation = is_collocation(method)
+        if self.collocation:
+            provide_lapack()
         if self.compiled:
             blocks = describe_blocks(frame)
         else:

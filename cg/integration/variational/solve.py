@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,12 +11,11 @@ from scipy import LowLevelCallable
 
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
-from cg.integration.arguments import check_grid
-from cg.integration.default_method import AUTO
 from cg.integration.ensemble import solve_members
-from cg.integration.ivp import grid_steps, solve_one
-from cg.integration.loop.progress import Progress
+from cg.integration.ivp import solve_one
+from cg.integration.options import Options, expand_options
 from cg.integration.problem import make_problem
+from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
@@ -29,13 +27,13 @@ from cg.integration.variational.results import (
     VariationalSolution,
     split_results,
 )
-from cg.method.method import Method
 from cg.runs import ExecutorLike
 from cg.support.checks import check_flag
 
 __all__ = ["solve_variational", "solve_variational_ensemble"]
 
 
+@expand_options
 def solve_variational(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
@@ -44,23 +42,11 @@ def solve_variational(
     frame: Frame,
     jac: Function | None = None,
     df_dp: Function | None = None,
-    parameters: ArrayLike | None = None,
     P0: ArrayLike | None = None,
     control_derivatives: bool = False,
-    method: str | Method = AUTO,
-    h: float | None = None,
-    rtol: float | None = None,
-    atol: ArrayLike | None = None,
-    t_eval: ArrayLike | None = None,
-    dense_output: bool = False,
-    events: Any = None,
-    breakpoints: ArrayLike | None = None,
-    max_step: float = math.inf,
-    first_step: float | None = None,
-    max_steps: int | None = None,
-    args: Iterable[Any] | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     progress: Callable[[float, float], None] | None = None,
+    **options: Unpack[Options],
 ) -> VariationalSolution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)` together with the derivatives of the solution.
 
@@ -152,35 +138,46 @@ def solve_variational(
     array([[ 0.54030231,  0.84147098],
            [-0.84147098,  0.54030231]])
     """
-    problem = make_problem(
-        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
-        rtol=rtol, atol=atol, max_step=max_step, first_step=first_step, max_steps=max_steps,
-        t_eval=t_eval, dense_output=dense_output, events=events, breakpoints=breakpoints,
-        stage_solver=stage_solver,
-    )  # fmt: skip
+    problem = make_problem(f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver)
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, None)
-    every = int(joint.t_eval is None)
-    if h is not None:
-        check_grid(joint.plan, h, grid_steps(joint), every, joint.dense)
-    solution = solve_one(joint, every, Progress(progress, joint.t0, joint.t1))
-    field = joint.variational
-    changed: dict[str, Any] = {**split_results(solution.y, field, covariance), "frame": frame}
+    solution = solve_one(joint, int(joint.t_eval is None), progress)
+    fields = _with_derivatives(joint, solution, covariance, VariationalOutput)
+    return VariationalSolution(**fields)
+
+
+def _with_derivatives(
+    problem: VariationalProblem,
+    solution: Solution | EnsembleSolution,
+    covariance: Array | None,
+    output_kind: type[VariationalOutput],
+) -> dict[str, Any]:
+    """Return the fields of a solution whose points hold derivatives, split into their parts."""
+    field = problem.variational
+    changed: dict[str, Any] = {
+        **split_results(solution.y, field, covariance), "frame": field.frame, "dt_events": None
+    }  # fmt: skip
     if solution.sol is not None:
-        changed["sol"] = VariationalOutput(solution.sol, field, covariance)
-    changed["dt_events"] = None
-    if (
-        solution.t_events is not None
-        and solution.y_events is not None
-        and solution.y_after is not None
-    ):
-        changed["y_events"] = [field.split(z)[0] for z in solution.y_events]
-        changed["y_after"] = [field.split(z)[0] for z in solution.y_after]
-        rows = zip(solution.t_events, solution.y_events, strict=True)
-        changed["dt_events"] = [
-            _time_derivatives(joint, index, 0, t, z) for index, (t, z) in enumerate(rows)
+        changed["sol"] = output_kind(solution.sol, field, covariance)
+    many = isinstance(solution, EnsembleSolution)
+    if solution.t_events is not None:
+        # for each event a list over the members
+        results: tuple[Any, ...] = solution.t_events, solution.y_events, solution.y_after
+        t, y, y_after = (lists if many else [[array] for array in lists] for lists in results)
+        events: dict[str, list[list[Any]]] = {
+            name: [[field.split(z)[0] for z in members] for members in lists]
+            for name, lists in (("y_events", y), ("y_after", y_after))
+        }
+        events["dt_events"] = [
+            [
+                _time_derivatives(problem, index, member, *at)
+                for member, at in enumerate(zip(times, points, strict=True))
+            ]
+            for index, (times, points) in enumerate(zip(t, y, strict=True))
         ]
-    return VariationalSolution(**(vars(solution) | changed))
+        for name, lists in events.items():
+            changed[name] = lists if many else [array for (array,) in lists]
+    return vars(solution) | changed
 
 
 def _time_derivatives(
@@ -194,6 +191,7 @@ def _time_derivatives(
     return derivatives
 
 
+@expand_options
 def solve_variational_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
@@ -202,27 +200,15 @@ def solve_variational_ensemble(
     frame: Frame,
     jac: Function | None = None,
     df_dp: Function | None = None,
-    parameters: ArrayLike | None = None,
     P0: ArrayLike | None = None,
     control_derivatives: bool = False,
-    method: str | Method = AUTO,
-    rtol: float | None = None,
-    atol: ArrayLike | None = None,
-    h: float | None = None,
-    t_eval: ArrayLike | None = None,
-    dense_output: bool = False,
-    events: Any = None,
-    breakpoints: ArrayLike | None = None,
-    args: Iterable[Any] | None = None,
     vectorized: bool = False,
     common_steps: bool = False,
-    max_step: float = math.inf,
-    first_step: float | None = None,
-    max_steps: int | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     executor: ExecutorLike = None,
     workers: int | None = None,
     progress: Callable[[float, float], None] | None = None,
+    **options: Unpack[Options],
 ) -> EnsembleVariationalSolution:
     """Solve an initial value problem from many points, with the derivatives of each solution.
 
@@ -273,33 +259,11 @@ def solve_variational_ensemble(
     vectorized = check_flag("vectorized", vectorized)
     common = check_flag("common_steps", common_steps)
     problem = make_problem(
-        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, many=True,
-        vectorized=vectorized, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
-        first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
-        events=events, breakpoints=breakpoints, stage_solver=stage_solver,
+        f, t_span, y0, frame=frame, options=options, many=True, vectorized=vectorized,
+        common=common, stage_solver=stage_solver,
     )  # fmt: skip
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, len(problem.points))
-    field = joint.variational
     solution = solve_members(joint, joint.source, executor, workers, None, progress)
-    changed: dict[str, Any] = {**split_results(solution.y, field, covariance), "frame": frame}
-    if solution.sol is not None:
-        changed["sol"] = EnsembleVariationalOutput(solution.sol, field, covariance)
-    changed["dt_events"] = None
-    if (
-        solution.t_events is not None
-        and solution.y_events is not None
-        and solution.y_after is not None
-    ):
-        for name, lists in (("y_events", solution.y_events), ("y_after", solution.y_after)):
-            changed[name] = [[field.split(z)[0] for z in each] for each in lists]
-        changed["dt_events"] = [
-            [
-                _time_derivatives(joint, index, member, t, z)
-                for member, (t, z) in enumerate(zip(times, points, strict=True))
-            ]
-            for index, (times, points) in enumerate(
-                zip(solution.t_events, solution.y_events, strict=True)
-            )
-        ]
-    return EnsembleVariationalSolution(**(vars(solution) | changed))
+    fields = _with_derivatives(joint, solution, covariance, EnsembleVariationalOutput)
+    return EnsembleVariationalSolution(**fields)

@@ -22,6 +22,8 @@ from .words import Word, add_multiple, condition_words, nodes, shuffle
 __all__ = ["DIFFERENCE", "Column", "Context", "Pairing", "pairings"]
 
 Vector = list[arb]
+_Around = dict[tuple[int, Word], Vector]  # of rows of weights and contexts, over the flows
+_Values = dict[Word, Vector]  # of letters, over the stages
 
 
 DIFFERENCE = 2
@@ -119,7 +121,7 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
     at_ends = {w: [next(values_of_weights) for _ in ends] for w in words}
     values = {w: at_ends[w][: layout.stages] for w in letters}
     adjoints = _Adjoints(layout, y, weights)
-    around = {(row, h): adjoints.of_result(row, h) for row, h in contexts}
+    around: _Around = {(row, h): adjoints.of_result(row, h) for row, h in contexts}
     if len(orders) > 1:
         shared = set(layout.path(layout.ends[-2])) & set(layout.path(layout.ends[-1]))
         for h in [h for row, h in contexts if row == 1]:
@@ -129,42 +131,46 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
             around[DIFFERENCE, h] = [
                 arb(0) if m in cancelled else a - b for m, (a, b) in enumerate(both)
             ]
-            contexts.append((DIFFERENCE, h))
+    return (
+        _over_stages(layout, orders, y, around, values),
+        _over_flows(layout, most, y, around, values),
+    )
 
-    of_stages = [
+
+def _over_stages(
+    layout: Layout, orders: Sequence[int], y: Sequence[arb], around: _Around, values: _Values
+) -> Pairing:
+    """Return the vectors over the stages, from those over the flows and letters' values."""
+    contexts = [
         Context(row, h, factor)
-        for row, h in contexts
-        for factor in letters
+        for row, h in around
+        for factor in values
         if outer_nodes(h) + nodes(factor) <= orders[min(row, 1)] - 2
     ]
-    of_stages.sort(key=lambda u: u.degree)
+    contexts.sort(key=lambda u: u.degree)
     at_stages = {key: _to_stages(layout, y, vector) for key, vector in around.items()}
-    stages = Pairing(
-        of_stages,
-        [Column(w) for w in letters],
-        [
-            [a * b for a, b in zip(at_stages[u.row, u.context], values[u.factor], strict=True)]
-            for u in of_stages
-        ],
-        [values[w] for w in letters],
-    )
-    of_flows = sorted((Context(row, h) for row, h in contexts), key=lambda u: u.degree)
-    columns = sorted(
-        (Column(w, k) for w in letters for k in range(most - nodes(w) + 1)), key=lambda c: c.degree
-    )
+    left = [
+        [a * b for a, b in zip(at_stages[u.row, u.context], values[u.factor], strict=True)]
+        for u in contexts
+    ]
+    return Pairing(contexts, [Column(w) for w in values], left, list(values.values()))
+
+
+def _over_flows(
+    layout: Layout, most: int, y: Sequence[arb], around: _Around, values: _Values
+) -> Pairing:
+    """Return the vectors over the flows, those of letters with their moments."""
+    contexts = sorted((Context(row, h) for row, h in around), key=lambda u: u.degree)
     right: dict[Column, Vector] = {}
-    for w in letters:
-        vector = _to_flows(layout, y, values[w])
+    for w, at_stages in values.items():
+        vector = _to_flows(layout, y, at_stages)
         for k in range(most - nodes(w) + 1):
             right[Column(w, k)] = vector
             vector = _moments_of(layout, y, vector)
-    flows_ = Pairing(
-        of_flows,
-        columns,
-        [around[u.row, u.context] for u in of_flows],
-        [right[c] for c in columns],
+    columns = sorted(right, key=lambda c: c.degree)
+    return Pairing(
+        contexts, columns, [around[u.row, u.context] for u in contexts], [right[c] for c in columns]
     )
-    return stages, flows_
 
 
 class _Adjoints:

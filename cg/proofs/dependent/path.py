@@ -26,26 +26,24 @@ from flint import arb
 
 from ...structure.layout import Layout
 from ...support.balls import to_ball
-from ..systems import Equation, EquationSystem, Term, nearly_satisfied
+from ..systems import Equation, EquationSystem, Term
 from ..weights import Quantity
-from .orthogonality import Condition, ResidualRelation
+from .orthogonality import ResidualRelation
+from .structure import MethodStructure
 from .words import BUSH, DOT, LINE, Word, add_multiple, shuffle, words_with
 
-__all__ = ["Path"]
+__all__ = ["PathStructure"]
 
 _NONZERO = 1e-6  # least |R_k| of the stage that determines μ
 
 
-class Path:
+class PathStructure(MethodStructure):
     """The relation ``L_k = μ R_k`` at the stages of a tableau that have weights.
 
     Parameters
     ----------
-    layout : Layout
-    orders : sequence of int
-        Of each row of weights.
-    x : sequence of Fraction
-        Packed coefficients.
+    layout, orders, x
+        As for `MethodStructure`.
     infinite : bool
         Whether μ is infinite, so that all R_k are zero.
     """
@@ -53,20 +51,16 @@ class Path:
     def __init__(
         self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction], infinite: bool = False
     ) -> None:
-        self._layout, self._orders, self._x, self._infinite = layout, orders, x, infinite
+        super().__init__(layout, orders, x)
+        self._infinite = infinite
+        if infinite:  # see `equations`
+            self.assumed = (0, DOT), (0, LINE)
 
-    @property
-    def assumed(self) -> tuple[Condition, ...]:
-        """The conditions of orders one and two, if μ is infinite: see `equations`."""
-        return ((0, DOT), (0, LINE)) if self._infinite else ()
-
-    def satisfied(self) -> bool:
-        """Return whether the coefficients satisfy it to within their rounding."""
+    def possible(self) -> bool:
+        """Return whether μ is determined."""
         if self._layout.rows is None or self._layout.pair or not self._stages:
             return False
-        if not self._infinite and not abs(self._mu_terms(self._balls)[1]) > _NONZERO:
-            return False
-        return nearly_satisfied(self._layout, self.equations(), self._x)
+        return self._infinite or bool(abs(self._mu_terms(self._balls)[1]) > _NONZERO)
 
     @cached_property
     def _balls(self) -> list[arb]:

@@ -26,32 +26,18 @@ from functools import cache
 
 from flint import arb
 
-from ...structure.layout import Layout
 from ...structure.points import START
-from ..systems import Equation, Term, nearly_satisfied
+from ..systems import Equation, Term
 from ..weights import Quantity
-from .orthogonality import Condition, ResidualRelation
+from .orthogonality import ResidualRelation
+from .structure import MethodStructure
 from .words import Word, add_multiple, shuffle, words_with
 
 __all__ = ["TwoRegisters", "exchanges"]
 
 
-class TwoRegisters:
-    """The structure of a method of two registers.
-
-    Parameters
-    ----------
-    layout : Layout
-    orders : sequence of int
-        Of each row of weights.
-    x : sequence of Fraction
-        Packed coefficients.
-    """
-
-    assumed: tuple[Condition, ...] = ()
-
-    def __init__(self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction]) -> None:
-        self._layout, self._orders, self._x = layout, orders, x
+class TwoRegisters(MethodStructure):
+    """The structure of a method of two registers."""
 
     def possible(self) -> bool:
         """Return whether the points are a chain, each with a stage."""
@@ -63,12 +49,6 @@ class TwoRegisters:
             and tuple(layout.stage_points) == tuple(range(START, len(points) - 1))
             and all(tuple(layout.weights[m]) == tuple(range(m + 1)) for m in points)
         )
-
-    def satisfied(self) -> bool:
-        """Return whether the method has two registers, to within rounding."""
-        if not self.possible():
-            return False
-        return nearly_satisfied(self._layout, self.equations(), self._x)
 
     def _entries(self) -> Iterator[tuple[int, int]]:
         for m in range(2, len(self._layout.parents)):

@@ -20,36 +20,21 @@ from math import factorial
 
 from flint import arb
 
-from ...structure.layout import Layout
-from ..systems import Equation, Term, nearly_satisfied
+from ..systems import Equation, Term
 from ..weights import Quantity
-from .orthogonality import Condition, ResidualRelation
+from .orthogonality import ResidualRelation
+from .structure import MethodStructure
 from .words import DOT, Word, add_multiple, condition_words
 
 __all__ = ["TimeSymmetry", "mirrored"]
 
 
-class TimeSymmetry:
-    """The structure of a Magnus method whose results are symmetric in time.
+class TimeSymmetry(MethodStructure):
+    """The structure of a Magnus method whose results are symmetric in time."""
 
-    Parameters
-    ----------
-    layout : Layout
-    orders : sequence of int
-        Of each row of weights.
-    x : sequence of Fraction
-        Packed coefficients.
-    """
-
-    assumed: tuple[Condition, ...] = ()
-
-    def __init__(self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction]) -> None:
-        self._layout, self._orders, self._x = layout, orders, x
-
-    def satisfied(self) -> bool:
-        """Return whether the coefficients are symmetric to within their rounding."""
-        layout = self._layout
-        return layout.of_time and nearly_satisfied(layout, self.equations(), self._x)
+    def possible(self) -> bool:
+        """Return whether stages are at nodes."""
+        return self._layout.of_time
 
     def equations(self) -> list[Equation]:
         """Return that nodes and weights are those of mirrored stages and flows."""

@@ -23,9 +23,10 @@ from .contexts import SLOT, basis, outer_nodes
 from .orthogonality import Condition, ResidualRelation
 from .quadratic import Quadratic, dependencies
 from .relations import fill
+from .structure import MethodStructure
 from .words import Word, add_multiple, nodes, reciprocal_density, shuffle, words_with
 
-__all__ = ["FlatRows"]
+__all__ = ["FlatTableau"]
 
 Combination = dict[Word, int]
 _Steps = tuple[Word, ...]
@@ -33,26 +34,21 @@ _Zero = dict[Condition, Quadratic]
 _ONE = Quadratic(1)
 
 
-class FlatRows:
+class FlatTableau(MethodStructure):
     """The flat tableau of a method: sums of weights along the paths to stages and results.
 
     Parameters
     ----------
-    layout : Layout
-    orders : sequence of int
-        Of each row of weights.
-    x : sequence of Fraction
-        Packed coefficients.
+    layout, orders, x
+        As for `MethodStructure`.
     root : int
         The d of numbers ``a + b √d`` that the sums are rounded from; 0 if they are exact.
     """
 
-    assumed: tuple[Condition, ...] = ()
-
     def __init__(
         self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction], root: int = 0
     ) -> None:
-        self._layout, self._orders = layout, orders
+        super().__init__(layout, orders, x)
         sums = [[Fraction(0)] * layout.stages for _ in layout.ends]
         self._present: list[tuple[int, int]] = []
         for i, end in enumerate(layout.ends):

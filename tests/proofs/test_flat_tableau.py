@@ -9,7 +9,7 @@ from flint import fmpq, fmpq_mat
 
 import cg
 from cg.proofs import CertificationError, certificate_of, certify, check
-from cg.proofs.dependent.flat_rows import FlatRows
+from cg.proofs.dependent.flat_tableau import FlatTableau
 from cg.proofs.dependent.quadratic import Quadratic, dependencies
 from cg.proofs.dependent.words import condition_words, reciprocal_density, text
 from cg.proofs.weights import Quantity, Weights
@@ -21,8 +21,8 @@ METHOD = cg.methods["DP5(4)"]
 ORDERS = [5, 4]
 
 
-def flat_rows(x):
-    return FlatRows(METHOD.layout, ORDERS, x)
+def flat_tableau(x):
+    return FlatTableau(METHOD.layout, ORDERS, x)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,9 @@ def values():
 
 def moved_along(values, seed):
     """Return other weights with the same sums along all ways."""
-    sums = [inside(term.weights[0]) for one in flat_rows(values).equations() for term in one.terms]
+    sums = [
+        inside(term.weights[0]) for one in flat_tableau(values).equations() for term in one.terms
+    ]
     reduced, rank = fmpq_mat(sums).rref()
     entries = reduced.tolist()[:rank]
     pivots = [next(k for k, x in enumerate(row) if x != 0) for row in entries]
@@ -47,15 +49,15 @@ def moved_along(values, seed):
 def inside(quantity):
     """Tell of each weight, by 0 or 1, whether it is in a sum along a way."""
     layout = METHOD.layout
-    found = [0] * layout.size
+    actual = [0] * layout.size
     for point in layout.path(layout.ends[quantity.row]):
         for k, stage in enumerate(layout.weights[point], layout.starts[point]):
-            found[k] += (stage,) == quantity.word
-    return found
+            actual[k] += (stage,) == quantity.word
+    return actual
 
 
 def test_the_tableau_is_dormand_and_princes(values):
-    rows = flat_rows(values)
+    rows = flat_tableau(values)
     assert rows.satisfied()
     constants = {
         (term.weights[0].row, term.weights[0].word): -one.constant
@@ -66,22 +68,22 @@ def test_the_tableau_is_dormand_and_princes(values):
     assert constants[6, (2,)] == Fraction(500, 1113)
     assert constants[8, (6,)] == Fraction(1, 40)
     wrong = [*values[:-1], values[-1] + Fraction(1, 10**30)]
-    assert not flat_rows(wrong).satisfied()
+    assert not flat_tableau(wrong).satisfied()
 
 
 def test_relations_hold_wherever_the_sums_do(values):
     """Off all order conditions, with other weights of the same sums."""
     x = moved_along(values, 1)
     assert x != values
-    relations = list(flat_rows(values).relations())
+    relations = list(flat_tableau(values).relations())
     words = sorted({one for relation in relations for one in relation}, key=str)
     quantities = [Quantity(METHOD.layout.stages + row, word) for row, word in words]
-    found = Weights(METHOD.layout, quantities).evaluate(
+    actual = Weights(METHOD.layout, quantities).evaluate(
         [fmpq(v.numerator, v.denominator) for v in x]
     )
     residual = {
         (row, word): Fraction(int(v.p), int(v.q)) - reciprocal_density(word)
-        for (row, word), v in zip(words, found, strict=True)
+        for (row, word), v in zip(words, actual, strict=True)
     }
     assert any(residual.values())
     for relation in relations:
@@ -110,10 +112,10 @@ def test_products_give_relations_that_vectors_do_not(values):
     """With the products of contexts and letters left out, fewer relations are known."""
 
     def rank(kinds):
-        rows = flat_rows(values)
-        found = [zero for kind in kinds for k in range(5) for zero in getattr(rows, kind)(k)]
-        words = sorted({one for zero in found for one in zero}, key=str)
-        table = [[zero[one].a if one in zero else 0 for one in words] for zero in found]
+        rows = flat_tableau(values)
+        actual = [zero for kind in kinds for k in range(5) for zero in getattr(rows, kind)(k)]
+        words = sorted({one for zero in actual for one in zero}, key=str)
+        table = [[zero[one].a if one in zero else 0 for one in words] for zero in actual]
         return fmpq_mat(table).rank()
 
     vectors = ["_of_letters", "_of_contexts"]
@@ -156,10 +158,10 @@ def test_dependencies_of_vectors_with_a_root():
 def test_the_tableau_of_cooper_and_verner_has_a_root():
     method = cg.methods["CooperVerner8"]
     x = [coefficient.value for coefficient in method.coefficients]
-    rows = FlatRows(method.layout, [8], x, 21)
+    rows = FlatTableau(method.layout, [8], x, 21)
     assert rows.satisfied()
-    assert not FlatRows(method.layout, [8], x, 6).satisfied()
-    assert not FlatRows(method.layout, [8], x).satisfied()
+    assert not FlatTableau(method.layout, [8], x, 6).satisfied()
+    assert not FlatTableau(method.layout, [8], x).satisfied()
     constants = {one.terms[0].weights[0]: -one.constant for one in rows.equations()}
     for quantity, constant in constants.items():
         row = method.tree.flat_row(method.layout.ends[quantity.row])
@@ -183,13 +185,13 @@ def test_one_more_condition_left_out_is_refused():
     certificate = certificate_of(METHOD)
     structure, names = certificate.identities
     trees = [text(word) for word in condition_words(5)]
-    kept = [tree for tree in trees if tree not in names.split()]
+    remaining = [tree for tree in trees if tree not in names.split()]
     held = set(certificate.fixed)
     refused = 0
     for name in [name for name in METHOD.layout.names if name not in held][:6]:
         forged = replace(
             certificate,
-            identities=(structure, f"{names} {kept[-1]}"),
+            identities=(structure, f"{names} {remaining[-1]}"),
             fixed=(*certificate.fixed, name),
         )
         with pytest.raises(CertificationError) as error:

@@ -1,0 +1,71 @@
+"""Why trajectories ended before their final time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cg.integration.loop.messages import (
+    failure,
+    flow_not_finite,
+    no_progress,
+    too_many_steps,
+    too_small_a_step,
+)
+from cg.integration.loop.record import COUNTS
+from cg.integration.loop.run import Run
+from cg.integration.loop.stiffness import is_stiff
+from cg.integration.rhs.python import StageOverflowError
+from cg.integration.step.implicit import ConvergenceError
+from cg.integration.step.plan import has_brackets
+from cg.method.magnus import MagnusMethod
+from cg.support.shared_numbers import Stop
+
+__all__ = ["explain_failure"]
+
+
+def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: PLR0911
+    """Return why a member ended early: an exception, or a message for failed adaptive steps."""
+    stop, t = Stop(run.status[member]), float(run.failed_at[member])
+    match stop:
+        case Stop.FINISHED | Stop.PAUSED | Stop.TERMINAL_EVENT:
+            return None
+        case Stop.STEP_TOO_SMALL:
+            return _explain_step_failure(run, member, t)
+        case Stop.TOO_MANY_STEPS:
+            return too_many_steps(run.control.max_steps, t, _is_stiff(run, member, t))
+        case Stop.JUMPS_WITHOUT_PROGRESS:
+            return no_progress(t)
+        case Stop.STAGES_NOT_SOLVED:
+            return run.callbacks.last_error or ConvergenceError(
+                "it diverges", int(run.flag[member]), math.nan, t, run.record.step_size
+            )
+        case Stop.SLOPE_NOT_FINITE:
+            point = run.plan.points(run.end[member], ())
+            return failure(stop, 0, t, run.rhs.at_member(member, t, point))
+        case Stop.STAGE_NOT_FINITE if run.callbacks.last_error is not None:
+            return StageOverflowError(str(run.callbacks.last_error))
+    return failure(stop, int(run.flag[member]), t, name=run.rhs.name)
+
+
+def _is_stiff(run: Run, member: int, t: float) -> bool:
+    plan, h = run.plan, run.record.step_size
+    if run.members > 1:
+        h = (t - run.t0) / max(run.counts[member, COUNTS.index("steps")], 1)
+    if not has_brackets(plan.frame) or isinstance(plan.method, MagnusMethod):
+        return False
+    point = plan.points(run.end[member].copy(), ())
+    return is_stiff(plan.frame, plan.method, run.rhs, member, t, point, h)
+
+
+def _explain_step_failure(run: Run, member: int, t: float) -> str:
+    """Return the message for a step size that became too small."""
+    plan = run.plan
+    point = plan.points(run.end[member].copy(), ())
+    try:
+        slope = run.rhs.at_member(member, t, point)
+        moved = plan.frame.flow(run.record.step_size * slope, point)
+    except (ValueError, ArithmeticError, RuntimeError):
+        return too_small_a_step(t)
+    return too_small_a_step(t) if np.isfinite(moved).all() else flow_not_finite(plan.frame, t)

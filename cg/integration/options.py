@@ -1,0 +1,85 @@
+"""Keyword arguments that the integrations share; `cg.solve_ivp` documents them."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, TypedDict, TypeVar, cast
+
+from numpy.typing import ArrayLike
+
+from cg.integration.default_method import AUTO
+from cg.method.method import Method
+
+__all__ = ["Options", "StepOptions", "complete_options", "expand_options"]
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+class StepOptions(TypedDict, total=False):
+    """Options of all integrations, also of a `cg.Stepper`."""
+
+    method: str | Method
+    h: float | None
+    rtol: float | None
+    atol: ArrayLike | None
+    max_step: float
+    first_step: float | None
+    breakpoints: ArrayLike | None
+    args: Iterable[Any] | None
+    parameters: ArrayLike | None
+
+
+class Options(StepOptions, total=False):
+    """Options of integrations over a given span of time."""
+
+    max_steps: int | None
+    t_eval: ArrayLike | None
+    dense_output: bool
+    events: Any
+
+
+_DEFAULTS: Options = {
+    "method": AUTO,
+    "h": None,
+    "rtol": None,
+    "atol": None,
+    "max_step": math.inf,
+    "first_step": None,
+    "breakpoints": None,
+    "args": None,
+    "parameters": None,
+    "max_steps": None,
+    "t_eval": None,
+    "dense_output": False,
+    "events": None,
+}
+
+
+def complete_options(options: StepOptions, kind: type = Options) -> Options:
+    """Return options with the defaults of those that aren't given; TypeError for another name."""
+    names = kind.__annotations__
+    for name in options:
+        if name not in names:
+            raise TypeError(f"unexpected keyword argument {name!r}; the options are {[*names]}")
+    return cast(Options, {**_DEFAULTS, **options})
+
+
+def expand_options(function: _Function) -> _Function:
+    """Show the options one by one in the signature of a function that takes ``**options``."""
+    signature = inspect.signature(function)
+    parameters = list(signature.parameters.values())
+    kind = StepOptions if "StepOptions" in str(parameters.pop().annotation) else Options
+    first = [parameter.name for parameter in parameters].index("frame") + 1
+    parameters[first:first] = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=cast(dict[str, Any], _DEFAULTS)[name],
+            annotation=getattr(annotation, "__forward_arg__", annotation),
+        )
+        for name, annotation in kind.__annotations__.items()
+    ]
+    cast(Any, function).__signature__ = signature.replace(parameters=parameters)
+    return function

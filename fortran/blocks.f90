@@ -1,0 +1,32 @@
+! The types of blocks, of which frames are products, and of sequences of flows.
+module blocks_m
+  use kinds, only: wp
+  use linear_action_m, only: linear_action_t
+  implicit none
+  private
+  public :: block_t, flow_sequence_t
+
+  type :: block_t
+    integer :: kind = 0
+    logical :: space = .false.
+    logical :: scalar_first = .false.
+    logical :: polynomial = .false.
+    integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of isospectral matrices
+    integer :: constants = 0    ! constants of the blocks before
+    integer :: vectors = 0      ! coefficients of the blocks before
+    integer :: points = 0       ! entries of the points of the blocks before
+    integer :: dimension = 0    ! number of coefficients
+    integer :: point_size = 0   ! number of entries of a point
+    type(linear_action_t) :: action
+  end type block_t
+
+  ! Time-1 flows one after the other; flow j is along the sum of weight(k) times the field stage(k),
+  ! over its terms k = first(j), ..., first(j + 1) - 1, at least one. For a polynomial block all
+  ! are one flow: the sum of flow j is the coefficient of (2 t - 1)^(j - 1) in the field at time t.
+  type :: flow_sequence_t
+    integer, allocatable :: first(:)         ! (flows + 1)
+    real(wp), allocatable :: weight(:)       ! (terms)
+    integer, allocatable :: stage(:)         ! (terms)
+  end type flow_sequence_t
+
+end module blocks_m

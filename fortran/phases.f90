@@ -1,0 +1,16 @@
+! The phases of a trajectory. Each is named after what `resume` does next, or after the
+! coefficients or the shared number that it has received.
+module phases_m
+  implicit none
+  public
+
+  enum, bind(c)
+    enumerator :: phase_begin_segment = 1, phase_guess_size, phase_guess_shared, &
+                  phase_curvature_received, phase_size_shared, phase_choose_step, &
+                  phase_start_received, phase_next_stage, phase_stage_received, &
+                  phase_finish_step, phase_decide_step, phase_accepted, phase_request_end, &
+                  phase_end_received, phase_next_node, phase_node_received, phase_record_step, &
+                  phase_column_received, phase_error_received, phase_ended
+  end enum
+
+end module phases_m

@@ -1,0 +1,133 @@
+! Requests of a trajectory for coefficients of the right-hand side and for values of events. If the
+! problem has a field, `request` calls it at once; otherwise the loop returns with the request and
+! is called again with the answer, so that one call can answer many trajectories.
+module requests_m
+  use kinds, only: wp
+  use controller_m, only: rejected_size
+  use shared_numbers, only: field_not_finite, finished, needs_field, needs_maximum, raised, &
+                            raised_in_python, stage_not_finite, stopped_by_field
+  use phases_m
+  use trajectory_m, only: fail, finite, problem_t, trajectory_t
+  implicit none
+  private
+  public :: before_stop, check_coefficients, evaluate_events, reject_stage, request
+
+contains
+
+  ! The time at which the right-hand side is evaluated in place of t. In a step that ends at a
+  ! breakpoint times are kept before it, since the right-hand side may change there.
+  pure elemental real(wp) function before_stop(problem, trajectory, t)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), intent(in) :: t
+
+    before_stop = t
+    if (trajectory%segment == size(problem%stops)) return
+    associate (stop => problem%stops(trajectory%segment))
+      if ((t - stop) * sign(1.0_wp, trajectory%h) >= 0) before_stop = nearest(stop, -trajectory%h)
+    end associate
+  end function before_stop
+
+  ! Requests the coefficients at a point, for the phase `next`.
+  subroutine request(problem, trajectory, t, y, next)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    integer, intent(in) :: next                        ! phase
+
+    trajectory%request_t = t
+    if (next /= phase_start_received) trajectory%request_t = before_stop(problem, trajectory, t)
+    trajectory%phase = next
+    trajectory%status = needs_field
+    trajectory%nfev = trajectory%nfev + 1
+    trajectory%request_y(:) = y
+    if (.not. associated(problem%field)) return
+    problem%field%member = trajectory%member
+    call problem%field%coefficients(problem%frame%point_size, problem%frame%dimension, &
+                                    trajectory%request_t, trajectory%request_y, &
+                                      trajectory%received, trajectory%flag)
+    call check_coefficients(problem, trajectory, y)
+  end subroutine request
+
+  ! Checks the answer to a request: finite coefficients go to the next phase, others are a failure.
+  subroutine check_coefficients(problem, trajectory, y)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) where f was evaluated
+
+    if (trajectory%flag == 0) then
+      if (finite(trajectory%received)) then
+        trajectory%status = finished
+        return
+      end if
+    end if
+    if (trajectory%flag == raised_in_python) then
+      call fail(trajectory, raised, trajectory%request_t)
+    else if (.not. finite(y)) then
+      call reject_stage(problem, trajectory, stage_not_finite, trajectory%request_t)
+    else if (trajectory%flag /= 0) then
+      call fail(trajectory, stopped_by_field, trajectory%request_t)
+    else
+      call fail(trajectory, field_not_finite, trajectory%request_t)
+    end if
+  end subroutine check_coefficients
+
+  ! Tries a step again with a smaller size after a stage that doesn't exist; equal steps fail.
+  subroutine reject_stage(problem, trajectory, status, t)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer, intent(in) :: status
+    real(wp), intent(in) :: t
+
+    if (.not. problem%adaptive) then
+      call fail(trajectory, status, t)
+      return
+    end if
+    select case (trajectory%phase)
+    case (phase_curvature_received)
+      trajectory%received = huge(1.0_wp)               ! choose_first_size keeps the guess
+    case (phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received)
+      trajectory%error = huge(1.0_wp)
+      trajectory%shared = trajectory%error
+      trajectory%status = finished
+      trajectory%phase = phase_decide_step
+      if (problem%common) trajectory%status = needs_maximum
+    case (phase_node_received)
+      ! the step is accurate, but too long for its interpolant
+      if (trajectory%interpolate_only .or. problem%common) then
+        call fail(trajectory, status, t)
+        return
+      end if
+      trajectory%steps = trajectory%steps - 1
+      trajectory%rejected = trajectory%rejected + 1
+      trajectory%after_rejection = .true.
+      trajectory%step_size = rejected_size(abs(trajectory%h), huge(1.0_wp), &
+                                           problem%tolerances%exponent)
+      trajectory%status = finished
+      trajectory%phase = phase_choose_step
+    case default
+      call fail(trajectory, status, t)
+    end select
+  end subroutine reject_stage
+
+  ! Evaluates the functions of all events at a point; the trajectory fails if one of them does.
+  subroutine evaluate_events(problem, trajectory, t, y, values, stopped)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), intent(inout) :: values(:)               ! (events)
+    logical, intent(out) :: stopped
+    integer :: i
+
+    stopped = .false.
+    do i = 1, size(values)
+      call problem%events%value(trajectory%member, i, t, y, values(i), stopped)
+      if (.not. stopped) cycle
+      call fail(trajectory, raised, t)
+      return
+    end do
+  end subroutine evaluate_events
+
+end module requests_m

@@ -1,0 +1,264 @@
+! Rotations of three dimensions: flows of matrices, unit quaternions, SU(2), spheres and rigid motions,
+! all by quaternions.
+module rotations_m
+  use kinds, only: wp
+  use blocks_m, only: block_t, flow_sequence_t
+  use shared_numbers, only: quaternion_block, so3_block, sphere_block, su2_block
+  implicit none
+  ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
+  private
+  public :: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, set_quaternion
+
+  ! Its square doesn't underflow, and sin(x) / x is exactly 1 there.
+  real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))
+
+contains
+
+  ! Rotates a point by the product of the rotations of all flows, a quaternion of length 1 up to
+  ! rounding.
+  subroutine rotate(block, flows, begin, last, m, f, y)
+    type(block_t), intent(in) :: block
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: begin, last
+    integer, intent(in) :: m                 ! coefficients of the frame
+    real(wp), intent(in) :: f(m, *)
+    real(wp), intent(inout) :: y(block%point_size)
+    real(wp) :: q(4), e(4), half, sinc, side
+    logical :: left
+    integer :: j, k
+
+    left = block%space .or. block%kind == sphere_block
+    side = merge(1.0_wp, -1.0_wp, left)
+    do j = begin, last
+      k = flows%first(j)
+      call exponential(combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f), e, &
+                       half, sinc)
+      if (j == begin) then
+        q(1) = e(1)            ! one by one: loads of pairs would wait for the stores
+        q(2) = e(2)
+        q(3) = e(3)
+        q(4) = e(4)
+      else
+        call multiply(side, e, q(1), q(2), q(3), q(4))
+      end if
+    end do
+
+    select case (block%kind)
+    case (so3_block)
+      call rotate_matrix(q, left, y(1:3), y(4:6), y(7:9))
+    case (sphere_block)
+      call rotate_vector(q, y)
+    case (quaternion_block)
+      if (block%scalar_first) then
+        call multiply(side, q, y(2), y(3), y(4), y(1))
+      else
+        call multiply(side, q, y(1), y(2), y(3), y(4))
+      end if
+    case (su2_block)
+      e = get_quaternion(block, y)
+      call multiply(side, q, e(1), e(2), e(3), e(4))
+      call set_quaternion(e, y)
+    end select
+  end subroutine rotate
+
+  ! The first three coefficients of a flow
+  pure function combined(terms, weight, stage, m, f)
+    integer, intent(in) :: terms, m
+    real(wp), intent(in) :: weight(terms)
+    integer, intent(in) :: stage(terms)
+    real(wp), intent(in) :: f(m, *)
+    real(wp) :: combined(3)
+    integer :: k
+
+    combined = weight(1) * f(1:3, stage(1))
+    do k = 2, terms
+      combined = combined + weight(k) * f(1:3, stage(k))
+    end do
+  end function combined
+
+  ! Moves a rigid motion (R, x), y -> R y + x; the coefficients are a rotation vector and a
+  ! velocity. One flow's motion is (exp hat v, V u), V the mean of exp(s hat v) over s from 0 to 1:
+  ! V u = a u + (1 - a) n (n . u) + b n x u, where v = angle n, a = sin(angle) / angle and b = (1 -
+  ! cos(angle)) / angle. Along the unit vector n nothing cancels that isn't small beside u.
+  subroutine move_rigid_body(block, flows, begin, last, m, f, y)
+    type(block_t), intent(in) :: block
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: begin, last
+    integer, intent(in) :: m                 ! coefficients of the frame
+    real(wp), intent(in) :: f(m, *)
+    real(wp), intent(inout) :: y(16)
+    real(wp) :: q(4), e(4), x(3), u(3), v(3), n(3), half, sinc, a, b
+    integer :: j, k
+
+    q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
+    x = 0.0_wp
+    do j = begin, last
+      k = flows%first(j)
+      v = combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f)
+      u = combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f(4, 1))
+      call exponential(v, e, half, sinc)
+      n = v / (2 * half)
+      a = sinc * e(4)
+      b = half * sinc**2
+      u = a * u + (1 - a) * dot_product(n, u) * n + b * cross(n, u)
+      if (block%space) then
+        call rotate_vector(e, x)
+        x = x + u
+      else
+        call rotate_vector(q, u)
+        x = x + u
+      end if
+      call multiply(merge(1.0_wp, -1.0_wp, block%space), e, q(1), q(2), q(3), q(4))
+    end do
+
+    if (block%space) then
+      u = [y(4), y(8), y(12)]
+      call rotate_vector(q, u)
+      u = u + x
+    else
+      u = [y(4) + dot_product(y(1:3), x), y(8) + dot_product(y(5:7), x), &
+           y(12) + dot_product(y(9:11), x)]
+    end if
+    call rotate_matrix(q, block%space, y(1:3), y(5:7), y(9:11))
+    y(4) = u(1)
+    y(8) = u(2)
+    y(12) = u(3)
+  end subroutine move_rigid_body
+
+  ! The quaternion (vector part, scalar part) of a point. For SU(2) it is the nearest one to the
+  ! matrix w - i (x, y, z) . (the Pauli matrices), so that rounding off the group is removed.
+  pure function get_quaternion(block, y) result(q)
+    type(block_t), intent(in) :: block
+    real(wp), contiguous, intent(in) :: y(:)       ! (4) or (8)
+    real(wp) :: q(4)
+
+    if (block%kind == su2_block) then
+      q = [-(y(4) + y(6)), y(5) - y(3), y(8) - y(2), y(1) + y(7)] / 2
+    else if (block%scalar_first) then
+      q = [y(2:4), y(1)]
+    else
+      q = y
+    end if
+  end function get_quaternion
+
+  ! Stores a quaternion as a matrix of SU(2).
+  pure subroutine set_quaternion(q, y)
+    real(wp), intent(in) :: q(4)
+    real(wp), contiguous, intent(inout) :: y(:)    ! (8)
+
+    y = [q(4), -q(3), -q(2), -q(1), q(2), -q(1), q(4), q(3)]
+  end subroutine set_quaternion
+
+  ! One Newton-Schulz step of a matrix of three rows
+  pure subroutine orthogonalise(x, y, z)
+    real(wp), intent(inout) :: x(3), y(3), z(3)    ! rows of a matrix near a rotation
+    real(wp) :: xx, yy, zz, xy, yz, zx, old(3, 3)
+
+    xx = 1.5_wp - 0.5_wp * dot_product(x, x)
+    yy = 1.5_wp - 0.5_wp * dot_product(y, y)
+    zz = 1.5_wp - 0.5_wp * dot_product(z, z)
+    xy = -0.5_wp * dot_product(x, y)
+    yz = -0.5_wp * dot_product(y, z)
+    zx = -0.5_wp * dot_product(z, x)
+    old(:, 1) = x
+    old(:, 2) = y
+    old(:, 3) = z
+    x = xx * old(:, 1) + xy * old(:, 2) + zx * old(:, 3)
+    y = xy * old(:, 1) + yy * old(:, 2) + yz * old(:, 3)
+    z = zx * old(:, 1) + yz * old(:, 2) + zz * old(:, 3)
+  end subroutine orthogonalise
+
+  ! An upper bound of the distance of a matrix from the rotations
+  pure real(wp) function rotation_bound(x, y, z)
+    real(wp), intent(in) :: x(3), y(3), z(3)       ! rows of a matrix
+
+    rotation_bound = abs(dot_product(x, x) - 1) + abs(dot_product(y, y) - 1) &
+                     + abs(dot_product(z, z) - 1) + 2 * (abs(dot_product(x, y)) &
+                     + abs(dot_product(y, z)) + abs(dot_product(z, x)))
+    if (.not. dot_product(cross(x, y), z) > 0) rotation_bound = huge(rotation_bound)
+  end function rotation_bound
+
+  ! The unit quaternion (vector part, scalar part) of the rotation vector v. The quotient sin(x) / x
+  ! is accurate to one or two roundings at every x, so that no series is needed near zero.
+  pure subroutine exponential(v, e, half, sinc)
+    real(wp), intent(in) :: v(3)
+    real(wp), intent(out) :: e(4)
+    real(wp), intent(out) :: half    ! of the angle
+    real(wp), intent(out) :: sinc    ! sin(half) / half
+
+    half = max(sqrt(v(1)**2 + v(2)**2 + v(3)**2) / 2, smallest)
+    sinc = sin(half) / half
+    e(1:3) = (sinc / 2) * v
+    e(4) = cos(half)
+  end subroutine exponential
+
+  ! The quaternion q = (x, y, z; w) becomes p q where the side is 1, q p where it is -1.
+  pure subroutine multiply(side, p, x, y, z, w)
+    real(wp), intent(in) :: side
+    real(wp), intent(in) :: p(4)
+    real(wp), intent(inout) :: x, y, z, w
+    real(wp) :: a, b, c, d
+
+    a = p(4) * x + p(1) * w + side * (p(2) * z - p(3) * y)
+    b = p(4) * y + p(2) * w + side * (p(3) * x - p(1) * z)
+    c = p(4) * z + p(3) * w + side * (p(1) * y - p(2) * x)
+    d = p(4) * w - p(1) * x - p(2) * y - p(3) * z
+    x = a
+    y = b
+    z = c
+    w = d
+  end subroutine multiply
+
+  ! Rotates a vector by a unit quaternion.
+  pure subroutine rotate_vector(q, u)
+    real(wp), intent(in) :: q(4)
+    real(wp), intent(inout) :: u(3)
+    real(wp) :: twice(3)
+
+    twice = 2 * cross(q(1:3), u)
+    u = u + q(4) * twice + cross(q(1:3), twice)
+  end subroutine rotate_vector
+
+  ! Multiplies the matrix with rows x, y, z by the rotation of q, from the left or the right.
+  pure subroutine rotate_matrix(q, left, x, y, z)
+    real(wp), intent(in) :: q(4)
+    logical, intent(in) :: left
+    real(wp), intent(inout) :: x(3), y(3), z(3)
+    real(wp) :: a(3), b(3), c(3)            ! rows of the rotation
+    real(wp) :: old(3, 3), twice(3)
+
+    twice = 2 * q(1:3)
+    a(1) = 1 - (twice(2) * q(2) + twice(3) * q(3))
+    b(2) = 1 - (twice(1) * q(1) + twice(3) * q(3))
+    c(3) = 1 - (twice(1) * q(1) + twice(2) * q(2))
+    a(2) = twice(1) * q(2) - twice(3) * q(4)
+    b(1) = twice(1) * q(2) + twice(3) * q(4)
+    b(3) = twice(2) * q(3) - twice(1) * q(4)
+    c(2) = twice(2) * q(3) + twice(1) * q(4)
+    c(1) = twice(3) * q(1) - twice(2) * q(4)
+    a(3) = twice(3) * q(1) + twice(2) * q(4)
+    if (left) then
+      old(:, 1) = x
+      old(:, 2) = y
+      old(:, 3) = z
+      x = a(1) * old(:, 1) + a(2) * old(:, 2) + a(3) * old(:, 3)
+      y = b(1) * old(:, 1) + b(2) * old(:, 2) + b(3) * old(:, 3)
+      z = c(1) * old(:, 1) + c(2) * old(:, 2) + c(3) * old(:, 3)
+    else
+      x = x(1) * a + x(2) * b + x(3) * c
+      y = y(1) * a + y(2) * b + y(3) * c
+      z = z(1) * a + z(2) * b + z(3) * c
+    end if
+  end subroutine rotate_matrix
+
+  ! The cross product
+  pure function cross(u, v)
+    real(wp), intent(in) :: u(3), v(3)
+    real(wp) :: cross(3)
+
+    cross(1) = u(2) * v(3) - u(3) * v(2)
+    cross(2) = u(3) * v(1) - u(1) * v(3)
+    cross(3) = u(1) * v(2) - u(2) * v(1)
+  end function cross
+
+end module rotations_m

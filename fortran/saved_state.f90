@@ -1,0 +1,88 @@
+! The state of a trajectory between steps, as arrays.
+module saved_state_m
+  use kinds, only: wp
+  use iso_fortran_env, only: int64
+  use trajectory_m, only: continue_run, trajectory_t
+  implicit none
+  private
+  public :: load_state, save_state
+
+contains
+
+  ! Copies the state that a trajectory needs between steps to continue bit for bit.
+  pure subroutine save_state(trajectory, reals, integers, points, slopes)
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), intent(out) :: reals(9)
+    integer(int64), intent(out) :: integers(11)
+    ! (point_size, 2), (dimension, 2 + columns of f, then last and jacobian of newton_t)
+    real(wp), intent(out) :: points(:, :), slopes(:, :)
+
+    associate (x => trajectory)
+      reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h, x%newton%last_h, &
+               x%newton%rate_factor, x%newton%factored_h]
+      integers = [merge(1_int64, 0_int64, x%slope_known), merge(1_int64, 0_int64, &
+                                                                x%after_rejection), &
+                  x%nfev, x%nexp, x%njev, x%nlu, x%steps, x%rejected, x%attempts, &
+                  merge(1_int64, 0_int64, x%newton%has_jacobian), &
+                  merge(1_int64, 0_int64, x%newton%fresh)]
+      points(:, 1) = x%y(:, 0)
+      slopes(:, 1) = x%slope
+      points(:, 2) = x%y(:, 0)
+      slopes(:, 2) = x%slope
+      slopes(:, 3:2 + size(x%f, 2)) = x%f
+      if (allocated(x%newton%last)) then
+        associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
+          slopes(:, n + 1:n + m) = x%newton%last
+          slopes(:, n + m + 1:) = x%newton%jacobian
+        end associate
+      end if
+      if (allocated(x%y_old)) points(:, 2) = x%y_old
+      if (allocated(x%slope_old)) slopes(:, 2) = x%slope_old
+    end associate
+  end subroutine save_state
+
+  ! Restores what save_state has copied.
+  pure subroutine load_state(trajectory, reals, integers, points, slopes)
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: reals(9)
+    integer(int64), intent(in) :: integers(11)
+    real(wp), intent(in) :: points(:, :), slopes(:, :)
+
+    associate (x => trajectory)
+      x%t = reals(1)
+      x%step_size = reals(2)
+      x%last_error = reals(3)
+      x%t_old = reals(4)
+      x%h_old = reals(5)
+      x%h = reals(6)
+      x%newton%last_h = reals(7)
+      x%newton%rate_factor = reals(8)
+      x%slope_known = integers(1) == 1
+      x%after_rejection = integers(2) == 1
+      x%nfev = integers(3)
+      x%nexp = integers(4)
+      x%njev = integers(5)
+      x%nlu = integers(6)
+      x%steps = integers(7)
+      x%rejected = integers(8)
+      x%attempts = integers(9)
+      x%newton%has_jacobian = integers(10) == 1
+      x%newton%fresh = integers(11) == 1
+      x%y(:, 0) = points(:, 1)
+      x%slope = slopes(:, 1)
+      x%y_old = points(:, 2)
+      x%slope_old = slopes(:, 2)
+      x%f = slopes(:, 3:2 + size(x%f, 2))
+      x%newton%factored_h = reals(9)
+      if (allocated(x%newton%last)) then
+        associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
+          x%newton%last = slopes(:, n + 1:n + m)
+          x%newton%jacobian = slopes(:, n + m + 1:)
+        end associate
+      end if
+      x%weighted_by = 0.0_wp
+    end associate
+    call continue_run(trajectory)
+  end subroutine load_state
+
+end module saved_state_m

@@ -1,0 +1,63 @@
+"""The command that proves stored certificates."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+import cg
+from cg.catalogue import methods
+from cg.proofs import (
+    Certificate,
+    certificate_of,
+    certify,
+)
+from cg.proofs.__main__ import main
+
+pytestmark = pytest.mark.no_core
+
+
+PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4", "CG4a", "CG5a"]
+
+
+class TestCommand:
+    def test_all_small_ones(self, capsys):
+        assert main(["--check", *PROVED_HERE]) == 0
+        out = capsys.readouterr().out
+        assert "CG5a: order 5 within" in out
+        assert out.splitlines()[-1] == f"{len(PROVED_HERE)} proved"
+
+    def test_partial_proofs_are_counted_apart(self, tmp_path, capsys):
+        path = tmp_path / "CF5c.toml"
+        certify("CF5c", small=True).save(path)
+        assert main(["--check", "CG3", str(path), "nonsense"]) == 1
+        first, second, _, last = capsys.readouterr().out.splitlines()
+        assert first.startswith("proved CG3")
+        assert second.startswith("partly proved CF5c")
+        assert last == "1 proved, 1 partly, 1 failed"
+
+    def test_failures_have_an_exit_code(self, tmp_path, capsys):
+        path = tmp_path / "CG4a.toml"
+        honest = certificate_of(methods["CG4a"])
+        replace(honest, order=5).save(path)
+        assert main(["--check", "CG3", str(path)]) == 1
+        assert f"FAILED {path}" in capsys.readouterr().out
+        assert main(["--check", "CG6a"]) == 1
+        assert main(["--check", "nonsense"]) == 1
+        assert main(["--check", str(tmp_path / "none.toml")]) == 1
+
+    def test_new_certificates(self, tmp_path):
+        assert main(["--output", str(tmp_path), "CG4a"]) == 0
+        assert Certificate.load(tmp_path / "CG4a.toml") == certificate_of(methods["CG4a"])
+        assert main(["CG6a"]) == 1
+
+    def test_it_is_a_function_and_a_command(self):
+        assert cg.certify is certify
+        run = subprocess.run(
+            [sys.executable, "-m", "cg.proofs", "--check", "CG3"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert "proved CG3" in run.stdout

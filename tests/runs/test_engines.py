@@ -1,0 +1,84 @@
+"""Searches on Dask, loky and MPI."""
+
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+import cg
+from cg.command import main
+from cg.runs import Store, execution
+
+SEARCH: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
+MPI = """
+import sys
+from mpi4py.futures import MPIPoolExecutor
+import cg
+if __name__ == "__main__":
+    with MPIPoolExecutor() as pool:
+        result = cg.search(3, 3, 30, 5, executor=pool, store=sys.argv[1])
+        assert result == cg.search(3, 3, 30, 5), "other results"
+        print("equal,", pool.num_workers, "workers")
+"""
+
+
+class TestEngines:
+    """The engines that people have, started for real."""
+
+    def test_dask(self, tmp_path):
+        distributed = pytest.importorskip("distributed")
+        with (
+            distributed.LocalCluster(
+                n_workers=2,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=":0",  # any port: another cluster may have the usual one
+                local_directory=tmp_path,
+            ) as cluster,
+            distributed.Client(cluster) as client,
+            client.get_executor() as pool,
+        ):
+            result = cg.search(**SEARCH, executor=pool, store=tmp_path / "runs.db")
+            assert result == cg.search(**SEARCH)
+            assert execution._workers_of(pool) == 2
+            store = tmp_path / "command.db"
+            command = ["search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "30"]
+            address = cluster.scheduler_address
+            assert main([*command, "--store", str(store), "--dask", address]) == 0
+        assert cg.search(**SEARCH, store=store) == result
+
+    def test_loky(self):
+        loky = pytest.importorskip("loky")
+        result = cg.search(**SEARCH, executor=lambda: loky.get_reusable_executor(2))
+        assert result == cg.search(**SEARCH)
+
+    def test_mpi(self, tmp_path):
+        pytest.importorskip("mpi4py")
+        script = tmp_path / "run.py"
+        script.write_text(MPI)
+        command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
+        process = subprocess.run(
+            [*command, "-m", "mpi4py.futures", str(script), str(tmp_path / "runs.db")],
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert process.stdout == "equal, 2 workers\n", process.stderr
+
+    def test_mpi_from_the_command(self, tmp_path):
+        pytest.importorskip("mpi4py")
+        command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
+        command += ["-m", "mpi4py.futures", "-m", "cg", "search", "--order", "3", "--stages", "3"]
+        command += ["--starts", "30", "--seed", "5", "--store", str(tmp_path / "runs.db"), "--mpi"]
+        subprocess.run(command, timeout=300, check=True, stdout=subprocess.DEVNULL)
+        with Store(tmp_path / "runs.db") as store:
+            assert [run.starts for run in store.runs()] == [30]
+
+
+def test_engines_of_the_command_exclude_each_other(capsys):
+    command = ["search", "--order", "3", "--stages", "3", "--starts", "2"]
+    assert main([*command, "--processes", "--mpi"]) == 2
+    assert "--processes, --dask and --mpi exclude each other" in capsys.readouterr().err
+    assert main([*command, "--processes"]) == 0
