@@ -38,7 +38,8 @@ def method_text(rounds: int) -> str:
         "Four equations `y' = A(t) y` with `a(t)` in Python, for tolerances from 1e-3 to 1e-13; "
         "work for a given error at the end is interpolated. Exponentials and evaluations are those "
         "of the Magnus method that needs fewest, and of the best pair of order four or higher with "
-        "flows of frozen fields, and of the best Munthe-Kaas pair where the frame has brackets. "
+        "flows of frozen fields, and of the best Munthe-Kaas pair where the frame has brackets; on "
+        "the last two a flow along interpolated coefficients counts as one exponential. "
         "Times are those of the default methods of `cg.solve_linear` and "
         "`cg.solve_ivp` on the same frame, of QuTiP's `sesolve` or `mesolve` with "
         '`method="vern9"`, and of SciPy\'s DOP853 on the entries, with matrices in NumPy or SciPy; '

@@ -17,7 +17,7 @@ import method_work
 from matplotlib import pyplot
 
 import cg
-from cg.catalogue import munthe_kaas
+from cg.catalogue import magnus, munthe_kaas
 from cg.formats import FORMATS
 from cg.method.method import Method
 from cg.proofs import CertificationError, certificate_of
@@ -26,7 +26,7 @@ ROOT = Path(__file__).parent.parent
 sys.path.append(str(ROOT))  # for the package benchmarks
 FOLDER = Path(__file__).parent / "methods"
 CITATIONS = Path(__file__).with_name("references.bib")
-METHODS: dict[str, Method] = {**cg.methods, **munthe_kaas}
+METHODS: dict[str, Method] = {**cg.methods, **munthe_kaas, **magnus}
 MAX_POINTS = 60  # larger trees are not drawn
 
 
@@ -39,6 +39,8 @@ def kind_of(method: Method) -> str:
     """Return what kind of method it is."""
     if isinstance(method, cg.MuntheKaas):
         return "Munthe-Kaas"
+    if isinstance(method, cg.MagnusMethod):
+        return "Magnus"
     if not method.explicit:
         return "implicit"
     if method.name and method.name.startswith(("CG", "Lie")):
@@ -108,8 +110,22 @@ def number(value: Fraction) -> str:
     return text if len(text) <= 13 else f"{float(value):.17g}"
 
 
+def weights_of_flows(method: cg.MagnusMethod) -> str:
+    """Return the weights of the flows of a Magnus method as a table, by node."""
+    nodes = [number(node) for node in method.abscissae]
+    lines = [f"| flow | at c = {' | '.join(nodes)} |", "|---" * (len(nodes) + 1) + "|"]
+    third = () if method.third_weights is None else (method.third_weights,)
+    results = {"": method.weights, "second, ": method.embedded_weights or (), "third, ": third}
+    for label, rows in results.items():
+        for i, row in enumerate(rows, 1):
+            lines.append(f"| {label}{i} | " + " | ".join(number(a.value) for a in row) + " |")
+    return "\n".join(lines)
+
+
 def coefficients(method: Method) -> str:
-    """Return the coefficients as a table: a tableau, or points with their weights."""
+    """Return the coefficients as a table: a tableau, or points or flows with their weights."""
+    if isinstance(method, cg.MagnusMethod):
+        return weights_of_flows(method)
     tableau = method.tableau if isinstance(method, cg.MuntheKaas) else method
     if isinstance(tableau, cg.Tableau):
         rows, weights = tableau.exact
@@ -160,6 +176,9 @@ def properties(method: Method) -> str:
         "proved": proof(method)[0],
         "evaluations per step": method.stages,
         "flows per step": method.exponentials,
+        "flows per step with the error estimate": method.pair_exponentials
+        if isinstance(method, cg.MagnusMethod) and method.embedded_order
+        else "",
         "principal error": f"{method.principal_error:.3g}",
         "largest residual through its order": f"{method.largest_residual():.1e}",
         "error at the end divided by the tolerance": errors_in_tolerances(method),
@@ -212,30 +231,35 @@ def page(method: Method) -> str:
     """Write the files of a method's page, and return its text."""
     name = slug(method.name)
     pictures = []
-    if method.explicit and len(method.points) <= MAX_POINTS:
+    linear = isinstance(method, cg.MagnusMethod)
+    if not linear and method.explicit and len(method.points) <= MAX_POINTS:
         draw(FOLDER / "pictures" / f"{name}_tree.png", cg.plot.points(method))
         pictures.append(
             "## Tree of points\n\nEach line is a flow; circles are stages, the square is the "
             "result.\n\n"
             f"![Tree of points of {method.name}](pictures/{name}_tree.png)"
         )
-    draw(FOLDER / "pictures" / f"{name}_region.png", cg.plot.stability_region(method))
-    pictures.append(
-        "## Stability\n\nIf flows commute, a step multiplies a solution of `y' = λ y` by R(hλ); "
-        f"the coloured region is |R| ≤ 1.\n\n![Stability region of {method.name}]"
-        f"(pictures/{name}_region.png)"
-    )
+    if not linear:
+        draw(FOLDER / "pictures" / f"{name}_region.png", cg.plot.stability_region(method))
+        pictures.append(
+            "## Stability\n\nIf flows commute, a step multiplies a solution of `y' = λ y` by "
+            f"R(hλ); the coloured region is |R| ≤ 1.\n\n![Stability region of {method.name}]"
+            f"(pictures/{name}_region.png)"
+        )
     pictures.append(method_work.section(FOLDER, name, method))
     use = f'cg.integrate(f, t_span, y0, frame=frame, method="{method.name}", h=h)'
     if method.embedded_order:
         use = f'cg.solve_ivp(f, t_span, y0, frame=frame, method="{method.name}")'
+    if linear:
+        use = use.replace("integrate(f", "solve_linear(a").replace("solve_ivp(f", "solve_linear(a")
+    sequence = "from top to bottom" if linear else "from left to right"
     parts = [
         f"# {method.name}",
         properties(method),
         f"```python\n{use}\n```",
         f"## Order\n\n{proof(method)[1]}",
         "## Coefficients\n\nQuotients are exact, decimals rounded to 17 digits; the files below "
-        "have all digits. Flows follow each other from left to right.\n\n" + coefficients(method),
+        f"have all digits. Flows follow each other {sequence}.\n\n" + coefficients(method),
         *pictures,
         f"## Files\n\n{exports(method, name)}",
         "## Cite\n\n```bibtex\n" + "\n\n".join(citations(method)) + "\n```",

@@ -6,7 +6,10 @@ same range. The curves for comparison are computed once per build.
 
 from __future__ import annotations
 
+import sys
 import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -17,15 +20,17 @@ from matplotlib import pyplot
 from matplotlib.ticker import NullLocator
 
 import cg
+from cg.catalogue import resolve_method
 from cg.method.method import Method
+
+sys.path.append(str(Path(__file__).parent.parent))  # for the package benchmarks
 
 TO_COMPARE = ("CG4a", "DOP853", "CF4")
 """Methods for comparison; the third replaces one of the others on its own page."""
 
-PROBLEMS = {
-    "heavy_top": ("heavy top", cg.problems.HeavyTop()),
-    "free_body": ("free rigid body", cg.problems.FreeRigidBody()),
-}
+LINEAR_TO_COMPARE = ("CFM4", "CFM8(4)", "CFM6(4)")
+"""Those for Magnus methods."""
+
 END = 2
 EVALUATIONS = tuple(100 * 2**k for k in range(6))
 SOLVES = 6  # factor of evaluations for solving the stage equations of an implicit method
@@ -33,16 +38,78 @@ BITS = 80
 ROUNDING = 1e-14  # the exact solutions are rounded to double precision
 
 
+@dataclass(frozen=True)
+class Work:
+    """A problem on which methods are compared.
+
+    Attributes
+    ----------
+    title : str
+    link : str
+        The title, or a link in MyST.
+    solve : callable
+        ``solve(method, h)`` returns a solution.
+    exact : callable
+        Returns the solution at the end.
+    frame : Frame
+    end : float
+    """
+
+    title: str
+    link: str
+    solve: Callable[[Method, float], Any]
+    exact: Callable[[], np.ndarray]
+    frame: cg.frames.Frame
+    end: float
+
+
+def _nonlinear(title: str, name: str) -> Work:
+    case = getattr(cg.problems, name)()
+
+    def solve(method: Method, h: float) -> Any:
+        return cg.integrate(case.f, (0, END), case.y0, frame=case.frame, method=method, h=h)
+
+    def exact() -> np.ndarray:
+        """Return the solution by Taylor series in extended precision."""
+        return case.reference([Fraction(END)], bits=BITS).y[-1]
+
+    link = f"[{title}](../reference/generated/cg.problems.{name}.rst)"
+    return Work(title, link, solve, exact, case.frame, END)
+
+
+def _linear(problem: Any) -> Work:
+    case = problem.case
+
+    def solve(method: Method, h: float) -> Any:
+        return cg.solve_linear(
+            problem.a, (0, case.end), case.y0, frame=case.frame, method=method, h=h
+        )
+
+    link = f"[{case.title}](../benchmarks.md#linear-equations)"
+    return Work(case.title, link, solve, lambda: case.exact, case.frame, case.end)
+
+
 @cache
-def exact(problem: str) -> np.ndarray:
-    """Return the solution of a problem at the end, by Taylor series in extended precision."""
-    _, case = PROBLEMS[problem]
-    return case.reference([Fraction(END)], bits=BITS).y[-1]
+def problems(linear: bool) -> dict[str, Work]:
+    """Return the problems by the names of their pictures."""
+    from benchmarks.linear_cases import linear_cases
+
+    if linear:
+        return {f"linear_{k}": _linear(case) for k, case in enumerate(linear_cases(quick=True))}
+    return {
+        "heavy_top": _nonlinear("heavy top", "HeavyTop"),
+        "free_body": _nonlinear("free rigid body", "FreeRigidBody"),
+    }
 
 
-def measured(problem: str, method: Method) -> list[tuple[int, int, float]]:
+@cache
+def exact(problem: Work) -> np.ndarray:
+    """Return the solution of a problem at the end."""
+    return problem.exact()
+
+
+def measured(problem: Work, method: Method) -> list[tuple[int, int, float]]:
     """Return evaluations, flows and error at the end for decreasing step sizes."""
-    _, case = PROBLEMS[problem]
     points = []
     for evaluations in EVALUATIONS:
         a_step = method.stages * (1 if method.explicit else SOLVES)
@@ -50,28 +117,31 @@ def measured(problem: str, method: Method) -> list[tuple[int, int, float]]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # CG6a's order is nominal
             try:
-                run = cg.integrate(
-                    case.f, (0, END), case.y0, frame=case.frame, method=method, h=END / steps
-                )
+                run = problem.solve(method, problem.end / steps)
             except (cg.ConvergenceError, OverflowError):
                 continue
-        error = float(case.frame.distance(run.y[-1], exact(problem)))
+        error = float(problem.frame.distance(run.y[-1], exact(problem)))
         if error > ROUNDING and np.isfinite(error):
             points.append((run.nfev, run.nexp, error))
     return points
 
 
 @cache
-def to_compare(problem: str, name: str) -> list[tuple[int, int, float]]:
+def to_compare(problem: Work, name: str) -> list[tuple[int, int, float]]:
     """Return the result of `measured` for a method of comparison."""
-    return measured(problem, cg.methods[name])
+    return measured(problem, resolve_method(name))
 
 
-def draw(path: Path, problem: str, method: Method) -> None:
+def others(method: Method) -> list[str]:
+    """Return the names of the methods that a method is compared with."""
+    names = LINEAR_TO_COMPARE if isinstance(method, cg.MagnusMethod) else TO_COMPARE
+    return [name for name in names if name != method.name][:2]
+
+
+def draw(path: Path, problem: Work, method: Method) -> None:
     """Draw the error against evaluations and flows of a method and two others."""
-    others = [name for name in TO_COMPARE if name != method.name][:2]
     curves = {method.name: measured(problem, method)}
-    curves |= {name: to_compare(problem, name) for name in others}
+    curves |= {name: to_compare(problem, name) for name in others(method)}
     figure, (above, below) = pyplot.subplots(2, 1, figsize=(4.0, 5.6), sharey=True)
     # fixed, since automatic layout would take twice as long
     figure.subplots_adjust(left=0.19, right=0.97, bottom=0.085, top=0.95, hspace=0.24)
@@ -87,7 +157,7 @@ def draw(path: Path, problem: str, method: Method) -> None:
                     unit=unit,
                 )
         ax.xaxis.set_minor_locator(NullLocator())
-    above.set_title(PROBLEMS[problem][0], fontsize=10)
+    above.set_title(problem.title, fontsize=10)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=180)
     pyplot.close(figure)
@@ -95,19 +165,20 @@ def draw(path: Path, problem: str, method: Method) -> None:
 
 def section(folder: Path, file: str, method: Method) -> str:
     """Draw the figures of a method into a folder, and return the section of its page."""
-    others = [name for name in TO_COMPARE if name != method.name][:2]
+    here = problems(isinstance(method, cg.MagnusMethod))
     pictures = []
-    for problem, (title, _) in PROBLEMS.items():
-        path = folder / "pictures" / f"{file}_{problem}.png"
+    for name, problem in here.items():
+        path = folder / "pictures" / f"{file}_{name}.png"
         draw(path, problem, method)
-        words = f"Error of {method.name} over evaluations and flows: {title}"
+        words = f"Error of {method.name} over evaluations and flows: {problem.title}"
         pictures.append(f"![{words}](pictures/{path.name}){{.half}}")
+    links = " and a ".join(problem.link for problem in here.values())
+    ends = dict.fromkeys(f"{problem.end:g}" for problem in here.values())
     return (
-        f"## Work and precision\n\nThe error at t = {END} with fixed steps, as a distance on the "
-        f"manifold, against the work, compared with {others[0]} and {others[1]}: the "
-        "[heavy top](../reference/generated/cg.problems.HeavyTop.rst) of the paper, and a "
-        "[free rigid body](../reference/generated/cg.problems.FreeRigidBody.rst). Errors below "
-        f"{ROUNDING:g} are rounding errors, and left out.\n\n" + "\n".join(pictures)
+        f"## Work and precision\n\nThe error at t = {' and '.join(ends)} with fixed steps, "
+        f"as a distance on the manifold, against the work, compared with "
+        f"{' and '.join(others(method))}, on a {links}. Errors below {ROUNDING:g} are rounding "
+        "errors, and left out.\n\n" + "\n".join(pictures)
     )
 
 

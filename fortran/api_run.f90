@@ -28,14 +28,15 @@ end subroutine plan_open
 
 ! Sets the coefficients of the interpolants of a plan; see scheme_t.
 subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
-                           degree, basis, nodes, node, blend, used, used_c, flows, result_weight)
+                           degree, basis, at_stages, nodes, node, blend, used, used_c, flows, &
+                           result_weight)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
-  logical, intent(in) :: flat
+  logical, intent(in) :: flat, at_stages
   ! the last one is unused, since no array may be empty
   real(wp), intent(in) :: theta(extra)
   real(wp), intent(in) :: row(derivatives, extra), basis(derivatives, degree)
@@ -51,6 +52,7 @@ subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, 
     scheme%theta = theta(:extra - 1)
     scheme%row = row
     scheme%basis = basis
+    scheme%at_stages = at_stages
     scheme%nodes = nodes
     allocate (scheme%node(nodes, 2:nodes), scheme%blend(0:nodes + 1, 2:nodes))
     scheme%node(:, :) = node

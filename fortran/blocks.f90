@@ -10,6 +10,7 @@ module blocks_m
     integer :: kind = 0
     logical :: space = .false.
     logical :: scalar_first = .false.
+    logical :: polynomial = .false.
     integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of isospectral matrices
     integer :: constants = 0    ! constants of the blocks before
     integer :: vectors = 0      ! coefficients of the blocks before
@@ -20,7 +21,8 @@ module blocks_m
   end type block_t
 
   ! Time-1 flows one after the other; flow j is along the sum of weight(k) times the field stage(k),
-  ! over its terms k = first(j), ..., first(j + 1) - 1, at least one.
+  ! over its terms k = first(j), ..., first(j + 1) - 1, at least one. For a polynomial block all
+  ! are one flow: the sum of flow j is the coefficient of (2 t - 1)^(j - 1) in the field at time t.
   type :: flow_sequence_t
     integer, allocatable :: first(:)         ! (flows + 1)
     real(wp), allocatable :: weight(:)       ! (terms)

@@ -3,13 +3,13 @@
 module frames_m
   use kinds, only: wp
   use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
-                            linear_action_block, quaternion_block, restore_operation, &
-                            scalar_first, se3_block, &
+                            linear_action_block, polynomial, quaternion_block, &
+                            restore_operation, scalar_first, se3_block, &
                             so3_block, so_block, space_axes, sphere_block, su2_block, su_block, &
                             u_block
   use blocks_m, only: block_t, flow_sequence_t
   use isospectral_m, only: move_isospectral, restore_isospectral
-  use linear_action_m, only: make_linear_action, move_linearly
+  use linear_action_m, only: make_linear_action, move_linearly, move_polynomially
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion
@@ -64,6 +64,7 @@ contains
         block%kind = description(1, i)
         block%space = iand(options, space_axes) /= 0
         block%scalar_first = iand(options, scalar_first) /= 0
+        block%polynomial = iand(options, polynomial) /= 0
         block%vectors = frame%dimension
         block%points = frame%point_size
         block%dimension = 3
@@ -201,7 +202,11 @@ contains
     case (su_block, u_block)
       call move_unitary(block%kind, block%n, block%space, v, y)
     case (linear_action_block)
-      call move_linearly(block%action, v, y)
+      if (block%polynomial) then
+        call move_polynomially(block%action, v, y)
+      else
+        call move_linearly(block%action, v, y)
+      end if
     case (callback_block)
       call frame%callback%apply(flow_operation, reshape(v, [size(v)]), (y), y)
     end select

@@ -20,7 +20,8 @@
 ! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
 ! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
 ! Nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
-! with n nodes leads.
+! with n nodes leads. For linear equations with flows along polynomials, z with nodes at the stages
+! is y, without a last flow.
 module interpolant_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
@@ -36,6 +37,7 @@ module interpolant_m
   ! The coefficients of the interpolants of a method
   type :: scheme_t
     integer :: columns = 0                   ! of an interpolant's coefficients; 0: not yet known
+    logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
     ! on a Lie algebra
     logical :: flat = .false.                ! whether the stages of a flat method are used
     integer :: final = 0                     ! the derivative at the end
@@ -119,7 +121,15 @@ contains
 
     interpolant%nexp = 0
     interpolant%complete = .false.
-    interpolant%on_algebra = scheme%flat .or. free
+    interpolant%on_algebra = .not. scheme%at_stages .and. (scheme%flat .or. free)
+    if (scheme%at_stages) then
+      interpolant%known = scheme%nodes
+      interpolant%field(:, :scheme%nodes) = stages
+      interpolant%field(:, scheme%nodes + 1) = 0.0_wp  ! there is no last flow
+      interpolant%complete = .true.
+      exists = .true.
+      return
+    end if
     if (.not. interpolant%on_algebra) then
       call begin_flows(frame, scheme, interpolant)
       exists = .true.
@@ -313,7 +323,8 @@ contains
     type(interpolant_t), intent(in) :: interpolant
 
     flows_of_evaluation = 1
-    if (.not. interpolant%on_algebra) flows_of_evaluation = size(scheme%weight, 2) + 1
+    if (interpolant%on_algebra .or. scheme%at_stages) return
+    flows_of_evaluation = size(scheme%weight, 2) + 1
   end function flows_of_evaluation
 
   ! Evaluates the interpolant at a fraction of the step.

@@ -1,6 +1,7 @@
 ! Flows of linear vector fields y' = X y, X = sum_i v_i G_i with given sparse matrices G_i. The
 ! exponential of X is applied by Chebyshev polynomials if all G_i are skew-Hermitian (H. Tal-Ezer,
-! R. Kosloff, J. Chem. Phys. 81 (1984) 3967-3971), else by Taylor polynomials.
+! R. Kosloff, J. Chem. Phys. 81 (1984) 3967-3971), else by Taylor polynomials. Coefficients v that
+! are polynomials in time have Taylor polynomials too.
 !
 ! Entries of X are on one sparsity pattern, row by row. Those of X are real (of points with real
 ! entries), imaginary, or complex; a complex number is stored as its real and its imaginary part.
@@ -9,7 +10,7 @@ module linear_action_m
   use kinds, only: wp
   implicit none
   private
-  public :: linear_action_t, make_linear_action, move_linearly, linear_tangent
+  public :: linear_action_t, make_linear_action, move_linearly, move_polynomially, linear_tangent
 
   integer, parameter :: real_entries = 0, imaginary_entries = 1, complex_entries = 2
 
@@ -25,12 +26,17 @@ module linear_action_m
     integer, allocatable :: first_term(:)    ! (generators + 1) where those of a G_i begin
     integer, allocatable :: place(:)         ! (parts, terms) the number of X
     real(wp), allocatable :: value(:)        ! (parts, terms) its coefficient
+    ! the generators one by one
+    integer, allocatable :: row(:, :)        ! (n + 1, generators) the terms where rows begin
+    integer, allocatable :: term_column(:)   ! (terms)
+    real(wp), allocatable :: norm(:)         ! (generators) bounds, as `combine` has them
   end type linear_action_t
 
   ! Norms of the parts into which an exponent is divided. Terms of Taylor polynomials lose less than
   ! a digit to cancellation, those of Chebyshev polynomials none.
-  real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
+  real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp, polynomial_norm = 4.0_wp
   real(wp), parameter :: max_parts = 1e7_wp
+  real(wp), parameter :: roundings = 16 * epsilon(1.0_wp)
   integer, parameter :: max_terms = 200
 
 contains
@@ -58,6 +64,7 @@ contains
     call take(action%parts * terms, action%place)
     action%value = numbers(used + 1:used + action%parts * terms)
     used = used + action%parts * terms
+    call separate_generators(action)
 
   contains
 
@@ -70,6 +77,120 @@ contains
     end subroutine take
 
   end subroutine make_linear_action
+
+  ! Finds the rows of each generator, whose terms come row by row.
+  subroutine separate_generators(action)
+    type(linear_action_t), intent(inout) :: action
+    integer :: entry, i, j, k, m
+
+    m = action%parts
+    associate (terms => size(action%place) / m, n => action%n)
+      allocate (action%row(n + 1, action%generators), action%term_column(terms), &
+                action%norm(action%generators))
+      do k = 1, terms
+        action%term_column(k) = action%column((action%place(m * k) + m - 1) / m)
+      end do
+    end associate
+    action%norm = 0.0_wp
+    do i = 1, action%generators
+      k = action%first_term(i)
+      do j = 1, action%n
+        action%row(j, i) = k
+        do while (k < action%first_term(i + 1))
+          entry = (action%place(m * k) + m - 1) / m
+          if (entry >= action%first(j + 1)) exit
+          k = k + 1
+        end do
+        associate (values => action%value(m * action%row(j, i) - m + 1:m * (k - 1)))
+          action%norm(i) = max(action%norm(i), sum(abs(values)))
+        end associate
+      end do
+      action%row(action%n + 1, i) = k
+    end do
+  end subroutine separate_generators
+
+  ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
+  ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose less than two digits to
+  ! cancellation: with y' = sum_m t^(m - 1) D_m y in a part, its coefficients are
+  !     y_(k + 1) = sum_m D_m y_(k + 1 - m) / (k + 1),
+  ! so that one product of each G_i with each y_k is enough. They are bounded by the same recursion
+  ! with norms in place of matrices.
+  subroutine move_polynomially(action, v, y)
+    type(linear_action_t), intent(in) :: action
+    real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
+    real(wp), intent(inout) :: y(:)          ! (point_size)
+    real(wp) :: d(size(v, 1), size(v, 2)), norm
+    integer :: i, part, parts
+
+    norm = dot_product(sum(abs(v), dim=2), action%norm) / polynomial_norm
+    if (.not. norm <= max_parts) then
+      y = ieee_value(y, ieee_quiet_nan)
+      return
+    end if
+    parts = max(1, ceiling(norm))
+    do part = 1, parts
+      d = shifted(v, 2 * real(part - 1, wp) / parts - 1, 2.0_wp / parts) / parts
+      do i = 1, size(d, 1)                   ! rounding errors, such as those of constants
+        where (abs(d(i, :)) <= roundings * maxval(abs(d(i, :)))) d(i, :) = 0.0_wp
+      end do
+      call apply_polynomial(action, d, y)
+    end do
+  end subroutine move_polynomially
+
+  ! The coefficients of a polynomial in t, of which v has those in s = start + slope t
+  pure function shifted(v, start, slope) result(d)
+    real(wp), intent(in) :: v(:, :), start, slope
+    real(wp) :: d(size(v, 1), size(v, 2))
+    integer :: j, k
+
+    d = v
+    do j = 1, size(v, 2) - 1                           ! synthetic division by s - start
+      do k = size(v, 2) - 1, j, -1
+        d(:, k) = d(:, k) + start * d(:, k + 1)
+      end do
+    end do
+    do j = 2, size(v, 2)
+      d(:, j) = d(:, j) * slope**(j - 1)
+    end do
+  end function shifted
+
+  ! Applies one Taylor polynomial.
+  subroutine apply_polynomial(action, d, y)
+    type(linear_action_t), intent(in) :: action
+    real(wp), intent(in) :: d(:, :)          ! (generators, degree + 1)
+    real(wp), intent(inout) :: y(action%point_size)
+    real(wp) :: term(size(y)), product(size(y)), sums(size(y), 0:size(d, 2) - 1)
+    real(wp) :: sizes(size(d, 2)), bound(0:size(d, 2) - 1), negligible
+    integer :: i, k, m, n
+
+    n = size(d, 2)
+    sizes = matmul(action%norm, abs(d))
+    negligible = epsilon(1.0_wp) / 8
+    if (.not. action%skew) negligible = negligible * exp(-sum(sizes))
+    term = y
+    sums = 0.0_wp                            ! column modulo(k, n) becomes k y_k
+    bound = 0.0_wp
+    bound(0) = 1.0_wp
+    do k = 1, max_terms
+      do i = 1, action%generators
+        if (.not. any(abs(d(i, :)) > 0)) cycle
+        call multiply(action, action%row(:, i), action%term_column, action%value, term, product)
+        do m = 1, n
+          if (abs(d(i, m)) > 0) then
+            associate (sum_of => sums(:, modulo(k + m - 1, n)))
+              sum_of = sum_of + d(i, m) * product
+            end associate
+          end if
+        end do
+      end do
+      term = sums(:, modulo(k, n)) / real(k, wp)
+      sums(:, modulo(k, n)) = 0.0_wp
+      y = y + term
+      ! bounds of y_(k - 1), y_(k - 2), ... come first
+      bound = [dot_product(sizes, bound) / k, bound(:n - 2)]
+      if (all(bound <= negligible)) exit
+    end do
+  end subroutine apply_polynomial
 
   ! Moves y along flows, the first one first; y is NaN if the norm of an exponent is too large.
   subroutine move_linearly(action, v, y)
@@ -110,7 +231,7 @@ contains
     real(wp) :: norm
 
     call combine(action, v, x, norm)
-    call multiply(action, x, y, tangent)
+    call multiply(action, action%first, action%column, x, y, tangent)
   end subroutine linear_tangent
 
   ! Computes the entries of X and a bound of its norm, the largest sum of moduli of parts in a row;
@@ -155,11 +276,11 @@ contains
     call bessel_functions(norm, bessel, last)
     allocate (old(size(y)), now(size(y)), next(size(y)))
     old = y
-    call multiply(action, x, y, now)
+    call multiply(action, action%first, action%column, x, y, now)
     now = now / norm
     y = bessel(0) * y + 2 * bessel(1) * now
     do k = 2, last
-      call multiply(action, x, now, next)
+      call multiply(action, action%first, action%column, x, now, next)
       next = old + (2 / norm) * next
       y = y + 2 * bessel(k) * next
       call move_alloc(now, old)
@@ -211,27 +332,29 @@ contains
     k = 0
     do while (bound > negligible)
       k = k + 1
-      call multiply(action, x, term, next)
+      call multiply(action, action%first, action%column, x, term, next)
       term = next / real(k, wp)
       y = y + term
       bound = bound * norm / real(k + 1, wp)
     end do
   end subroutine apply_taylor
 
-  ! Computes X y.
-  subroutine multiply(action, x, y, product)
+  ! Computes the product of a matrix with y.
+  subroutine multiply(action, first, column, x, y, product)
     type(linear_action_t), intent(in) :: action
-    real(wp), contiguous, intent(in) :: x(:)           ! (numbers of X)
+    integer, contiguous, intent(in) :: first(:)        ! (n + 1) where rows begin
+    integer, contiguous, intent(in) :: column(:)       ! (entries)
+    real(wp), contiguous, intent(in) :: x(:)           ! (parts, entries)
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), contiguous, intent(out) :: product(:)    ! (point_size)
 
     select case (action%kind)
     case (real_entries)
-      call multiply_real(action%n, action%first, action%column, x, y, product)
+      call multiply_real(action%n, first, column, x, y, product)
     case (imaginary_entries)
-      call multiply_imaginary(action%n, action%first, action%column, x, y, product)
+      call multiply_imaginary(action%n, first, column, x, y, product)
     case (complex_entries)
-      call multiply_complex(action%n, action%first, action%column, x, y, product)
+      call multiply_complex(action%n, first, column, x, y, product)
     end select
   end subroutine multiply
 

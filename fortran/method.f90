@@ -26,6 +26,8 @@ module method_m
     logical :: two_registers = .false.
     real(wp), allocatable :: a(:), b(:)      ! (stages)
     logical :: on_algebra = .false.
+    logical :: of_time = .false.             ! whether stages need no points, only times
+    logical :: polynomial = .false.          ! whether the flows of a path are one, see frames_m
     logical :: implicit = .false.            ! whether Python solves the stage equations
     logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
     type(transformation_t) :: transformation ! of a collocation method
@@ -41,9 +43,9 @@ contains
   ! Makes a method. All its integers come as one list, as cg/integration/step/paths.py writes them:
   ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
   ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, the
-  ! power, the number of its error estimates by weights, and 1 if it is a collocation method. The
-  ! weights are followed by a and b of registers, by those of errors, by the entries of
-  ! transformation_t, and by the factor.
+  ! power, the number of its error estimates by weights, 1 if it is a collocation method, and 1 if
+  ! the flows of a path are one along a polynomial. The weights are followed by a and b of registers,
+  ! by those of errors, by the entries of transformation_t, and by the factor.
   subroutine make_method(list, weight, c, method)
     integer, intent(in) :: list(:)
     real(wp), intent(in) :: weight(:)        ! (terms + 1) or more
@@ -90,6 +92,8 @@ contains
       method%factor = weight(k + 1)
     end associate
     method%c = c
+    method%polynomial = list(used + 10) == 1
+    method%of_time = all(method%stage_path == 0) .and. any(abs(c) > 0)
 
   contains
 

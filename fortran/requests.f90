@@ -10,12 +10,25 @@ module requests_m
   use trajectory_m, only: fail, finite, problem_t, trajectory_t
   implicit none
   private
-  public :: check_coefficients, evaluate_events, reject_stage, request
+  public :: before_stop, check_coefficients, evaluate_events, reject_stage, request
 
 contains
 
-  ! Requests the coefficients at a point, for the phase `next`. In a step that ends at a breakpoint
-  ! times are kept before it, since the right-hand side may change there.
+  ! The time at which the right-hand side is evaluated in place of t. In a step that ends at a
+  ! breakpoint times are kept before it, since the right-hand side may change there.
+  pure elemental real(wp) function before_stop(problem, trajectory, t)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), intent(in) :: t
+
+    before_stop = t
+    if (trajectory%segment == size(problem%stops)) return
+    associate (stop => problem%stops(trajectory%segment))
+      if ((t - stop) * sign(1.0_wp, trajectory%h) >= 0) before_stop = nearest(stop, -trajectory%h)
+    end associate
+  end function before_stop
+
+  ! Requests the coefficients at a point, for the phase `next`.
   subroutine request(problem, trajectory, t, y, next)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -24,13 +37,7 @@ contains
     integer, intent(in) :: next                        ! phase
 
     trajectory%request_t = t
-    if (trajectory%segment < size(problem%stops) .and. next /= phase_start_received) then
-      associate (stop => problem%stops(trajectory%segment))
-        if ((t - stop) * sign(1.0_wp, trajectory%h) >= 0) then
-          trajectory%request_t = nearest(stop, -trajectory%h)
-        end if
-      end associate
-    end if
+    if (next /= phase_start_received) trajectory%request_t = before_stop(problem, trajectory, t)
     trajectory%phase = next
     trajectory%status = needs_field
     trajectory%nfev = trajectory%nfev + 1

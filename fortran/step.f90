@@ -9,12 +9,12 @@ module step_m
   use frames_m, only: apply_flows, flow_along, restore
   use method_m, only: method_t
   use newton_m, only: filtered
-  use requests_m, only: reject_stage, request
+  use requests_m, only: before_stop, reject_stage, request
   use phases_m
   use trajectory_m, only: copy, fail, finite, problem_t, trajectory_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: needs_maximum, raised, solution_not_finite, stages_not_solved, &
-                            stages_operation, step_too_long
+  use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
+                            stages_not_solved, stages_operation, step_too_long
   implicit none
   private
   public :: store_error, store_stage, finish_step, accept_or_reject, request_stage
@@ -22,7 +22,7 @@ module step_m
 contains
 
   ! Moves to the point of the next stage and requests the coefficients there. The first stage is at
-  ! the start.
+  ! the start, unless it is at a node of its own.
   subroutine request_stage(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -35,7 +35,7 @@ contains
         call request_collocation(problem, trajectory)
         return
       end if
-      if (x%stage == 1) then
+      if (x%stage == 1 .and. .not. abs(method%c(1)) > 0) then
         x%f(:, 1) = x%slope
         if (method%two_registers) then
           x%y(:, 1) = x%y(:, 0)
@@ -47,6 +47,10 @@ contains
         x%phase = phase_finish_step
         return
       end if
+      if (method%of_time .and. .not. associated(problem%field)) then
+        call evaluate_nodes(problem, trajectory)
+        return
+      end if
       associate (path => merge(1, method%stage_path(x%stage), method%two_registers))
         if (.not. method%two_registers) call follow_paths(problem, trajectory, path)
         call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), &
@@ -54,6 +58,29 @@ contains
       end associate
     end associate
   end subroutine request_stage
+
+  ! Evaluates a vectorized function of time at all remaining nodes of the step.
+  subroutine evaluate_nodes(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: times(size(problem%method%c) - trajectory%stage + 1)
+    real(wp) :: members(size(times)), answer(size(trajectory%f, 1) * size(times))
+
+    associate (x => trajectory, method => problem%method)
+      times = before_stop(problem, x, x%t + method%c(x%stage:) * x%h)
+      members = real(x%member - 1, wp)
+      call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer)
+      if (.not. finite(answer)) then                   ! Python has raised an exception
+        call fail(x, raised, x%t)
+        return
+      end if
+      x%f(:, x%stage:) = reshape(answer, [size(x%f, 1), size(times)])
+      x%nfev = x%nfev + size(times, kind=int64)
+      x%end_known = method%final_stage > 0
+      if (x%end_known) x%end_slope(:) = x%f(:, method%final_stage)
+      x%phase = phase_finish_step
+    end associate
+  end subroutine evaluate_nodes
 
   ! Stores the coefficients at a stage. On a Lie algebra they become derivatives of coordinates.
   subroutine store_stage(problem, trajectory)
@@ -110,7 +137,8 @@ contains
                            x%f, x%y(:, i))
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
-        x%nexp = x%nexp + int(method%path_first(i + 1) - method%path_first(i), int64)
+        x%nexp = x%nexp + merge(1, method%path_first(i + 1) - method%path_first(i), &
+                                method%polynomial)
       end do
       x%paths = max(x%paths, last)
     end associate

@@ -29,6 +29,7 @@ __all__ = [
     "catalogues",
     "dumps",
     "dumps_json",
+    "find_method",
     "is_file",
     "load",
     "loads",
@@ -123,6 +124,11 @@ _IN_SCIPY = {
 } | dict.fromkeys(("Radau", "BDF", "LSODA"), f"SciPy has a method of that name; {_STIFF}")
 
 
+def find_method(name: str) -> Method | None:
+    """Return the method with a name in one of the catalogues, None without one."""
+    return next((own[name] for own in catalogues.values() if name in own), None)
+
+
 def _all(*catalogues: Catalogue) -> str:
     return f"all names are {', '.join(name for names in catalogues for name in names)}"
 
@@ -163,9 +169,8 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
         return load(method)
     if not isinstance(method, str):
         raise TypeError(f"method must be a name or a Method, got {method!r}")
-    for catalogue in catalogues.values():
-        if method in catalogue:
-            return catalogue[method]
+    if (stored := find_method(method)) is not None:
+        return stored
     rest = "" if method in _IN_SCIPY else f"; {_all(methods, munthe_kaas)}"
     raise ValueError(
         f"method must be the name of a method, got {method!r}{similar_names(method)}{rest}"

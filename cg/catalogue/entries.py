@@ -237,7 +237,7 @@ def dumps_json(method: Method) -> str:
     entry = read_toml(dumps(method), MethodError)
     lines = []
     for key, value in entry.items():
-        if key in ("a", "points"):
+        if isinstance(value, list) and value and isinstance(value[0], list | dict):
             rows = ",\n".join(f"    {to_json(row)}" for row in value)
             lines.append(f'  "{key}": [\n{rows}\n  ]')
         else:

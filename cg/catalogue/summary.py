@@ -16,7 +16,7 @@ from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..method.stability import stability_limits, too_large
 from ..support.parsing import write_file
-from . import catalogues
+from . import catalogues, find_method
 
 __all__ = ["MethodSummary", "compute_summary", "summary_of", "write_summaries"]
 
@@ -94,10 +94,8 @@ def compute_summary(method: Method) -> MethodSummary:
 
 def summary_of(method: Method) -> MethodSummary:
     """Return the summary of a method; that of a method in the catalogue is stored."""
-    for catalogue in catalogues.values():
-        if method.name in catalogue and catalogue[method.name] == method:
-            return _stored().get(method.name) or compute_summary(method)
-    return compute_summary(method)
+    stored = _stored().get(method.name) if find_method(method.name) == method else None
+    return stored or compute_summary(method)
 
 
 def write_summaries(path: Any) -> None:

@@ -138,5 +138,6 @@ def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) 
 
 
 def _rounded_text(coefficient: Coefficient, value: Fraction, digits: int, zeros: bool) -> str:
-    """Return a more precise value of a coefficient to `digits` digits; rational ones unchanged."""
-    return to_decimal(value, digits, zeros=zeros) if coefficient.unit else coefficient.text
+    """Return a more precise value of a coefficient to `digits` digits; the same one unchanged."""
+    same = not coefficient.unit and value == coefficient.value
+    return coefficient.text if same else to_decimal(value, digits, zeros=zeros)

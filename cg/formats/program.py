@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate
 
-from ..method.magnus import MagnusMethod
 from ..method.munthe_kaas import MuntheKaas
 from ..structure.points import START, Point, PointTree, tree_of_flat_rows
 from .digits import Numbers
@@ -122,10 +121,6 @@ def make_program(numbers: Numbers, title: str) -> Program:
         raise ValueError(
             f"format must be json, toml or latex for an implicit method, whose step isn't a "
             f"sequence of flows; {method.name or 'this one'} is"
-        )
-    if isinstance(method, MagnusMethod):
-        raise ValueError(
-            f"format must be json or toml for a method for linear equations, got {method!r}"
         )
     tree, errors = _tree(numbers)
     tree = _without_repetitions(tree)

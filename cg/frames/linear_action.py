@@ -36,6 +36,16 @@ class LinearAction(UserFrame):
     after scaling the matrix to a norm of at most two [2]_; no matrix exponential is formed. Real
     and purely imaginary generators take half the time of complex ones.
 
+    `cg.solve_linear` takes one flow per step, along the polynomial in time that interpolates the
+    coefficients at the nodes of the Magnus method. With
+    :math:`y' = \sum_m t^m D_m y`, :math:`D_m = \sum_i d_{mi} G_i`, the coefficients of its Taylor
+    polynomial are
+
+    .. math:: y_{k+1} = \frac{1}{k + 1} \sum_m D_m y_{k-m} ,
+
+    which takes one product of each generator with each :math:`y_k`, where a product of exponentials
+    takes one for each term of each exponential. The step is divided where norms are above four.
+
     Parameters
     ----------
     generators : sequence of m matrices of shape (n, n)

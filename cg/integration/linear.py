@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from numbers import Real
 from typing import Any, Unpack
@@ -10,12 +11,14 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
+from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
 from cg.integration.ivp import solve_ivp
 from cg.integration.options import Options, expand_options
 from cg.integration.results import Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
+from cg.support.checks import check_flag
 
 __all__ = ["solve_linear"]
 
@@ -30,6 +33,7 @@ def solve_linear(
     y0: ArrayLike,
     *,
     frame: Frame,
+    vectorized: bool = False,
     progress: Callable[[float, float], None] | None = None,
     **options: Unpack[Options],
 ) -> Solution:
@@ -38,7 +42,8 @@ def solve_linear(
     The coefficients depend on time alone: a prescribed angular velocity, or a Schrödinger equation
     with controls. Commutator-free Magnus methods take a step of order six with four or six flows,
     and of order eight with eight, where commutator-free Runge–Kutta methods of the catalogue need
-    at least 13 and 39.
+    at least 13 and 39. On `cg.frames.LinearAction` a step is one flow, along the polynomial that
+    interpolates the coefficients at the nodes.
 
     Parameters
     ----------
@@ -56,11 +61,16 @@ def solve_linear(
         or are all of size ``h``.
     args, parameters, progress
         As for `cg.solve_ivp`.
+    vectorized : bool, optional
+        Whether ``a`` takes times of shape ``(k,)``, with rows of parameters of shape ``(k, p)``,
+        and returns shape ``(k, frame.dim)``. A Magnus method evaluates it once per step, at all
+        nodes of the step but a first one at the start, which is known from the step before.
+        Starts, nodes of dense output, and stages of other methods are single times.
 
     Returns
     -------
     Solution
-        That of `cg.solve_ivp`; ``nfev`` counts evaluations of ``a``.
+        That of `cg.solve_ivp`; ``nfev`` counts the times at which ``a`` was evaluated.
 
     Raises
     ------
@@ -80,10 +90,13 @@ def solve_linear(
     (True, np.float64(0.70710678))
     """
     f: Any = compiled_rhs(a, "a")
+    vectorized = check_flag("vectorized", vectorized)
+    args = check_args(options.get("args"))
+    options["args"] = args
     if f is None:
-        if not callable(a):
-            raise TypeError(f"a must be callable as a(t), got {a!r}")
-        f = TimeFunction(a)
+        f = TimeFunction(_checked(a, args, options.get("parameters")), vectorized)
+    elif vectorized:
+        raise ValueError("vectorized must be False for a compiled a, which takes one time")
     method, rtol = options.get("method", AUTO), options.get("rtol")
     if isinstance(method, str) and method == AUTO:
         options["method"] = _DEFAULTS[isinstance(rtol, Real) and rtol < _LOOSE]
@@ -93,3 +106,24 @@ def solve_linear(
         if str(error).startswith("f must "):
             raise type(error)(f"a{str(error)[1:]}") from None
         raise
+
+
+def _checked(a: Any, args: tuple[Any, ...], parameters: Any) -> Callable[..., ArrayLike]:
+    """Return ``a``; TypeError unless it takes a time with the further arguments."""
+    names = ["t", *(f"args[{k}]" for k in range(len(args)))]
+    names += ["parameters"] * (parameters is not None)
+    call = f"a({', '.join(names)})"
+    if not callable(a):
+        raise TypeError(f"a must be callable as {call}, got {a!r}")
+    try:
+        signature = inspect.signature(a)
+    except ValueError:  # some functions that are not Python's have none
+        return a  # type: ignore[no-any-return]
+    try:
+        signature.bind(*names)
+    except TypeError:
+        raise TypeError(
+            f"a must be callable as {call}, got a function of {signature}; coefficients that "
+            "depend on the point need cg.solve_ivp"
+        ) from None
+    return a  # type: ignore[no-any-return]

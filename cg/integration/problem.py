@@ -154,6 +154,7 @@ def make_rhs(
     ``parameters`` have shape ``(members, k)``.
     """
     extra = check_args(args)
+    vectorized = vectorized or (isinstance(f, TimeFunction) and f.vectorized)
     numbers = None
     if parameters is not None:
         numbers = real_array(parameters, "parameters")

@@ -114,26 +114,21 @@ class MagnusMethod(Method):
 
     @classmethod
     def from_layout(
-        cls,
-        layout: Layout,
-        coefficients: Sequence[Any],
-        *,
-        nodes: Iterable[Any] = (),
-        **fields: Any,
+        cls, layout: Layout, coefficients: Sequence[Any], **fields: Any
     ) -> MagnusMethod:
-        """Return the method with a layout, packed weights and nodes."""
-        nodes = tuple(nodes)
-        rows = [
-            [weights.get(k, 0) for k in range(len(nodes))]
-            for weights in layout.point_weights(coefficients)
-        ]
-        flows = layout.results[0] + 1
+        """Return the method with a layout and packed nodes and weights."""
+        packed = layout.point_weights(coefficients)
+        stages = range(layout.stages)
+        nodes = [0 if at == START else packed[at][k] for k, at in enumerate(layout.stage_points)]
+        first = layout.stages - layout.stage_points.count(START)
+        rows = [[weights.get(k, 0) for k in stages] for weights in packed[first:]]
+        flows = layout.results[0] + 1 - first
         second = rows[flows:] if layout.pair else None
         return cls(nodes, rows[:flows], second, **fields)
 
     def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
-        """Return the method with other weights at the same nodes."""
-        same = {"nodes": self.nodes, "third": self.third_weights, "third_factor": self.third_factor}
+        """Return the method with other nodes and weights, and the same third ones."""
+        same = {"third": self.third_weights, "third_factor": self.third_factor}
         return super().with_coefficients(coefficients, **(same | fields))
 
     @property
@@ -157,14 +152,23 @@ class MagnusMethod(Method):
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
-        """The weights that aren't zero, flow after flow; then those of the second result."""
-        rows = (*self.weights, *(self.embedded_weights or ()))
+        """The nodes and weights that aren't zero, flow after flow, those of both results."""
+        rows = (self.nodes, *self.weights, *(self.embedded_weights or ()))
         return tuple(a for row in rows for a in row if a.value != 0)
 
     @cached_property
     def layout(self) -> Layout:
-        """Positions of the nonzero weights in `coefficients`."""
-        return Layout.of_tree(self.tree)
+        """Positions of the nonzero nodes and weights in `coefficients`; see `Layout.of_time`."""
+        flows = Layout.of_tree(self.tree)
+        moved = [k for k, node in enumerate(self.nodes) if node.value]
+        parents = (m if m == START else m + len(moved) for m in flows.parents)
+        return Layout(
+            (*(START for _ in moved), *parents),
+            (*((k,) for k in moved), *flows.weights),
+            tuple(moved.index(k) if k in moved else START for k in range(self.stages)),
+            tuple(m + len(moved) for m in flows.results),
+            of_time=True,
+        )
 
     @cached_property
     def embedded(self) -> MagnusMethod | None:

@@ -9,6 +9,7 @@ from ..structure.layout import Layout, check_length
 from ..support.quads import to_decimal
 from .coefficients import Coefficient
 from .commutator_free import CommutatorFree
+from .magnus import MagnusMethod
 from .tableau import Tableau
 
 __all__ = ["make_method"]
@@ -16,13 +17,14 @@ __all__ = ["make_method"]
 
 def make_method(
     layout: Layout, coefficients: Sequence[Any], *, digits: int | None = None, **fields: Any
-) -> Tableau | CommutatorFree:
+) -> Tableau | CommutatorFree | MagnusMethod:
     """Return the method with a layout and packed coefficients.
 
     Parameters
     ----------
     layout : Layout
-        Of a tableau, which makes a `Tableau`, or of points, which makes a `CommutatorFree`.
+        Of a tableau, which makes a `Tableau`, of nodes, which makes a `MagnusMethod`, or of points,
+        which makes a `CommutatorFree`.
     coefficients : sequence of layout.size numbers
         As `Coefficient.read` takes them.
     digits : int, optional
@@ -45,5 +47,6 @@ def make_method(
     check_length(coefficients, layout.size)
     if digits is not None:
         coefficients = [to_decimal(Coefficient.read(x).value, digits) for x in coefficients]
-    kind = CommutatorFree if layout.rows is None else Tableau
+    points = MagnusMethod if layout.of_time else CommutatorFree
+    kind = points if layout.rows is None else Tableau
     return kind.from_layout(layout, coefficients, **fields)

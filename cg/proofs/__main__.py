@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..catalogue import load, methods
+from ..catalogue import load, resolve_method
 from ..method.method import Method
 from ..structure.points import MethodError
 from ..support.parsing import file_in, visible_lines
@@ -63,13 +63,14 @@ def _check(item: str, method_file: str | None) -> Certificate:
     method: Method | None = load(method_file) if method_file else None
     if Path(item).suffix == ".toml":
         return check_file(item, method)
-    certificate = certificate_of(methods[item])
-    check(certificate, methods[item] if method is None else method)
+    stored = resolve_method(item)
+    certificate = certificate_of(stored)
+    check(certificate, stored if method is None else method)
     return certificate
 
 
 def _certify(item: str, output: str | None) -> Certificate:
-    method = load(item) if Path(item).suffix == ".toml" else methods[item]
+    method = resolve_method(item)
     certificate = certify(method)
     if output is None:
         print(visible_lines(f"{certificate.dumps()}\n"), end="")

@@ -109,7 +109,8 @@ def digits(
     a, b : list of s lists of s str, list of s str
         For a tableau. All digits are right. Fixed coefficients are as they are stored.
     weights : list of dict from int to str
-        For a commutator-free method: of each point, by stage.
+        For a commutator-free method: of each point, by stage. For a Magnus method each node that
+        isn't zero comes first.
 
     Raises
     ------

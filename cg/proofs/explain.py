@@ -18,6 +18,7 @@ from .dependent.path import PathStructure
 from .dependent.registers import TwoRegisters
 from .dependent.relations import Identity, kept_words
 from .dependent.structure import MethodStructure
+from .dependent.time_symmetry import TimeSymmetry
 from .dependent.words import parse, text
 from .systems import Equation, EquationSystem, condition, nearly_satisfied
 
@@ -45,6 +46,7 @@ STRUCTURES: dict[str, Callable[..., MethodStructure]] = {
     "flat tableau": FlatTableau,
     "flat tableau in Q(√21)": partial(FlatTableau, root=21),
     "two registers": TwoRegisters,
+    "time symmetry": TimeSymmetry,
     "path": PathStructure,
     "path of order two": partial(PathStructure, infinite=True),
 }
@@ -171,7 +173,7 @@ def reduced_system(
     ValueError
         If something that is left out isn't an independent condition, or occurs twice.
     """
-    conditions = conditions_of(orders)
+    conditions = conditions_of(orders, layout.of_time)
     omitted = set(left_out)
     if len(omitted) != len(left_out) or not omitted.issubset(conditions):
         raise ValueError("conditions that are left out must be distinct independent ones")

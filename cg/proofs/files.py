@@ -7,7 +7,7 @@ from importlib.resources.abc import Traversable
 from os import PathLike
 from pathlib import Path
 
-from ..catalogue import methods
+from ..catalogue import find_method
 from ..catalogue.entries import certificate_path
 from ..method.method import Method
 from .certificate import Certificate, CertificationError
@@ -48,7 +48,7 @@ def certificate_of(method: Method) -> Certificate:
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     name = method.name
-    if name not in methods or methods[name] != method:
+    if find_method(name) != method:
         beside = None if method.file is None else certificate_beside(method.file, method)
         if beside is not None:
             return beside
@@ -124,8 +124,8 @@ def check_file(path: str | PathLike[str], method: Method | None = None) -> Certi
     """
     certificate = Certificate.load(path)
     if method is None:
-        if certificate.name not in methods:
+        method = find_method(certificate.name)
+        if method is None:
             raise CertificationError(f"{path}: no method is named {certificate.name!r}")
-        method = methods[certificate.name]
     check(certificate, method)
     return certificate

@@ -94,7 +94,7 @@ def _of_independent(
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     rank = numerical_rank(jacobian[:, nonzero])[0]
     pivots = linalg.qr(jacobian[:, nonzero].T, mode="r", pivoting=True)[1]
-    conditions = conditions_of(orders_of(draft))
+    conditions = conditions_of(orders_of(draft), packed.layout.of_time)
     left_out = [conditions[k] for k in sorted(map(int, pivots[rank:]))]
     draft = replace(draft, identities=names_of_small(left_out, "1e-40"))
     system = system_of(packed, draft)
@@ -135,7 +135,7 @@ def _orthogonal(
     if len(relations) < max(dependent, 1):
         return None, len(relations)
     pivots = linalg.qr(relations, mode="r", pivoting=True)[1][:dependent]
-    conditions = conditions_of(orders)
+    conditions = conditions_of(orders, packed.layout.of_time)
     left_out = [conditions[k] for k in sorted(map(int, pivots))]
     return replace(draft, identities=names_of_left_out(left_out, name)), dependent
 
@@ -159,7 +159,7 @@ def _try(
         measures["largest_singular_value"] = float(singular[0])
         if rank < size:
             continue
-        free = choose_free(jacobian, movable)
+        free = choose_free(jacobian * packed.preferences, movable)
         attempt = krawczyk(system, packed.balls(), free)
         measures |= quantities(attempt)
         if attempt.proved:

@@ -7,7 +7,6 @@ from fractions import Fraction
 
 from ..catalogue import resolve_method
 from ..conditions import MAX_ORDER
-from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..support.balls import working_precision as precision
@@ -61,8 +60,8 @@ def certify(method: Method | str, order: int | None = None, *, small: bool = Fal
     """
     method = resolve_method(method)
     small = check_flag("small", small)
-    if isinstance(method, MuntheKaas | MagnusMethod):
-        raise TypeError(f"method must be a Tableau or CommutatorFree, got {method!r}")
+    if isinstance(method, MuntheKaas):
+        raise TypeError(f"method must be no Munthe-Kaas method, got {method!r}")
     order = method.order if order is None else check_integer("order", order, 1, MAX_ORDER)
     if order < 1:
         raise CertificationError(

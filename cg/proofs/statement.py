@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
+import numpy as np
 from flint import arb
+from numpy.typing import NDArray
 
 from ..conditions import MAX_ORDER
 from ..method.coefficients import Coefficient
-from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..structure.layout import Layout
+from ..structure.points import START
 from ..support.balls import to_ball
 from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Condition
@@ -67,6 +69,14 @@ class Packed:
         """The exact values."""
         return [coefficient.value for coefficient in self.coefficients]
 
+    @property
+    def preferences(self) -> NDArray[np.float64]:
+        """How much each coefficient is preferred to be free: exact nodes are held if possible."""
+        layout = self.layout
+        nodes = layout.stages - layout.stage_points.count(START) if layout.of_time else 0
+        held = [k < nodes and not c.unit for k, c in enumerate(self.coefficients)]
+        return np.where(held, 1e-6, 1.0)
+
     def balls(self) -> list[arb]:
         """Return balls, as small as the precision allows, that hold the values."""
         return [to_ball(v) for v in self.values]
@@ -80,10 +90,9 @@ class Packed:
 
 def fitting(certificate: Certificate, method: Method) -> Packed:
     """Return the packed method; raise CertificationError if the certificate is for another one."""
-    if isinstance(method, MuntheKaas | MagnusMethod):
+    if isinstance(method, MuntheKaas):
         raise CertificationError(
-            "the certificate doesn't fit: method must be a Tableau or CommutatorFree, got "
-            f"{method!r}"
+            f"the certificate doesn't fit: method must be no Munthe-Kaas method, got {method!r}"
         )
     pair = certificate.embedded_order is not None
     faults = []

@@ -123,9 +123,10 @@ def nearly_satisfied(layout: Layout, equations: Sequence[Equation], x: Sequence[
 
 def order_system(layout: Layout, order: int, embedded_order: int | None) -> EquationSystem:
     """Return the independent order conditions, of both rows of weights for a pair."""
-    equations = [condition(word, layout.stages) for word in condition_words(order)]
+    of_time = layout.of_time
+    equations = [condition(word, layout.stages) for word in condition_words(order, True, of_time)]
     if embedded_order:
-        embedded = condition_words(embedded_order)
+        embedded = condition_words(embedded_order, True, of_time)
         equations += [
             condition(word, layout.stages + 1)._replace(label=f"{text(word)} embedded")
             for word in embedded

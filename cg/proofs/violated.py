@@ -10,7 +10,15 @@ from fractions import Fraction
 from ..support.balls import to_ball
 from ..support.quads import to_decimal
 from .certificate import Certificate, CertificationError, ViolatedCondition
-from .dependent.words import Word, condition_words, nodes, parse, reciprocal_density, text
+from .dependent.words import (
+    Word,
+    condition_words,
+    is_of_time,
+    nodes,
+    parse,
+    reciprocal_density,
+    text,
+)
 from .statement import Packed, box, orders_of
 from .weights import Quantity, Weights
 
@@ -23,7 +31,8 @@ def find_beyond(packed: Packed, draft: Certificate) -> Certificate:
     """Return a draft with the conditions of the next orders that are violated most."""
     violations: list[ViolatedCondition] = []
     for r, order in enumerate(orders_of(draft)):
-        words = [w for w in condition_words(order + 1) if nodes(w) == order + 1]
+        every = condition_words(order + 1, True, packed.layout.of_time)
+        words = [w for w in every if nodes(w) == order + 1]
         bounds = _bounds(packed, draft, words, packed.layout.stages + r)
         best = max(range(len(words)), key=lambda k: bounds[k])
         if bounds[best] < _MIN_BOUND:
@@ -51,6 +60,8 @@ def check_beyond(packed: Packed, certificate: Certificate) -> None:
             raise CertificationError(
                 f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
             )
+        if packed.layout.of_time and not is_of_time(word):
+            raise CertificationError(f"{claim.tree} is no condition for linear equations")
         bound = _bounds(packed, certificate, [word], packed.layout.stages + r)[0]
         if not bound >= Fraction(claim.bound) >= _MIN_BOUND:
             raise CertificationError(

@@ -156,7 +156,7 @@ def check_places(
 def check_rational(packed: Packed, certificate: Certificate) -> None:
     """Prove that all residuals are zero; raise CertificationError that names the first nonzero."""
     for r, order in enumerate(orders_of(certificate), packed.layout.stages):
-        words = condition_words(order)
+        words = condition_words(order, True, packed.layout.of_time)
         for word, residual in zip(
             words, exact_residuals(packed.layout, packed.values, words, r), strict=True
         ):

@@ -99,6 +99,9 @@ class Layout:
         The point of the result, and for pairs that of the second result.
     rows : Rows or None
         The pattern of a tableau; None for other methods.
+    of_time : bool
+        Whether coefficients depend on time alone. Then a stage is at the end of a flow from the
+        initial point along its own field, whose weight is its node.
     """
 
     parents: tuple[int, ...]
@@ -106,6 +109,7 @@ class Layout:
     stage_points: tuple[int, ...]
     results: tuple[int, ...]
     rows: Rows | None = None
+    of_time: bool = False
 
     @classmethod
     def tableau(
@@ -196,8 +200,15 @@ class Layout:
         """Names of the unknowns, with points and stages counted from 1.
 
         Those of a tableau are ``a_3,1``, ``b_2`` and ``b_embedded_2``, other weights
-        ``w_3,1`` for point 3 and stage 1.
+        ``w_3,1`` for point 3 and stage 1. With nodes they are ``c_2``, and ``w_3,1`` for flow 3.
         """
+        if self.of_time:
+            nodes = sum(point != START for point in self.stage_points)
+            return [
+                f"c_{stage + 1}" if m < nodes else f"w_{m - nodes + 1},{stage + 1}"
+                for m, weights in enumerate(self.weights)
+                for stage in weights
+            ]
         if self.rows is None:
             return [
                 f"w_{m},{stage + 1}"

@@ -98,6 +98,7 @@ class BlockOption(IntEnum):
 
     SPACE_AXES = 1  # v acts from the left, not in body axes
     SCALAR_FIRST = 2  # of a quaternion
+    POLYNOMIAL = 4  # the flows of a path are the coefficients of a polynomial in time
 
 
 class Status(IntEnum):

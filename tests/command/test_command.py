@@ -377,7 +377,7 @@ def test_publish_checks_folder_first(run, tmp_path):
 def test_certify_rejects_munthe_kaas(run):
     code, out, err = run("certify", "RKMK4")
     assert (code, out) == (2, "")
-    assert "NAME|FILE: method must be a Tableau or CommutatorFree, got <MuntheKaas RKMK4" in err
+    assert "NAME|FILE: method must be no Munthe-Kaas method, got <MuntheKaas RKMK4" in err
 
 
 def test_reproduce_takes_the_options_of_reproduce_paper(run):

@@ -11,7 +11,10 @@ from tests_of_pages import power_of_ten, words_of
 
 import cg
 from cg import conditions
+from cg.catalogue import magnus
 from cg.proofs import certificate_of, proved
+from cg.proofs.dependent.words import condition_words
+from cg.proofs.explain import read_left_out
 from cg.reproduce import evidence
 from cg.reproduce.appendix_a import nearest_exact
 
@@ -36,6 +39,18 @@ def certificates():
             yield (
                 f"| {name} | {' + '.join(map(str, parts))} | {sum(parts) - left} | {left} | "
                 f"{heading.rpartition(' ')[2]} |"
+            )
+    for name, method in magnus.items():
+        certificate = certificate_of(method)
+        left = len(read_left_out(certificate.identities)[0])
+        orders = (method.order, *filter(None, (method.embedded_order,)))
+        parts = [len(condition_words(order, of_time=True)) for order in orders]
+        free = method.layout.size - len(certificate.fixed)
+        symmetry = free - (sum(parts) - left)
+        if left:
+            yield (
+                f"| {name} | {' + '.join(map(str, parts))} | {sum(parts) - left} | "
+                f"{symmetry or '–'} | {left} |"
             )
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests_of_pages import run, source_in
 
 import cg
-from cg.catalogue import munthe_kaas
+from cg.catalogue import magnus, munthe_kaas
 
 pytestmark = pytest.mark.no_core
 
@@ -64,7 +64,7 @@ def test_links_have_words_for_text():
 
 def test_pages_of_methods(from_docs):
     pages = from_docs("method_pages")
-    assert set(pages.METHODS) == {*cg.methods, *munthe_kaas}
+    assert set(pages.METHODS) == {*cg.methods, *munthe_kaas, *magnus}
     for name, method in pages.METHODS.items():
         words, sentences = pages.proof(method)
         assert (words == "yes") == ("is proved:" in sentences.replace("**", "")), name

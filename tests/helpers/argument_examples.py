@@ -95,6 +95,8 @@ RUNS = {"seed": 1, "workers": 1}
 FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(cg.solve_linear, a=constant_in_time, t_span=(0.0, 1.0), y0=np.eye(3), frame=SO3,
          method="CFM4", h=0.5),
+    call(cg.solve_linear, a=lambda t, *args: np.full((len(t), 3), 0.1), t_span=(0.0, 1.0),
+         y0=np.eye(3), frame=SO3, vectorized=True),
     call(cg.solve_ivp, cg.ConvergenceError, **LONG, **CONTROL, **OUTPUT, **LIMITS,
          breakpoints=[0.5], max_steps=100, parameters=[1.0, 2.0], progress=lambda t, end: None),
     call(cg.solve_ivp, cg.ConvergenceError, **SHORT, method="ImplicitMidpoint", h=0.25,

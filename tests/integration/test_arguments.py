@@ -204,7 +204,6 @@ def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
         ({"y0": [[HUGE, 0, 0], *np.eye(3)[1:]]}, ValueError, "y0 must be"),
         ({"y0": np.ma.masked_equal(np.eye(3), 1)}, ValueError, "y0 must be .* got masked_array"),
         ({"h": 1e-9, "dense_output": False}, ValueError, "too small for t_span: 1000000000 steps"),
-        ({"vectorized": True}, ValueError, "must be False for a single point"),
         ({"parameters": [[1.0]], "P0": None}, ValueError, r"parameters must have shape \(k,\)"),
         ({"df_dp": 3, "parameters": [1.0]}, TypeError, "df_dp must be callable .* got 3"),
         ({"P0": np.eye(2)}, ValueError, r"P0 must have shape \(3, 3\), got \(2, 2\)"),
@@ -218,6 +217,10 @@ def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
 )
 def test_bad_arguments_of_one_point_are_rejected(changes, error, message):
     check_rejected(CALLS[:5], changes, error, message)
+
+
+def test_a_stepper_of_one_point_takes_no_vectorized_function():
+    check_rejected(CALLS[4:5], {"vectorized": True}, ValueError, "must be False for a single point")
 
 
 @pytest.mark.parametrize(

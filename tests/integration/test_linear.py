@@ -5,6 +5,7 @@ import subprocess
 import numpy as np
 import pytest
 from scipy import sparse
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import cg
@@ -145,6 +146,104 @@ def test_a_method_for_nonlinear_equations_serves_too():
     np.testing.assert_array_equal(solution.y[-1], same.y[-1])
 
 
+@pytest.mark.parametrize("node", ["1/2", "1/3", "1"])
+def test_a_single_node_that_is_not_at_the_start(node):
+    method = cg.MagnusMethod([node], [[1]])
+    a = coefficients_for(SO3())
+    exact = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), rtol=1e-11, atol=1e-11).y[-1]
+    errors = [
+        np.abs(
+            cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method=method, h=h).y[-1] - exact
+        ).max()
+        for h in (1 / 40, 1 / 80)
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(method.order, abs=0.1)
+
+
+class TestVectorized:
+    @staticmethod
+    def solve(a, vectorized, **options):
+        return cg.solve_linear(
+            a, (0, 1), np.eye(3), frame=SO3(), vectorized=vectorized, **({"h": 0.25} | options)
+        )
+
+    @pytest.mark.parametrize("method", ["CFM6(4)", "CFM8(4)", "CF5(4)"])
+    @pytest.mark.parametrize(
+        "options",
+        [
+            {},
+            {"h": None, "rtol": 1e-8, "dense_output": True},
+            {"breakpoints": [0.3], "t_eval": [0.1, 0.3, 0.7]},
+        ],
+    )
+    def test_results_are_those_of_single_times(self, method, options):
+        def a(t):
+            return np.stack([np.sin(3 * t), np.abs(t - 0.3), t**0], axis=-1)
+
+        together, single = (
+            self.solve(a, vectorized, method=method, **options) for vectorized in (True, False)
+        )
+        np.testing.assert_allclose(together.y, single.y, rtol=0, atol=1e-14)
+        assert (together.nfev, together.nexp) == (single.nfev, single.nexp)
+        np.testing.assert_array_equal(together.t, single.t)
+
+    def test_all_nodes_of_a_step_are_in_one_call(self):
+        calls = []
+
+        def a(t):
+            calls.append(t)
+            return np.stack([t, 0 * t, t**2], axis=-1)
+
+        run = self.solve(a, True, method="CFM8(4)")
+        assert [len(t) for t in calls] == [1, 4, 4, 4, 4]
+        assert run.nfev == 17
+        np.testing.assert_allclose(calls[1], 0.25 * magnus["CFM8(4)"].c[1:], rtol=1e-15)
+
+    def test_times_stay_before_a_breakpoint(self):
+        calls = []
+
+        def a(t):
+            calls.append(t)
+            return np.where(t < 0.5, 1.0, 3.0)[:, None] * [0.0, 0.0, 1.0]
+
+        run = self.solve(a, True, method="CFM6(4)", h=0.5, breakpoints=[0.5])
+        np.testing.assert_allclose(run.y[-1], SO3().flow([0, 0, 2.0], np.eye(3)), atol=1e-14)
+        assert np.concatenate(calls[:2]).max() < 0.5
+
+    def test_arguments_and_parameters(self):
+        def a(t, rate, numbers):
+            assert numbers.shape == (len(t), 2)
+            return np.stack([rate * t, numbers[:, 0], numbers[:, 1]], axis=-1)
+
+        together = self.solve(a, True, method="CFM6(4)", args=(2.0,), parameters=[0.5, 0.25])
+        single = self.solve(lambda t: [2 * t, 0.5, 0.25], False, method="CFM6(4)")
+        np.testing.assert_allclose(together.y, single.y, rtol=0, atol=1e-14)
+
+    @pytest.mark.parametrize(
+        ("a", "message"),
+        [
+            (lambda t: np.ones(3), r"a must return an array of shape \(1, 3\), a row for each "
+             r"time, since vectorized=True, got shape \(3,\)"),
+            (lambda t: np.ones((3, len(t))), r"shape \(1, 3\), .* got shape \(3, 1\)"),
+            (lambda t: np.ones((1, 3)), r"shape \(3, 3\), .* got shape \(1, 3\) at t = 0.069"),
+            (lambda t: np.stack([np.where(t > 0, np.nan, 1)] * 3, axis=-1),
+             "a must return finite numbers"),
+        ],
+    )  # fmt: skip
+    def test_wrong_results_are_refused(self, a, message):
+        with pytest.raises(ValueError, match=message):
+            self.solve(a, True, method="CFM6(4)")
+
+    def test_an_exception_ends_the_call(self):
+        def a(t):
+            if len(t) > 1:
+                raise LookupError("no such field")
+            return np.ones((len(t), 3))
+
+        with pytest.raises(LookupError, match="no such field"):
+            self.solve(a, True, method="CFM6(4)")
+
+
 def test_arguments_are_passed_on():
     frame = UnitQuaternion()
     run = cg.solve_linear(
@@ -158,6 +257,13 @@ def test_arguments_are_passed_on():
     ("change", "error", "message"),
     [
         ({"a": 3}, TypeError, "a must be callable as a"),
+        (
+            {"a": lambda t, y: [1.0, 0.0, 0.0]},
+            TypeError,
+            r"^a must be callable as a\(t\), got a function of \(t, y\)",
+        ),
+        ({"args": (1.0,)}, TypeError, r"^a must be callable as a\(t, args\[0\]\), got a .* \(t\)"),
+        ({"vectorized": 1}, TypeError, "vectorized"),
         ({"method": "CFM5"}, ValueError, "CFM5"),
         (
             {"a": lambda t: [1.0]},
@@ -181,7 +287,6 @@ def test_bad_input_is_refused(change, error, message):
         lambda method: cg.solve_ivp(
             lambda t, y: [1.0, 0.0, 0.0], (0, 1), np.eye(3), frame=SO3(), method=method, h=0.5
         ),
-        cg.certify,
         cg.diagnose,
         lambda method: cg.export(method, "c"),
     ],
@@ -285,3 +390,97 @@ class TestLinearAction:
     def test_a_flow_beyond_double_precision_is_refused(self):
         with pytest.raises(cg.frames.FlowOverflowError):
             LinearAction([np.eye(2)]).flow([1e12], [1.0, 0.0])
+
+
+class TestPolynomialFlows:
+    """One flow per step of `LinearAction`, along the polynomial that interpolates a."""
+
+    RNG = np.random.default_rng(11)
+    DENSE = RNG.standard_normal((2, 5, 5))
+
+    @staticmethod
+    def a(t):
+        return [np.cos(2 * t), np.exp(np.sin(3 * t))]
+
+    def exact(self, generators, y0, end):
+        solution = solve_ivp(
+            lambda t, y: np.tensordot(self.a(t), generators, 1) @ y, (0, end), y0, method="DOP853",
+            rtol=1e-13, atol=1e-13,
+        )  # fmt: skip
+        return solution.y[:, -1]
+
+    @pytest.mark.parametrize("name", list(magnus))
+    def test_orders(self, name):
+        generators = 0.5 * self.DENSE
+        y0 = np.ones(5)
+        exact = self.exact(generators, y0, 2.0)
+        order = {"CFM6(4)b": 8}.get(name, magnus[name].order)
+        errors = []
+        for n in {4: (40, 80), 6: (20, 40), 8: (10, 20)}[order]:
+            run = cg.solve_linear(
+                self.a, (0, 2), y0, frame=LinearAction(generators), method=name, h=2 / n
+            )
+            errors.append(np.abs(run.y[-1] - exact).max())
+            assert run.nexp == n
+        assert order - 0.5 < np.log2(errors[0] / errors[1]) < order + 1
+
+    @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
+    @pytest.mark.parametrize("skew", [False, True])
+    @pytest.mark.parametrize("scale", [1e-9, 0.3, 5.0])
+    def test_polynomials_are_solved_exactly_in_one_step(self, factor, skew, scale):
+        generators = factor * self.DENSE
+        if skew:
+            generators = generators - generators.conj().mT
+        y0 = self.RNG.standard_normal(5).astype(generators.dtype)
+
+        def a(t):
+            return [scale * (1 - 3 * t + t**4), scale * (t - 0.5) ** 3]
+
+        def solve(n):
+            frame = LinearAction(list(generators))
+            return cg.solve_linear(a, (0, 1), y0, frame=frame, method="CFM8(4)", h=1 / n).y[-1]
+
+        whole = solve(1)
+        np.testing.assert_allclose(whole, solve(3), rtol=0, atol=1e-12 * np.abs(whole).max())
+        matrices = cg.frames.MatrixFrame(list(generators))
+        product = cg.solve_linear(a, (0, 1), y0, frame=matrices, method="CFM8(4)", h=0.01).y[-1]
+        np.testing.assert_allclose(whole, product, rtol=0, atol=1e-10 * np.abs(whole).max())
+
+    def test_output_between_steps_is_as_accurate_as_steps(self):
+        generators = self.DENSE - self.DENSE.mT
+        frame, y0, times = LinearAction(generators), np.ones(5), np.linspace(0, 2, 23)
+        exact = cg.solve_linear(
+            self.a, (0, 2), y0, frame=frame, rtol=1e-13, atol=1e-13, t_eval=times
+        )
+        np.testing.assert_allclose(exact.y[-1], self.exact(generators, y0, 2.0), atol=1e-11)
+        for given in ({"t_eval": times}, {"dense_output": True}):
+            run = cg.solve_linear(self.a, (0, 2), y0, frame=frame, rtol=1e-8, atol=1e-8, **given)
+            y = run.y if run.sol is None else run.sol(times)
+            np.testing.assert_allclose(y, exact.y, rtol=0, atol=1e-7)
+            assert run.nfev < 200
+
+    def test_events_are_found(self):
+        frame = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]])
+        run = cg.solve_linear(
+            lambda t: [1.0], (0, 5), [1.0, 0.0], frame=frame, rtol=1e-10, atol=1e-10,
+            events=lambda t, y: y[0],
+        )  # fmt: skip
+        np.testing.assert_allclose(run.t_events[0], [np.pi / 2, 3 * np.pi / 2], atol=1e-12)
+
+    def test_a_step_beyond_double_precision_ends_the_integration(self):
+        frame = LinearAction([np.diag([-1.0, -2.0])])
+        with pytest.raises(OverflowError, match="no longer finite"):
+            cg.solve_linear(lambda t: [1e12], (0, 1), [1.0, 1.0], frame=frame, method="CFM4", h=0.5)
+
+    @pytest.mark.parametrize("nodes", [["1/2"], ["0", "1"], ["1/2", "1/2", "1"]])
+    def test_too_few_nodes_take_the_flows_of_the_method(self, nodes):
+        weights = [[*[0] * (len(nodes) - 1), part] for part in ("3/4", "1/4")]
+        method = cg.MagnusMethod(nodes, weights)
+        frame = LinearAction(self.DENSE)
+        run = cg.solve_linear(self.a, (0, 1), np.ones(5), frame=frame, method=method, h=0.5)
+        assert run.nexp == 4
+        same = cg.solve_linear(
+            self.a, (0, 1), np.ones(5), frame=cg.frames.MatrixFrame(list(self.DENSE)),
+            method=method, h=0.5,
+        )  # fmt: skip
+        np.testing.assert_allclose(run.y, same.y, rtol=1e-12)

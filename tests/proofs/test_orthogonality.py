@@ -8,6 +8,7 @@ import pytest
 from flint import arb, fmpq
 
 import cg
+from cg.catalogue import find_method
 from cg.proofs import CertificationError, certify, check
 from cg.proofs.dependent.contexts import SLOT, basis, depth, moments, outer_nodes
 from cg.proofs.dependent.orthogonality import conditions_of, find_relations, follow
@@ -70,9 +71,9 @@ def test_conditions_left_out_hold_near_solutions(name):
     assert np.abs(system.residual(x)).max() < 1e-11
 
 
-@pytest.mark.parametrize("name", ["CF5c", "CF4(3)"])
+@pytest.mark.parametrize("name", ["CF5c", "CF4(3)", "CFM6(4)"])
 def test_products_of_vectors_are_weights_for_any_coefficients(name):
-    layout = cg.methods[name].layout
+    layout = find_method(name).layout
     orders = [4, 3] if layout.pair else [5]
     with precision(200):
         y = [arb(fmpq(x.numerator, x.denominator)) for x in random_rationals(layout.size, 2)]

@@ -98,10 +98,14 @@ Function = Callable[..., Any] | CompiledFunction | LowLevelCallable[Any, Any]
 
 
 class TimeFunction:
-    """A function ``a(t, *args)`` of time as a right-hand side, which gets a point as well."""
+    """A function ``a(t, *args)`` of time as a right-hand side, which gets a point as well.
 
-    def __init__(self, a: Callable[..., ArrayLike]) -> None:
+    If ``vectorized`` it takes times of shape ``(k,)`` and returns shape ``(k, dim)``.
+    """
+
+    def __init__(self, a: Callable[..., ArrayLike], vectorized: bool = False) -> None:
         self._a = a
+        self.vectorized = vectorized
 
     def __call__(self, t: float, y: Any, *args: Any) -> ArrayLike:
         """Return the coefficients at a time."""

@@ -13,6 +13,7 @@ from cg.frames.arrays import Array, Points, real_array, traced_hint
 from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
+from cg.integration.rhs.function import TimeFunction
 
 __all__ = ["Coefficients", "PythonRhs", "StageOverflowError", "StepTooLongError"]
 
@@ -73,7 +74,8 @@ class PythonRhs:
         Parameters of each member, shape ``(members, k)``, or None.
     vectorized
         Whether ``f`` takes times ``(n,)`` and points ``(n, *point_shape)`` of several members,
-        with the rows of their parameters, and returns shape ``(n, dim)``.
+        with the rows of their parameters, and returns shape ``(n, dim)``.  A function of time may
+        get several times for one point.
     """
 
     def __init__(
@@ -183,16 +185,17 @@ class PythonRhs:
             ) from error
         if coefficients.shape != shape:
             got = "None" if value is None else f"shape {coefficients.shape}"
-            together = ", a row for each member, since vectorized=True" if self.vectorized else ""
+            each = "time" if isinstance(self.f, TimeFunction) else "member"
+            together = f", a row for each {each}, since vectorized=True" if self.vectorized else ""
             raise ValueError(
                 f"f must return an array of shape {shape}{together}, got {got} at {when(t)}"
                 f"{self._hint(coefficients.shape[len(shape) - 1 :])}"
             )
         # a finite sum means that all terms are finite, and takes a fraction of the time
         if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
-            rows = y.reshape(len(t) if self.vectorized else 1, -1)
+            rows = y.reshape(len(y) if self.vectorized else 1, -1)
             wrong = np.isfinite(rows).all(axis=1) & ~np.isfinite(
-                coefficients.reshape(len(rows), -1)
+                coefficients.reshape(-1, self.frame.dim)
             ).all(axis=1)
             if wrong.any():
                 raise ValueError(f"f must return finite numbers, got {coefficients} at {when(t)}")

@@ -145,7 +145,7 @@ class Callbacks:
     def _evaluate(self, a: Array, y: Array) -> Array:
         assert self.fields is not None
         t, members = a.reshape(2, -1)
-        points = y.view(self.frame.dtype).reshape(len(t), *self.frame.point_shape)
+        points = y.view(self.frame.dtype).reshape(-1, *self.frame.point_shape)
         return self.fields(t, members.astype(np.intp), points)
 
     def _event(self, a: Array, y: Array) -> Any:

@@ -75,7 +75,7 @@ from numpy.polynomial import Legendre, Polynomial
 
 from cg.frames.arrays import Array
 from cg.integration.step.collocation import collocation_polynomial
-from cg.integration.step.paths import paths_of
+from cg.integration.step.paths import MethodPaths, paths_of
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 from cg.trees.rooted import rooted_trees_through
@@ -344,11 +344,12 @@ class ResultFlows:
     ----------
     method
         Explicit or implicit.
+    paths
+        Those of an explicit method on the frame.
     """
 
-    def __init__(self, method: Method) -> None:
+    def __init__(self, method: Method, paths: MethodPaths) -> None:
         if method.explicit:
-            paths = paths_of(method)
             flows = [dict(flow) for flow in paths.result_flows]
             c = np.array(paths.c, dtype=np.float64)
         else:
@@ -367,4 +368,4 @@ class ResultFlows:
 @cached
 def result_flows(method: Method) -> ResultFlows:
     """Return the flows to the result of a method."""
-    return ResultFlows(method)
+    return ResultFlows(method, paths_of(method))

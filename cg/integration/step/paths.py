@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import chain
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.tableau import Tableau
 from cg.structure.points import START
 
-__all__ = ["Flow", "MethodPaths", "Path", "error_power", "paths_of"]
+__all__ = ["Flow", "MethodPaths", "Path", "error_power", "paths_of", "polynomial_paths"]
 
 Flow = tuple[tuple[int, Fraction], ...]
 """The stages (from 0) and their weights that make the field of one flow."""
@@ -79,6 +80,9 @@ class MethodPaths:
         The exponent of the quotient of two error estimates, see `error_power`.
     factor
         The factor of the second one in it.
+    polynomial
+        Whether the flows of the only path are the coefficients of a polynomial in 2θ - 1 along
+        which one flow leads to the result.
     """
 
     paths: tuple[Path, ...]
@@ -94,6 +98,7 @@ class MethodPaths:
     third: int = 0
     power: int = 1
     factor: Fraction = Fraction(1, 10)  # of DOP853
+    polynomial: bool = False
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -135,8 +140,8 @@ class MethodPaths:
         the flows of each path begin, and where the terms of each flow begin; the stages of the
         terms; the paths to the stages and to the three results; the final stage; 1 if the method
         has two registers, 0 if not; the order of the series, the power of the quotient of error
-        estimates, the number of those that are combinations of coefficients, and 1 for a
-        collocation method.
+        estimates, the number of those that are combinations of coefficients, 1 for a
+        collocation method, and 1 for flows along polynomials.
         """
         flows = [flow for path in self.paths for flow in path.flows]
         terms = [stage + 1 for flow in flows for stage, _ in flow]
@@ -146,7 +151,7 @@ class MethodPaths:
             *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
             *self.stages, self.result, self.embedded, self.third, self.final_stage,
             int(self.registers is not None), self.series, self.power, len(self.errors),
-            int(bool(self.transformation)),
+            int(bool(self.transformation)), int(self.polynomial),
         ]  # fmt: skip
         return np.array(numbers, dtype=np.intc)
 
@@ -202,6 +207,40 @@ def paths_of(method: Method) -> MethodPaths:
         power=error_power(method),
         factor=factor,
     )
+
+
+@cached
+def polynomial_paths(method: Method) -> MethodPaths | None:
+    """Return the flow along the polynomial that interpolates coefficients at the nodes of a method.
+
+    It has the order of the method at least, or is exact for polynomials through the nodes.  The two
+    highest coefficients by Legendre polynomials estimate the next one, as in a geometric sequence;
+    by the factor, measured on four equations, errors at the end are near the tolerances.  None if
+    there are less than three nodes, or some are equal.
+    """
+    nodes = _abscissae(method)
+    if not 3 <= len(set(nodes)) == len(nodes):
+        return None
+    coefficients = []  # of Lagrange's polynomials, by powers of s = 2θ - 1
+    for k, node in enumerate(nodes):
+        row = [Fraction(1)]
+        for other in nodes[:k] + nodes[k + 1 :]:
+            scale, root = 2 * (node - other), 2 * other - 1
+            shifted = [Fraction(0), *row], [*row, Fraction(0)]
+            row = [(a - root * b) / scale for a, b in zip(*shifted, strict=True)]
+        coefficients.append(row)
+    by_power = [tuple(enumerate(column)) for column in zip(*coefficients, strict=True)]
+    last = len(nodes) - 1
+    # s^d is a multiple of Legendre's polynomial of degree d, and polynomials of degree d - 2, ...
+    errors = tuple(
+        tuple(Fraction(2**d, comb(2 * d, d)) * weight for _, weight in by_power[d])
+        for d in (last, last - 1)
+    )
+    final = nodes.index(1) + 1 if 1 in nodes else 0
+    return MethodPaths(
+        (Path(0, tuple(by_power)),), (0,) * len(nodes), 1, 0, final, nodes, errors=errors,
+        factor=10 * Fraction(3) ** (last - 3), power=1, polynomial=True,
+    )  # fmt: skip
 
 
 def error_power(method: Method) -> int:

@@ -11,21 +11,23 @@ import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
+from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.step.blocks import block_constants, describe_blocks, is_compiled
 from cg.integration.step.collocation import is_collocation
 from cg.integration.step.interpolant import (
+    ResultFlows,
     extension_of,
     node_count,
     nodes_of,
-    result_flows,
     series_order,
 )
-from cg.integration.step.paths import error_power, paths_of
+from cg.integration.step.paths import MethodPaths, error_power, paths_of, polynomial_paths
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 from cg.support.capsules import provide_lapack
-from cg.support.shared_numbers import BlockKind
+from cg.support.shared_numbers import BlockKind, BlockOption
 
 __all__ = ["Plan", "error_exponent", "has_brackets", "plan_of"]
 
@@ -79,7 +81,11 @@ class Plan:
             blocks = describe_blocks(frame)
         else:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
-        paths = paths_of(method)
+        paths = paths_on(frame, method)
+        self.paths = paths
+        if paths.polynomial:
+            blocks[2] |= BlockOption.POLYNOMIAL
+            self.exponent = 1.0 / (method.stages + paths.power)
         self.kept = method.stages if paths.registers is None else 1
         self.address: int = core.plan_open(
             blocks,
@@ -104,14 +110,16 @@ class Plan:
     def _make_interpolants(self) -> int:
         import cg._core_r64 as core
 
-        method, nodes = self.method, node_count(self.method)
-        extension, flows = extension_of(method), result_flows(method)
+        method, polynomial = self.method, self.paths.polynomial
+        nodes = method.stages if polynomial else node_count(method)
+        extension, flows = extension_of(method), ResultFlows(method, self.paths)
         flat = isinstance(method, MuntheKaas)
         columns = max(len(extension.basis), nodes + 1)
         padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty
         core.plan_set_scheme(
             self.address, columns, flat, extension.final + 1, self.series,
-            np.append(extension.theta, 0.0), padded.T, extension.basis.T, *_node_tables(nodes),
+            np.append(extension.theta, 0.0), padded.T, extension.basis.T, polynomial,
+            *_node_tables(nodes, self.paths.doubles[1] if polynomial else None),
             flows.c, flows.weights.T,
         )  # fmt: skip
         return columns
@@ -201,9 +209,22 @@ def _plans(method: Method) -> dict[Frame, Plan]:
     return {}
 
 
-def _node_tables(nodes: int) -> tuple[Array, Array]:
-    """Return the nodes and the last flows' polynomials of interpolants with 2, ..., n nodes."""
+def paths_on(frame: Frame, method: Method) -> MethodPaths:
+    """Return the paths of a method on a frame."""
+    if isinstance(frame, LinearAction) and isinstance(method, MagnusMethod):
+        return polynomial_paths(method) or paths_of(method)
+    return paths_of(method)
+
+
+def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
+    """Return the nodes and the last flows' polynomials of interpolants with 2, ..., n nodes.
+
+    With nodes at given stages there is one interpolant.
+    """
     node, blend = np.zeros((nodes, nodes - 1)), np.zeros((nodes + 2, nodes - 1))
+    if stages is not None:
+        node[:, -1] = stages
+        return np.asfortranarray(node), np.asfortranarray(blend)
     for count in range(2, nodes + 1):
         nodes_here = nodes_of(count)
         node[:count, count - 2] = nodes_here.nodes

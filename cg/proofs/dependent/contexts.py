@@ -15,18 +15,20 @@ __all__ = ["SLOT", "basis", "depth", "has_slot", "moments", "outer_nodes"]
 
 
 @cache
-def basis(order: int) -> tuple[Word, ...]:
+def basis(order: int, of_time: bool = False) -> tuple[Word, ...]:
     """Return words with a slot and with at most `order` nodes around it.
 
-    The others follow by shuffles: at the root, the slot is in the last letter.
+    The others follow by shuffles: at the root, the slot is in the last letter. In words of powers
+    of the time the slot is a letter itself.
     """
-    return tuple(h for count in range(1, order + 1) for h in _with_slot(count, last=True))
+    counts = range(1, order + 1)
+    return tuple(h for count in counts for h in _with_slot(count, last=True, of_time=of_time))
 
 
 @cache
-def _with_slot(count: int, last: bool) -> tuple[Word, ...]:
+def _with_slot(count: int, last: bool, of_time: bool = False) -> tuple[Word, ...]:
     words: list[Word] = []
-    for inside in range(count + 1):
+    for inside in range(1 if of_time else count + 1):
         # the letter with the slot, and words before and after it
         letters = [SLOT] if inside == 0 else list(_with_slot(inside - 1, last=False))
         for before in range(count - inside + 1):
@@ -36,8 +38,8 @@ def _with_slot(count: int, last: bool) -> tuple[Word, ...]:
             words += [
                 (*left, letter, *right)
                 for letter in letters
-                for left in words_with(before)
-                for right in words_with(after)
+                for left in words_with(before, of_time)
+                for right in words_with(after, of_time)
             ]
     return tuple(words)
 

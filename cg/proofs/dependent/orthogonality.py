@@ -50,9 +50,13 @@ ResidualRelation = Mapping[Condition, Fraction | arb]
 _Doubles = NDArray[np.float64]
 
 
-def conditions_of(orders: Sequence[int]) -> list[Condition]:
+def conditions_of(orders: Sequence[int], of_time: bool = False) -> list[Condition]:
     """Return the independent conditions of all rows of weights."""
-    return [(row, word) for row, order in enumerate(orders) for word in condition_words(order)]
+    return [
+        (row, word)
+        for row, order in enumerate(orders)
+        for word in condition_words(order, True, of_time)
+    ]
 
 
 def follow(
@@ -142,7 +146,7 @@ class _Relations:
         known: Sequence[ResidualRelation],
     ) -> None:
         self._layout, self._orders, self._y, self._known = layout, orders, y, known
-        self.conditions = conditions_of(orders)
+        self.conditions = conditions_of(orders, layout.of_time)
         self.position = {one: k for k, one in enumerate(self.conditions)}
         self._rough = Reduction(float, lambda word: float(reciprocal_density(word)))
         self._products: dict[tuple[int, int, int], _Doubles] = {}
@@ -335,7 +339,7 @@ class _Relations:
         """For each row of weights, with the weights that balls of coefficients have."""
         reductions = []
         for row, order in enumerate(self._orders):
-            words = condition_words(order - 1, independent=False) if order > 1 else ()
+            words = condition_words(order - 1, False, self._layout.of_time) if order > 1 else ()
             quantities = [Quantity(self._layout.stages + row, word) for word in words]
             values = Weights(self._layout, quantities).evaluate(self._y[: self._layout.size])
             known = dict(zip(words, values, strict=True))

@@ -111,14 +111,15 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
         Coefficients; the vectors hold those of all coefficients in these balls.
     """
     most = orders[0] - 1
-    letters = [(), *condition_words(most, independent=False)]
-    letters.sort(key=nodes)
-    contexts = [(row, h) for row, q in enumerate(orders) for h in ((SLOT,), *basis(q - 2))]
+    of_time = layout.of_time
+    words = sorted([(), *condition_words(most, False, of_time)], key=nodes)
+    letters = [w for w in words if not any(w)] if of_time else words
+    contexts = [(row, h) for row, q in enumerate(orders) for h in ((SLOT,), *basis(q - 2, of_time))]
     ends = range(len(layout.ends))
-    weights = Weights(layout, [Quantity(end, w) for w in letters for end in ends])
+    weights = Weights(layout, [Quantity(end, w) for w in words for end in ends])
     values_of_weights = iter(weights.evaluate(y[: layout.size]))
-    at_ends = {w: [next(values_of_weights) for _ in ends] for w in letters}
-    values = {w: vector[: layout.stages] for w, vector in at_ends.items()}
+    at_ends = {w: [next(values_of_weights) for _ in ends] for w in words}
+    values = {w: at_ends[w][: layout.stages] for w in letters}
     adjoints = _Adjoints(layout, y, weights)
     around: _Around = {(row, h): adjoints.of_result(row, h) for row, h in contexts}
     if len(orders) > 1:

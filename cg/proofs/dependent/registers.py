@@ -44,7 +44,7 @@ class TwoRegisters(MethodStructure):
         layout, points = self._layout, range(len(self._layout.parents))
         return (
             layout.rows is None
-            and not layout.pair
+            and not (layout.pair or layout.of_time)
             and tuple(layout.parents) == tuple(range(START, len(points) - 1))
             and tuple(layout.stage_points) == tuple(range(START, len(points) - 1))
             and all(tuple(layout.weights[m]) == tuple(range(m + 1)) for m in points)

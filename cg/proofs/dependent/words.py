@@ -25,6 +25,7 @@ __all__ = [
     "add_multiple",
     "closure",
     "condition_words",
+    "is_of_time",
     "nodes",
     "reciprocal_density",
     "shuffle",
@@ -64,9 +65,21 @@ def reciprocal_density(word: Word) -> Fraction:
     return product
 
 
+def is_of_time(word: Word) -> bool:
+    """Return whether all letters are ``[τᵏ]``, powers of the time."""
+    return not any(any(letter) for letter in word)
+
+
 @cache
-def condition_words(order: int, independent: bool = True) -> tuple[Word, ...]:
-    """Return the words whose conditions give an order, as `conditions.condition_trees`."""
+def condition_words(
+    order: int, independent: bool = True, of_time: bool = False
+) -> tuple[Word, ...]:
+    """Return the words whose conditions give an order, as `conditions.condition_trees`.
+
+    If ``of_time`` only those for linear equations: words of powers of the time.
+    """
+    if of_time:
+        return tuple(filter(is_of_time, condition_words(order, independent)))
     trees = forest(order + 1)
     made: list[Word] = []
     for children in trees.children:
@@ -75,11 +88,11 @@ def condition_words(order: int, independent: bool = True) -> tuple[Word, ...]:
 
 
 @cache
-def words_with(count: int) -> tuple[Word, ...]:
+def words_with(count: int, of_time: bool = False) -> tuple[Word, ...]:
     """Return all words of trees with `count` nodes; there is one with none, the empty word."""
     if count == 0:
         return ((),)
-    return tuple(w for w in condition_words(count, independent=False) if nodes(w) == count)
+    return tuple(w for w in condition_words(count, False, of_time) if nodes(w) == count)
 
 
 def add_multiple(total: dict[Any, Any], key: Any, change: Any) -> None:
