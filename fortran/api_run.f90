@@ -128,6 +128,7 @@ subroutine loop_open(plan_address, record_address, address)
     problem%method => plan%method
     problem%scheme => plan%scheme
     problem%common = record%common /= 0
+    problem%of_time = record%of_time /= 0
     problem%free = record%free /= 0
     problem%has_jacobian = record%jacobian > 0
     problem%sparse = record%jacobian == 2

@@ -21,12 +21,12 @@ module method_m
     integer :: result = 0                    ! the path to it
     integer :: embedded = 0                  ! the path to the second one of a pair
     integer :: third = 0                     ! the path to a third one, 0 if there is none
+    logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     ! of a method of two registers, Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1)
     logical :: two_registers = .false.
     real(wp), allocatable :: a(:), b(:)      ! (stages)
     logical :: on_algebra = .false.
-    logical :: of_time = .false.             ! whether stages need no points, only times
     logical :: polynomial = .false.          ! whether the flows of a path are one, see frames_m
     logical :: implicit = .false.            ! whether Python solves the stage equations
     logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
@@ -93,7 +93,11 @@ contains
     end associate
     method%c = c
     method%polynomial = list(used + 10) == 1
-    method%of_time = all(method%stage_path == 0) .and. any(abs(c) > 0)
+    allocate (method%leads(0:size(method%origin)), source=.false.)
+    method%leads([method%result, method%embedded, method%third]) = .true.
+    do k = size(method%origin), 1, -1
+      if (method%leads(k)) method%leads(method%origin(k)) = .true.
+    end do
 
   contains
 

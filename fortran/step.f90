@@ -22,10 +22,11 @@ module step_m
 contains
 
   ! Moves to the point of the next stage and requests the coefficients there. The first stage is at
-  ! the start, unless it is at a node of its own.
+  ! the start, unless it is at a node of its own. Functions of time need no points.
   subroutine request_stage(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
+    integer :: path
 
     associate (x => trajectory, method => problem%method)
       if (method%implicit) then
@@ -47,37 +48,41 @@ contains
         x%phase = phase_finish_step
         return
       end if
-      if (method%of_time .and. .not. associated(problem%field)) then
+      if (problem%of_time .and. .not. associated(problem%field)) then
         call evaluate_nodes(problem, trajectory)
         return
       end if
-      associate (path => merge(1, method%stage_path(x%stage), method%two_registers))
-        if (.not. method%two_registers) call follow_paths(problem, trajectory, path)
-        call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), &
-                     phase_stage_received)
-      end associate
+      path = merge(1, method%stage_path(x%stage), method%two_registers)
+      if (problem%of_time) path = 0
+      if (.not. method%two_registers) call follow_paths(problem, trajectory, path)
+      call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), &
+                   phase_stage_received)
     end associate
   end subroutine request_stage
 
-  ! Evaluates a vectorized function of time at all remaining nodes of the step.
+  ! Evaluates a vectorized function of time for all remaining stages of the step.
   subroutine evaluate_nodes(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp) :: times(size(problem%method%c) - trajectory%stage + 1)
-    real(wp) :: members(size(times)), answer(size(trajectory%f, 1) * size(times))
+    real(wp) :: members(size(times)), answer(size(trajectory%received) * size(times))
+    integer :: k
 
     associate (x => trajectory, method => problem%method)
       times = before_stop(problem, x, x%t + method%c(x%stage:) * x%h)
       members = real(x%member - 1, wp)
-      call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer)
+      call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), &
+                                         answer)
       if (.not. finite(answer)) then                   ! Python has raised an exception
         call fail(x, raised, x%t)
         return
       end if
-      x%f(:, x%stage:) = reshape(answer, [size(x%f, 1), size(times)])
       x%nfev = x%nfev + size(times, kind=int64)
-      x%end_known = method%final_stage > 0
-      if (x%end_known) x%end_slope(:) = x%f(:, method%final_stage)
+      do k = 1, size(times)
+        x%received(:) = answer((k - 1) * size(x%received) + 1:k * size(x%received))
+        call store_stage(problem, trajectory)
+        if (x%phase /= phase_next_stage) return
+      end do
       x%phase = phase_finish_step
     end associate
   end subroutine evaluate_nodes
@@ -128,6 +133,7 @@ contains
 
     associate (x => trajectory, method => problem%method, frame => problem%frame)
       do i = x%paths + 1, last
+        if (problem%of_time .and. .not. method%leads(i)) cycle
         call copy(frame%point_size, x%y(:, method%origin(i)), x%y(:, i))
         if (method%on_algebra) then
           call combine_coordinates(method, i, trajectory)

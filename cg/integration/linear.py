@@ -54,8 +54,9 @@ def solve_linear(
         As for `cg.solve_ivp`.
     method : str or Method, optional
         A name in ``cg.catalogue.magnus``, or a `cg.MagnusMethod`. By default ``"CFM6(4)b"``, and
-        ``"CFM8(4)"`` below a relative tolerance of 1e-7. With any other method the call is
-        `cg.solve_ivp`.
+        ``"CFM8(4)"`` below a relative tolerance of 1e-7. Other methods take the steps of
+        `cg.solve_ivp` without computing points of stages, so that those of Munthe-Kaas need one
+        flow per step.
     h, rtol, atol, t_eval, dense_output, events, breakpoints, max_step, first_step, max_steps
         As for `cg.solve_ivp`. Steps are chosen by the differences from two results of lower order,
         or are all of size ``h``.
@@ -63,9 +64,9 @@ def solve_linear(
         As for `cg.solve_ivp`.
     vectorized : bool, optional
         Whether ``a`` takes times of shape ``(k,)``, with rows of parameters of shape ``(k, p)``,
-        and returns shape ``(k, frame.dim)``. A Magnus method evaluates it once per step, at all
-        nodes of the step but a first one at the start, which is known from the step before.
-        Starts, nodes of dense output, and stages of other methods are single times.
+        and returns shape ``(k, frame.dim)``. It is called once per step, with the times of all
+        stages but a first one at the start, which is known from the step before. Starts and nodes
+        of dense output are single times.
 
     Returns
     -------

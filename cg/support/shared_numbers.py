@@ -197,6 +197,7 @@ RECORD = {
     "members": "integer",
     "lanes": "integer",  # members integrated at the same time
     "common": "integer",  # whether all members take the same steps
+    "of_time": "integer",  # whether the right-hand side doesn't depend on the point
     "keep_last": "integer",  # whether the interpolant of the last step may be requested
     "free": "integer",  # whether small coefficients determine the end of their flow
     "jacobian": "integer",  # of f: 0 by differences, 1 a matrix, 2 a sparse matrix

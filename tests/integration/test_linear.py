@@ -160,6 +160,59 @@ def test_a_single_node_that_is_not_at_the_start(node):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(method.order, abs=0.1)
 
 
+class TestStagesWithoutPoints:
+    """Points of stages are not computed for coefficients that depend on time alone."""
+
+    @staticmethod
+    def a(t):
+        return [np.sin(3 * t), np.cos(t), t]
+
+    @pytest.mark.parametrize(
+        "method", ["RKMK8(5,3)", "RKMK5(4)", "CF6(5)", "DOP853", "CG4(3)", "CF7(6)", "RadauIIA5"]
+    )
+    @pytest.mark.parametrize(
+        "options",
+        [
+            {"h": 0.1},
+            {"rtol": 1e-8, "atol": 1e-8},
+            {"rtol": 1e-6, "t_eval": [0.2, 0.21, 1.9], "events": lambda t, y: y[0, 1]},
+            {"h": 0.1, "dense_output": True, "breakpoints": [0.33]},
+        ],
+    )
+    def test_solutions_are_those_of_solve_ivp(self, method, options):
+        linear = cg.solve_linear(self.a, (0, 2), np.eye(3), frame=SO3(), method=method, **options)
+        other = cg.solve_ivp(
+            lambda t, y: self.a(t), (0, 2), np.eye(3), frame=SO3(), method=method, **options
+        )
+        np.testing.assert_array_equal(linear.t, other.t)
+        np.testing.assert_array_equal(linear.y, other.y)
+        assert linear.nfev == other.nfev
+        assert linear.nexp <= other.nexp
+
+    @pytest.mark.parametrize("vectorized", [False, True])
+    def test_munthe_kaas_methods_take_one_flow_per_step(self, vectorized):
+        def a(t):
+            return np.stack([np.sin(3 * t), np.cos(t), t], axis=-1)
+
+        run = cg.solve_linear(
+            a, (0, 2), np.eye(3), frame=SO3(), method="RKMK8(5,3)", h=0.1, vectorized=vectorized
+        )
+        assert (run.steps, run.nexp) == (20, 20)
+
+    def test_a_step_that_is_too_long_is_reduced(self):
+        def a(t):
+            return np.stack([0 * t, 0 * t, 1.0 + 300.0 * (t > 1)], axis=-1)
+
+        run = cg.solve_linear(
+            a, (0, 2), np.eye(3), frame=SO3(), method="RKMK8(5,3)", vectorized=True, max_step=0.5,
+            rtol=1e-6, atol=1e-6,
+        )  # fmt: skip
+        assert run.success
+        assert run.nrejected > 0
+        angle = np.arctan2(run.y[-1][1, 0], run.y[-1][0, 0])
+        assert np.cos(angle - 302) == pytest.approx(1, abs=1e-9)
+
+
 class TestVectorized:
     @staticmethod
     def solve(a, vectorized, **options):
@@ -167,7 +220,9 @@ class TestVectorized:
             a, (0, 1), np.eye(3), frame=SO3(), vectorized=vectorized, **({"h": 0.25} | options)
         )
 
-    @pytest.mark.parametrize("method", ["CFM6(4)", "CFM8(4)", "CF5(4)"])
+    @pytest.mark.parametrize(
+        "method", ["CFM6(4)", "CFM8(4)", "CF5(4)", "RKMK8(5,3)", "CG4(3)", "RadauIIA5"]
+    )
     @pytest.mark.parametrize(
         "options",
         [

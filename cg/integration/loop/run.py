@@ -58,6 +58,8 @@ class Run:
         The events, or None.
     common
         Whether all members take the same steps.
+    of_time
+        Whether the right-hand side depends on time alone.
     stage_solver
         Iteration for implicit stages.
     jacobian
@@ -94,6 +96,7 @@ class Run:
         *,
         events: EventTable | None = None,
         common: bool = False,
+        of_time: bool = False,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
         jacobian: Jacobian | None = None,
         keep_last: bool = False,
@@ -114,6 +117,7 @@ class Run:
         if plan.collocation:
             self.kept += plan.method.stages - 1 + (0 if sparse else plan.frame.dim)
         self.record = self._make_record(t0, len(stops), common, keep_last, jacobian)
+        self.record.of_time = of_time
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []
         self._steps: list[tuple[Array, ...]] = []
