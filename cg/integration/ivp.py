@@ -17,7 +17,7 @@ from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.loop.failures import explain_failure
-from cg.integration.loop.long_steps import is_too_long
+from cg.integration.loop.long_steps import takes_long_steps
 from cg.integration.loop.messages import (
     FINISHED,
     LEFT_MANIFOLD,
@@ -315,7 +315,7 @@ def solve_one(
     if counts["nrejected"] >= _REJECTIONS and 2 * counts["nrejected"] > counts["steps"]:
         warnings.warn(MANY_REJECTIONS.format(**counts), stacklevel=3)
     h = problem.control.h
-    if h is not None and counts["steps"] and is_too_long(plan.frame, run.last_stages()):
+    if h is not None and counts["steps"] and takes_long_steps(run):
         warnings.warn(LONG_STEPS.format(h=h), stacklevel=3)
     warn_off_manifold(plan, plan.points(run.end, (1,)), stacklevel=4)
     return Solution(

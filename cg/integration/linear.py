@@ -55,8 +55,8 @@ def solve_linear(
     method : str or Method, optional
         A name in ``cg.catalogue.magnus``, or a `cg.MagnusMethod`. By default ``"CFM6(4)b"``, and
         ``"CFM8(4)"`` below a relative tolerance of 1e-7. Other methods take the steps of
-        `cg.solve_ivp` without computing points of stages, so that those of Munthe-Kaas need one
-        flow per step.
+        `cg.solve_ivp`; if ``a`` is in Python without computing points of stages, so that those of
+        Munthe-Kaas need one flow per step.
     h, rtol, atol, t_eval, dense_output, events, breakpoints, max_step, first_step, max_steps
         As for `cg.solve_ivp`. Steps are chosen by the differences from two results of lower order,
         or are all of size ``h``.

@@ -123,7 +123,7 @@ class Problem:
         return Run(
             self.plan, self.rhs, self.points, self.t0, self.stops, self.control, output,
             events=table, common=self.common, stage_solver=self.stage_solver,
-            of_time=isinstance(self.f, _OF_TIME),
+            of_time=isinstance(self.f, TimeFunction),
             jacobian=self.jacobian, **options,
         )  # fmt: skip
 
@@ -258,7 +258,7 @@ def make_problem(
     jacobian = None
     if jac is not None:
         jacobian = jacobian_of(jac, f, frame, chosen, rhs, start, points[0])
-    if isinstance(f, CompiledRhs) and isinstance(rhs, CompiledRhs):
+    if isinstance(chosen, MagnusMethod) and isinstance(rhs, CompiledRhs):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(given["breakpoints"], start, stop)
     control = make_control(plan, given, abs(stop - start))

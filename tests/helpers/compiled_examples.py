@@ -63,8 +63,7 @@ PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
 def frames_in_python(**functions):
     """Let compiled code reach all frames through Python, where ``functions`` may be others."""
     with ExitStack() as stack:
-        for module in ("problem", "ensemble"):
-            stack.enter_context(patch(f"cg.integration.{module}.plan_of", Plan))
+        stack.enter_context(patch("cg.integration.problem.plan_of", Plan))
         stack.enter_context(patch("cg.integration.step.plan.is_compiled", lambda frame: False))
         for name, function in functions.items():
             stack.enter_context(patch(f"cg.integration.step.callbacks.{name}", function))

@@ -6,11 +6,22 @@ import numpy as np
 
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
+from cg.integration.loop.run import Run
 from cg.integration.step.plan import has_brackets
 
-__all__ = ["is_too_long"]
+__all__ = ["is_too_long", "takes_long_steps"]
 
 _SHORT = 1.0  # length of coefficients that no frame has beyond the radius of dexp⁻¹
+_MAX_DIM = 1000  # larger frames would need much memory for the check
+
+
+def takes_long_steps(run: Run) -> bool:
+    """Return whether the last step of a single trajectory was far too long.
+
+    It isn't checked on frames of more than 1000 fields.
+    """
+    frame = run.plan.frame
+    return frame.dim <= _MAX_DIM and is_too_long(frame, run.last_stages())
 
 
 def is_too_long(frame: Frame, stages: Array) -> bool:
