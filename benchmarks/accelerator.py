@@ -18,8 +18,6 @@ import numpy as np
 
 import cg
 
-__all__ = ["main", "measure"]
-
 _END = 1.0
 _H = 0.01
 _ARM = (0.0, 0.0, 1.0)  # weight times the centre of mass, in body axes

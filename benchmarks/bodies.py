@@ -20,8 +20,6 @@ from .record import Aim, Result, Row
 from .solvers import Run, solvers
 from .work_curves import run_curves
 
-__all__ = ["diffrax_solvers", "tumbling"]
-
 _INERTIA = (1.0, 2.0, 2.5)
 _MOMENTUM = (1.0, 4.0, -1.25)  # angular velocity (1, 2, -0.5)
 _TORQUES = ("slow_torque", "fast_torque", "fast_body")

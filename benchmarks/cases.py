@@ -18,8 +18,6 @@ from cg.problems import ForcedRigidBody, FreeRigidBody, HeavyTop
 
 from .compiled import top_field
 
-__all__ = ["NAMES", "Case", "cases", "top_in_c"]
-
 GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
 
 Array = NDArray[np.float64]

@@ -14,8 +14,6 @@ import cg
 from cg.integration.step.paths import paths_of
 from cg.problems import HeavyTop
 
-__all__ = ["PlainLoop", "build", "field", "top_field"]
-
 
 def build(name: str, folder: Path) -> Path:
     """Compile ``name.c`` as the package is compiled, and return the library."""

@@ -9,20 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cg.conditions import unknowns
-from cg.construction.search.random_search import (
-    EXACT,
-    SearchSettings,
-    random_start,
-    run_start,
-    search,
-)
+from cg.construction.search.random_search import search
+from cg.construction.search.settings import SearchSettings
+from cg.construction.search.start import EXACT, random_start, run_start
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 
 from .leastsq import OutOfTime, PaddedResidual, solve
-
-__all__ = ["SEED", "Contestant", "compete", "contestants"]
 
 SEED = 1
 """Seed of all random starts."""

@@ -8,8 +8,6 @@ import re
 import subprocess
 from pathlib import Path
 
-__all__ = ["describe"]
-
 _PACKAGES = ("numpy", "scipy", "lielab", "jax", "diffrax", "qutip")
 
 

@@ -19,8 +19,6 @@ from .record import Aim, Result, Row
 from .solvers import pairs
 from .work_curves import QUANTITIES, Curve, Point, run_point
 
-__all__ = ["LARGEST", "MEDIAN", "run", "spins", "stored", "write_table"]
-
 BEGIN, END = "<!-- estimates -->\n", "<!-- end of estimates -->\n"
 """Marks before and after the table of all pairs in docs/catalogue.md."""
 

@@ -23,8 +23,6 @@ from .solvers import Run
 from .timing import measure
 from .work_curves import Curve, run_point
 
-__all__ = ["run"]
-
 _INERTIA = np.array([1.0, 2.0, 2.5])
 _METHODS = ("CF5(4)", "RKMK5(4)", "RKMK8(5,3)", "CF7(6)")
 _RIVALS = ("Dopri8", "Tsit5")

@@ -11,7 +11,7 @@ from scipy.optimize import leastsq
 import cg
 from cg import _core_r64, _core_r128
 from cg.conditions import condition_trees, pack, unknowns
-from cg.construction.search.random_search import random_start
+from cg.construction.search.start import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem

@@ -12,8 +12,6 @@ from cg import _core_r64
 from cg.conditions import table_rows, unknowns
 from cg.structure.layout import Layout
 
-__all__ = ["OutOfTime", "PaddedResidual", "solve"]
-
 
 class OutOfTime(Exception):
     """The time allowed for a run is used up."""

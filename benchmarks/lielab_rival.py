@@ -13,8 +13,6 @@ from cg.frames import SO3, Euclidean, Product
 from .cases import Case
 from .lielab_top import available
 
-__all__ = ["METHODS", "LielabRival", "expresses"]
-
 METHODS = {"RKV87r": 8, "RKV98r": 9, "RKDP54_7M": 5}
 """Its pairs, and their orders: the default, the one of highest order, Dormand and Prince's."""
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from cg.problems import HeavyTop
 
-__all__ = ["LielabTop", "available"]
-
 
 def available() -> bool:
     """Return whether Lielab can be imported."""

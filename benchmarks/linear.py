@@ -19,8 +19,6 @@ from .solvers import Run, pairs
 from .timing import measure
 from .work_curves import Curve, Point
 
-__all__ = ["method_text", "run"]
-
 TITLE = "Linear equations"
 
 _ERRORS = (1e-6, 1e-9, 1e-12)

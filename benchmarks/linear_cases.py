@@ -20,8 +20,6 @@ from cg.frames import SU, Frame, LinearAction, UnitQuaternion
 from .cases import Case
 from .solvers import Run
 
-__all__ = ["LinearCase", "Solve", "dop853", "linear_cases", "qutip_solver", "with_qutip"]
-
 Matrix = Any
 Solve = Callable[[float], Run]
 TimeFunction = Callable[[float], list[float]]

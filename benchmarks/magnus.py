@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from cg.frames.matrix_group import MatrixGroup
 
-__all__ = ["Magnus"]
-
 Array = NDArray[np.float64]
 Points = NDArray[Any]
 

@@ -8,8 +8,6 @@ import sys
 
 from .record import Row
 
-__all__ = ["memory_rows"]
-
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
 
 _MEASURE = """

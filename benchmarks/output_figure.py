@@ -13,8 +13,6 @@ from matplotlib.figure import Figure
 
 from .rival_figure import RC, dress, save_figure
 
-__all__ = ["OutputError", "draw"]
-
 # Colours that stay apart for colour-blind readers (M. Okabe and K. Ito, 2008), and markers.
 _STYLES = (
     ("#E69F00", "v"),

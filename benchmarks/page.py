@@ -11,8 +11,6 @@ from cg.support.markdown import table
 
 from .record import Aim, Result, Row
 
-__all__ = ["read", "read_environments", "render", "render_details", "write", "write_pages"]
-
 Environments = Mapping[str, Mapping[str, str]]
 """For each benchmark the processor and the versions of software that it ran with."""
 

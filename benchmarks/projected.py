@@ -11,8 +11,6 @@ from scipy.integrate import DOP853
 
 from cg.frames import SO3, Euclidean, Frame, MatrixGroup, Power, Product, Sphere, UnitQuaternion
 
-__all__ = ["integrate", "project"]
-
 Points = NDArray[Any]
 Tangent = Callable[[Any, Any], Points]
 Field = Callable[[float, Points], Sequence[float] | NDArray[np.float64]]

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-__all__ = ["Aim", "Figure", "Result", "Row"]
-
 
 @dataclass(frozen=True)
 class Aim:

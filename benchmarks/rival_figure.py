@@ -17,8 +17,6 @@ from PIL import Image
 
 from .work_curves import QUANTITIES, Curve
 
-__all__ = ["RC", "draw", "dress", "save_figure"]
-
 # Colours that stay apart for colour-blind readers (M. Okabe and K. Ito, 2008)
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "*", "X", "<", ">")

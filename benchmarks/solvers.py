@@ -17,8 +17,6 @@ from .cases import Case
 from .lielab_rival import METHODS, LielabRival, expresses
 from .magnus import Magnus
 
-__all__ = ["Kind", "Run", "Solver", "pairs", "solvers"]
-
 Kind = Literal["pair", "fixed", "rkmk", "rival", "default"]
 """Pairs of the catalogue, methods with fixed steps, Munthe-Kaas methods, solvers of other packages,
 and the default of `cg.solve_ivp`."""

@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping
 
 from .record import Aim, Row
 
-__all__ = ["Times", "measure"]
-
 
 class Times:
     """Times per call of several contestants, by round.

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from cg.conditions import condition_trees, unpack
 from cg.trees.ordered import forest
 
-__all__ = ["NumpyResidual"]
-
 
 class NumpyResidual:
     """Residuals of the independent order conditions, all rows of a tableau at once.

@@ -13,8 +13,6 @@ import numpy as np
 from .cases import Case
 from .solvers import Kind, Run
 
-__all__ = ["QUANTITIES", "Curve", "Point", "run_curves", "run_point"]
-
 # Larger errors are those of steps that are too long; rounding dominates smaller ones.
 _WORST = 0.1
 _ROUNDING = 1e-11

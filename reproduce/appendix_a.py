@@ -16,8 +16,6 @@ from cg.catalogue import methods
 from cg.conditions import exact_residuals_of, jacobian_at
 from cg.method.tableau import Tableau
 
-__all__ = ["Comparison", "Printed", "compare", "nearest_exact", "printed"]
-
 _SOLVED = 1e-5  # units of the last place, to which conditions are to hold
 
 

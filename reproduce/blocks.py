@@ -8,8 +8,6 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-__all__ = ["Block", "Chart", "Data", "Table", "Text", "number", "places"]
-
 Data = Mapping[str, Any]
 """The data of an item, which JSON can represent."""
 

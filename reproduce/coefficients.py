@@ -17,17 +17,6 @@ from cg.support.quads import to_decimal
 
 from .blocks import Data, Table
 
-__all__ = [
-    "RANK_THRESHOLD",
-    "coefficient_table",
-    "condition_number",
-    "fixed",
-    "labels",
-    "largest_coefficient",
-    "method_data",
-    "singular_values",
-]
-
 RANK_THRESHOLD = 1e-12
 """Singular values below this, relative to the largest, count as zero."""
 

@@ -10,8 +10,6 @@ from cg.support.parallel import available_cores
 
 from .blocks import Data
 
-__all__ = ["Context", "Progress", "Settings"]
-
 Progress = Callable[[int, int], None]
 """Function of the numbers of finished and of all parts of an item."""
 

@@ -12,8 +12,6 @@ from cg.runs.progress import ProgressLine, duration
 from .context import Progress
 from .item import Item
 
-__all__ = ["Display"]
-
 
 class Display:
     """Progress on a stream: an updated line on a terminal, otherwise a line every half minute.

@@ -24,8 +24,6 @@ from .coefficients import RANK_THRESHOLD, condition_number, largest_coefficient
 from .sections.table3_2 import PAPER
 from .statistics import median
 
-__all__ = ["gather"]
-
 _POINTS = 5
 _HIGH_ORDER = 10
 _PRINTED = 8  # decimals of CG6a in the paper

@@ -11,8 +11,6 @@ from typing import Any
 
 import cg
 
-__all__ = ["digest"]
-
 _COMPILED = ("cg._core_r64", "cg._core_r128")
 
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from .blocks import Block, Data
 from .context import Context
 
-__all__ = ["Item"]
-
 
 @dataclass(frozen=True)
 class Item:

@@ -9,8 +9,6 @@ from importlib import import_module
 from . import sections
 from .item import Item
 
-__all__ = ["ITEMS", "select"]
-
 
 def _all_items() -> list[Item]:
     names = [module.name for module in pkgutil.iter_modules(sections.__path__)]

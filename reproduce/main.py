@@ -24,8 +24,6 @@ from .display import Display
 from .items import ITEMS, select
 from .run import OutputError, check_output, check_settings, run
 
-__all__ = ["main", "reproduce_command"]
-
 FOLDER = Path("reproduce/out")
 
 

@@ -13,8 +13,6 @@ from cg.runs.execution import as_finished
 from . import top
 from .context import Context
 
-__all__ = ["FIT", "Run", "convergence", "order_data"]
-
 FIT = 4
 """Number of points, those with the smallest steps, to which a slope is fitted."""
 

@@ -13,8 +13,6 @@ from .item import Item
 from .items import ITEMS
 from .style import render
 
-__all__ = ["page", "section"]
-
 _TITLE = "Runge–Kutta methods of Crouch–Grossman type of high order, reproduced"
 _MARKS = {"pass": "✓", "fail": "✗", "not reproducible": "–"}
 

@@ -22,8 +22,6 @@ from .item import Item
 from .items import ITEMS
 from .report import page, section
 
-__all__ = ["FORMAT", "OutputError", "check_output", "check_settings", "run"]
-
 FORMAT = "reproduce-paper 2"
 
 _RESULTS = "results.json"

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["median", "quartiles"]
-
 
 def quartiles(values: Sequence[float]) -> list[float] | None:
     """Return minimum, quartiles and maximum, or None if there are no values.

@@ -19,8 +19,6 @@ from cg.support.parsing import write_file
 
 from .blocks import Chart
 
-__all__ = ["LINES", "PALETTE", "grid", "label_panel", "lines", "render"]
-
 PALETTE: Mapping[str, str] = MappingProxyType(
     {
         "blue": "#0072B2",

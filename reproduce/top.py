@@ -18,18 +18,6 @@ from cg.problems import HeavyTop
 
 from .reference_runs import Kind, integrate_compiled
 
-__all__ = [
-    "METHODS",
-    "READINGS",
-    "Errors",
-    "Reading",
-    "end_error",
-    "errors",
-    "flow_distances",
-    "reference_end",
-    "reference_error",
-]
-
 Reading = Literal["momentum", "velocity"]
 
 METHODS = ("CG4", "CG4a", "CG5a", "CG6a")

@@ -31,8 +31,8 @@ from cg.construction import (
     solved,
     to_method,
 )
-from cg.construction.search.random_search import start_layout
 from cg.construction.search.shapes import fixed_weights, layout_of
+from cg.construction.search.start import start_layout
 from cg.proofs import CertificationError, certify
 
 SEED = 1

@@ -32,7 +32,7 @@ from cg.construction import (
     to_method,
 )
 from cg.construction.drop import solve_start
-from cg.construction.search.random_search import random_start
+from cg.construction.search.start import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.start import default_start, random_candidate
 from cg.method.tableau import Tableau

@@ -19,7 +19,7 @@ import numpy as np
 from recipes import run
 
 from cg.construction import Candidate, Goals, optimise
-from cg.construction.search.random_search import random_start
+from cg.construction.search.start import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.system import ConditionSystem

@@ -14,8 +14,6 @@ from cg.catalogue import save
 from cg.construction import Candidate
 from cg.method.method import Method
 
-__all__ = ["merit", "run"]
-
 
 def merit(candidate: Candidate) -> float:
     """Return the principal error, more where coefficients or abscissae are large."""

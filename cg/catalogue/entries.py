@@ -19,21 +19,6 @@ from ..method.tableau import Tableau, TableauError
 from ..structure.points import MethodError
 from ..support.parsing import file_in, quoted, read_json, read_toml, to_json, write_file
 
-__all__ = [
-    "CERTIFICATE_SUFFIX",
-    "certificate_path",
-    "check_keys",
-    "check_path",
-    "dumps",
-    "dumps_json",
-    "is_file",
-    "load",
-    "load_kind",
-    "loads",
-    "read",
-    "save",
-]
-
 T = TypeVar("T", bound=Method)
 
 CERTIFICATE_SUFFIX = ".certificate.toml"

@@ -18,8 +18,6 @@ from ..method.stability import stability_limits, too_large
 from ..support.parsing import write_file
 from . import catalogues, find_method
 
-__all__ = ["MethodSummary", "compute_summary", "summary_of", "write_summaries"]
-
 _FILE = files("cg.catalogue") / "summaries.json"
 
 

@@ -15,21 +15,6 @@ from cg.method.method import Method
 from cg.structure.points import MethodError
 from cg.support.parsing import to_json, visible_lines
 
-__all__ = [
-    "METHOD",
-    "F",
-    "MethodArgument",
-    "NamedMethod",
-    "as_json",
-    "check_output",
-    "is_file",
-    "json_option",
-    "named",
-    "say",
-    "table",
-    "workers_option",
-]
-
 F = TypeVar("F", bound=Callable[..., Any])
 
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")

@@ -7,10 +7,9 @@ import click
 from cg.analysis.diagnosis import Diagnosis, diagnose, diagnose_file
 from cg.structure.points import MethodError
 
-from .arguments import MethodArgument, as_json, is_file, json_option, named, say
+from ..catalogue import is_file
+from .arguments import MethodArgument, as_json, json_option, named, say
 from .main import NO
-
-__all__ = ["check_command"]
 
 
 class _Diagnosed(MethodArgument):

@@ -7,8 +7,6 @@ from click.shell_completion import get_completion_class
 
 from .main import COMPLETE, PROGRAM, group
 
-__all__ = ["completion_command"]
-
 
 @click.command("completion", short_help="Print a completion script for a shell.")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))

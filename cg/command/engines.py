@@ -12,8 +12,6 @@ from cg.runs import ExecutorLike
 
 from .arguments import F
 
-__all__ = ["engine", "engine_options"]
-
 
 def engine_options(function: F) -> F:
     """Add the options that choose the executor."""

@@ -12,8 +12,6 @@ from cg.support.parsing import write_file
 
 from .arguments import METHOD, check_output
 
-__all__ = ["export_command"]
-
 
 @click.command("export", short_help="Write a method as data or code.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)

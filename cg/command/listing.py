@@ -16,8 +16,6 @@ from cg.support.parsing import visible
 from .arguments import as_json, json_option, say, table
 from .main import NO
 
-__all__ = ["list_command"]
-
 _KEYS: dict[str, Callable[[MethodSummary], Any]] = {
     "name": lambda summary: summary.name,
     "order": lambda summary: summary.order,

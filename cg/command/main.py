@@ -11,8 +11,6 @@ import click
 
 from cg.support.parsing import visible
 
-__all__ = ["COMPLETE", "NO", "PROGRAM", "UNUSABLE", "group", "main"]
-
 NO, UNUSABLE, INTERRUPTED = 1, 2, 130
 """Exit codes: negative result, wrong argument, interrupt."""
 

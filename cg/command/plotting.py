@@ -12,8 +12,6 @@ from cg.support.parsing import write_file
 
 from .arguments import METHOD, check_output
 
-__all__ = ["plot_command"]
-
 
 @click.command("plot", short_help="Plot a method.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)

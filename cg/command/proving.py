@@ -12,8 +12,6 @@ from cg.proofs import CertificationError, certify
 from .arguments import METHOD, as_json, check_output, json_option, say
 from .main import NO
 
-__all__ = ["certify_command"]
-
 
 @click.command("certify", short_help="Prove the order of a method.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)

@@ -18,8 +18,6 @@ from cg.runs import RunSummary, Store, StoredRun
 from .arguments import as_json, check_output, json_option, say, table
 from .main import NO
 
-__all__ = ["runs_command"]
-
 _FILE = click.argument("file", metavar="FILE", type=click.Path(exists=True, dir_okay=False))
 _NUMBER = click.argument("number", metavar="RUN", type=click.IntRange(1))
 _SETTINGS = ("order", "stages", "flows", "seed")

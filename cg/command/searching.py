@@ -20,8 +20,6 @@ from .engines import engine
 from .main import NO
 from .shapes import arguments_of, construction_options, search_options
 
-__all__ = ["construct_command", "search_command"]
-
 
 @click.command("search", short_help="Search for methods from random starts.")
 @search_options

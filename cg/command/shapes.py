@@ -21,8 +21,6 @@ from cg.structure.points import MethodError
 from .arguments import F, NamedMethod, json_option, workers_option
 from .engines import engine_options
 
-__all__ = ["arguments_of", "construction_options", "search_options"]
-
 
 class _Shape(NamedMethod):
     """The tree of points of a method."""

@@ -21,8 +21,6 @@ from cg.support.quads import to_decimal
 
 from .arguments import METHOD, as_json, json_option, say, table
 
-__all__ = ["show_command"]
-
 _DIGITS = 6  # printed by default
 _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
 

@@ -18,15 +18,6 @@ from ..support.memory import reserved
 from ..support.parallel import StopFlag
 from ..trees.ordered import catalan
 
-__all__ = [
-    "fit_lmdif",
-    "fit_minimum_norm",
-    "jacobian",
-    "residuals",
-    "residuals_quad",
-    "weights",
-]
-
 Vector = NDArray[np.float64]
 Trees = NDArray[np.intc]
 

@@ -9,16 +9,6 @@ from .. import _core_r64
 from ..support.checks import check_flag, check_integer
 from ..trees.ordered import MAX_NODES, forest
 
-__all__ = [
-    "MAX_ORDER",
-    "check_order",
-    "condition_trees",
-    "count",
-    "count_classical",
-    "right_sides",
-    "table_rows",
-]
-
 MAX_ORDER: int = int(_core_r64.highest_order())
 """Highest order of the compiled tables of trees (a build option)."""
 

@@ -23,16 +23,6 @@ from .counts import check_order, condition_trees, right_sides
 if TYPE_CHECKING:
     from flint import arb
 
-__all__ = [
-    "HasTree",
-    "ball_residuals_of",
-    "exact_residuals_of",
-    "exact_weights",
-    "residuals_exact",
-    "result_tree",
-    "word_weights",
-]
-
 ExactRows = Sequence[Sequence[Any]]
 
 _MAX_BITS = 1_000_000  # with more bits a sum of products would take hours

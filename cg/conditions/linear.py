@@ -21,15 +21,6 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
-__all__ = [
-    "LINEAR_ROUNDING",
-    "MAX_LINEAR_ORDER",
-    "linear_residuals",
-    "linear_sensitivities",
-    "product_of_exponentials",
-    "words",
-]
-
 MAX_LINEAR_ORDER = 9
 """Highest order whose conditions are offered; there are 511 words through this degree."""
 

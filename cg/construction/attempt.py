@@ -23,8 +23,6 @@ from .settings import ConstructionSettings
 from .solvers.system import ConditionSystem
 from .start import random_candidate
 
-__all__ = ["Attempt", "read_attempt", "refined", "run_attempt", "succeeded"]
-
 _MIN_ESTIMATE = 1e-5  # of pairs; where stages coincide, both results have the same order
 
 

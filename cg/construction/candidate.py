@@ -22,16 +22,6 @@ from .solvers.polish import polish_zeros
 from .solvers.refine import refine
 from .solvers.system import ConditionSystem
 
-__all__ = [
-    "Candidate",
-    "NotExactError",
-    "correct",
-    "pack_method",
-    "refinable",
-    "solved",
-    "to_method",
-]
-
 SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby."""
 

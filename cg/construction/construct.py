@@ -17,8 +17,6 @@ from .attempt import Attempt, read_attempt, refined, run_attempt, succeeded
 from .settings import ConstructionArguments, ConstructionSettings
 from .solvers.system import Structure
 
-__all__ = ["Construction", "construct"]
-
 
 @dataclass(frozen=True)
 class Construction:

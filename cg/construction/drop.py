@@ -14,8 +14,6 @@ from .search.shapes import fixed_weights, merge_point, select_points
 from .solvers.singular import finish
 from .solvers.system import ConditionSystem, Structure
 
-__all__ = ["drop_flow", "drop_point_stage", "drop_stage", "fixed_entries", "solve_start"]
-
 _SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
 _TRIES = 16  # starts to solve from
 

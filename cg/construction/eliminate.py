@@ -11,8 +11,6 @@ from .candidate import Candidate, check_candidate, correct, solved
 from .drop import drop_stage, fixed_entries
 from .solvers.system import Structure
 
-__all__ = ["eliminate", "eliminate_stage", "walk"]
-
 _LAST_FRACTION = 1e-2  # of the column; below it the next step goes to zero
 _MIN_STEP = 2e-3
 _MAX_COLUMNS = 3  # number of columns to try from one candidate

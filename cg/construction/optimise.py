@@ -18,8 +18,6 @@ from ..support.checks import check_integer, check_interval, check_real
 from .candidate import Candidate, check_candidate, correct, solved
 from .solvers.singular import Decomposition, decompose, retract
 
-__all__ = ["Goals", "fewer_exponentials", "optimise"]
-
 _MAX_STEP = 1.0
 _ZEROS_FTOL = 1e-29  # stricter than elsewhere: with few entries left, near misses are common
 

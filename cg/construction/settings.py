@@ -20,8 +20,6 @@ from .search.shapes import ShapeArguments
 from .solvers.system import ConditionSystem, Structure
 from .start import default_start, likely_structure, tree_start
 
-__all__ = ["ConstructionArguments", "ConstructionSettings"]
-
 
 @dataclass(frozen=True)
 class ConstructionSettings:

@@ -12,8 +12,6 @@ from .drop import fixed_entries
 from .search.shapes import draw_guess
 from .solvers.system import ConditionSystem, Structure
 
-__all__ = ["StartSettings", "default_start", "likely_structure", "random_candidate", "tree_start"]
-
 _FIXED = (0.3, 0.8)  # range of entries that are held fixed
 
 

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from .program import Program
 from .text import comment, fill, real, wrapped
 
-__all__ = ["to_c"]
-
 _HEADER = """
 #ifndef @NAME@_H
 #define @NAME@_H

@@ -17,8 +17,6 @@ from ..support.quads import DECIMAL_DIGITS, to_decimal
 if TYPE_CHECKING:
     from ..proofs import Certificate
 
-__all__ = ["MAX_DIGITS", "Numbers", "known_digits", "numbers_of"]
-
 MAX_DIGITS = 4000
 """Limit of `digits`: Python converts integers of up to 4300 digits to text by default."""
 

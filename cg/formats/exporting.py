@@ -21,8 +21,6 @@ from .python import to_python
 if TYPE_CHECKING:
     from ..proofs import Certificate
 
-__all__ = ["FORMATS", "export", "summary"]
-
 _CODE: dict[str, Callable[[Program], str]] = {
     "python": to_python,
     "c": to_c,

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from .program import Program
 from .text import comment, fill, real, wrapped
 
-__all__ = ["to_fortran"]
-
 _MAX_ENTRIES = 200  # of an array in one statement; older standards allow 255 continuation lines
 _MAX_WIDTH = 120  # of a piece of a number; the standard allows lines of 132 characters
 

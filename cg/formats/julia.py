@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from .program import Program
 from .text import comment, fill, wrapped
 
-__all__ = ["to_julia"]
-
 _MODULE = '''module @Module@
 
 # The module exports nothing, since Base has a function step: call @Module@.step.

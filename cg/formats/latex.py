@@ -11,8 +11,6 @@ from ..method.method import Method
 from ..support.quads import to_decimal
 from .digits import Numbers
 
-__all__ = ["short_numbers", "to_array", "to_latex"]
-
 _MAX_WIDTH = 110
 """Largest number of characters in a row of a tableau; a wider one becomes a list of its entries."""
 

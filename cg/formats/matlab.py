@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from .program import Program
 from .text import comment, fill, wrapped
 
-__all__ = ["to_matlab"]
-
 _FUNCTION = """function @returns@ = @name@_step(f, flow, @dexpinv@t, y, h)
 % Return the point after a step of size h. f(t, y) returns the coefficients of the fields as a
 % column, flow(v, y) the time-1 flow through y of the field with coefficients v.@algebra@@remark@

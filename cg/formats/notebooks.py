@@ -10,8 +10,6 @@ from ..method.method import Method
 from ..support.parsing import visible
 from .latex import short_numbers, to_array
 
-__all__ = ["to_formula", "to_html"]
-
 _MAX_ROWS = 40
 _CELL = 'style="text-align: right; padding: 0.1em 0.6em'
 _LEFT = f'{_CELL}; border-right: 1px solid"'

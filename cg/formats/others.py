@@ -10,8 +10,6 @@ import numpy as np
 from ..catalogue import resolve_method
 from ..method.method import Method
 
-__all__ = ["to_diffrax", "to_nodepy"]
-
 
 def to_diffrax(method: str | Method) -> Any:
     """Return the classical tableau of an explicit method as a ``diffrax.ButcherTableau``.

@@ -18,8 +18,6 @@ from ..method.munthe_kaas import MuntheKaas
 from ..structure.points import START, Point, PointTree, tree_of_flat_rows
 from .digits import Numbers
 
-__all__ = ["Move", "Program", "identifier", "make_program"]
-
 
 @dataclass(frozen=True)
 class Move:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from .program import Program
 from .text import comment, fill, wrapped
 
-__all__ = ["to_python"]
-
 _MODULE = '''"""A step of a Runge-Kutta method on manifolds."""
 
 @head@

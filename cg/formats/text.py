@@ -7,8 +7,6 @@ from collections.abc import Iterable, Mapping
 
 from ..support.parsing import visible
 
-__all__ = ["comment", "fill", "real", "wrapped"]
-
 _WIDTH = 96
 
 

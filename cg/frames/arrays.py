@@ -11,22 +11,6 @@ from numpy.typing import NDArray
 
 from cg.support.checks import check_generator
 
-__all__ = [
-    "Array",
-    "Convention",
-    "Points",
-    "Size",
-    "check_convention",
-    "check_finite",
-    "check_name",
-    "check_random",
-    "complex_array",
-    "is_array",
-    "is_complex_array",
-    "real_array",
-    "traced_hint",
-]
-
 Array = NDArray[np.float64]
 Points = NDArray[Any]
 """Points and tangents, of type float64 or complex128 as given by `Frame.dtype`."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from cg.frames.arrays import Array
 from cg.support.shared_numbers import BlockKind, BlockOption
 
-__all__ = ["SCALAR_FIRST", "SPACE_AXES", "BlockKind", "Blocks", "compared_by_entries"]
-
 SPACE_AXES = int(BlockOption.SPACE_AXES)
 """Block option: coefficients are in space axes."""
 

@@ -12,8 +12,6 @@ from cg.frames.arrays import Array, Points
 if TYPE_CHECKING:
     from cg.frames.base import Frame
 
-__all__ = ["find_inconsistencies"]
-
 # Relative tolerances for rounding errors and for finite differences of order four
 _ROUNDING = 1e-10
 _DIFFERENCES = 1e-7

@@ -32,14 +32,6 @@ from numpy.typing import NDArray
 from cg.frames.arrays import Array, Points
 from cg.frames.rotations import half_angle
 
-__all__ = [
-    "bernoulli_terms",
-    "frobenius",
-    "motion_dexpinv",
-    "rotation_dexpinv",
-    "series_dexpinv",
-]
-
 _SERIES_BELOW = 1.0  # largest squared angle for which series replace formulas that cancel
 _SERIES_TERMS = 12
 _SMALLEST = 1e-150  # its square doesn't underflow

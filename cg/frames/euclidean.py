@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Size, check_random
 from cg.frames.base import Frame
-from cg.frames.block_kinds import BlockKind, Blocks
+from cg.frames.block_kinds import Blocks
 from cg.support.checks import check_integer
+from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, complex_array, is_complex_array, real_array
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks
+from cg.frames.block_kinds import MAX_MATRIX, Blocks
 from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 from cg.frames.su import SU
+from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)

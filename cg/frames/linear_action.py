@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
-from cg.frames.block_kinds import BlockKind, Blocks
+from cg.frames.block_kinds import Blocks
 from cg.frames.user import Function, UserFrame
+from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:
     from scipy import sparse

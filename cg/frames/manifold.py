@@ -19,8 +19,6 @@ from cg.frames.arrays import (
     real_array,
 )
 
-__all__ = ["MEMBERSHIP_TOLERANCE", "Manifold"]
-
 MEMBERSHIP_TOLERANCE = 1e-8
 
 

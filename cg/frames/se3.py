@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Convention, Points
-from cg.frames.block_kinds import BlockKind, Blocks, convention_option
+from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.semidirect import Semidirect
 from cg.frames.so3 import SO3
+from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform

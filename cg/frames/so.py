@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, convention_option
+from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
+from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import BlockKind, Blocks
+from cg.frames.block_kinds import Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 from cg.frames.unit_vectors import UnitVectors
 from cg.support.checks import check_integer
+from cg.support.shared_numbers import BlockKind
 
 # Points are antipodal if the tangential part of their sum is less than this fraction of the sum.
 _ANTIPODAL = 1e-4

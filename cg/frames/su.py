@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, convention_option
+from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
 from cg.frames.u import U, gell_mann
+from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)

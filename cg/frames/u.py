@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, convention_option
+from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
+from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)

@@ -22,8 +22,6 @@ from cg.frames import Frame
 from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import has_brackets
 
-__all__ = ["AUTO", "choose_method"]
-
 AUTO = "auto"
 """Value of ``method`` for which `choose_method` chooses."""
 

@@ -32,8 +32,6 @@ from cg.runs import ExecutorLike, check_executor, completed
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import Stop
 
-__all__ = ["solve_ensemble", "solve_members"]
-
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 
 

@@ -40,8 +40,6 @@ from cg.method.method import Method
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import Stop
 
-__all__ = ["integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
-
 _REJECTIONS = 1000
 
 

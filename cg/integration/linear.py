@@ -20,8 +20,6 @@ from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.support.checks import check_flag
 
-__all__ = ["solve_linear"]
-
 _LOOSE = 1e-7  # from here on the second default needs fewer evaluations on the benchmarks
 _DEFAULTS = "CFM6(4)b", "CFM8(4)"
 

@@ -16,8 +16,6 @@ from cg.integration.loop.record import COUNTS
 from cg.integration.problem import Problem
 from cg.integration.results import EnsembleSolution
 
-__all__ = ["EnsembleResults", "MemberResults"]
-
 
 @dataclass(frozen=True)
 class MemberResults:

@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 from cg.integration.default_method import AUTO
 from cg.method.method import Method
 
-__all__ = ["Options", "StepOptions", "complete_options", "expand_options"]
-
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 

@@ -42,8 +42,6 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.warnings import check_order, check_pair
 from cg.support.checks import check_flag
 
-__all__ = ["Problem", "make_control", "make_problem", "make_rhs"]
-
 _OF_TIME = (TimeFunction, CompiledRhs)  # `cg.solve_linear` passes these
 
 

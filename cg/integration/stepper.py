@@ -29,8 +29,6 @@ from cg.integration.stepper_state import get_state, set_state
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import Stop
 
-__all__ = ["Stepper"]
-
 _FAR = 2.0**40  # fixed steps without a final time
 _NO_LIMIT = 2**62
 _MANY = 2**30

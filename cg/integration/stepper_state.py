@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["get_state", "set_state"]
-
 
 def get_state(stepper: Any) -> dict[str, Any]:
     """Return the state of a stepper, which can be pickled."""

@@ -8,8 +8,6 @@ import numpy as np
 
 from cg.integration.results import EnsembleSolution, Solution
 
-__all__ = ["to_xarray"]
-
 _NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
 
 

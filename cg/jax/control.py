@@ -17,8 +17,6 @@ from cg.jax.frames import rules_of
 from cg.jax.rules import real_dtype
 from cg.jax.term import rules_in
 
-__all__ = ["FrameController", "controller"]
-
 # These numbers are those of fortran/controller.f90, which says where they are from.
 _SAFETY = 0.9
 _MIN_FACTOR = 0.2

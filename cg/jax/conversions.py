@@ -13,8 +13,6 @@ from cg.jax.products import join, split
 from cg.jax.rotations import quaternion_of
 from cg.jax.rules import read_point
 
-__all__ = ["from_jaxlie", "to_jaxlie"]
-
 _T = TypeVar("_T")
 
 

@@ -14,8 +14,6 @@ from cg.frames.dexpinv import bernoulli_terms
 from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors
 from cg.jax.rules import cross, dot, linear
 
-__all__ = ["motion_dexpinv", "series_dexpinv", "turning_dexpinv"]
-
 _RADIUS = (2.0 * math.pi) ** 2  # of the series of dexpinv, squared
 _COMMUTE = 16.0
 _POWERS = 20  # of which the latter half shows how all further ones grow

@@ -14,8 +14,6 @@ import jax.numpy as jnp
 
 from cg.frames.dexpinv import bernoulli_terms
 
-__all__ = ["angle_over_sine", "dexpinv_factor", "motion_factors", "stumpff"]
-
 JaxArray = Any
 
 _NEAR = 4.0  # where the series is summed instead of a recurrence that cancels

@@ -35,8 +35,6 @@ from cg.jax.products import power_rules, product_rules
 from cg.jax.rotations import quaternion_rules
 from cg.jax.rules import Rules
 
-__all__ = ["rules_of"]
-
 
 def rules_of(frame: Frame) -> Rules:
     """Return what a frame is in JAX.

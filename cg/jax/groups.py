@@ -15,8 +15,6 @@ from cg.jax.entire import JaxArray, angle_over_sine, dexpinv_factor, stumpff
 from cg.jax.rotations import rotation_logarithm, rotation_matrix
 from cg.jax.rules import Rules, adjoint, linear, newton_schulz, real_dtype, same
 
-__all__ = ["exponential_of", "group_dexpinv", "group_rules", "projection", "semidirect_rules"]
-
 _ROOTS = 3  # square roots before a logarithm's series
 _ROOT_STEPS = 8
 _ARTANH_TERMS = 12

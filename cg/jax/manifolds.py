@@ -12,8 +12,6 @@ from cg.jax.entire import JaxArray, angle_over_sine
 from cg.jax.groups import exponential_of, group_dexpinv, projection
 from cg.jax.rules import Rules, linear, newton_schulz, ones, real_dtype, same, unit_step
 
-__all__ = ["euclidean_rules", "own_rules", "sphere_rules", "stiefel_rules"]
-
 
 def euclidean_rules(frame: Euclidean) -> Rules:
     """Return the rules of a vector space."""

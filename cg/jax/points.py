@@ -10,8 +10,6 @@ from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import read_point, real_dtype
 
-__all__ = ["cotangent", "flow", "log"]
-
 
 def flow(frame: Frame, v: JaxArray, y: JaxArray) -> JaxArray:
     """Return the time-1 flow of the field with coefficients v: `cg.frames.Frame.flow` in JAX.

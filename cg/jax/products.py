@@ -12,8 +12,6 @@ from cg.frames import Power, Product
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules, read_point
 
-__all__ = ["join", "power_rules", "product_rules", "split"]
-
 
 def product_rules(frame: Product, parts: list[Rules]) -> Rules:
     """Return the rules of a product, from those of its factors."""

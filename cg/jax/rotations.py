@@ -10,13 +10,6 @@ from cg.jax.dexpinv import turning_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine, stumpff
 from cg.jax.rules import Rules, bilinear, linear, ones, unit_step
 
-__all__ = [
-    "quaternion_of",
-    "quaternion_rules",
-    "rotation_logarithm",
-    "rotation_matrix",
-]
-
 
 def quaternion_rules(frame: UnitQuaternion) -> Rules:
     """Return the rules of unit quaternions."""

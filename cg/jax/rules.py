@@ -14,21 +14,6 @@ from numpy.typing import NDArray
 from cg.frames import Frame
 from cg.jax.entire import JaxArray
 
-__all__ = [
-    "Rules",
-    "adjoint",
-    "bilinear",
-    "cross",
-    "dot",
-    "linear",
-    "newton_schulz",
-    "ones",
-    "read_point",
-    "real_dtype",
-    "same",
-    "unit_step",
-]
-
 Scalars = Sequence[JaxArray]
 
 _NEARBY_STEPS = 4

@@ -26,8 +26,6 @@ from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 
-__all__ = ["Solver"]
-
 _DENSE = ("accurate", "steps")
 
 

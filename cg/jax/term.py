@@ -16,8 +16,6 @@ from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import Rules
 
-__all__ = ["FrameTerm", "rules_in"]
-
 
 class FrameTerm(diffrax.AbstractTerm):
     r"""The right-hand side :math:`y' = \sum_i f_i(t, y) E_i(y)`, for `diffrax.diffeqsolve`.

@@ -27,8 +27,6 @@ from cg.jax.rules import Rules
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 
-__all__ = ["Within", "interpolant"]
-
 _ITERATIONS = 3  # of Newton's method; each squares the error, which is of third order first
 
 

@@ -17,15 +17,6 @@ import numpy as np
 from ..structure.points import MethodError
 from ..support.checks import check_integer
 
-__all__ = [
-    "MIN_ROUNDED_PLACES",
-    "Coefficient",
-    "read_coefficient",
-    "read_sequence",
-    "read_texts",
-    "read_third",
-]
-
 MIN_ROUNDED_PLACES = 8
 """Number of decimal places from which a decimal counts as rounded; 0.25 is exact."""
 

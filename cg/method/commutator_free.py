@@ -18,8 +18,6 @@ from .flat import flat_order
 from .method import Method
 from .tableau import Tableau
 
-__all__ = ["CommutatorFree", "plain_index"]
-
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class CommutatorFree(Method):

@@ -15,8 +15,6 @@ from .tableau import Tableau
 if TYPE_CHECKING:
     from flint import fmpq
 
-__all__ = ["failing_rooted", "flat_order", "flat_residuals", "stage_orders"]
-
 
 def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     """Return the classical order of a tableau, up to the rounding of its coefficients.

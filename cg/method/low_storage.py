@@ -27,8 +27,6 @@ from .commutator_free import CommutatorFree
 from .method import Method
 from .tolerance import TOLERANCE_FACTOR
 
-__all__ = ["from_two_registers", "two_registers"]
-
 Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 
 

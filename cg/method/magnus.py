@@ -24,8 +24,6 @@ from .coefficients import Coefficient, read_coefficient, read_sequence, read_tex
 from .method import Method
 from .tolerance import TOLERANCE_FACTOR
 
-__all__ = ["MagnusMethod"]
-
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class MagnusMethod(Method):

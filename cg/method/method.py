@@ -23,8 +23,6 @@ from .coefficients import Coefficient
 from .outputs import Outputs
 from .tolerance import satisfies, to_floats, tolerance
 
-__all__ = ["Method", "cached"]
-
 Result = TypeVar("Result")
 
 ExactTableau = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]

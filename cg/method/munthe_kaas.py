@@ -20,8 +20,6 @@ from .flat import flat_order, flat_residuals
 from .method import Method
 from .tableau import Tableau
 
-__all__ = ["MuntheKaas"]
-
 _ROUNDING = Fraction(1, 10**14)
 
 

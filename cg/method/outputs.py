@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     from ..proofs import Certificate
     from .method import Method
 
-__all__ = ["Outputs"]
-
 
 class Outputs:
     """Base class of `cg.Method`; the only one that imports later folders, when it is called."""

@@ -12,8 +12,6 @@ from .commutator_free import CommutatorFree
 from .magnus import MagnusMethod
 from .tableau import Tableau
 
-__all__ = ["make_method"]
-
 
 def make_method(
     layout: Layout, coefficients: Sequence[Any], *, digits: int | None = None, **fields: Any

@@ -15,8 +15,6 @@ from .method import Method
 if TYPE_CHECKING:
     from flint import acb, fmpq, fmpq_poly
 
-__all__ = ["StabilityLimits", "stability_function", "stability_limits", "too_large"]
-
 Polynomial = tuple[Fraction, ...]
 """Coefficients, the constant first."""
 

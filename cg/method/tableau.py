@@ -15,8 +15,6 @@ from ..structure.points import MethodError, PointTree, tree_of_rows
 from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
 from .method import ExactTableau, Method
 
-__all__ = ["Tableau", "TableauError"]
-
 Entries = tuple[tuple[Coefficient, ...], ...]
 
 

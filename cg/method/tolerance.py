@@ -18,8 +18,6 @@ from ..structure.layout import Layout
 from ..structure.points import PointTree
 from .coefficients import Coefficient
 
-__all__ = ["TOLERANCE_FACTOR", "satisfies", "to_floats", "tolerance"]
-
 TOLERANCE_FACTOR = 2
 """Factor on the first-order effect of rounded coefficients, in the tolerance of residuals."""
 

@@ -12,8 +12,6 @@ from .magnus import MagnusMethod
 from .method import Method, cached
 from .munthe_kaas import MuntheKaas
 
-__all__ = ["check_order", "check_pair"]
-
 MIN_DIFFERENCE = 1e-6
 """Smallest useful difference of elementary weights of both results of a pair."""
 

@@ -13,8 +13,6 @@ from ..frames.arrays import check_finite, real_array
 from .rotations import rotations_of
 from .style import COLOURS, axes_for
 
-__all__ = ["attitude"]
-
 _SEQUENCES = {"".join(axes) for axes in permutations("xyz")} | {
     a + b + a for a in "xyz" for b in "xyz" if a != b
 }

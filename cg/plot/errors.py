@@ -11,8 +11,6 @@ from ..frames.arrays import real_array
 from ..support.checks import check_real
 from .style import FAINT, axes_for, check_label, curve_style
 
-__all__ = ["convergence", "work_precision"]
-
 _MAX_RATIO = 300.0  # of the ends of an axis whose ticks 2 and 5 are labelled too
 
 

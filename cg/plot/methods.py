@@ -14,8 +14,6 @@ from ..support.checks import check_integer
 from ..support.quads import to_decimal
 from .style import COLOURS, FAINT, axes_for, blank, plain
 
-__all__ = ["points", "tableau"]
-
 _MAX_LABELLED = 10  # points; with more, the weights of flows aren't written
 _RISE = 0.3  # of the first child above its parent; another branch is 1 above
 

@@ -18,8 +18,6 @@ from ..frames.so import SO
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-__all__ = ["rotations_of"]
-
 _TOLERANCE = 1e-6
 
 

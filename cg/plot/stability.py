@@ -13,8 +13,6 @@ from ..method.method import Method
 from ..method.stability import stability_function, too_large
 from .style import COLOURS, axes_for, plain
 
-__all__ = ["growth", "stability_region"]
-
 _POINTS = 301
 _DASHES = ("solid", "dashed", "dashdot", "dotted")
 

@@ -6,17 +6,6 @@ from typing import Any
 
 from ..support.parsing import visible
 
-__all__ = [
-    "COLOURS",
-    "FAINT",
-    "axes_for",
-    "blank",
-    "check_label",
-    "curve_style",
-    "plain",
-    "spatial_axes_for",
-]
-
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Palette of Okabe and Ito, distinguishable for colour-blind readers."""
 

@@ -12,8 +12,6 @@ from ..support.checks import check_integer
 from .rotations import rotations_of
 from .style import COLOURS, check_label, spatial_axes_for
 
-__all__ = ["trajectory_of_axes", "trajectory_on_sphere"]
-
 _NAMES = "xyz"
 
 

@@ -8,8 +8,6 @@ from ..support.checks import check_flag
 from ..trees.ordered import OrderedTree
 from .style import COLOURS, axes_for, blank
 
-__all__ = ["layout", "tree"]
-
 _MAX_NODES = 200
 
 

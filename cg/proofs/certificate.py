@@ -11,8 +11,6 @@ from typing import Any
 
 from ..support.parsing import quoted, read_fraction, read_toml, write_file
 
-__all__ = ["Certificate", "CertificationError", "ViolatedCondition"]
-
 _LARGEST = Fraction(10) ** 4000  # more digits of an integer Python doesn't write by default
 
 

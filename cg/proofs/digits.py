@@ -18,8 +18,6 @@ from .krawczyk import krawczyk
 from .statement import Packed, box, fitting, free_of, system_of
 from .zero import check_left_out, check_rational, prove_zero
 
-__all__ = ["MAX_DIGITS", "refined_digits"]
-
 MAX_DIGITS = 4000
 """More decimal digits of an integer Python doesn't write by default."""
 

@@ -22,20 +22,6 @@ from .dependent.time_symmetry import TimeSymmetry
 from .dependent.words import parse, text
 from .systems import Equation, EquationSystem, condition, nearly_satisfied
 
-__all__ = [
-    "MAX_SMALL",
-    "STRUCTURES",
-    "MethodStructure",
-    "augmented_system",
-    "find_identities",
-    "names_of_left_out",
-    "names_of_small",
-    "read_identity",
-    "read_left_out",
-    "read_small",
-    "reduced_system",
-]
-
 _ORTHOGONAL = "orthogonality:"
 _SMALL_ONLY = "only small, below"
 

@@ -14,15 +14,6 @@ from .certificate import Certificate, CertificationError
 from .prove import check
 from .statement import fitting
 
-__all__ = [
-    "certificate_beside",
-    "certificate_names",
-    "certificate_of",
-    "check_file",
-    "folder",
-    "proved",
-]
-
 
 def folder() -> Traversable:
     """Return the folder of the certificates."""

@@ -24,8 +24,6 @@ from .statement import Packed, orders_of, system_of
 from .systems import EquationSystem, order_system
 from .zero import check_left_out, check_places, largest_residual, quantities, zero_of
 
-__all__ = ["find_zero"]
-
 
 class _Proved(NamedTuple):
     """A proved certificate and its Krawczyk test."""

@@ -22,8 +22,6 @@ from scipy import linalg
 
 from .systems import EquationSystem
 
-__all__ = ["KrawczykTest", "choose_free", "krawczyk", "numerical_rank", "to_double"]
-
 RANK_THRESHOLD = 1e-12
 """Singular values below this fraction of the largest count as zero."""
 

@@ -17,8 +17,6 @@ from .statement import Packed, fitting
 from .violated import check_beyond, find_beyond
 from .zero import check_rational, prove_box
 
-__all__ = ["certify", "check"]
-
 _GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
 
 

@@ -18,9 +18,9 @@ from ..structure.points import START
 from ..support.balls import to_ball
 from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Condition
+from .dependent.structure import MethodStructure
 from .explain import (
     STRUCTURES,
-    MethodStructure,
     augmented_system,
     read_identity,
     read_left_out,
@@ -28,18 +28,6 @@ from .explain import (
     reduced_system,
 )
 from .systems import EquationSystem, order_system
-
-__all__ = [
-    "Packed",
-    "bound_of",
-    "box",
-    "fitting",
-    "free_of",
-    "left_out_of",
-    "orders_of",
-    "structure_of",
-    "system_of",
-]
 
 _MAX_BITS = 1 << 14
 _MAX_IDENTITIES = 100

@@ -16,16 +16,6 @@ from ..support.balls import to_ball, to_flint
 from .dependent.words import Word, condition_words, reciprocal_density, text
 from .weights import Quantity, Weights
 
-__all__ = [
-    "Equation",
-    "EquationSystem",
-    "Term",
-    "condition",
-    "exact_residuals",
-    "nearly_satisfied",
-    "order_system",
-]
-
 _NEGLIGIBLE = 1e-20
 
 

@@ -22,8 +22,6 @@ from .dependent.words import (
 from .statement import Packed, box, orders_of
 from .weights import Quantity, Weights
 
-__all__ = ["check_beyond", "find_beyond"]
-
 _MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
 
 

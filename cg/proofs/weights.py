@@ -18,8 +18,6 @@ from ..structure.layout import Layout
 from ..structure.points import START
 from .dependent.words import Letter, Word, closure, nodes
 
-__all__ = ["Quantity", "Weights"]
-
 Vector = list[Any]
 
 _CHUNK = 128  # quantities that are derived at a time: bounds the memory

@@ -24,17 +24,6 @@ from .statement import (
 )
 from .systems import EquationSystem, condition, exact_residuals, order_system
 
-__all__ = [
-    "check_left_out",
-    "check_places",
-    "check_rational",
-    "largest_residual",
-    "prove_box",
-    "prove_zero",
-    "quantities",
-    "zero_of",
-]
-
 _SHARP = "1e-45"  # radius of balls that hold a zero
 _MAX_IMAGES = 3
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import islice
 
-__all__ = ["Chunks"]
-
 _CHUNK_SECONDS = 0.25  # duration of a chunk: far longer than handing it out takes
 _MIN_SECONDS = 0.02  # smallest duration at the end: about what handing out takes on a cluster
 _TAIL = 4  # number of chunks left for each worker, so that all end at about the same time

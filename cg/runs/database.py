@@ -17,11 +17,6 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-__all__ = [
-    "StoreError", "check_path", "connect", "fold_log", "has_log", "log_path", "sqlite_errors",
-    "use_wal",
-]  # fmt: skip
-
 _BUSY_SECONDS = 60  # that a writer waits for another
 _FOLD_SECONDS = 5  # that the end of a run waits for readers
 

@@ -29,8 +29,6 @@ from ..support.parallel import available_cores, end_with_parent, new_flag, singl
 from .chunks import Chunks
 from .worker_errors import broken_executor, picklable, work_was_lost, worker_died
 
-__all__ = ["ExecutorLike", "Finished", "as_finished", "check_executor", "completed"]
-
 Result = TypeVar("Result")
 
 ExecutorLike = Executor | Callable[[], Executor] | str | None

@@ -15,8 +15,6 @@ from .progress import ProgressLine, Score, Tally
 from .records import Failure, Record
 from .store import Store
 
-__all__ = ["LongRun", "RunOptions", "stored_run"]
-
 Result = TypeVar("Result")
 
 _NOUNS = {"search": "search", "construct": "construction"}

@@ -18,8 +18,6 @@ from .records import Failure, Record
 if TYPE_CHECKING:
     from .store import Store
 
-__all__ = ["StoredRun"]
-
 _COLUMNS = tuple(field.name for field in fields(Record))
 _INSERT = (
     f"INSERT OR REPLACE INTO starts (run, finished, {', '.join(_COLUMNS)}) "

@@ -9,8 +9,6 @@ import socket
 import time
 from pathlib import Path
 
-__all__ = ["ACTIVE_OWNERS", "is_active", "new_owner"]
-
 _SILENT_SECONDS = 60  # after which a run on another machine counts as ended
 
 ACTIVE_OWNERS: set[str] = set()

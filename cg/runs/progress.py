@@ -11,8 +11,6 @@ from typing import TextIO
 
 from ..support.checks import check_real
 
-__all__ = ["ProgressLine", "Score", "Tally", "duration"]
-
 _REDRAW = 0.1  # seconds between changes of a line on a terminal
 _REPORT = 30.0  # seconds between lines in a file
 

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Failure", "Record", "RunSummary"]
-
 
 @dataclass(frozen=True)
 class Record:

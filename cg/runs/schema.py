@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["APPLICATION_ID", "TABLES", "VERSION"]
-
 APPLICATION_ID = 0x63675247
 """Number in the header of an SQLite file that identifies stores of this package."""
 

@@ -34,8 +34,6 @@ from .owner import ACTIVE_OWNERS, is_active, new_owner
 from .records import RunSummary
 from .schema import APPLICATION_ID, TABLES, VERSION
 
-__all__ = ["Store"]
-
 _log = logging.getLogger("cg")
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import pickle
 from concurrent.futures import BrokenExecutor, CancelledError
 
-__all__ = ["broken_executor", "picklable", "work_was_lost", "worker_died"]
-
 
 def worker_died(error: Exception) -> bool:
     """Return whether an exception means that a worker process ended."""

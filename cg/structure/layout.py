@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from ..support.checks import check_integer
 from .points import START, Point, PointTree, tree_of_rows
 
-__all__ = ["Layout", "Rows", "check_rows", "rows_of", "unknowns"]
-
 T = TypeVar("T")
 
 

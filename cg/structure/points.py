@@ -9,17 +9,6 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
-__all__ = [
-    "START",
-    "MethodError",
-    "Point",
-    "PointTree",
-    "check_tree",
-    "points_of",
-    "tree_of_flat_rows",
-    "tree_of_rows",
-]
-
 START = -1
 """Index of the initial point of a step."""
 

@@ -13,8 +13,6 @@ from .forks import in_children
 if TYPE_CHECKING:
     from flint import arb, fmpq
 
-__all__ = ["to_ball", "to_flint", "to_fraction", "working_precision"]
-
 _lock = threading.RLock()
 _holders: list[tuple[int, int]] = []  # threads and their previous precisions, the outermost first
 

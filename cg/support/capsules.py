@@ -4,8 +4,6 @@ import ctypes
 from functools import cache
 from typing import Any
 
-__all__ = ["address_in", "context_of", "provide_lapack"]
-
 _ROUTINES = "dsyrk dpotrf dpotrs dgeqrf dgetrf zgetrf dgetrs zgetrs"  # as in fortran/lapack.f90
 
 

@@ -10,18 +10,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = [
-    "MAX_COUNT",
-    "MAX_HALF_WIDTH",
-    "MAX_STAGES",
-    "check_flag",
-    "check_generator",
-    "check_integer",
-    "check_interval",
-    "check_real",
-    "total_memory",
-]
-
 MAX_COUNT = 2**31 - 1
 """Largest count; counts are 32-bit integers in Fortran."""
 

@@ -9,8 +9,6 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-__all__ = ["at_forks", "in_children"]
-
 
 def in_children(call: Callable[[], object]) -> None:
     """Register a function to be called in each process forked from this one."""

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import os
 
-__all__ = ["check_folder"]
-
 _REPAIR = (
     "Remove both and install this one again, best in an environment of its own:\n"
     "    python -m pip uninstall --yes cg crouch-grossman\n"

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-__all__ = ["replace_between", "table"]
-
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table, without a newline at the end."""

@@ -15,8 +15,6 @@ import numpy as np
 from .checks import total_memory
 from .forks import at_forks
 
-__all__ = ["reserved"]
-
 _SLACK = 1 << 20  # memory of f2py and of the allocator
 
 _changed = threading.Condition()

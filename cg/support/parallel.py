@@ -22,17 +22,6 @@ from threadpoolctl import ThreadpoolController
 
 from .forks import at_forks
 
-__all__ = [
-    "Stopped",
-    "available_cores",
-    "end_with_parent",
-    "new_flag",
-    "raise_if_stopped",
-    "single_threads",
-    "stoppable",
-    "work_for",
-]
-
 Result = TypeVar("Result")
 
 StopFlag = NDArray[np.intc]

@@ -18,20 +18,6 @@ from pathlib import Path
 from typing import Any
 from unicodedata import category
 
-__all__ = [
-    "MAX_CHARACTERS",
-    "MAX_POWER_OF_TEN",
-    "file_in",
-    "quoted",
-    "read_fraction",
-    "read_json",
-    "read_toml",
-    "to_json",
-    "visible",
-    "visible_lines",
-    "write_file",
-]
-
 MAX_CHARACTERS = 10_000_000
 """Largest length of a file; 200 stages with coefficients of 200 digits need four million."""
 

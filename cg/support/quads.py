@@ -20,18 +20,6 @@ from numpy.typing import NDArray
 from .checks import check_integer
 from .parsing import read_fraction
 
-__all__ = [
-    "DECIMAL_DIGITS",
-    "MissingQuadsError",
-    "Quads",
-    "core",
-    "decode",
-    "encode",
-    "from_float",
-    "to_decimal",
-    "to_float",
-]
-
 Quads = NDArray[np.int8]
 """Array of binary128 numbers, shape (..., 16)."""
 

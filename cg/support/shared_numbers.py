@@ -10,20 +10,6 @@ import argparse
 from enum import IntEnum
 from pathlib import Path
 
-__all__ = [
-    "BlockKind",
-    "BlockOption",
-    "ConditionOwner",
-    "FieldFlag",
-    "MinimumNormStatus",
-    "Operation",
-    "StageEquation",
-    "Status",
-    "Stop",
-    "c_header",
-    "fortran_module",
-]
-
 
 class Stop(IntEnum):
     """Why the compiled loop over steps returned."""

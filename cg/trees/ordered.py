@@ -13,8 +13,6 @@ from functools import cache, cached_property
 from math import comb
 from operator import index as to_int
 
-__all__ = ["Forest", "OrderedTree", "catalan", "forest"]
-
 
 @dataclass(frozen=True, eq=False)
 class OrderedTree:

@@ -10,8 +10,6 @@ from math import prod
 from ..support.checks import check_integer
 from .ordered import MAX_NODES
 
-__all__ = ["RootedTree", "density", "node_count", "rooted_trees", "rooted_trees_through"]
-
 RootedTree = tuple["RootedTree", ...]
 """The children of the root, each multiset in one sequence only; ``()`` is the single node."""
 

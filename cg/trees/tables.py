@@ -16,8 +16,6 @@ if __package__:
 else:  # run by the build, beside ordered.py
     from ordered import Forest, forest  # type: ignore[import-not-found,no-redef]
 
-__all__ = ["fortran_tables", "main"]
-
 _PER_STATEMENT = 480  # compilers limit the length of a list and its continuation lines
 
 

@@ -19,8 +19,6 @@ from ..coefficients import labels
 from ..context import Context
 from ..item import Item
 
-__all__ = ["ITEMS", "compute", "present"]
-
 
 def compute(context: Context) -> Data:
     """Compare every printed coefficient with the catalogue's.

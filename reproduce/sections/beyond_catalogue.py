@@ -18,8 +18,6 @@ from ..coefficients import RANK_THRESHOLD, singular_values
 from ..context import Context
 from ..item import Item
 
-__all__ = ["ITEMS", "compute", "describe", "markdown", "present", "table"]
-
 _EXPLANATION = (
     "Order: p(q) for a pair whose second weights have order q; ≈ if the conditions hold "
     "approximately. Exponentials: flows per step, where flows that several rows share count once; "

@@ -19,8 +19,6 @@ from ..quad_orders import FIT, convergence
 from ..style import PALETTE, grid, label_panel, lines
 from .fig4_2 import draw_errors, mark_roundoff
 
-__all__ = ["ITEMS", "compute", "present", "select"]
-
 _LOWEST_ORDER = 6
 _POWERS = range(2, 12)
 _FLOWS = 2**20

@@ -13,8 +13,6 @@ from ..context import Context
 from ..evidence import gather
 from ..item import Item
 
-__all__ = ["CLAIMS", "ITEMS", "NEEDS", "VERDICTS", "Claim", "compute", "present"]
-
 NEEDS = (
     "table3.2", "appendix", "fig4.1", "fig4.2", "fig4.2quad", "search4", "search5", "search6",
     "evaluations",

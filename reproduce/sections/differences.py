@@ -12,8 +12,6 @@ from ..context import Context
 from ..item import Item
 from .search import PLANS
 
-__all__ = ["ITEMS", "compute", "present"]
-
 
 def compute(context: Context) -> Data:
     """List the differences.

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from matplotlib.figure import Figure
 
-from cg.construction.search.random_search import RandomStart, search
+from cg.construction.search.random_search import search
+from cg.construction.search.records import RandomStart
 
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number
@@ -17,8 +18,6 @@ from ..item import Item
 from ..statistics import median, quartiles
 from ..style import PALETTE, grid
 from .search import PLANS, Plan
-
-__all__ = ["COUNTS", "ITEMS", "STOPPED", "compute", "present"]
 
 _PLAN = PLANS[6]
 _ONCE = _PLAN.unknowns + 1  # a Jacobian by differences, and the step after it

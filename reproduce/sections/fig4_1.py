@@ -12,8 +12,6 @@ from ..context import Context
 from ..item import Item
 from ..style import LINES, grid, label_panel
 
-__all__ = ["ITEMS", "STEPS", "compute", "present"]
-
 STEPS = 10
 """Steps over [0, 1]: the paper's h = 0.1."""
 

@@ -21,8 +21,6 @@ from ..context import Context
 from ..item import Item
 from ..style import LINES, PALETTE, grid, label_panel
 
-__all__ = ["ITEMS", "compute", "draw_errors", "mark_roundoff", "present"]
-
 _STEPS = (4, 8, 10, 16, 32, 64, 128, 256, 512, 1024, 2048)
 _DISTANCE_STEPS = 10
 _MORE_STEPS = 200  # where rounding has had time to add up

@@ -14,8 +14,6 @@ from ..quad_orders import FIT, convergence
 from ..style import label_panel
 from .fig4_2 import draw_errors, mark_roundoff
 
-__all__ = ["ITEMS", "compute", "present"]
-
 # Every method as far as a few seconds of one core go.
 _MAX_POWER = {"CG4": 16, "CG4a": 16, "CG5a": 14, "CG6a": 11}
 _POWERS = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16)

@@ -16,7 +16,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cg.conditions import unknowns
-from cg.construction.search.random_search import RandomStart, SearchResult, search
+from cg.construction.search.random_search import search
+from cg.construction.search.records import RandomStart
+from cg.construction.search.result import SearchResult
 from cg.method.tableau import Tableau
 from cg.runs import Store
 from cg.structure.layout import Layout
@@ -29,8 +31,6 @@ from ..context import Context
 from ..item import Item
 from ..statistics import quartiles
 from ..style import PALETTE, grid
-
-__all__ = ["ITEMS", "PLANS", "Plan", "compute", "present"]
 
 _SHOWN = 3
 _MIN_F = 1e-70  # smaller values are drawn here

@@ -10,8 +10,6 @@ from ..blocks import Block, Data, Table, Text, number
 from ..context import Context
 from ..item import Item
 
-__all__ = ["ITEMS", "PAPER", "compute", "present"]
-
 PAPER = (
     {"q": 4, "s": 5, "n": 15, "N_CG": 13, "N_RK": 8},
     {"q": 5, "s": 9, "n": 45, "N_CG": 38, "N_RK": 17},

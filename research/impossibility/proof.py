@@ -20,8 +20,6 @@ from cg.trees.ordered import OrderedTree
 from .ring import Polynomial, Ring
 from .shapes import Shape, TableauShape, orderings, point_shapes, read_shape
 
-__all__ = ["Claim", "ImpossibilityError", "Lemma", "Proof", "check", "proof_names", "read_proof"]
-
 
 class ImpossibilityError(ArithmeticError):
     """An identity of a proof doesn't hold; the message names it."""

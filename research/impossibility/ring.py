@@ -11,8 +11,6 @@ from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
 from cg.support.balls import to_flint
 
-__all__ = ["Polynomial", "Ring"]
-
 Polynomial = Any  # a flint.fmpq_mpoly
 
 _TERM = re.compile(r"([+-]?)([^+-]+)")

@@ -24,19 +24,6 @@ from cg.trees.ordered import OrderedTree, forest
 
 from .ring import Polynomial, Ring
 
-__all__ = [
-    "PathShape",
-    "PointsShape",
-    "Shape",
-    "TableauShape",
-    "flat_density",
-    "orderings",
-    "point_shapes",
-    "read_shape",
-    "sorted_tree",
-]
-
-
 _LETTERS = (1, 2)  # the indices of τ and [τ]
 
 

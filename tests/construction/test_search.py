@@ -15,7 +15,8 @@ import cg
 from cg import conditions
 from cg.catalogue import methods
 from cg.conditions import MAX_ORDER, Rows, residuals_exact, unknowns, unpack
-from cg.construction.search.random_search import EXACT, random_start, run_start, search
+from cg.construction.search.random_search import search
+from cg.construction.search.start import EXACT, random_start, run_start
 from cg.structure.layout import Layout
 from cg.support.shared_numbers import MinimumNormStatus, Status
 

@@ -15,8 +15,8 @@ from cg.construction import (
     pack_method,
     solved,
 )
-from cg.construction.search.random_search import run_start, start_layout
 from cg.construction.search.shapes import draw_layout, layout_of
+from cg.construction.search.start import run_start, start_layout
 from cg.construction.solvers.singular import decompose, finish, retract
 from cg.runs import Store
 from cg.structure.layout import Layout

@@ -22,7 +22,8 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES, BlockKind
+from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES
+from cg.support.shared_numbers import BlockKind
 
 pytestmark = pytest.mark.no_core
 

@@ -11,11 +11,11 @@ import cg
 from cg.catalogue import loads, magnus
 from cg.conditions.linear import linear_residuals, words
 from cg.proofs import CertificationError, certificate_of, certify, check
+from cg.proofs.certificate import ViolatedCondition
 from cg.proofs.dependent.time_symmetry import TimeSymmetry, mirrored
 from cg.proofs.dependent.words import condition_words, reciprocal_density
 from cg.proofs.explain import names_of_left_out, read_left_out
 from cg.proofs.systems import exact_residuals
-from cg.proofs.violated import ViolatedCondition
 from cg.proofs.weights import Quantity, Weights
 from cg.support.balls import working_precision as precision
 

@@ -10,10 +10,11 @@ from flint import arb, fmpq
 import cg
 from cg.catalogue import find_method
 from cg.proofs import CertificationError, certify, check
-from cg.proofs.dependent.contexts import SLOT, basis, depth, moments, outer_nodes
+from cg.proofs.dependent.contexts import basis, depth, moments, outer_nodes
 from cg.proofs.dependent.orthogonality import conditions_of, find_relations, follow
 from cg.proofs.dependent.pairings import pairings
 from cg.proofs.dependent.reduction import Reduction
+from cg.proofs.dependent.relations import SLOT
 from cg.proofs.dependent.words import condition_words, parse, reciprocal_density
 from cg.proofs.explain import names_of_left_out, read_left_out
 from cg.proofs.systems import exact_residuals

@@ -17,7 +17,8 @@ from stored_runs import starts_of_the_file_alone, stored_numbers
 import cg
 import cg.command
 import cg.construction.search.random_search as search_module
-from cg.construction.search.random_search import run_start, search
+from cg.construction.search.random_search import search
+from cg.construction.search.start import run_start
 from cg.runs import Store
 
 SMALL: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5}

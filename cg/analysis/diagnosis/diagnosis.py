@@ -18,8 +18,6 @@ from .findings import Finding
 from .mistakes import recognise_all
 from .variants import order_on_vector_spaces
 
-__all__ = ["Diagnosis", "diagnose"]
-
 
 @dataclass(frozen=True)
 class Diagnosis:

@@ -10,8 +10,6 @@ from ...support.checks import check_integer
 from ...support.quads import to_decimal
 from ...trees.ordered import OrderedTree
 
-__all__ = ["draw_points", "draw_tree"]
-
 _NODE = "●"
 
 

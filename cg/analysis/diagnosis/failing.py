@@ -18,8 +18,6 @@ from .drawing import draw_tree
 if TYPE_CHECKING:
     from flint import arb
 
-__all__ = ["FailingCondition", "first_failing"]
-
 
 @dataclass(frozen=True)
 class FailingCondition:

@@ -17,8 +17,6 @@ from ...support.parsing import read_json, read_toml
 from .diagnosis import Diagnosis, diagnose
 from .findings import Finding
 
-__all__ = ["diagnose_file", "diagnose_tableau"]
-
 _KEYS = {"name", "source", "kind", "a", "b", "b_embedded", "c"}
 """Keys of a file of a tableau; more than in the catalogue are optional."""
 

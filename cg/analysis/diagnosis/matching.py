@@ -13,8 +13,6 @@ from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...method.tableau import Tableau
 
-__all__ = ["CatalogueMatch", "closest_match"]
-
 _MAX_CHANGED = 2
 _MIN_ALIKE = 3
 _ROUNDING = Fraction(1, 2**51)

@@ -15,8 +15,6 @@ from .findings import Finding
 from .matching import CatalogueMatch, closest_match
 from .variants import order_on_vector_spaces, reversals, transposed
 
-__all__ = ["recognise_all"]
-
 _MIN_PLACES, _MAX_PLACES = 5, 12
 """Decimal places of truncated coefficients; fewer are taken as exact, more are harmless."""
 

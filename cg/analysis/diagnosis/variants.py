@@ -14,8 +14,6 @@ from ...method.tableau import Tableau
 from ...structure.points import START, MethodError
 from ...support.quads import to_decimal
 
-__all__ = ["flat_tableau", "order_on_vector_spaces", "reversals", "transposed"]
-
 
 def transposed(method: Method) -> Tableau | None:
     """Return the tableau with a transposed if that is explicit and this one isn't, else None."""

@@ -16,8 +16,6 @@ from ..solvers.rational import refine_rational
 from ..solvers.singular import pseudo_inverse
 from .splitting import Splitting
 
-__all__ = ["Exact", "refined"]
-
 _BITS = 400
 _GRID = 10**80
 _BELOW = Fraction(1, 10**60)

@@ -18,8 +18,6 @@ from .reduction import improved, merged_flows
 from .solver import Fit, fit
 from .splitting import FlatRows, Splitting, chains_layout, random_layout
 
-__all__ = ["LiftError", "Lifted", "lift"]
-
 # Every fourth start has weights where the tableau has zeros; the others converge faster.
 _FREE_ZEROS_EVERY = 4
 _WIDTH = 0.4  # unknowns of random starts are uniform in [-width, width]

@@ -9,8 +9,6 @@ from ...support.parallel import raise_if_stopped
 from .solver import Fit, fit
 from .splitting import Splitting
 
-__all__ = ["improved", "merged_flows"]
-
 _FIRST_ITERATIONS = 60  # most successful merges need fewer
 _FIRST_PATIENCE = 12
 _FURTHER_PATIENCE = 60

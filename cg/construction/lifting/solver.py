@@ -21,8 +21,6 @@ from scipy import linalg
 from ..solvers.damped import PROBE, DampedSteps, is_straight
 from .splitting import Splitting
 
-__all__ = ["SOLVED", "Fit", "fit"]
-
 Vector = NDArray[np.float64]
 
 SOLVED = 1e-23

@@ -23,16 +23,6 @@ from ...structure.points import START
 from ...trees.ordered import forest
 from ..search.shapes import merge_point
 
-__all__ = [
-    "FlatRows",
-    "Remainders",
-    "Splitting",
-    "chains_layout",
-    "path_sums",
-    "random_layout",
-    "solve_sums",
-]
-
 Vector = NDArray[np.float64]
 Remainders = dict[int, tuple[dict[int, Fraction], Fraction]]
 

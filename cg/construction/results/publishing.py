@@ -18,8 +18,6 @@ from ..candidate import to_method
 from ..optimise import Goals, optimise
 from .solutions import StoredSolution, solutions
 
-__all__ = ["Publication", "publish"]
-
 
 @dataclass(frozen=True)
 class Publication:

@@ -21,8 +21,6 @@ from ..search.shapes import layout_from_json
 from ..solvers.singular import decompose, retract
 from ..solvers.system import ConditionSystem, Structure
 
-__all__ = ["OBJECTIVES", "StoredSolution", "best", "families", "solutions"]
-
 _SAME = 1e-8  # largest distance of equal coefficients
 _MAX_STEPS = 200  # of a walk from one solution to another
 _NEIGHBOURS = 5  # number of nearest solutions to which walks are tried

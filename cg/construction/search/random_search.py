@@ -19,23 +19,11 @@ from ...conditions import Rows
 from ...runs import ExecutorLike, Failure, LongRun, ProgressLine, Record, RunOptions, Score
 from ...support import quads
 from ...support.checks import MAX_COUNT, check_integer
-from .records import Phase, RandomStart
+from .records import RandomStart
 from .requirements import Requirements
 from .result import SearchResult, StoredStarts
 from .settings import SearchArguments, SearchSettings
-from .start import EXACT, random_start, read_start, run_start, start_layout
-
-__all__ = [
-    "EXACT",
-    "Phase",
-    "RandomStart",
-    "SearchResult",
-    "SearchSettings",
-    "random_start",
-    "run_start",
-    "search",
-    "start_layout",
-]
+from .start import read_start, run_start, start_layout
 
 
 def search(

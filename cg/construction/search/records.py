@@ -11,8 +11,6 @@ from ...runs import Record
 from ...structure.layout import Layout
 from ...support import quads
 
-__all__ = ["Phase", "RandomStart"]
-
 
 @dataclass(frozen=True)
 class Phase:

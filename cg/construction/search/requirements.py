@@ -12,8 +12,6 @@ from ...support.checks import check_interval, check_real
 from ..candidate import Candidate
 from ..optimise import Goals, optimise
 
-__all__ = ["OBJECTIVES", "Requirements"]
-
 OBJECTIVES = ("principal_error", "largest_coefficient")
 
 _WEIGHT = 30.0  # of violated bounds, beside a principal error of weight 1

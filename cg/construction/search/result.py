@@ -26,8 +26,6 @@ from .requirements import Requirements
 from .settings import SearchSettings
 from .start import start_layout
 
-__all__ = ["SearchResult", "StoredStarts"]
-
 
 class StoredStarts(Sequence[RandomStart]):
     """The first starts of a run in a store, read from the file on access.

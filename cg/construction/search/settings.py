@@ -17,8 +17,6 @@ from ...support.checks import (
 )
 from .shapes import ShapeArguments, most_unknowns
 
-__all__ = ["ALGORITHMS", "SearchArguments", "SearchSettings"]
-
 ALGORITHMS = ("minimum-norm", "lmdif")
 
 # Half-widths of guesses and numbers of evaluations with which the minimum-norm solver found most

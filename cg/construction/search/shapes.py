@@ -15,20 +15,6 @@ from ...structure.layout import Layout
 from ...structure.points import START, MethodError, Point, PointTree, check_tree
 from ...support.checks import MAX_STAGES, check_flag, check_integer
 
-__all__ = [
-    "FLAT_CONDITIONS",
-    "MIN_STAGES",
-    "ShapeArguments",
-    "draw_guess",
-    "draw_layout",
-    "fixed_weights",
-    "layout_from_json",
-    "layout_of",
-    "merge_point",
-    "most_unknowns",
-    "select_points",
-]
-
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
 """Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.
 

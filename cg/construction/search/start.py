@@ -22,8 +22,6 @@ from .records import Phase, RandomStart
 from .settings import SearchSettings
 from .shapes import draw_guess, draw_layout, fixed_weights
 
-__all__ = ["EXACT", "random_start", "read_start", "run_start", "start_layout"]
-
 EXACT = 1e-31
 """A method is exact if no residual of its order conditions, computed in real(16), exceeds
 this, relative to its largest coefficient where that is above 1."""

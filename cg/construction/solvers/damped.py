@@ -19,8 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-__all__ = ["PROBE", "DampedSteps", "is_straight"]
-
 Vector = NDArray[np.float64]
 
 PROBE = 0.1

@@ -18,8 +18,6 @@ from ...support.parallel import stoppable
 from ...support.shared_numbers import MinimumNormStatus
 from .system import ConditionSystem
 
-__all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
-
 _BRIEF = 10**8  # multiplications in about 0.1 seconds
 
 provide_lapack()

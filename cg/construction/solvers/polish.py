@@ -18,8 +18,6 @@ from .rational import RationalZero, refine_rational
 from .singular import pseudo_inverse
 from .system import ConditionSystem, Structure
 
-__all__ = ["polish", "polish_zeros"]
-
 _ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _BELOW = Fraction(1, 10**44)
 _GRID = 10**60  # corrections are multiples of 1/_GRID

@@ -13,8 +13,6 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RationalZero", "refine_rational"]
-
 
 @dataclass(frozen=True)
 class RationalZero:

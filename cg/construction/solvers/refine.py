@@ -18,8 +18,6 @@ from ...support.parallel import raise_if_stopped
 from .singular import pseudo_inverse
 from .system import ConditionSystem
 
-__all__ = ["Refined", "refine"]
-
 _RANK_TOLERANCE = 1e-10  # of the largest singular value; smaller ones count as zero
 _MAX_ITERATIONS = 40
 

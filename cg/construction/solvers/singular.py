@@ -17,8 +17,6 @@ from scipy import linalg
 from .damped import PROBE, DampedSteps, is_straight
 from .system import ConditionSystem
 
-__all__ = ["Decomposition", "decompose", "finish", "pseudo_inverse", "retract"]
-
 Vector = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -21,8 +21,6 @@ from ...support import quads
 from ...support.shared_numbers import ConditionOwner, StageEquation
 from ...trees.ordered import OrderedTree, forest
 
-__all__ = ["ConditionSystem", "Structure"]
-
 _STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
 _REMAINING = {
     1: (1, 1, 2, 6, 19, 56, 176, 550),

@@ -13,8 +13,6 @@ from cg.frames.arrays import Array, Points, real_array
 from cg.integration.step.callbacks import Callbacks
 from cg.integration.step.plan import Plan
 
-__all__ = ["DenseOutput", "EnsembleOutput", "Steps"]
-
 
 @dataclass(frozen=True, eq=False)
 class Steps:

@@ -22,8 +22,6 @@ from cg.integration.step.plan import has_brackets
 from cg.method.magnus import MagnusMethod
 from cg.support.shared_numbers import Stop
 
-__all__ = ["explain_failure"]
-
 
 def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: PLR0911
     """Return why a member ended early: an exception, or a message for failed adaptive steps."""

@@ -9,8 +9,6 @@ from cg.frames.base import Frame
 from cg.integration.loop.run import Run
 from cg.integration.step.plan import has_brackets
 
-__all__ = ["is_too_long", "takes_long_steps"]
-
 _SHORT = 1.0  # length of coefficients that no frame has beyond the radius of dexp⁻¹
 _MAX_DIM = 1000  # larger frames would need much memory for the check
 

@@ -9,21 +9,6 @@ from cg.frames.base import Frame
 from cg.integration.rhs.python import StageOverflowError, StepTooLongError
 from cg.support.shared_numbers import Stop
 
-__all__ = [
-    "DERIVATIVES",
-    "FINISHED",
-    "LEFT_MANIFOLD",
-    "LONG_STEPS",
-    "MANY_REJECTIONS",
-    "TERMINAL_EVENT",
-    "failed_members",
-    "failure",
-    "flow_not_finite",
-    "no_progress",
-    "too_many_steps",
-    "too_small_a_step",
-]
-
 FINISHED = "The end of t_span was reached."
 LEFT_MANIFOLD = (
     "the solution has left the manifold: its relative distance at the end is {distance:.3g}, more "

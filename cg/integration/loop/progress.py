@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from typing import Any
 
-__all__ = ["Progress"]
-
 _SECONDS = 0.1
 
 

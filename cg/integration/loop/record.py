@@ -11,8 +11,6 @@ import numpy as np
 from cg.frames.arrays import Array
 from cg.support.shared_numbers import RECORD
 
-__all__ = ["COUNTS", "Control", "Output", "Record"]
-
 _KINDS: dict[str, Any] = {
     "integer": ctypes.c_int64,
     "real": ctypes.c_double,

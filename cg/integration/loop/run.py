@@ -29,8 +29,6 @@ from cg.method.tableau import Tableau
 from cg.support.memory import reserved
 from cg.support.parallel import raise_if_stopped
 
-__all__ = ["Run"]
-
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
 

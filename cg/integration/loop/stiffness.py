@@ -11,8 +11,6 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
 from cg.method.method import Method
 
-__all__ = ["is_stiff"]
-
 _MAX_DIM = 300
 _STEP = float(np.sqrt(np.finfo(np.float64).eps))
 # of the real stability limit, where steps whose size stability limits end up

@@ -15,8 +15,6 @@ from cg.frames.base import Frame
 from cg.integration.rhs.function import CompiledFunction
 from cg.support.capsules import address_in, context_of
 
-__all__ = ["SIGNATURE", "CompiledRhs", "compiled_rhs"]
-
 SIGNATURE = "int (double, double *, double *, void *)"
 """What a compiled right-hand side must be; ``const`` may stand anywhere."""
 

@@ -14,8 +14,6 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import compiled_event
 
-__all__ = ["Event", "EventTable"]
-
 _UNLIMITED = 2**62  # the event never ends the integration
 
 

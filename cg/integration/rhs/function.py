@@ -13,8 +13,6 @@ from scipy import LowLevelCallable
 
 from cg.frames.arrays import real_array
 
-__all__ = ["CompiledFunction", "Function", "TimeFunction"]
-
 
 class CompiledFunction:
     """A function of a shared library as right-hand side.

@@ -15,8 +15,6 @@ from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.integration.rhs.function import TimeFunction
 
-__all__ = ["Coefficients", "PythonRhs", "StageOverflowError", "StepTooLongError"]
-
 Coefficients = Callable[..., ArrayLike]
 
 

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from cg.frames.base import Frame
 from cg.frames.block_kinds import compared_by_entries
 
-__all__ = ["block_constants", "describe_blocks", "has_compiled_difference", "is_compiled"]
-
 _KNOWN = (
     "SO, SU, U, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them, real "
     "IsospectralOrbit, LinearAction"

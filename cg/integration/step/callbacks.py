@@ -23,8 +23,6 @@ from cg.integration.step.implicit import ConvergenceError, ImplicitStages
 from cg.integration.step.plan import Plan
 from cg.support.shared_numbers import Operation
 
-__all__ = ["Callbacks"]
-
 FieldOfMembers = Callable[[Array, Array, Points], Array]
 EventOfMember = Callable[[int, int, float, Points], Any]
 

@@ -18,8 +18,6 @@ from cg.method.munthe_kaas import MuntheKaas
 if TYPE_CHECKING:
     from cg.integration.variational.field import VariationalField
 
-__all__ = ["Jacobian", "collocation_polynomial", "is_collocation", "jacobian_of", "transformation"]
-
 
 def is_collocation(method: Method) -> bool:
     """Return whether the stages of a method are solved by Newton's method in compiled code."""

@@ -17,8 +17,6 @@ from cg.integration.step.blocks import (
     is_compiled,
 )
 
-__all__ = ["Dexpinv", "Difference", "Flows", "dexpinv_of", "difference_of", "flows_of"]
-
 
 class Flows(Protocol):
     """Moves points along several flows."""

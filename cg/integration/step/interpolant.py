@@ -80,19 +80,6 @@ from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 from cg.trees.rooted import rooted_trees_through
 
-__all__ = [
-    "Extension",
-    "NodeSet",
-    "ResultFlows",
-    "basis_polynomials",
-    "extension_of",
-    "extra_evaluations",
-    "node_count",
-    "nodes_of",
-    "result_flows",
-    "series_order",
-]
-
 # Nodes of interpolants that use the stages of a method, in this order.  A search over grids chose
 # them for small errors and weights of the interpolants of orders 4 to 8.
 _NODES = (0.85, 0.15, 0.25, 0.6, 0.05, 0.7, 0.2, 0.35, 0.45, 0.4)

@@ -21,8 +21,6 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.tableau import Tableau
 from cg.structure.points import START
 
-__all__ = ["Flow", "MethodPaths", "Path", "error_power", "paths_of", "polynomial_paths"]
-
 Flow = tuple[tuple[int, Fraction], ...]
 """The stages (from 0) and their weights that make the field of one flow."""
 

@@ -29,8 +29,6 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
 
-__all__ = ["Plan", "error_exponent", "has_brackets", "plan_of"]
-
 
 class Plan:
     """A frame and a method in compiled code.

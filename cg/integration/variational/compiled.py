@@ -17,8 +17,6 @@ from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
 from cg.support.shared_numbers import VARIATION
 
-__all__ = ["CompiledVariation", "compiled_variation"]
-
 _KINDS: dict[str, Any] = {
     "integer": ctypes.c_int64,
     "real": ctypes.c_double,

@@ -13,8 +13,6 @@ from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.events import EventTable
 from cg.integration.variational.field import VariationalField, parameter_steps
 
-__all__ = ["VariationalEvents"]
-
 _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
 # weights of the central difference of order four
 _STEPS = np.array([-2.0, -1.0, 1.0, 2.0])

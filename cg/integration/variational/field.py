@@ -18,8 +18,6 @@ from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.python import PythonRhs, when
 from cg.integration.step.flows import Flows, flows_of
 
-__all__ = ["DIFFERENCE_STEP", "VariationalField"]
-
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
 """Step of central differences, relative to the sizes of coordinates and of parameters."""
 

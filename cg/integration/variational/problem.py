@@ -17,8 +17,6 @@ from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
 from cg.support.checks import check_flag
 
-__all__ = ["VariationalProblem", "add_derivatives", "check_covariance", "check_function"]
-
 # tolerance relative to the largest entry or eigenvalue of a covariance
 _ROUNDING = 1e-9
 

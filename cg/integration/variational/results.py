@@ -13,14 +13,6 @@ from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.variational.field import VariationalField
 
-__all__ = [
-    "EnsembleVariationalOutput",
-    "EnsembleVariationalSolution",
-    "VariationalOutput",
-    "VariationalSolution",
-    "split_results",
-]
-
 
 def split_results(
     z: Array, variational: VariationalField, covariance: Array | None

@@ -30,8 +30,6 @@ from cg.integration.variational.results import (
 from cg.runs import ExecutorLike
 from cg.support.checks import check_flag
 
-__all__ = ["solve_variational", "solve_variational_ensemble"]
-
 
 @expand_options
 def solve_variational(

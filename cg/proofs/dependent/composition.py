@@ -34,8 +34,6 @@ from .words import (
     words_with,
 )
 
-__all__ = ["MidpointSteps", "convolve", "coproduct", "logarithm"]
-
 Functional = dict[Word, Fraction]
 
 

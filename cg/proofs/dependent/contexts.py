@@ -11,8 +11,6 @@ from typing import Any
 from .relations import SLOT
 from .words import Word, add_multiple, shuffle, words_with
 
-__all__ = ["SLOT", "basis", "depth", "has_slot", "moments", "outer_nodes"]
-
 
 @cache
 def basis(order: int, of_time: bool = False) -> tuple[Word, ...]:

@@ -19,14 +19,12 @@ from ...structure.layout import Layout
 from ...trees.rooted import rooted_trees
 from ..systems import Equation, Term
 from ..weights import Quantity
-from .contexts import SLOT, basis, outer_nodes
+from .contexts import basis, outer_nodes
 from .orthogonality import Condition, ResidualRelation
 from .quadratic import Quadratic, dependencies
-from .relations import fill
+from .relations import SLOT, fill
 from .structure import MethodStructure
 from .words import Word, add_multiple, nodes, reciprocal_density, shuffle, words_with
-
-__all__ = ["FlatTableau"]
 
 Combination = dict[Word, int]
 _Steps = tuple[Word, ...]

@@ -20,8 +20,6 @@ from ..weights import Quantity
 from .relations import Identity, Relation, fill, places, without
 from .words import BUSH, DOT, LINE, Word, add_multiple, shuffle, shuffle_all
 
-__all__ = ["MiddleAbscissae", "StageOrderTwo"]
-
 
 @dataclass(frozen=True)
 class StageOrderTwo(Identity):

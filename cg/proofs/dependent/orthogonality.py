@@ -34,8 +34,6 @@ from .reduction import Reduction
 from .spanned import Spanned, doubles, independent_rows
 from .words import Word, add_multiple, condition_words, reciprocal_density
 
-__all__ = ["Condition", "ResidualRelation", "conditions_of", "find_relations", "follow"]
-
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
 _REGULARITY_BITS = 128
 _PROBES = 4

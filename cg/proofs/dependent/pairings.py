@@ -15,11 +15,9 @@ from flint import arb
 from ...structure.layout import Layout
 from ...structure.points import START
 from ..weights import Quantity, Weights
-from .contexts import SLOT, basis, depth, has_slot, moments, outer_nodes
-from .relations import fill
+from .contexts import basis, depth, has_slot, moments, outer_nodes
+from .relations import SLOT, fill
 from .words import Word, add_multiple, condition_words, nodes, shuffle
-
-__all__ = ["DIFFERENCE", "Column", "Context", "Pairing", "pairings"]
 
 Vector = list[arb]
 _Around = dict[tuple[int, Word], Vector]  # of rows of weights and contexts, over the flows

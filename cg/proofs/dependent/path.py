@@ -32,8 +32,6 @@ from .orthogonality import ResidualRelation
 from .structure import MethodStructure
 from .words import BUSH, DOT, LINE, Word, add_multiple, shuffle, words_with
 
-__all__ = ["PathStructure"]
-
 _NONZERO = 1e-6  # least |R_k| of the stage that determines μ
 
 

@@ -9,8 +9,6 @@ from typing import Any
 
 from flint import arb, fmpq, fmpz_mat
 
-__all__ = ["Quadratic", "dependencies"]
-
 _DIGITS = 33  # of decimals that are recognised
 
 

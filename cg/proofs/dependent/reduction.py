@@ -22,8 +22,6 @@ from .words import (
     shuffle,
 )
 
-__all__ = ["Reduction"]
-
 Combination = dict[Word, Any]
 
 

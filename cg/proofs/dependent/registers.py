@@ -33,8 +33,6 @@ from .orthogonality import ResidualRelation
 from .structure import MethodStructure
 from .words import Word, add_multiple, shuffle, words_with
 
-__all__ = ["TwoRegisters", "exchanges"]
-
 
 class TwoRegisters(MethodStructure):
     """The structure of a method of two registers."""

@@ -23,8 +23,6 @@ from ...structure.layout import Layout
 from ..systems import Equation
 from .words import Word, condition_words, shuffle, words_with
 
-__all__ = ["SLOT", "Identity", "Relation", "fill", "kept_words", "places", "without"]
-
 Relation = dict[Word, Any]
 """Coefficients, integers or Fractions, of a sum of residuals that is zero."""
 

@@ -15,8 +15,6 @@ from ...support.balls import to_flint
 from .pairings import Pairing
 from .words import Word, reciprocal_density
 
-__all__ = ["Spanned", "doubles", "independent_rows"]
-
 _DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others
 
 _Doubles = NDArray[np.float64]

@@ -12,8 +12,6 @@ from ...structure.layout import Layout
 from ..systems import Equation, nearly_satisfied
 from .orthogonality import Condition, ResidualRelation
 
-__all__ = ["MethodStructure"]
-
 
 class MethodStructure(ABC):
     """A property of a method by which conditions depend on others, beside orthogonality.

@@ -26,8 +26,6 @@ from .orthogonality import ResidualRelation
 from .structure import MethodStructure
 from .words import DOT, Word, add_multiple, condition_words
 
-__all__ = ["TimeSymmetry", "mirrored"]
-
 
 class TimeSymmetry(MethodStructure):
     """The structure of a Magnus method whose results are symmetric in time."""

@@ -16,24 +16,6 @@ from typing import Any
 from ...conditions import condition_trees
 from ...trees.ordered import MAX_NODES, OrderedTree, forest
 
-__all__ = [
-    "BUSH",
-    "DOT",
-    "LINE",
-    "Letter",
-    "Word",
-    "add_multiple",
-    "closure",
-    "condition_words",
-    "is_of_time",
-    "nodes",
-    "reciprocal_density",
-    "shuffle",
-    "shuffle_all",
-    "text",
-    "words_with",
-]
-
 Letter = Any  # a Word or an indicator
 Word = tuple[Letter, ...]
 
