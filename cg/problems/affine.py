@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cg.frames import Frame
 from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem
-from cg.problems.taylor import ball
+from cg.support.balls import to_ball
 from cg.support.checks import check_integer
 
 _UNIT = 8
@@ -118,7 +118,7 @@ class AffineField(QuadraticProblem):
         return np.stack([self._fields(unit) - self._origin for unit in units], axis=-1)
 
     def _initial(self) -> list[arb]:
-        return [*map(ball, self.y0.ravel()), arb(0)]
+        return [*map(to_ball, self.y0.ravel()), arb(0)]
 
     def _derivatives(self, y: Any) -> Any:
         # Unknowns: the entries of the point, and time

@@ -14,7 +14,7 @@ from cg.frames import SO3, Euclidean, Product
 from cg.frames.arrays import Array
 from cg.problems.checks import moments, number, vector
 from cg.problems.quadratic import QuadraticProblem, balls, identity
-from cg.problems.taylor import ball
+from cg.support.balls import to_ball
 
 _FRAME = Product(SO3(), Euclidean(3))
 
@@ -117,12 +117,12 @@ class ForcedRigidBody(QuadraticProblem):
         return {"determinant": np.asarray(np.linalg.det(self.frame.split(y)[0]))}
 
     def _initial(self) -> list[arb]:
-        return [*identity(), *map(ball, self.velocity), arb(1), arb(0)]
+        return [*identity(), *map(to_ball, self.velocity), arb(1), arb(0)]
 
     def _derivatives(self, y: Any) -> Any:
         # Unknowns: R, omega, cos(nu t), sin(nu t)
         rotation, omega, cosine, sine = y[:9].reshape(3, 3), y[9:12], y[12], y[13]
-        inertia, nu = balls(self.inertia), ball(self.frequency)
+        inertia, nu = balls(self.inertia), to_ball(self.frequency)
         torque = cosine * balls(self.cosine) + sine * balls(self.sine)
         change = (np.cross(inertia * omega, omega) + torque) * (1 / inertia)
         attitude_rate = np.cross(rotation, omega).ravel()

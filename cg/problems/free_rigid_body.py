@@ -13,7 +13,7 @@ from cg.frames import SO3, Product, Sphere
 from cg.frames.arrays import Array
 from cg.problems.checks import moments, vector
 from cg.problems.quadratic import QuadraticProblem, balls, identity
-from cg.problems.taylor import ball
+from cg.support.balls import to_ball
 
 _FRAME = Product(SO3(), Sphere(2))
 
@@ -110,4 +110,4 @@ class FreeRigidBody(QuadraticProblem):
         return np.cross(y.reshape(4, 3), omega).ravel()
 
     def _exact_size(self) -> arb:
-        return sum((ball(x) ** 2 for x in self.momentum), arb(0)).sqrt()
+        return sum((to_ball(x) ** 2 for x in self.momentum), arb(0)).sqrt()

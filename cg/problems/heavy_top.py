@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from cg.frames import SO3, Euclidean, Product
 from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem
-from cg.problems.taylor import ball, exact_midpoint
 
-from ..support.balls import to_flint, working_precision
+from ..support.balls import exact_midpoint, to_ball, to_flint, working_precision
 from ..support.parsing import read_fraction
 
 _FRAME = Product(SO3(), Euclidean(3))
@@ -151,18 +150,18 @@ class HeavyTop(QuadraticProblem):
         }
 
     def _mgl(self) -> arb:
-        return ball(self.mass * self.gravity) * arb(3).sqrt() / 2
+        return to_ball(self.mass * self.gravity) * arb(3).sqrt() / 2
 
     def _initial(self) -> tuple[arb, ...]:
         angle = to_flint(self.phi_over_pi)
         sine, cosine = arb.sin_cos_pi_fmpq(angle)
         zero, one = arb(0), arb(1)
-        spin = one if self.reading == "momentum" else ball(self.inertia[2])
+        spin = one if self.reading == "momentum" else to_ball(self.inertia[2])
         return (one, zero, zero, zero, cosine, sine, zero, -sine, cosine, zero, zero, spin)
 
     def _derivatives(self, y: Any) -> Any:
         # The rows of B and m turn alike: x' = x cross (I^-1 m).
-        velocity = np.array([ball(1 / moment) for moment in self.inertia]) * y[9:]
+        velocity = np.array([to_ball(1 / moment) for moment in self.inertia]) * y[9:]
         derivatives = np.cross(y.reshape(4, 3), velocity).ravel()
         derivatives[9] += self._mgl() * y[7]
         derivatives[10] -= self._mgl() * y[6]

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from flint import arb
 
-from cg.problems.taylor import QuadraticSystem, Reference, Time, ball, reference_solution
+from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
+from cg.support.balls import to_ball
 
 
 class Polynomial:
@@ -32,7 +33,7 @@ class Polynomial:
         """Return a polynomial or a constant as a polynomial."""
         if isinstance(value, Polynomial):
             return value
-        return cls({(): value if isinstance(value, arb) else ball(value)})
+        return cls({(): to_ball(value)})
 
     def __add__(self, other: Polynomial | arb | float) -> Polynomial:
         if isinstance(other, np.ndarray):
@@ -122,7 +123,7 @@ class QuadraticProblem(ABC):
 
 def balls(values: Sequence[float]) -> Any:
     """Return numbers as an array of exact balls."""
-    return np.array([ball(x) for x in values])
+    return np.array([to_ball(x) for x in values])
 
 
 def identity() -> list[arb]:

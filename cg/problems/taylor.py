@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from flint import arb, fmpq
+from flint import arb
 
 from cg.frames.arrays import Array
 
-from ..support.balls import working_precision
+from ..support.balls import exact_midpoint, to_ball, working_precision
 from ..support.checks import check_integer
 from ..support.parsing import read_fraction
 
@@ -126,7 +126,11 @@ def reference_solution(
         coarse = _solve(system, exact, step, order)
         fine = _solve(system, exact, step * Fraction(2, 3), order + order // 5)
         errors = tuple(
-            max(_magnitude(x - y) for x, y in zip(rough, good, strict=True))
+            # upper bounds, rounded up
+            max(
+                math.nextafter(float((x - y).abs_upper()), math.inf)
+                for x, y in zip(rough, good, strict=True)
+            )
             for rough, good in zip(coarse, fine, strict=True)
         )
         values = tuple(tuple(exact_midpoint(x) for x in row) for row in fine)
@@ -141,29 +145,12 @@ def exact_times(times: Sequence[Time]) -> tuple[Fraction, ...]:
         raise ValueError(f"times must be finite numbers, got {times!r}") from error
 
 
-def exact_midpoint(x: arb) -> Fraction:
-    """Return the midpoint of a ball, exactly."""
-    mantissa, exponent = x.mid().man_exp()
-    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
-
-
-def ball(x: Fraction | float) -> arb:
-    """Return a finite number as a ball."""
-    numerator, denominator = x.as_integer_ratio()
-    return arb(fmpq(numerator, denominator))
-
-
 def decimal_string(x: Fraction, digits: int) -> str:
     """Return ``x`` rounded to ``digits`` decimals, ties to even."""
     scaled = round(abs(x) * 10**digits)
     whole, rest = divmod(scaled, 10**digits)
     sign = "-" if x < 0 and scaled else ""
     return f"{sign}{whole}.{rest:0{digits}d}" if digits else f"{sign}{whole}"
-
-
-def _magnitude(difference: arb) -> float:
-    """Return an upper bound of a ball's absolute value."""
-    return math.nextafter(float(difference.abs_upper()), math.inf)
 
 
 def _solve(
@@ -212,7 +199,7 @@ def _taylor(system: QuadraticSystem, point: list[arb], order: int) -> list[list[
 
 
 def _horner(coefficients: list[arb], t: Fraction) -> arb:
-    time, total = ball(t), arb()
+    time, total = to_ball(t), arb()
     for coefficient in reversed(coefficients):
         total = total * time + coefficient
     return total

@@ -9,6 +9,7 @@ from typing import Any
 from flint import arb, arb_mat
 
 from ..method.method import Method
+from ..support.balls import exact_midpoint
 from ..support.balls import working_precision as precision
 from ..support.checks import check_flag, check_integer
 from ..support.quads import to_decimal
@@ -159,10 +160,5 @@ def _solve(packed: Packed, certificate: Certificate, free: list[int], places: in
 
 def _rounded(ball: arb, digits: int) -> str | None:
     """Return a ball's digits; None if both of its ends don't round to the same ones."""
-    ends = {to_decimal(_exact(end), digits) for end in (ball.lower(), ball.upper())}
+    ends = {to_decimal(exact_midpoint(end), digits) for end in (ball.lower(), ball.upper())}
     return ends.pop() if len(ends) == 1 else None
-
-
-def _exact(value: arb) -> Fraction:
-    mantissa, exponent = value.man_exp()
-    return int(mantissa) * Fraction(2) ** int(exponent)

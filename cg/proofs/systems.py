@@ -12,7 +12,7 @@ from typing import NamedTuple
 from flint import arb, arb_mat
 
 from ..structure.layout import Layout
-from ..support.balls import to_ball, to_flint
+from ..support.balls import to_ball, to_flint, to_fraction
 from .dependent.words import Word, condition_words, reciprocal_density, text
 from .weights import Quantity, Weights
 
@@ -131,6 +131,6 @@ def exact_residuals(
     weights = Weights(layout, [Quantity(row, word) for word in words])
     weights_of_words = weights.evaluate([to_flint(entry) for entry in x])
     return [
-        Fraction(int(value.p), int(value.q)) - reciprocal_density(word)
+        to_fraction(value) - reciprocal_density(word)
         for value, word in zip(weights_of_words, words, strict=True)
     ]

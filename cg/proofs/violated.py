@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from ..support.balls import to_ball
+from ..support.balls import exact_midpoint, to_ball
 from ..support.quads import to_decimal
 from .certificate import Certificate, CertificationError, ViolatedCondition
 from .dependent.words import (
@@ -77,9 +77,7 @@ def _bounds(
     bounds = []
     for value, word in zip(weights.evaluate(box(packed, certificate)), words, strict=True):
         target = reciprocal_density(word)
-        lower = (value - to_ball(target)).abs_lower()
-        mantissa, exponent = lower.man_exp()
-        bounds.append(int(mantissa) * Fraction(2) ** int(exponent))
+        bounds.append(exact_midpoint((value - to_ball(target)).abs_lower()))
     return bounds
 
 

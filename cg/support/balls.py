@@ -55,15 +55,15 @@ def working_precision(bits: int) -> Iterator[None]:
             _holders.pop()
 
 
-def to_flint(value: Fraction | int) -> fmpq:
+def to_flint(value: Fraction | float) -> fmpq:
     """Return a rational of python-flint, many times faster than Fractions with many digits."""
     from flint import fmpq
 
-    return fmpq(value.numerator, value.denominator)
+    return fmpq(*value.as_integer_ratio())
 
 
-def to_ball(value: Fraction | int | arb) -> arb:
-    """Return a ball around a rational, in the current precision; a ball as it is."""
+def to_ball(value: Fraction | float | arb) -> arb:
+    """Return a ball around a finite number, in the current precision; a ball as it is."""
     from flint import arb
 
     return value if isinstance(value, arb) else arb(to_flint(value))
@@ -72,3 +72,9 @@ def to_ball(value: Fraction | int | arb) -> arb:
 def to_fraction(value: fmpq) -> Fraction:
     """Return a rational of python-flint as a Fraction."""
     return Fraction(int(value.p), int(value.q))
+
+
+def exact_midpoint(ball: arb) -> Fraction:
+    """Return the midpoint of a ball, exactly."""
+    mantissa, exponent = ball.mid().man_exp()
+    return int(mantissa) * Fraction(2) ** int(exponent)

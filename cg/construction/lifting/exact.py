@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...conditions import condition_trees, exact_weights, right_sides
-from ...support.balls import to_ball, working_precision
+from ...support.balls import exact_midpoint, to_ball, working_precision
 from ...support.quads import DECIMAL_DIGITS, to_decimal
 from ..solvers.rational import refine_rational
 from ..solvers.singular import pseudo_inverse
@@ -83,6 +83,5 @@ def _residuals(splitting: Splitting, free: Sequence[Fraction]) -> list[Fraction]
                 strict=True,
             ):
                 value = phi - to_ball(side * c ** splitting.nodes(index))
-                mantissa, exponent = value.mid().man_exp()
-                residuals.append(int(mantissa) * Fraction(2) ** int(exponent))
+                residuals.append(exact_midpoint(value))
         return residuals

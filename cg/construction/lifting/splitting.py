@@ -20,6 +20,7 @@ from ...conditions import MAX_ORDER, condition_trees
 from ...conditions import compiled as compiled_conditions
 from ...structure.layout import Layout
 from ...structure.points import START
+from ...support.balls import to_flint, to_fraction
 from ...trees.ordered import forest
 from ..search.shapes import merge_point
 
@@ -169,7 +170,7 @@ def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Rem
     """
     rows = []
     for indices, value in sums:
-        row = [fmpq(0)] * size + [fmpq(value.numerator, value.denominator)]
+        row = [fmpq(0)] * size + [to_flint(value)]
         for k in indices:
             row[size - 1 - k] = fmpq(1)
         rows.append(row)
@@ -178,7 +179,7 @@ def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Rem
     echelon, rank = fmpq_mat(rows).rref()
     remainders: Remainders = {}
     for row in echelon.tolist()[:rank]:
-        numbers = {j: Fraction(int(entry.p), int(entry.q)) for j, entry in enumerate(row) if entry}
+        numbers = {j: to_fraction(entry) for j, entry in enumerate(row) if entry}
         value = numbers.pop(size, Fraction(0))
         if not numbers:
             raise ArithmeticError("points can't lead to these rows")

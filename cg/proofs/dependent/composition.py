@@ -20,7 +20,7 @@ from functools import cache
 from flint import fmpq_mat
 
 from ...structure.layout import Layout, Rows
-from ...support.balls import to_flint
+from ...support.balls import to_flint, to_fraction
 from ..systems import Equation, Term, exact_residuals
 from ..weights import Quantity
 from .relations import Identity, Relation
@@ -119,7 +119,7 @@ def _expansions(grade: int) -> dict[Word, dict[Word, Fraction]]:
     entries = [f.get(w, Fraction(0)) for f in spanning for w in words]
     matrix = fmpq_mat(len(spanning), len(words), [to_flint(v) for v in entries])
     reduced, rank = matrix.rref()
-    rows = [[Fraction(int(v.p), int(v.q)) for v in row] for row in reduced.tolist()[:rank]]
+    rows = [list(map(to_fraction, row)) for row in reduced.tolist()[:rank]]
     pivots = [words[next(k for k, value in enumerate(row) if value)] for row in rows]
     return {
         word: {p: row[k] for p, row in zip(pivots, rows, strict=True) if row[k]}

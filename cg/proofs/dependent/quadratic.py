@@ -9,6 +9,8 @@ from typing import Any
 
 from flint import arb, fmpq, fmpz_mat
 
+from ...support.balls import to_flint, to_fraction
+
 _DIGITS = 33  # of decimals that are recognised
 
 
@@ -34,7 +36,7 @@ class Quadratic:
         This is a guess, so results that use it must be checked.
         """
         if d == 0:
-            return cls(fmpq(x.numerator, x.denominator))
+            return cls(to_flint(x))
         scale = 10**_DIGITS
         known = [x.numerator * scale // x.denominator, scale, isqrt(d * scale * scale)]
         rows = [[int(i == j) for j in range(3)] + [known[i]] for i in range(3)]
@@ -54,7 +56,7 @@ class Quadratic:
 
     def times(self, factor: int | Fraction) -> Quadratic:
         """Return a rational multiple."""
-        share = fmpq(factor.numerator, factor.denominator)
+        share = to_flint(factor)
         return Quadratic(self.a * share, self.b * share, self.d)
 
     def inverse(self) -> Quadratic:
@@ -69,7 +71,7 @@ class Quadratic:
     def number(self) -> Fraction | arb:
         """The number as a Fraction, or if it isn't rational as a ball."""
         if self.b == 0:
-            return Fraction(int(self.a.p), int(self.a.q))
+            return to_fraction(self.a)
         return arb(self.a) + arb(self.b) * arb(self.d).sqrt()
 
 
