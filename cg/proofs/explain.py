@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from fractions import Fraction
 from functools import partial
 from itertools import combinations
+from typing import NamedTuple
 
 from ..structure.layout import Layout, Rows
 from ..support.parsing import read_fraction
@@ -22,7 +23,7 @@ from .dependent.time_symmetry import TimeSymmetry
 from .dependent.words import parse, text
 from .systems import Equation, EquationSystem, condition, nearly_satisfied
 
-_ORTHOGONAL = "orthogonality:"
+_ORTHOGONAL = "orthogonality"
 _SMALL_ONLY = "only small, below"
 
 MAX_SMALL = Fraction(1, 10**40)
@@ -86,58 +87,42 @@ def find_identities(
         yield from combinations(satisfied, size)
 
 
-def names_of_left_out(conditions: Sequence[Condition], structure: str = "") -> tuple[str, ...]:
-    """Return the names of a structure and of the conditions that follow, for `read_left_out`."""
-    return (*filter(None, [structure]), f"{_ORTHOGONAL} {_trees(conditions)}")
+class LeftOut(NamedTuple):
+    """Conditions that are no equations of a certificate.
+
+    They follow by orthogonality and by the relations of a structure, if `structure` names one; with
+    a decimal `bound` they are only shown to be smaller.
+    """
+
+    conditions: Sequence[Condition] = ()
+    structure: str = ""
+    bound: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The texts in certificates, for `read_left_out`."""
+        trees = " ".join(f"{row * '*'}{text(word)}" for row, word in self.conditions)
+        if self.bound:
+            return (f"{_SMALL_ONLY} {self.bound}: {trees}",)
+        return (*filter(None, [self.structure]), f"{_ORTHOGONAL}: {trees}")
 
 
-def read_left_out(names: Sequence[str]) -> tuple[list[Condition], str]:
-    """Return the conditions that follow by orthogonality, and the structure's name, if any.
+def read_left_out(names: Sequence[str]) -> LeftOut:
+    """Return the conditions that the texts of a certificate leave out, none for other identities.
 
-    No conditions if the identities are others.
-
-    Raises
-    ------
-    ValueError
-        If a tree can't be read.
+    ValueError, TypeError or ZeroDivisionError if a tree or a bound can't be read, or the bound is
+    too large.
     """
     structure = names[0] if names and names[0] in STRUCTURES else ""
     rest = list(names[bool(structure) :])
-    if len(rest) != 1 or not rest[0].startswith(f"{_ORTHOGONAL} "):
-        return [], ""
-    return _conditions(rest[0].removeprefix(_ORTHOGONAL)), structure
-
-
-def names_of_small(conditions: Sequence[Condition], bound: str) -> tuple[str, ...]:
-    """Return the names of conditions that are shown to be small, for `read_small`."""
-    return (f"{_SMALL_ONLY} {bound}: {_trees(conditions)}",)
-
-
-def read_small(names: Sequence[str]) -> tuple[list[Condition], Fraction | None]:
-    """Return the conditions that are shown to be small, and the bound.
-
-    No conditions, and None, if there aren't any.
-
-    Raises
-    ------
-    ValueError
-        If there is anything else besides.
-    """
-    heading, _, trees = names[0].partition(": ") if names else ("", "", "")
-    if not heading.startswith(f"{_SMALL_ONLY} "):
-        return [], None
-    bound = read_fraction(heading.removeprefix(_SMALL_ONLY).strip())
-    if len(names) > 1 or not 0 < bound <= MAX_SMALL:
+    heading, _, trees = rest[0].partition(": ") if rest else ("", "", "")
+    bound = heading.removeprefix(_SMALL_ONLY).strip() if heading.startswith(_SMALL_ONLY) else ""
+    if bound and (len(names) > 1 or not 0 < read_fraction(bound) <= MAX_SMALL):
         raise ValueError("conditions that are only small need a small bound, and nothing else")
-    return _conditions(trees), bound
-
-
-def _trees(conditions: Sequence[Condition]) -> str:
-    return " ".join(f"{row * '*'}{text(word)}" for row, word in conditions)
-
-
-def _conditions(trees: str) -> list[Condition]:
-    return [(int(tree.startswith("*")), parse(tree.removeprefix("*"))) for tree in trees.split()]
+    if not bound and (len(rest) != 1 or heading != _ORTHOGONAL):
+        return LeftOut()
+    words = [(int(tree.startswith("*")), parse(tree.removeprefix("*"))) for tree in trees.split()]
+    return LeftOut(words, structure, bound)
 
 
 def _labelled(word: Condition, layout: Layout) -> Equation:

@@ -12,13 +12,7 @@ from scipy import linalg
 
 from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import ResidualRelation, conditions_of, find_relations
-from .explain import (
-    STRUCTURES,
-    augmented_system,
-    find_identities,
-    names_of_left_out,
-    names_of_small,
-)
+from .explain import STRUCTURES, LeftOut, augmented_system, find_identities
 from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
 from .statement import Packed, orders_of, system_of
 from .systems import EquationSystem, order_system
@@ -94,7 +88,7 @@ def _of_independent(
     pivots = linalg.qr(jacobian[:, nonzero].T, mode="r", pivoting=True)[1]
     conditions = conditions_of(orders_of(draft), packed.layout.of_time)
     left_out = [conditions[k] for k in sorted(map(int, pivots[rank:]))]
-    draft = replace(draft, identities=names_of_small(left_out, "1e-40"))
+    draft = replace(draft, identities=LeftOut(left_out, bound="1e-40").names)
     system = system_of(packed, draft)
     kept = np.delete(jacobian, [conditions.index(one) for one in left_out], axis=0)
     outcome = _try(packed, draft, system, kept)
@@ -105,7 +99,7 @@ def _of_independent(
     largest = float(largest_residual(packed, left_out, zero))
     # a power of ten, with room for another rounding
     bound = f"1e{math.ceil(math.log10(max(largest, 1e-300))) + 1}"
-    proved = replace(proved, identities=names_of_small(left_out, bound))
+    proved = replace(proved, identities=LeftOut(left_out, bound=bound).names)
     check_left_out(packed, proved, attempt)
     return proved
 
@@ -135,7 +129,7 @@ def _orthogonal(
     pivots = linalg.qr(relations, mode="r", pivoting=True)[1][:dependent]
     conditions = conditions_of(orders, packed.layout.of_time)
     left_out = [conditions[k] for k in sorted(map(int, pivots))]
-    return replace(draft, identities=names_of_left_out(left_out, name)), dependent
+    return replace(draft, identities=LeftOut(left_out, name).names), dependent
 
 
 def _try(

@@ -17,14 +17,13 @@ from ..structure.layout import Layout
 from ..structure.points import START
 from ..support.balls import to_ball
 from .certificate import Certificate, CertificationError
-from .dependent.orthogonality import Condition
 from .dependent.structure import MethodStructure
 from .explain import (
     STRUCTURES,
+    LeftOut,
     augmented_system,
     read_identity,
     read_left_out,
-    read_small,
     reduced_system,
 )
 from .systems import EquationSystem, order_system
@@ -112,17 +111,14 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
     """Return the equations of a certificate."""
     if not certificate.identities:
         return order_system(packed.layout, certificate.order, certificate.embedded_order)
-    left_out, name = left_out_of(certificate)
-    if left_out:
-        structure = structure_of(packed, certificate, name)
-        more = structure.equations() if structure else []
-        try:
-            return reduced_system(packed.layout, orders_of(certificate), left_out, more)
-        except ValueError as error:
-            raise CertificationError(str(error)) from None
+    left_out, orders = left_out_of(certificate), orders_of(certificate)
     try:
+        if left_out.conditions:
+            structure = structure_of(packed, certificate, left_out.structure)
+            more = structure.equations() if structure else []
+            return reduced_system(packed.layout, orders, left_out.conditions, more)
         identities = [read_identity(name) for name in certificate.identities]
-        return augmented_system(packed.layout, orders_of(certificate), identities, packed.zeros())
+        return augmented_system(packed.layout, orders, identities, packed.zeros())
     except ValueError as error:
         raise CertificationError(str(error)) from None
 
@@ -137,21 +133,12 @@ def structure_of(packed: Packed, certificate: Certificate, name: str) -> MethodS
     return structure
 
 
-def left_out_of(certificate: Certificate) -> tuple[list[Condition], str]:
-    """Return the conditions that are no equations, and the name of a structure.
-
-    They follow by orthogonality, or are only small.
-    """
+def left_out_of(certificate: Certificate) -> LeftOut:
+    """Return the conditions that are no equations; CertificationError if they can't be read."""
     try:
-        small = read_small(certificate.identities)[0]
-        return (small, "") if small else read_left_out(certificate.identities)
+        return read_left_out(certificate.identities)
     except (ValueError, TypeError, ZeroDivisionError) as error:
         raise CertificationError(str(error)) from None
-
-
-def bound_of(certificate: Certificate) -> Fraction | None:
-    """Return the bound of the omitted conditions; None if they vanish."""
-    return read_small(certificate.identities)[1]
 
 
 def orders_of(certificate: Certificate) -> list[int]:

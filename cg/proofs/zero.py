@@ -9,13 +9,13 @@ from flint import arb, arb_mat
 
 from ..method.tolerance import TOLERANCE_FACTOR
 from ..support.balls import to_ball
+from ..support.parsing import read_fraction
 from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Condition, follow
 from .dependent.words import condition_words, text
 from .krawczyk import KrawczykTest, krawczyk, to_double
 from .statement import (
     Packed,
-    bound_of,
     free_of,
     left_out_of,
     orders_of,
@@ -61,7 +61,7 @@ def prove_zero(packed: Packed, certificate: Certificate) -> KrawczykTest:
 
 def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTest) -> None:
     """Prove that the conditions that are left out hold at a zero of the others that is proved."""
-    left_out, name = left_out_of(certificate)
+    left_out, name, bound = left_out_of(certificate)
     structure = structure_of(packed, certificate, name)
     if not left_out:
         return
@@ -69,10 +69,9 @@ def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTe
         raise CertificationError(f"{certificate.name}: {name} assumes conditions that are left out")
     zero = zero_of(packed, certificate, attempt)
     known = list(structure.relations(zero)) if structure else []
-    bound = bound_of(certificate)
-    if bound is not None:
+    if bound:
         largest = largest_residual(packed, left_out, zero)
-        if not largest < to_ball(bound):
+        if not largest < to_ball(read_fraction(bound)):
             raise CertificationError(
                 f"{certificate.name}: that conditions are small is not proved",
                 residual=float(largest),

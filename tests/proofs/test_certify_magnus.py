@@ -14,7 +14,7 @@ from cg.proofs import CertificationError, certificate_of, certify, check
 from cg.proofs.certificate import ViolatedCondition
 from cg.proofs.dependent.time_symmetry import TimeSymmetry, mirrored
 from cg.proofs.dependent.words import condition_words, reciprocal_density
-from cg.proofs.explain import names_of_left_out, read_left_out
+from cg.proofs.explain import LeftOut, read_left_out
 from cg.proofs.systems import exact_residuals
 from cg.proofs.weights import Quantity, Weights
 from cg.support.balls import working_precision as precision
@@ -125,12 +125,12 @@ def test_wrong_coefficients_are_refused():
 def test_certificates_that_say_something_else():
     method = magnus["CFM6(4)"]
     honest = certificate_of(method)
-    left_out, structure = read_left_out(honest.identities)
+    left_out, structure, _ = read_left_out(honest.identities)
     kept = next(word for word in condition_words(6, of_time=True) if (0, word) not in left_out)
     for wrong in (
-        replace(honest, identities=names_of_left_out([*left_out, (0, kept)], structure)),
-        replace(honest, identities=names_of_left_out(left_out, "time symmetry")),
-        replace(honest, identities=names_of_left_out([*left_out, (0, (((),),) * 6)])),
+        replace(honest, identities=LeftOut([*left_out, (0, kept)], structure).names),
+        replace(honest, identities=LeftOut(left_out, "time symmetry").names),
+        replace(honest, identities=LeftOut([*left_out, (0, (((),),) * 6)]).names),
         replace(honest, beyond=ViolatedCondition("[[[[[[[[]]]]]]]]", "1e-8")),
         replace(honest, order=7),
         replace(honest, name="CFM6(4)b"),

@@ -16,7 +16,7 @@ from cg.proofs.dependent.pairings import pairings
 from cg.proofs.dependent.reduction import Reduction
 from cg.proofs.dependent.relations import SLOT
 from cg.proofs.dependent.words import condition_words, parse, reciprocal_density
-from cg.proofs.explain import names_of_left_out, read_left_out
+from cg.proofs.explain import LeftOut, read_left_out
 from cg.proofs.systems import exact_residuals
 from cg.proofs.weights import Quantity, Weights
 from cg.support.balls import working_precision as precision
@@ -205,10 +205,10 @@ def test_certificates_that_leave_out_something_else():
     left_out = read_left_out(certificate.identities)[0]
     for wrong in (left_out[:-1], [*left_out, left_out[0]], [*left_out, (0, parse("[[]]"))]):
         with pytest.raises(CertificationError):
-            check(replace(certificate, identities=names_of_left_out(wrong)), method)
+            check(replace(certificate, identities=LeftOut(wrong).names), method)
     other = [*left_out[:-1], (0, parse("[[]]"))]
     with pytest.raises(CertificationError):
-        check(replace(certificate, identities=names_of_left_out(other)), method)
+        check(replace(certificate, identities=LeftOut(other).names), method)
     for text in ("orthogonality: [[]", "orthogonality: [[][]]", "orthogonality: *[[]]"):
         with pytest.raises(CertificationError):
             check(replace(certificate, identities=(text,)), method)
@@ -222,7 +222,7 @@ def test_a_certificate_that_leaves_out_an_independent_condition():
     certificate = certify(method)
     left_out = read_left_out(certificate.identities)[0]
     free = [name for name in method.layout.names if name not in certificate.fixed]
-    one_more = names_of_left_out([*left_out, (0, parse("[[]]"))])
+    one_more = LeftOut([*left_out, (0, parse("[[]]"))]).names
     forged = replace(
         certificate, identities=one_more, fixed=(*certificate.fixed, free[0]), radius="1e-33"
     )
@@ -234,6 +234,6 @@ def test_names_are_read_again():
     conditions = conditions_of([3, 2])
     assert len(conditions) == 7
     for structure in ("", "flat tableau", "two registers"):
-        names = names_of_left_out(conditions, structure)
-        assert read_left_out(names) == (conditions, structure)
-    assert read_left_out(["middle abscissae"]) == read_left_out([]) == ([], "")
+        names = LeftOut(conditions, structure).names
+        assert read_left_out(names) == (conditions, structure, "")
+    assert read_left_out(["middle abscissae"]) == read_left_out([]) == LeftOut()
