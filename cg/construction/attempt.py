@@ -18,7 +18,7 @@ from ..support.checks import MAX_COUNT
 from .candidate import Candidate, NotExactError, default_name, refinable, solved, to_method
 from .drop import drop_flow, solve_start
 from .eliminate import eliminate, walk
-from .search.shapes import draw_layout, layout_from_json
+from .search.shapes import layout_from_json, start_generator
 from .settings import ConstructionSettings
 from .solvers.system import ConditionSystem
 from .start import random_candidate
@@ -80,10 +80,7 @@ class Attempt:
 def read_attempt(settings: ConstructionSettings, record: Record) -> Attempt:
     """Return the try of a record, recomputed from its coefficients.
 
-    Raises
-    ------
-    ValueError
-        If the record isn't that of a try, or doesn't agree with its coefficients.
+    ValueError if the record isn't that of a try, or doesn't agree with its coefficients.
     """
     where = f"not the record of an attempt: try {record.number}"
     try:
@@ -105,7 +102,7 @@ def read_attempt(settings: ConstructionSettings, record: Record) -> Attempt:
 
 def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
     """Run one try: solve from a random guess, then eliminate stages or flows."""
-    random = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
+    random = start_generator(settings.seed, index)
     if settings.flows is not None:
         return _run_tree(settings, index, random)
     spread = max(0, settings.first_stages - settings.stages)
@@ -129,17 +126,8 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
 
 def _run_tree(settings: ConstructionSettings, index: int, random: np.random.Generator) -> Attempt:
     """Run one try for a commutator-free method."""
-    layout = settings.tree
-    if layout is None:
-        assert settings.first_flows is not None
-        layout = draw_layout(
-            settings.stages,
-            settings.first_flows,
-            random,
-            embedded=settings.embedded,
-            first_same_as_last=settings.first_same_as_last,
-        )
-    system = ConditionSystem(settings.order, layout)
+    assert settings.first_flows is not None
+    system = ConditionSystem(settings.order, settings.tree_for(settings.first_flows, random))
     guess = random_candidate(system, settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
     walks = 0

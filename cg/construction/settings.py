@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..conditions.counts import check_order
-from ..structure.layout import Layout
 from ..structure.points import START
 from ..support.checks import (
     MAX_COUNT,
@@ -16,31 +15,23 @@ from ..support.checks import (
     check_integer,
     check_real,
 )
-from .search.shapes import ShapeArguments
+from .search.shapes import ShapeArguments, ShapeSettings
 from .solvers.system import ConditionSystem, Structure
 from .start import default_start, likely_structure, tree_start
 
 
-@dataclass(frozen=True)
-class ConstructionSettings:
+@dataclass(frozen=True, kw_only=True)
+class ConstructionSettings(ShapeSettings):
     """All that determines the result of a construction; see `construct`."""
 
-    order: int
-    stages: int
-    seed: int
     structure: Structure
     first_stages: int
-    width: float
     iterations: int
     promising: float
     largest: float
     restarts: int
     full_rank: bool
-    flows: int | None = None
     first_flows: int | None = None
-    embedded: bool = False
-    tree: Layout | None = None
-    first_same_as_last: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,10 +56,7 @@ class ConstructionArguments(ShapeArguments):
     def checked(self) -> ConstructionSettings:
         """Return the settings of the construction.
 
-        Raises
-        ------
-        TypeError, ValueError
-            If an argument is of the wrong type or out of range.
+        TypeError or ValueError for an argument of the wrong type or out of range.
         """
         order = check_order(self.order)
         stages = check_integer("stages", self.stages, 1, MAX_STAGES)

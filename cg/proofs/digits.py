@@ -26,31 +26,14 @@ _GUARD_DIGITS = 15
 
 
 def refined_digits(method: Method, certificate: Certificate, digits: int) -> list[str]:
-    """Return the coefficients of the exact solution that a certificate proves.
+    """Return the coefficients of the exact solution that a certificate proves, as texts.
 
-    Parameters
-    ----------
-    method : Method
-    certificate : Certificate
-        Its zero is proved once more. That conditions which it leaves out follow from the others
-        is proved again unless the certificate is the catalogue's.
-    digits : int
-        Significant digits of the free coefficients, at most `MAX_DIGITS`.
+    The zero of the certificate is proved once more. That conditions which it leaves out follow from
+    the others is proved again unless the certificate is the catalogue's.
 
-    Returns
-    -------
-    list of str
-        Packed row by row, second weights last. Fixed coefficients are as stored; all
-        digits of the others are right, the last one is rounded.
-
-    Raises
-    ------
-    TypeError
-        If `digits` isn't an integer, or `certificate` is none.
-    ValueError
-        If `digits` is out of range.
-    CertificationError
-        If the certificate isn't one of the method.
+    The coefficients are packed row by row, second weights last. Fixed ones are as stored; all of
+    the `digits` significant digits of the others, at most `MAX_DIGITS`, are right, the last one is
+    rounded. CertificationError if the certificate isn't one of the method.
     """
     digits = check_integer("digits", digits, 1, MAX_DIGITS)
     if not isinstance(certificate, Certificate):

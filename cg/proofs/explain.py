@@ -41,13 +41,7 @@ STRUCTURES: dict[str, Callable[..., MethodStructure]] = {
 
 
 def read_identity(name: str) -> Identity:
-    """Return the identity with a name.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """Return the identity with a name; ValueError if there is none."""
     if stage := re.fullmatch(r"C\(2\) except at stage ([1-9]\d*)", name):
         return StageOrderTwo(int(stage[1]) - 1)
     for identity in (MidpointSteps(), MiddleAbscissae(), MiddleAbscissae(first_only=True)):
@@ -59,16 +53,10 @@ def read_identity(name: str) -> Identity:
 def find_identities(
     layout: Layout, x: Sequence[Fraction], zeros: Sequence[Collection[int]]
 ) -> Iterator[tuple[Identity, ...]]:
-    """Yield the sets of identities that the coefficients satisfy nearly, small sets first.
+    """Yield the sets of identities that packed coefficients satisfy nearly, small sets first.
 
-    Parameters
-    ----------
-    layout : Layout
-        Of a tableau; there are no identities for trees of points.
-    x : sequence of Fraction
-        Packed coefficients.
-    zeros : sequence of collections of int
-        For each row of weights, the stages (from 0) where they are held at zero.
+    There are none for trees of points. `zeros` has the stages, from 0, where each row of weights is
+    held at zero.
     """
     if layout.rows is None:
         return
@@ -139,10 +127,7 @@ def reduced_system(
 ) -> EquationSystem:
     """Return the order conditions without those that are left out, and more equations.
 
-    Raises
-    ------
-    ValueError
-        If something that is left out isn't an independent condition, or occurs twice.
+    ValueError if something that is left out isn't an independent condition, or occurs twice.
     """
     conditions = conditions_of(orders, layout.of_time)
     omitted = set(left_out)
@@ -160,19 +145,9 @@ def augmented_system(
 ) -> EquationSystem:
     """Return identities as equations, with the conditions that don't follow by them.
 
-    Parameters
-    ----------
-    layout : Layout
-    orders : sequence of int
-        Of b, and of the second weights of a pair.
-    identities : sequence of Identity
-    zeros : sequence of collections of int
-        For the same rows of weights, the stages (from 0) where they are held at zero.
-
-    Raises
-    ------
-    ValueError
-        If an identity doesn't fit the layout.
+    `orders` are those of b and of the second weights of a pair; `zeros` has for the same rows the
+    stages, from 0, where weights are held at zero. ValueError if an identity doesn't fit the
+    layout.
     """
     if identities and layout.rows is None:
         raise ValueError("identities are about tableaux")

@@ -75,19 +75,9 @@ def proved(method: Method) -> str:
 def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:
     """Return the certificate beside the file of a method, None if there is none.
 
-    It isn't proved again here: see `check`.
-
-    Parameters
-    ----------
-    file : path
-        Of the method. The certificate has the same name with ``.certificate.toml`` at its end, or
-        is in a folder ``certificates`` beside it.
-    method : Method
-
-    Raises
-    ------
-    CertificationError
-        If the file is no certificate, or another method's.
+    It has the file's name with ``.certificate.toml`` at its end, or is in a folder ``certificates``
+    beside the file. It isn't proved again here: see `check`. CertificationError if the file is no
+    certificate, or another method's.
     """
     path = certificate_path(Path(file))
     if not path.is_file():

@@ -27,24 +27,11 @@ class _Proved(NamedTuple):
 
 
 def find_zero(packed: Packed, draft: Certificate, small: bool = False) -> Certificate:
-    """Find a zero near the stored coefficients that can be proved.
+    """Return a draft with a zero near the stored coefficients that is proved.
 
-    Parameters
-    ----------
-    packed : Packed
-    draft : Certificate
-        All that isn't searched for: names, orders, bits.
-    small : bool
-        Whether conditions that depend on others need no proof but that they are small.
-
-    Returns
-    -------
-    Certificate
-
-    Raises
-    ------
-    CertificationError
-        If none can be proved.
+    `draft` has all that isn't searched for: names, orders, bits. With `small`, conditions that
+    depend on others need no proof but that they are small. CertificationError if no zero can be
+    proved.
     """
     y = packed.balls()
     system = order_system(packed.layout, draft.order, draft.embedded_order)

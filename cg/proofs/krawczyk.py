@@ -28,21 +28,12 @@ RANK_THRESHOLD = 1e-12
 
 @dataclass(frozen=True)
 class KrawczykTest:
-    """Result of Krawczyk's test.
+    """Result of Krawczyk's test of a box of some radius.
 
-    Attributes
-    ----------
-    radius : arb
-        Of the box.
-    ratio : float
-        Upper bound of the largest radius of the image, in units of `radius`; the zero
-        is proved if it is below 1.
-    correction : float
-        Upper bound of ``max |A f(y)|``.
-    contraction : float
-        Upper bound of the maximum norm of ``I - A J(X)``.
-    image : tuple of arb
-        Image of the box under the map, by free unknown; it contains the zero if that is proved.
+    `ratio` is an upper bound of the largest radius of the image in units of `radius`; the zero is
+    proved if it is below 1. `correction` and `contraction` are upper bounds of ``max |A f(y)|`` and
+    of the maximum norm of ``I - A J(X)``. `image` is the image of the box, by free unknown, which
+    contains the zero if that is proved.
     """
 
     radius: arb
@@ -70,17 +61,9 @@ def numerical_rank(jacobian: NDArray[np.float64]) -> tuple[int, NDArray[np.float
 
 
 def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> list[int]:
-    """Choose as many unknowns as there are equations, by QR with column pivoting.
+    """Choose as many of the candidates as there are equations, by QR with column pivoting.
 
-    Parameters
-    ----------
-    jacobian : ndarray, shape (m, unknowns)
-    candidates : sequence of at least m int
-
-    Returns
-    -------
-    list of m int
-        In increasing order.
+    `jacobian` has shape (m, unknowns). Returns m indices in increasing order.
     """
     indices = np.array(candidates)
     pivots = linalg.qr(jacobian[:, indices], mode="r", pivoting=True)[1]
@@ -90,23 +73,11 @@ def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> lis
 def krawczyk(
     system: EquationSystem, y: Sequence[arb], free: Sequence[int], radius: arb | None = None
 ) -> KrawczykTest:
-    """Try to prove that a system has a zero near y.
+    """Try to prove that a system of m equations has a zero near y.
 
-    Parameters
-    ----------
-    system : EquationSystem
-        With m equations.
-    y : sequence of arb
-        All unknowns; those that aren't free are held.
-    free : sequence of m int
-        The unknowns that may move.
-    radius : arb, optional
-        By default twice the size of the correction.
-
-    Returns
-    -------
-    KrawczykTest
-        Not proved, with infinite ratio, if the derivatives aren't regular at y.
+    `free` are the m unknowns that may move; the others of `y` are held. By default the radius is
+    twice the size of the correction. If the derivatives aren't regular at y, nothing is proved and
+    the ratio is infinite.
     """
     values, at_point = system.linearise(y)
     columns = list(free)

@@ -34,14 +34,7 @@ _MAX_IDENTITIES = 100
 
 @dataclass(frozen=True)
 class Packed:
-    """A method as a vector of coefficients.
-
-    Attributes
-    ----------
-    layout : Layout
-    coefficients : tuple of Coefficient
-        Row by row; second weights last.
-    """
+    """A method as a vector of coefficients: row by row, second weights last."""
 
     layout: Layout
     coefficients: tuple[Coefficient, ...]

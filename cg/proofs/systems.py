@@ -27,16 +27,7 @@ class Term(NamedTuple):
 
 
 class Equation(NamedTuple):
-    """A sum of terms that should be zero.
-
-    Attributes
-    ----------
-    label : str
-        Description for messages.
-    terms : tuple of Term
-    constant : Fraction or arb
-        Added to the terms.
-    """
+    """A sum of terms and a constant that should be zero, with a label for messages."""
 
     label: str
     terms: tuple[Term, ...]
@@ -51,13 +42,7 @@ def condition(word: Word, row: int) -> Equation:
 
 @dataclass(frozen=True)
 class EquationSystem:
-    """Equations in the coefficients of a method.
-
-    Attributes
-    ----------
-    layout : Layout
-    equations : tuple of Equation
-    """
+    """Equations in the coefficients of a method."""
 
     layout: Layout
     equations: tuple[Equation, ...]

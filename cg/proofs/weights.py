@@ -26,13 +26,8 @@ _CHUNK = 128  # quantities that are derived at a time: bounds the memory
 class Quantity(NamedTuple):
     """The weight of a word at the end of a row.
 
-    Attributes
-    ----------
-    row : int
-        From 0: the stages, then the result, then the second result.
-    word : Word
-    stop : int or None
-        Number of points on the path that count; None for all.
+    Rows count from 0: the stages, then the result, then the second result. Of the points on the
+    path only the first `stop` count, all for None.
     """
 
     row: int
@@ -67,14 +62,7 @@ def _segments(layout: Layout) -> list[_Segment]:
 
 
 class Weights:
-    """Weights of words at points of a method.
-
-    Parameters
-    ----------
-    layout : Layout
-    quantities : sequence of Quantity
-        Weights to evaluate.
-    """
+    """Weights of words at points of a method: evaluation of `quantities`, and their derivatives."""
 
     def __init__(self, layout: Layout, quantities: Sequence[Quantity]) -> None:
         self.layout = layout
@@ -216,17 +204,9 @@ class Weights:
     def slopes(self, row: int, before: Word, after: Word) -> Vector:
         """Return the derivatives of a weight at the end of a row by one letter, after `evaluate`.
 
-        Parameters
-        ----------
-        row : int
-            One whose weights of all words with the letters of `before` and `after` were asked for.
-        before, after : Word
-            The words before and after the letter.
-
-        Returns
-        -------
-        list
-            By the letter's values on the flows to all points; zero off the path.
+        The letter stands between the words `before` and `after`, and the weights of all words with
+        their letters were asked for at this row. The derivatives are those by the letter's values
+        on the flows to all points, zero off the path.
         """
         path = self.layout.path(self.layout.ends[row])
         slopes = [self._zero] * len(self.layout.parents)
@@ -244,14 +224,10 @@ class Weights:
         return self._rights[end]
 
     def jacobian(self) -> arb_mat:
-        """Return the derivatives of the quantities, after `evaluate` on balls.
+        """Return the derivatives of the quantities, shape (quantities, unknowns), after `evaluate`.
 
-        Adjoints of weights at the ends of segments are carried from words with many nodes
-        to those with few.
-
-        Returns
-        -------
-        arb_mat, shape (quantities, unknowns)
+        The coefficients must be balls. Adjoints of weights at the ends of segments are carried from
+        words with many nodes to those with few.
         """
         layout, segments = self.layout, self._segments
         end_of = {segment.points[-1]: s for s, segment in enumerate(segments)}

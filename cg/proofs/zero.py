@@ -34,13 +34,7 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
 
 
 def prove_zero(packed: Packed, certificate: Certificate) -> KrawczykTest:
-    """Prove that the equations of a certificate have exactly one zero in its box.
-
-    Raises
-    ------
-    CertificationError
-        If that fails.
-    """
+    """Prove that the equations of a certificate have exactly one zero in its box, or raise."""
     system = system_of(packed, certificate)
     free = free_of(packed, certificate)
     if len(free) != len(system.equations):

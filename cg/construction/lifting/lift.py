@@ -13,6 +13,7 @@ from ...method.flat import flat_order, stage_orders
 from ...method.tableau import Tableau
 from ...support.checks import MAX_STAGES, check_flag, check_integer
 from ...support.parallel import raise_if_stopped
+from ..search.shapes import start_generator
 from .exact import refined
 from .reduction import improved, merged_flows
 from .solver import Fit, fit
@@ -250,7 +251,7 @@ class _Settings:
     def solve(self, index: int) -> tuple[Splitting, Fit]:
         """Solve from one random start."""
         raise_if_stopped()
-        generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(index,)))
+        generator = start_generator(self.seed, index)
         if self.flows is not None:
             layout = random_layout(self.rows, self.flows, generator)
         else:

@@ -68,14 +68,8 @@ class RandomStart:
     def record(self, layout: Layout, *, drawn: bool, seconds: float = 0.0) -> Record:
         """Return the record of the start in a store; see `from_record`.
 
-        Parameters
-        ----------
-        layout : Layout
-            Shape of the methods of the start.
-        drawn : bool
-            Whether `layout` was drawn at random with the start, and has to be stored.
-        seconds : float, optional
-            Duration of the start.
+        `layout` is the shape of its methods; if it was `drawn` at random with the start, it is
+        stored.
         """
         bits = quads.encode(self.x)
         return Record(
@@ -98,13 +92,7 @@ class RandomStart:
 
     @classmethod
     def from_record(cls, record: Record) -> RandomStart:
-        """Return the start of a record.
-
-        Raises
-        ------
-        ValueError
-            If a field is missing or of the wrong kind.
-        """
+        """Return the start of a record; ValueError if a field is missing or of the wrong kind."""
         where = f"not the record of a start: start {record.number}"
         refined = None
         try:

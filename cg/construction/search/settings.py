@@ -15,7 +15,7 @@ from ...support.checks import (
     check_integer,
     check_real,
 )
-from .shapes import ShapeArguments, most_unknowns
+from .shapes import ShapeArguments, ShapeSettings, most_unknowns
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
@@ -30,26 +30,15 @@ _TREE_WIDTH = 0.4
 _TREE_BOUND = 600
 
 
-@dataclass(frozen=True)
-class SearchSettings:
-    """All that determines the result of a search.
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings(ShapeSettings):
+    """All that determines the result of a search; see `cg.search`."""
 
-    See `cg.search` for the parameters.
-    """
-
-    order: int
-    stages: int
-    seed: int
     algorithm: str
     rows: Rows
-    width: float
     maxfev: int
     refine_below: float
     refine_maxfev: int
-    flows: int | None = None
-    embedded: bool = False
-    tree: Layout | None = None
-    first_same_as_last: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,10 +56,7 @@ class SearchArguments(ShapeArguments):
     def checked(self) -> SearchSettings:
         """Return the settings of the search.
 
-        Raises
-        ------
-        TypeError, ValueError
-            If an argument is of the wrong type or out of range.
+        TypeError or ValueError for an argument of the wrong type or out of range.
         """
         order = check_order(self.order)
         stages = check_integer("stages", self.stages, 1, MAX_STAGES)
@@ -91,19 +77,19 @@ class SearchArguments(ShapeArguments):
         if refine_maxfev is None:
             refine_maxfev = 20 * (size + 1)
         return SearchSettings(
-            order,
-            stages,
-            seed,
-            self.algorithm,
-            rows,
-            check_real("width", width, most=MAX_HALF_WIDTH),
-            check_integer("maxfev", maxfev, 1, MAX_COUNT),
-            check_real("refine_below", self.refine_below),
-            check_integer("refine_maxfev", refine_maxfev, 1, MAX_COUNT),
-            flows if layout is None else None,
-            bool(self.embedded),
-            layout,
-            bool(self.first_same_as_last),
+            order=order,
+            stages=stages,
+            seed=seed,
+            width=check_real("width", width, most=MAX_HALF_WIDTH),
+            flows=flows if layout is None else None,
+            embedded=bool(self.embedded),
+            tree=layout,
+            first_same_as_last=bool(self.first_same_as_last),
+            algorithm=self.algorithm,
+            rows=rows,
+            maxfev=check_integer("maxfev", maxfev, 1, MAX_COUNT),
+            refine_below=check_real("refine_below", self.refine_below),
+            refine_maxfev=check_integer("refine_maxfev", refine_maxfev, 1, MAX_COUNT),
         )
 
     def _check_shape(

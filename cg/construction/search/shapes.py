@@ -34,21 +34,10 @@ _BACK = 0.3  # probability that a flow starts from a random earlier point, not t
 
 
 def layout_of(tree: Any) -> Layout:
-    """Return the layout of a tree of points.
+    """Return the layout of a tree of points, as `cg.search` takes it.
 
-    Parameters
-    ----------
-    tree : PointTree, Layout, method, or sequence
-        A tree or a method has its nonzero weights as unknowns. A sequence is ``(parents,
-        stage_points)``, followed by the results if the last point isn't the result; each flow
-        then has weights on all stages before it.
-
-    Raises
-    ------
-    TypeError
-        If `tree` is none of these.
-    MethodError
-        If `tree` isn't that of an explicit method, see `cg.structure.points.check_tree`.
+    TypeError if `tree` is none, MethodError if it isn't that of an explicit method: see
+    `cg.structure.points.check_tree`.
     """
     if isinstance(tree, Layout):
         layout = tree
@@ -127,10 +116,7 @@ def draw_layout(
 def layout_from_json(text: str | Mapping[str, Any]) -> Layout:
     """Return the layout of a tree as the settings and records of a store have it.
 
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        If it isn't one.
+    KeyError, TypeError or ValueError if it isn't one.
     """
     fields = json.loads(text) if isinstance(text, str) else text
     return Layout(
@@ -213,6 +199,38 @@ def most_unknowns(stages: int, flows: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShapeSettings:
+    """Settings of `cg.search` and `cg.construct` that determine the shape of methods, and guesses.
+
+    `tree` is None for tableaux and for trees that are drawn at random, `flows` for tableaux.
+    """
+
+    order: int
+    stages: int
+    seed: int
+    width: float
+    flows: int | None = None
+    embedded: bool = False
+    tree: Layout | None = None
+    first_same_as_last: bool = False
+
+    def tree_for(self, flows: int, random: np.random.Generator) -> Layout:
+        """Return the given tree, or one that is drawn at random."""
+        return self.tree or draw_layout(
+            self.stages,
+            flows,
+            random,
+            embedded=self.embedded,
+            first_same_as_last=self.first_same_as_last,
+        )
+
+
+def start_generator(seed: int, index: int) -> np.random.Generator:
+    """Return the random generator of a start: one for each index, spawned from the seed."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+
+
+@dataclass(frozen=True, kw_only=True)
 class ShapeArguments:
     """Arguments of `cg.search` and `cg.construct` about the shape of methods, not yet checked."""
 
@@ -238,13 +256,9 @@ class ShapeArguments:
     def check_points(self) -> tuple[Layout | None, int]:
         """Return the layout of a given tree, None if trees are drawn, and the number of flows.
 
-        Shapes that can't have the order where flows commute, and so not on a manifold either,
-        are refused unless `force` is true: too few stages, or fewer unknowns than conditions.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If an argument is of the wrong type or out of range.
+        Shapes that can't have the order where flows commute, and so not on a manifold either, are
+        refused unless `force` is true: too few stages, or fewer unknowns than conditions. TypeError
+        or ValueError for an argument of the wrong type or out of range.
         """
         embedded, flows, stages = check_flag("embedded", self.embedded), self.flows, self.stages
         last = int(check_flag("first_same_as_last", self.first_same_as_last))

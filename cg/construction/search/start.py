@@ -20,7 +20,7 @@ from ..solvers.singular import finish
 from ..solvers.system import ConditionSystem
 from .records import Phase, RandomStart
 from .settings import SearchSettings
-from .shapes import draw_guess, draw_layout, fixed_weights
+from .shapes import draw_guess, fixed_weights, start_generator
 
 EXACT = 1e-31
 """A method is exact if no residual of its order conditions, computed in real(16), exceeds
@@ -42,21 +42,12 @@ def start_layout(settings: SearchSettings, index: int) -> Layout:
 
 def _draw(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.float64]]:
     """Return the layout of a start and its random coefficients."""
-    generator = _generator(settings.seed, index)
-    layout = settings.tree or Layout.tableau(settings.stages, settings.rows)
-    if settings.flows is not None:
-        layout = draw_layout(
-            settings.stages,
-            settings.flows,
-            generator,
-            embedded=settings.embedded,
-            first_same_as_last=settings.first_same_as_last,
-        )
+    generator = start_generator(settings.seed, index)
+    if settings.flows is None:
+        layout = settings.tree or Layout.tableau(settings.stages, settings.rows)
+    else:
+        layout = settings.tree_for(settings.flows, generator)
     return layout, draw_guess(settings.order, layout, settings.width, generator)
-
-
-def _generator(seed: int, index: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
 
 
 def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.float64]:
@@ -64,16 +55,13 @@ def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.f
 
     Each `index` has a generator of its own, spawned from `seed`.
     """
-    return _generator(seed, index).uniform(-width, width, size)
+    return start_generator(seed, index).uniform(-width, width, size)
 
 
 def read_start(settings: SearchSettings, record: Record) -> RandomStart:
     """Return the start of a record after recomputing its residual.
 
-    Raises
-    ------
-    ValueError
-        If a field is wrong, or the residual isn't that of its coefficients.
+    ValueError if a field is wrong, or the residual isn't that of its coefficients.
     """
     start = RandomStart.from_record(record)
     where = f"not the record of a start: start {start.index}"

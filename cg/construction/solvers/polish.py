@@ -30,21 +30,10 @@ def polish(
 ) -> RationalZero:
     """Correct packed weights until the exact residuals of the independent conditions are small.
 
-    Parameters
-    ----------
-    x : sequence of n rationals
-        Close to a zero.
-    system : ConditionSystem
-        Only its order conditions are used, not its structure.
-    directions : array_like, shape (n, k), optional
-        Corrections are linear combinations of the columns. Columns of the identity select the
-        entries that may change; other columns preserve linear relations between entries. By default
-        all free entries of the system may change.
-
-    Raises
-    ------
-    ValueError
-        If x or `directions` don't fit the number of unknowns.
+    Only the order conditions of the system are used, not its structure. Corrections are linear
+    combinations of the columns of `directions`, shape (n, k): columns of the identity select the
+    entries that may change, other columns preserve linear relations between entries. By default all
+    free entries may change. ValueError if x or `directions` don't fit the n unknowns.
     """
     start = tuple(map(Fraction, x))
     if len(start) != system.size:

@@ -39,19 +39,8 @@ def refine_rational(
 ) -> RationalZero:
     """Correct a point until its residuals are at most `below` or stop getting smaller.
 
-    Parameters
-    ----------
-    residuals : callable
-        Residuals at a point.
-    x : sequence of Fraction
-        Close to a zero.
-    correction : callable
-        Takes residuals in double, scaled to a maximum of 1, and returns what to subtract from the
-        point, in the same scale.
-    below : Fraction
-    grid : int
-        Corrections are rounded to multiples of ``1/grid``.
-    max_iterations : int
+    `correction` takes residuals in double, scaled to a maximum of 1, and returns what to subtract
+    from the point, in the same scale. Corrections are rounded to multiples of ``1/grid``.
     """
     best = RationalZero(tuple(x), tuple(residuals(x)), 0)
     largest = best.largest_residual

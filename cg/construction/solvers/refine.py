@@ -42,23 +42,11 @@ def refine(
     *,
     free: Sequence[int] | NDArray[np.intp] | None = None,
 ) -> Refined:
-    """Correct packed weights until the residuals stop getting smaller.
+    """Correct packed weights in binary128, shape (n, 16), until residuals stop getting smaller.
 
-    Parameters
-    ----------
-    x : ndarray of int8, shape (n, 16)
-        Binary128 numbers close to a zero; see `cg.support.quads`.
-    system : ConditionSystem
-        Corrections preserve the simplifying assumptions of its structure.
-    free : sequence of int, optional
-        Indices of the entries that may change; by default all free ones.
-
-    Raises
-    ------
-    ValueError
-        If `x` doesn't fit the system or isn't finite, or `free` has a wrong index.
-    MissingQuadsError
-        If the package was built without quadruple precision.
+    Only the entries `free` change, by default all free ones of the system. Corrections preserve the
+    simplifying assumptions of its structure. ValueError if `x` doesn't fit the system or isn't
+    finite, or `free` has a wrong index; MissingQuadsError in a build without quadruple precision.
     """
     core = quads.core("refinement")
     if x.shape != (system.size, 16):

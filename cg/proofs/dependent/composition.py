@@ -139,10 +139,7 @@ class MidpointSteps(Identity):
     def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
         """Return what makes a tableau a symmetric sequence of midpoint steps.
 
-        Raises
-        ------
-        ValueError
-            If the layout isn't diagonally implicit, or a pair.
+        ValueError if the layout isn't diagonally implicit, or a pair.
         """
         if layout.rows is not Rows.DIAGONAL or layout.pair:
             raise ValueError("midpoint steps need a diagonally implicit tableau, no pair")

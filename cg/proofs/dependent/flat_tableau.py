@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
-from functools import cache
+from functools import cache, reduce
 from itertools import product
 
 from flint import arb
@@ -24,7 +24,7 @@ from .orthogonality import Condition, ResidualRelation
 from .quadratic import Quadratic, dependencies
 from .relations import SLOT, fill
 from .structure import MethodStructure
-from .words import Word, add_multiple, nodes, reciprocal_density, shuffle, words_with
+from .words import Word, add_multiple, extend, nodes, reciprocal_density, shuffle, words_with
 
 Combination = dict[Word, int]
 _Steps = tuple[Word, ...]
@@ -35,12 +35,7 @@ _ONE = Quadratic(1)
 class FlatTableau(MethodStructure):
     """The flat tableau of a method: sums of weights along the paths to stages and results.
 
-    Parameters
-    ----------
-    layout, orders, x
-        As for `MethodStructure`.
-    root : int
-        The d of numbers ``a + b √d`` that the sums are rounded from; 0 if they are exact.
+    `root` is the d of numbers ``a + b √d`` that the sums are rounded from; 0 if they are exact.
     """
 
     def __init__(
@@ -148,7 +143,7 @@ class FlatTableau(MethodStructure):
             (row, steps, tree)
             for row, steps in rows
             for tree in trees
-            if _degree(steps) + nodes(tree) <= self._orders[row] - 2 - most
+            if len(steps) - 1 + sum(map(nodes, steps)) + nodes(tree) <= self._orders[row] - 2 - most
         ]
         products = []
         for row, steps, tree in both:
@@ -214,15 +209,13 @@ class FlatTableau(MethodStructure):
 @cache
 def _flat(tree: Word) -> Combination:
     """Return a rooted tree as a combination of letters: children of ordered trees."""
-    total: Combination = {(): 1}
-    for child in tree:
-        longer: Combination = {}
-        for word, factor in total.items():
-            for letter, share in _flat(child).items():
-                for z, multiplicity in shuffle(word, (letter,)).items():
-                    add_multiple(longer, z, factor * share * multiplicity)
-        total = longer
-    return total
+
+    def with_child(words: Combination, child: Word) -> Combination:
+        return extend(
+            lambda word: extend(lambda letter: shuffle(word, (letter,)), _flat(child)), words
+        )
+
+    return reduce(with_child, tree, {(): 1})
 
 
 @cache
@@ -238,15 +231,12 @@ def _chains(degree: int) -> tuple[_Steps, ...]:
 @cache
 def _around(steps: _Steps) -> Combination:
     """Return a context of rooted trees as words with a slot, but for the last factor."""
-    relation: Combination = {(SLOT,): 1}
-    for tree in steps[:-1]:
-        longer: Combination = {}
-        for context, factor in relation.items():
-            for word, share in _flat(tree).items():
-                for inner, multiplicity in shuffle(word, (SLOT,)).items():
-                    add_multiple(longer, fill(context, inner), factor * share * multiplicity)
-        relation = longer
-    return relation
+
+    def filled(contexts: Combination, tree: Word) -> Combination:
+        inner = extend(lambda word: shuffle(word, (SLOT,)), _flat(tree))
+        return extend(lambda context: {fill(context, z): m for z, m in inner.items()}, contexts)
+
+    return reduce(filled, steps[:-1], {(SLOT,): 1})
 
 
 def _letters(most: int) -> Iterator[Word]:
@@ -263,11 +253,6 @@ def _root_contexts(count: int) -> tuple[Word, ...]:
         for before in range(count + 1)
         for left, right in product(words_with(before), words_with(count - before))
     )
-
-
-def _degree(steps: _Steps) -> int:
-    """Return how many nodes a context of rooted trees has."""
-    return len(steps) - 1 + sum(map(nodes, steps))
 
 
 def _exact(letters: Combination) -> Quadratic:

@@ -23,19 +23,14 @@ from .words import BUSH, DOT, LINE, Word, add_multiple, shuffle, shuffle_all
 
 @dataclass(frozen=True)
 class StageOrderTwo(Identity):
-    """``Σ_j a_ij c_j = c_i²/2`` at all stages i but one, the exception e.
+    """``Σ_j a_ij c_j = c_i²/2`` at all stages i but one, the exception e, counted from 0.
 
-    So the letter ``[[τ]]`` may be replaced by ``[ττ]``, up to a letter that is zero
-    except on stage e: an indicator. Weights are linear in the values of each letter, and both
-    trees have the same number of nodes and the same reciprocal_density, so
+    So the letter ``[[τ]]`` may be replaced by ``[ττ]``, up to a letter that is zero except on stage
+    e: an indicator. Weights are linear in the values of each letter, and both trees have the same
+    number of nodes and the same reciprocal_density, so
 
         residual(t with [[τ]]) = residual(t with [ττ]) + κ Φ(t with the indicator),
         κ = Σ_j a_ej c_j - c_e²/2.
-
-    Attributes
-    ----------
-    exception : int
-        The stage e, from 0.
     """
 
     exception: int
@@ -48,10 +43,7 @@ class StageOrderTwo(Identity):
     def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
         """Return ``Σ_j a_ij c_j - c_i²/2`` for all i but the exception.
 
-        Raises
-        ------
-        ValueError
-            If there is no such stage.
+        ValueError if there is no such stage.
         """
         if not self.exception < layout.stages:
             raise ValueError(f"there is no stage {self.exception + 1}")

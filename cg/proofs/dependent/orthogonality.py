@@ -64,18 +64,9 @@ def follow(
     left_out: Sequence[Condition],
     known: Sequence[ResidualRelation] = (),
 ) -> bool:
-    """Return whether conditions are satisfied wherever all others are, for coefficients in balls.
+    """Return whether conditions are satisfied wherever all others are, for coefficients in balls y.
 
-    Parameters
-    ----------
-    layout : Layout
-    orders : sequence of int
-        Of each row of weights.
-    y : sequence of arb
-        Packed coefficients.
-    left_out : sequence of Condition
-    known : sequence of dict
-        Combinations of residuals of any words that are zero for other reasons.
+    `known` are combinations of residuals of any words that are zero for other reasons.
     """
     relations = _Relations(layout, orders, y, known)
     chosen = relations.choose(len(left_out), [relations.position[one] for one in left_out])
@@ -97,10 +88,8 @@ def find_relations(
 ) -> _Doubles:
     """Return linear relations between residuals, in double precision; arguments as of `follow`.
 
-    Returns
-    -------
-    ndarray, shape (relations, conditions)
-        Orthonormal rows, at most `most`; the conditions as `conditions_of` has them.
+    They are orthonormal rows, at most `most`, shape (relations, conditions), with the conditions as
+    `conditions_of` has them.
     """
     relations = _Relations(layout, orders, y, known)
     relations.choose(most)

@@ -17,7 +17,7 @@ from ...structure.points import START
 from ..weights import Quantity, Weights
 from .contexts import basis, depth, has_slot, moments, outer_nodes
 from .relations import SLOT, fill
-from .words import Word, add_multiple, condition_words, nodes, shuffle
+from .words import Word, add_multiple, condition_words, extend, nodes, shuffle
 
 Vector = list[arb]
 _Around = dict[tuple[int, Word], Vector]  # of rows of weights and contexts, over the flows
@@ -57,14 +57,8 @@ class Column(NamedTuple):
 class Pairing:
     """Contexts and letters as vectors over the same places, stages or flows.
 
-    Attributes
-    ----------
-    contexts : list of Context
-    columns : list of Column
-    left : list of list of arb
-        A vector for each context; exactly zero where it is for all coefficients.
-    right : list of list of arb
-        A vector for each column.
+    `left` has a vector for each of the contexts, exactly zero where it is for all coefficients;
+    `right` one for each of the columns.
     """
 
     contexts: list[Context]
@@ -77,7 +71,7 @@ class Pairing:
         u, column = self.contexts[i], self.columns[j]
         contexts = {u.context: 1}
         for _ in range(column.moments):
-            contexts = _moments(contexts)
+            contexts = extend(moments, contexts)
         letters = shuffle(u.factor, column.letter)
         signs = ((0, 1), (1, -1)) if u.row == DIFFERENCE else ((u.row, 1),)
         weights: dict[tuple[int, Word], int] = {}
@@ -89,24 +83,11 @@ class Pairing:
         return weights
 
 
-def _moments(contexts: dict[Word, int]) -> dict[Word, int]:
-    words: dict[Word, int] = {}
-    for context, factor in contexts.items():
-        for other, multiplicity in moments(context).items():
-            add_multiple(words, other, factor * multiplicity)
-    return words
-
-
 def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[Pairing, Pairing]:
-    """Return the vectors over the stages, and those over the flows.
+    """Return the vectors over the stages, and those over the flows, for coefficients in balls.
 
-    Parameters
-    ----------
-    layout : Layout
-    orders : sequence of int
-        Of each row of weights; words have no more nodes.
-    y : sequence of arb
-        Coefficients; the vectors hold those of all coefficients in these balls.
+    `orders` are those of the rows of weights; words have no more nodes. The vectors hold those of
+    all coefficients in the balls `y`.
     """
     most = orders[0] - 1
     of_time = layout.of_time
@@ -161,7 +142,10 @@ def _over_flows(
     contexts = sorted((Context(row, h) for row, h in around), key=lambda u: u.degree)
     right: dict[Column, Vector] = {}
     for w, at_stages in values.items():
-        vector = _to_flows(layout, y, at_stages)
+        vector: Vector = [
+            sum((y[k] * at_stages[s] for k, s in _terms(layout, m)), arb(0))
+            for m in range(len(layout.parents))
+        ]
         for k in range(most - nodes(w) + 1):
             right[Column(w, k)] = vector
             vector = _moments_of(layout, y, vector)
@@ -231,11 +215,6 @@ def _to_stages(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
         for k, stage in _terms(layout, m):
             vector[stage] = vector[stage] + y[k] * value
     return vector
-
-
-def _to_flows(layout: Layout, y: Sequence[arb], stages: Vector) -> Vector:
-    points = range(len(layout.parents))
-    return [sum((y[k] * stages[s] for k, s in _terms(layout, m)), arb(0)) for m in points]
 
 
 def _moments_of(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:

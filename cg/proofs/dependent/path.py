@@ -38,12 +38,7 @@ _NONZERO = 1e-6  # least |R_k| of the stage that determines μ
 class PathStructure(MethodStructure):
     """The relation ``L_k = μ R_k`` at the stages of a tableau that have weights.
 
-    Parameters
-    ----------
-    layout, orders, x
-        As for `MethodStructure`.
-    infinite : bool
-        Whether μ is infinite, so that all R_k are zero.
+    With `infinite`, μ is infinite, so that all R_k are zero.
     """
 
     def __init__(

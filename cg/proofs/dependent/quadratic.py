@@ -17,11 +17,7 @@ _DIGITS = 33  # of decimals that are recognised
 class Quadratic:
     """A number ``a + b √d``; rational for d = 0.
 
-    Parameters
-    ----------
-    a, b : fmpq or int
-    d : int
-        Zero for rational numbers, or no square; the same one throughout a computation.
+    d is no square, and the same one throughout a computation.
     """
 
     __slots__ = ("a", "b", "d")
@@ -76,11 +72,9 @@ class Quadratic:
 
 
 def dependencies(vectors: Sequence[Sequence[Quadratic]]) -> list[dict[int, Quadratic]]:
-    """Return combinations of vectors that are zero, one for each that depends on those before.
+    """Return combinations of vectors of one length that are zero.
 
-    Parameters
-    ----------
-    vectors : sequence of equally long sequences of Quadratic
+    There is one for each vector that depends on those before.
     """
     if not vectors or not vectors[0]:
         return [{k: Quadratic(1)} for k in range(len(vectors))]

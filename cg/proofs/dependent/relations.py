@@ -61,16 +61,7 @@ class Identity(ABC):
 def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int]) -> list[Word]:
     """Return words with `grade` nodes whose residuals force those of all others to zero.
 
-    Parameters
-    ----------
-    grade : int
-    identities : sequence of Identity
-    zeros : collection of int
-        Stages, from 0, where the weights are held at zero.
-
-    Returns
-    -------
-    list of Word
+    `zeros` are the stages, from 0, where the weights are held at zero.
     """
     plain = words_with(grade)
     lyndon = set(condition_words(grade))
@@ -84,17 +75,14 @@ def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int
     for i, relation in enumerate(relations):
         for word, factor in relation.items():
             if word in position:
-                table[i, position[word]] = _modular(factor)
+                numerator, denominator = factor.as_integer_ratio()
+                table[i, position[word]] = nmod(numerator, _PRIME) / nmod(denominator, _PRIME)
     reduced, rank = table.rref()
     # columns that are independent modulo a prime are independent
     eliminated = {
         next(k for k, entry in enumerate(row) if int(entry)) for row in reduced.tolist()[:rank]
     }
     return [word for k, word in enumerate(columns) if k not in eliminated]
-
-
-def _modular(value: Fraction | int) -> nmod:
-    return nmod(value.numerator, _PRIME) / nmod(value.denominator, _PRIME)
 
 
 def _close(

@@ -24,19 +24,10 @@ _Doubles = NDArray[np.float64]
 class Spanned:
     """Contexts and letters, some of which span all places.
 
-    Attributes
-    ----------
-    pairing : Pairing
-    places : list of int
-        Where neither all contexts nor all letters are zero for any coefficients.
-    contexts, columns : list of int
-        Which of the pairing.
-    reference : list of int
-        Contexts, with the lowest degrees, that others are reduced by.
-    shares : dict of lists of fmpq
-        For each other context, by which multiples of those in `reference`; then it is in U_0.
-    first, second : list of int
-        Contexts in U_0, and columns, that are independent and fill all places.
+    `places` are those where neither all contexts nor all letters are zero for any coefficients;
+    `contexts` and `columns` are indices into the pairing. Of the contexts those in `reference`,
+    with the lowest degrees, reduce each other one to U_0, by multiples that `shares` has. `first`
+    are contexts in U_0, `second` columns, that are independent and fill all places.
     """
 
     pairing: Pairing

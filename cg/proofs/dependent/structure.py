@@ -16,13 +16,7 @@ from .orthogonality import Condition, ResidualRelation
 class MethodStructure(ABC):
     """A property of a method by which conditions depend on others, beside orthogonality.
 
-    Parameters
-    ----------
-    layout : Layout
-    orders : sequence of int
-        Of each row of weights.
-    x : sequence of Fraction
-        Packed coefficients.
+    `orders` are those of the rows of weights, `x` the packed coefficients.
     """
 
     assumed: tuple[Condition, ...] = ()

@@ -8,9 +8,9 @@ letter may be a *indicator*, the integer k: it stands for the letter that is 1 o
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial, reduce
 from typing import Any
 
 from ...conditions import condition_trees
@@ -82,6 +82,15 @@ def add_multiple(total: dict[Any, Any], key: Any, change: Any) -> None:
     total[key] = total[key] + change if key in total else change
 
 
+def extend(function: Callable[[Word], dict[Word, int]], words: dict[Word, int]) -> dict[Word, int]:
+    """Return the value of a linear function of words at a combination of words."""
+    total: dict[Word, int] = {}
+    for word, factor in words.items():
+        for image, multiplicity in function(word).items():
+            add_multiple(total, image, factor * multiplicity)
+    return total
+
+
 @cache
 def shuffle(left: Word, right: Word) -> dict[Word, int]:
     """Return the shuffle product of two words, as multiplicities of words."""
@@ -99,14 +108,8 @@ def shuffle(left: Word, right: Word) -> dict[Word, int]:
 
 def shuffle_all(words: Iterable[Word]) -> dict[Word, int]:
     """Return the shuffle product of any number of words."""
-    total: dict[Word, int] = {(): 1}
-    for word in words:
-        longer: dict[Word, int] = {}
-        for other, multiplicity in total.items():
-            for mixed, m in shuffle(other, word).items():
-                add_multiple(longer, mixed, multiplicity * m)
-        total = longer
-    return total
+    one: dict[Word, int] = {(): 1}
+    return reduce(lambda total, word: extend(partial(shuffle, right=word), total), words, one)
 
 
 def closure(words: Iterable[Word]) -> list[Word]:
@@ -142,11 +145,8 @@ def text(word: Word) -> str:
 def parse(tree: str) -> Word:
     """Read what `text` writes for words without indicators.
 
-    Raises
-    ------
-    ValueError
-        If the text isn't one tree in balanced brackets, or the tree has more than
-        `cg.trees.ordered.MAX_NODES` nodes.
+    ValueError if the text isn't one tree in balanced brackets, or the tree has more than
+    `cg.trees.ordered.MAX_NODES` nodes.
     """
     if tree.count("[") > MAX_NODES:
         raise ValueError(f"a tree must have at most {MAX_NODES} nodes, got {tree[:80]!r}")
