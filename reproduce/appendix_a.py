@@ -21,16 +21,7 @@ _SOLVED = 1e-5  # units of the last place, to which conditions are to hold
 
 @dataclass(frozen=True)
 class Printed:
-    """A method as the paper prints it, digit for digit.
-
-    Attributes
-    ----------
-    name : str
-    a : tuple of tuple of str
-        Strictly lower rows, lengths 0 to s - 1.
-    b, c : tuple of str
-        Weights and abscissae.
-    """
+    """A method as the paper prints it, digit for digit, with the strictly lower rows of a."""
 
     name: str
     a: tuple[tuple[str, ...], ...]
@@ -49,15 +40,9 @@ class Printed:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One printed coefficient beside ours.
+    """One printed coefficient beside the exact value of the catalogue.
 
-    Attributes
-    ----------
-    label : str
-    printed : str
-        The paper's digits.
-    ours : Fraction
-        The catalogue's exact value (for c, the exact sum of a row of a).
+    The value for c is the exact sum of a row of a.
     """
 
     label: str
@@ -92,26 +77,10 @@ def printed() -> dict[str, Printed]:
 
 
 def compare(name: str, method: Tableau | None = None) -> tuple[Comparison, ...]:
-    """Set every printed coefficient of a method beside ours.
+    """Set every printed coefficient of CG4a, CG5a or CG6a beside that of a method.
 
-    Parameters
-    ----------
-    name : str
-        ``"CG4a"``, ``"CG5a"`` or ``"CG6a"``.
-    method : Tableau, optional
-        By default the catalogue's method of this name.
-
-    Returns
-    -------
-    tuple of Comparison
-        a row by row, then b, then c.
-
-    Raises
-    ------
-    KeyError
-        If the paper has no such method.
-    ValueError
-        If the method has another number of stages than the paper's.
+    The method is by default the one of this name in the catalogue. The order is a row by row, then
+    b, then c. KeyError if the paper has no such method; ValueError if the numbers of stages differ.
     """
     paper = printed()[name]
     compared = methods[name] if method is None else method
@@ -129,18 +98,10 @@ def compare(name: str, method: Tableau | None = None) -> tuple[Comparison, ...]:
 def nearest_exact(name: str, method: Tableau | None = None, *, truncated: bool) -> float:
     """Return by how much, at least, exact methods differ from printed coefficients.
 
-    The largest difference of a coefficient from the middle of what is truncated, or rounded, to
-    the printed digits, in units of the last place: up to 0.5 where printed digits may be those of
-    an exact method. To first order, by linear programming; zeros are kept.
-
-    Parameters
-    ----------
-    name : str
-        ``"CG4a"`` or ``"CG5a"``.
-    method : Tableau, optional
-        With printed coefficients, by default the paper's.
-    truncated : bool
-        Else rounded.
+    This is the largest difference of a coefficient from the middle of what is truncated, or else
+    rounded, to the printed digits, in units of the last place: up to 0.5 where printed digits may
+    be those of an exact method. It is computed to first order, by linear programming; zeros are
+    kept. `name` is CG4a or CG5a, `method` has printed coefficients, by default the paper's.
     """
     paper = printed()[name]
     digits = Tableau(paper.a, paper.b) if method is None else method

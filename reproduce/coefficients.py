@@ -32,14 +32,7 @@ def labels(stages: int) -> list[str]:
 
 
 def fixed(text: str, places: int) -> str:
-    """Round a decimal number to a number of places, ties to even.
-
-    Parameters
-    ----------
-    text : str
-        Decimal, as `cg.support.quads.to_decimal` writes it.
-    places : int
-    """
+    """Round a decimal number, as `to_decimal` writes it, to a number of places, ties to even."""
     rounded = Decimal(text).quantize(Decimal(1).scaleb(-places), context=_WIDE)
     return f"{rounded:f}".replace("-", "−")
 
@@ -47,19 +40,9 @@ def fixed(text: str, places: int) -> str:
 def method_data(method: Tableau, order: int) -> dict[str, Any]:
     """Return an explicit method as plain data.
 
-    Parameters
-    ----------
-    method : Tableau
-    order : int
-        Order of the conditions whose Jacobian has the ``condition_number``.
-
-    Returns
-    -------
-    dict
-        ``name``; ``coefficients``, a list of pairs of label and decimal with 36 digits;
-        ``largest_coefficient`` of a and b; ``abscissae_in_unit_interval``;
-        ``condition_number`` of the Jacobian of the independent conditions, null where its rank
-        is deficient.
+    The keys are ``name``; ``coefficients``, a list of pairs of label and decimal with 36 digits;
+    ``largest_coefficient`` of a and b; ``abscissae_in_unit_interval``; ``condition_number`` of the
+    Jacobian of the independent conditions of an order, null where its rank is deficient.
     """
     a, b = method.exact
     c = [sum(row, Fraction(0)) for row in a]

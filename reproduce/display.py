@@ -16,13 +16,7 @@ from .item import Item
 class Display:
     """Progress on a stream: an updated line on a terminal, otherwise a line every half minute.
 
-    Parameters
-    ----------
-    stream : TextIO
-    items : sequence of Item
-        All items to run, in order.
-    clock : callable, optional
-        Returns the time in seconds.
+    `items` are all items to run, in order; `clock` returns the time in seconds.
     """
 
     def __init__(

@@ -24,10 +24,7 @@ ITEMS = {item.name: item for item in _all_items()}
 def select(names: Iterable[str]) -> list[Item]:
     """Return items and all items that they need, in the order of computation.
 
-    Raises
-    ------
-    KeyError
-        If there is no item with a given name.
+    KeyError if there is no item with a given name.
     """
     selected: set[str] = set()
     pending = list(names)

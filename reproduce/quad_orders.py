@@ -23,18 +23,9 @@ Run = tuple[top.Reading, str, int]
 def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[str, dict[str, Any]]:
     """Integrate in real(16) with several stepsizes, several runs at a time.
 
-    Parameters
-    ----------
-    context : Context
-        Both readings of the initial momentum are used in an extensive run, else the first.
-    steps : mapping
-        By method the numbers of steps.
-
-    Returns
-    -------
-    dict
-        By reading the ``reference_error`` at t = 1, and ``methods``: by method `order_data` of the
-        errors of B at t = 1.
+    `steps` has the numbers of steps by method. Both readings of the initial momentum are used in an
+    extensive run, else the first. Returns by reading the ``reference_error`` at t = 1, and
+    ``methods``: by method `order_data` of the errors of B at t = 1.
     """
     readings: tuple[top.Reading, ...] = ("momentum",)
     if context.settings.full:
@@ -69,11 +60,8 @@ def _indexed_error(runs: Sequence[Run], index: int) -> tuple[int, float]:
 def order_data(errors: Mapping[int, float]) -> dict[str, object]:
     """Return the order that errors by number of steps show.
 
-    Returns
-    -------
-    dict
-        ``h``, from the largest; ``error``; ``local`` slopes between neighbours; ``slope`` fitted
-        over the smallest `FIT` stepsizes; ``largest_slope`` over all local ones.
+    The keys are ``h``, from the largest; ``error``; ``local`` slopes between neighbours; ``slope``
+    fitted over the smallest `FIT` stepsizes; ``largest_slope`` over all local ones.
     """
     steps = sorted(errors)
     h, error = [1 / n for n in steps], [errors[n] for n in steps]

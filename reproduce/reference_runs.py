@@ -32,19 +32,12 @@ _Convert = Callable[..., Any]
 
 @dataclass(frozen=True, eq=False)
 class CompiledTrajectory:
-    """A solution computed in compiled code.
+    """A solution computed in compiled code, in the kind real64 or real128; arrays are read-only.
 
-    Attributes
-    ----------
-    t
-        Times rounded to float64, shape ``(steps + 1,)``, read-only.
-    y
-        Points rounded to float64, shape ``(steps + 1, *point_shape)``, read-only.
-    raw
-        Points in the kind of the computation: ``y`` itself, or the bytes of binary128
-        numbers as `cg.support.quads` has them, shape ``(steps + 1, *point_shape, 16)``, read-only.
-    kind
-        ``"real64"`` or ``"real128"``.
+    ``t`` and ``y`` are times, shape ``(steps + 1,)``, and points, shape ``(steps + 1,
+    *point_shape)``, rounded to float64. ``raw`` are the points in the kind of the computation:
+    ``y`` itself, or the bytes of binary128 numbers as `cg.support.quads` has them, with a further
+    axis of length 16.
     """
 
     t: Array
@@ -72,39 +65,15 @@ def integrate_compiled(
 ) -> CompiledTrajectory:
     """Integrate a problem from time zero, with a given number of equal steps.
 
-    All constants, including the exact coefficients of the method, are rounded once to the kind.
-    The call releases the global interpreter lock; between calls of compiled code Python handles
-    interrupts.
+    All constants, including the exact coefficients of the method, are rounded once to the kind: 53
+    or 113 binary digits. A float ``h`` means its exact binary value, a string a decimal or a
+    quotient. The call releases the global interpreter lock; between calls of compiled code Python
+    handles interrupts.
 
-    Parameters
-    ----------
-    problem
-        The spinning top, or a field with affine coefficients.
-    method
-        Name of an explicit method of the catalogue, or such a method.
-    h
-        Step size, positive; a float means its exact binary value, a string a decimal or a
-        quotient.
-    steps
-        Number of steps, positive.
-    kind
-        ``"real64"`` or ``"real128"``, 53 or 113 binary digits.
-
-    Returns
-    -------
-    CompiledTrajectory
-
-    Raises
-    ------
-    TypeError
-        If ``problem`` or ``method`` has another type.
-    ValueError
-        If the frame is not compiled, ``method`` is unknown or implicit, or another argument has
-        an impossible value.
-    OverflowError
-        If the solution exceeds the range of floating point.
-    MissingQuadsError
-        If ``kind`` is ``"real128"`` and the package was built without it.
+    TypeError if ``problem`` or ``method`` has another type; ValueError if the frame is not
+    compiled, ``method`` is unknown or implicit, or another argument has an impossible value;
+    OverflowError if the solution exceeds the range of floating point; MissingQuadsError for
+    ``"real128"`` in a build without it.
     """
     if not isinstance(problem, HeavyTop | AffineField):
         raise TypeError(f"problem must be a HeavyTop or an AffineField, got {problem!r}")

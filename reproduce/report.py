@@ -18,15 +18,7 @@ _MARKS = {"pass": "✓", "fail": "✗", "not reproducible": "–"}
 
 
 def page(state: Mapping[str, Any], sections: Mapping[str, str]) -> str:
-    """Return the whole page.
-
-    Parameters
-    ----------
-    state : mapping
-        The content of ``results.json``.
-    sections : mapping
-        By item, the result of `section`.
-    """
+    """Return the whole page, from the content of ``results.json`` and the sections by item."""
     by_place = sorted(ITEMS.values(), key=lambda item: item.place)
     shown = [item for item in by_place if item.name in sections]
     links = "".join(f'<li><a href="#{_id(item)}">{escape(item.title)}</a></li>' for item in shown)

@@ -33,13 +33,7 @@ class OutputError(Exception):
 
 
 def check_output(out: Path) -> None:
-    """Create the output folder and check that files can be written there.
-
-    Raises
-    ------
-    OutputError
-        If it is not writable.
-    """
+    """Create the output folder; OutputError unless files can be written there."""
     try:
         for folder in (out, out / "figures", out / "checkpoints"):
             folder.mkdir(parents=True, exist_ok=True)
@@ -52,13 +46,7 @@ def check_output(out: Path) -> None:
 
 
 def check_settings(out: Path, settings: Settings) -> None:
-    """Check that the folder has no report with other settings, which would be overwritten.
-
-    Raises
-    ------
-    OutputError
-        If it has one.
-    """
+    """Raise OutputError if a report with other settings would be overwritten."""
     try:
         stored = Settings(**_read(out)["settings"])
     except (OSError, ValueError, KeyError, TypeError):

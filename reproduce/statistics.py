@@ -20,13 +20,7 @@ def quartiles(values: Sequence[float]) -> list[float] | None:
 
 
 def median(values: Sequence[float]) -> float:
-    """Return the median, as defined by `quartiles`.
-
-    Raises
-    ------
-    ValueError
-        If there are no values.
-    """
+    """Return the median, as defined by `quartiles`; ValueError if there are no values."""
     five = quartiles(values)
     if five is None:
         raise ValueError("values must not be empty")

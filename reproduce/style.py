@@ -94,14 +94,7 @@ def lines(names: Iterable[str]) -> dict[str, Mapping[str, Any]]:
 
 
 def grid(axes: Axes, *, x: bool, y: bool) -> None:
-    """Make axes logarithmic, with a tick at every decade where there is room.
-
-    Parameters
-    ----------
-    axes : Axes
-    x, y : bool
-        Which axes.
-    """
+    """Make axes logarithmic, with a tick at every decade where there is room."""
     for logarithmic, name, axis in ((x, "x", axes.xaxis), (y, "y", axes.yaxis)):
         if logarithmic:
             getattr(axes, f"set_{name}scale")("log")
@@ -117,16 +110,7 @@ def label_panel(axes: Axes, title: str) -> None:
 def render(chart: Chart, folder: Path) -> str:
     """Draw a chart into ``folder/name.svg`` and ``.png``, and return it for a page.
 
-    Parameters
-    ----------
-    chart : Chart
-    folder : Path
-        An existing folder.
-
-    Returns
-    -------
-    str
-        An ``svg`` element with ids that are unique on the page.
+    The result is an ``svg`` element with ids that are unique on the page.
     """
     # The salt makes the ids inside the file, and so the file itself, the same every time.
     with mpl.rc_context({**_RC, "svg.hashsalt": chart.name}):

@@ -32,17 +32,10 @@ READINGS: dict[Reading, str] = {
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one integration in double precision, at every step.
+    """Errors of one integration in double precision, at every step: arrays of shape (steps + 1,).
 
-    Attributes
-    ----------
-    t : ndarray, shape (steps + 1,)
-    rotation : ndarray, shape (steps + 1,)
-        2-norm of the error of B.
-    momentum : ndarray, shape (steps + 1,)
-        2-norm of the error of the momentum.
-    distance : ndarray, shape (steps + 1,)
-        Distance of B from SO(3) in the 2-norm, after the Newton–Schulz step of each step.
+    `rotation` and `momentum` are 2-norms of the errors of B and of the momentum, `distance` is the
+    distance of B from SO(3) in the 2-norm, after the Newton–Schulz step of each step.
     """
 
     t: Array
@@ -71,15 +64,7 @@ def reference_end(reading: Reading) -> tuple[tuple[Fraction, ...], float]:
 
 @cache
 def errors(reading: Reading, method: str, steps: int) -> Errors:
-    """Integrate over [0, 1] in double precision and compare with the reference.
-
-    Parameters
-    ----------
-    reading : {"momentum", "velocity"}
-    method : str
-    steps : int
-        Number of equal steps.
-    """
+    """Integrate over [0, 1] with equal steps in double precision and compare with the reference."""
     top = HeavyTop(reading)
     solution = integrate(top.f, (0.0, 1.0), top.y0, frame=top.frame, method=method, h=1 / steps)
     values = _reference(reading, steps)[1]
@@ -95,22 +80,10 @@ def errors(reading: Reading, method: str, steps: int) -> Errors:
 
 
 def flow_distances(reading: Reading, method: str, steps: int) -> Array:
-    """Return distances of B from SO(3) where flow follows flow and nothing else is done.
+    """Return distances of B from SO(3), shape (steps + 1,), where only flow follows flow.
 
-    Steps are taken here, flow by flow, each by Rodrigues' formula: no quaternions between, and
-    no Newton–Schulz step after.
-
-    Parameters
-    ----------
-    reading : {"momentum", "velocity"}
-    method : str
-        Explicit, and a tableau.
-    steps : int
-        Number of equal steps over [0, 1].
-
-    Returns
-    -------
-    ndarray, shape (steps + 1,)
+    Steps over [0, 1] are taken here, flow by flow, each by Rodrigues' formula: no quaternions
+    between, and no Newton–Schulz step after. The method is an explicit tableau.
     """
     top, tableau, h = HeavyTop(reading), methods[method], 1 / steps
 
@@ -135,16 +108,7 @@ def flow_distances(reading: Reading, method: str, steps: int) -> Array:
 def end_error(
     reading: Reading, method: str, steps: int, kind: Kind = "real64"
 ) -> tuple[float, float]:
-    """Return the errors of B and of the momentum at t = 1, computed by the compiled stepper.
-
-    Parameters
-    ----------
-    reading : {"momentum", "velocity"}
-    method : str
-    steps : int
-        Number of equal steps over [0, 1].
-    kind : {"real64", "real128"}, optional
-    """
+    """Return the errors of B and of the momentum at t = 1, computed by the compiled stepper."""
     solution = integrate_compiled(
         HeavyTop(reading), method=method, h=Fraction(1, steps), steps=steps, kind=kind
     )

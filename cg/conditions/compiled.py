@@ -23,21 +23,10 @@ Trees = NDArray[np.intc]
 
 
 def weights(order: int, layout: Layout, x: Vector, trees: Trees) -> Vector:
-    """Return ``Φ(t)`` of the first result, shape (m,).
+    """Return ``Φ(t)`` of the first result, shape (m,), at packed weights x, shape (layout.size,).
 
-    Parameters
-    ----------
-    order : int
-        Between 1 and `cg.conditions.MAX_ORDER`.
-    layout : Layout
-    x : ndarray, shape (layout.size,)
-    trees : ndarray of intc, shape (m,)
-        Indices, with at most ``order + 1`` nodes each.
-
-    Raises
-    ------
-    MemoryError
-        If the compiled call would allocate more memory than there is.
+    `trees` are the indices of trees with at most ``order + 1`` nodes, intc of shape (m,).
+    MemoryError if the compiled call would allocate more memory than there is.
     """
     with reserved(_evaluation(order, layout, trees.size), _what("weights", order, layout)):
         phi: Vector = _core_r64.weights(order, layout.code, x, trees)
@@ -47,14 +36,9 @@ def weights(order: int, layout: Layout, x: Vector, trees: Trees) -> Vector:
 def residuals(
     order: int, layout: Layout, x: Vector, trees: Trees, owner: Trees | None = None
 ) -> Vector:
-    """Return the residuals, shape (m,).
+    """Return the residuals, shape (m,); the arguments are those of `weights`.
 
-    Parameters
-    ----------
-    order, layout, x, trees
-        As for `weights`.
-    owner : ndarray of intc, shape (m,), optional
-        The result that each condition belongs to: 0 for the first one.
+    `owner`, intc of shape (m,), is the result that each condition belongs to: 0 for the first one.
     """
     owner = np.zeros_like(trees) if owner is None else owner
     with reserved(_evaluation(order, layout, trees.size), _what("residuals", order, layout)):
@@ -93,15 +77,8 @@ def fit_lmdif(
 ) -> tuple[Any, ...]:
     """Call the compiled lmdif; return x, f, info and nfev, in the kind of x.
 
-    Parameters
-    ----------
-    order, layout, trees
-        As for `weights`; at least as many trees as unknowns.
-    x : ndarray, shape (n,), or in real(16) (16, n)
-    tolerance : ndarray, shape (1,) or (16, 1)
-        For the sum of squares and for x.
-    maxfev : int
-    stop_flag : ndarray of intc, shape (1,)
+    x has shape (n,), or (16, n) in real(16). There are at least as many trees as unknowns.
+    `tolerance`, shape (1,) or (16, 1), is that for the sum of squares and for x.
     """
     m, n = trees.size, layout.size
     core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("lmdif in real(16)"), 16)
@@ -124,14 +101,8 @@ def fit_minimum_norm(
 ) -> tuple[Any, ...]:
     """Call the compiled solver of `cg.construction.solvers.minimum_norm`; return its results.
 
-    Parameters
-    ----------
-    order, layout, x, trees, owner
-        As for `residuals`.
-    free : ndarray of intc, shape (k,)
-        Indices, from 1, of the unknowns that may move.
-    *arguments
-        The other arguments of ``fit_minimum_norm``.
+    The first arguments are those of `residuals`; `free` are the indices, from 1, of the unknowns
+    that may move, intc of shape (k,).
     """
     m, n, k = trees.size, layout.size, free.size
     solver = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)

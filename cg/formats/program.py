@@ -72,12 +72,8 @@ class Program:
     def integer_tables(self, *, slot: int, term: int) -> dict[str, list[str]]:
         """Return the integers that define the moves, by the names of their arrays.
 
-        Parameters
-        ----------
-        slot : int
-            Number of the first slot.
-        term : int
-            Number of the first stage and of the first term.
+        `slot` is the number of the first slot, `term` that of the first stage and of the first
+        term.
         """
         first_terms = accumulate((len(move.terms) for move in self.moves), initial=term)
         stages = (stage for move in self.moves for stage, _ in move.terms)
@@ -107,13 +103,7 @@ def identifier(name: str) -> str:
 
 
 def make_program(numbers: Numbers, title: str) -> Program:
-    """Return the program of a step of an explicit method.
-
-    Raises
-    ------
-    ValueError
-        If the method is implicit, or one for linear equations.
-    """
+    """Return the program of a step of an explicit method; ValueError for others."""
     method = numbers.method
     if not method.explicit:
         raise ValueError(

@@ -26,21 +26,11 @@ def rotations_of(
 ) -> tuple[Rotation, NDArray[np.float64] | None]:
     """Return the rotations of a solution or an array, and the times of a solution.
 
-    Parameters
-    ----------
-    y : Solution, scipy.spatial.transform.Rotation, array_like
-        A solution on `SO3`, `UnitQuaternion` or `SE3`, or on a product, whose first such factor
-        is taken; rotations; matrices, shape ``(n, 3, 3)``; or quaternions with the scalar last,
-        shape ``(n, 4)``.
-    name : str, optional
-        Name of the argument in error messages.
-    at : ndarray, shape (n,), optional
-        Times at which a solution with dense output is evaluated, instead of its own.
-
-    Raises
-    ------
-    ValueError
-        If `y` has another shape, is empty or isn't finite, or its frame has no rotation.
+    `y` is a solution on `SO3`, `UnitQuaternion` or `SE3`, or on a product, whose first such factor
+    is taken; rotations of SciPy; matrices, shape (n, 3, 3); or quaternions with the scalar last,
+    shape (n, 4). A solution with dense output is evaluated at the times `at` instead of its own.
+    ValueError, with the `name` of the argument, if `y` has another shape, is empty or isn't finite,
+    or its frame has no rotation.
     """
     frame, times = getattr(y, "frame", None), None
     if isinstance(frame, Frame):

@@ -17,25 +17,14 @@ _CURVE = "cg-curve"
 
 
 def axes_for(ax: Any) -> Any:
-    """Return `ax`, or axes of a new figure if it is None.
-
-    Raises
-    ------
-    TypeError
-        If `ax` isn't axes of matplotlib.
-    """
+    """Return `ax`, or axes of a new figure if it is None; TypeError if it isn't axes."""
     return _axes(ax, None)
 
 
 def spatial_axes_for(ax: Any) -> Any:
     """Return `ax`, or three-dimensional axes of a new figure if it is None.
 
-    Raises
-    ------
-    TypeError
-        If `ax` isn't axes of matplotlib.
-    ValueError
-        If they aren't three-dimensional.
+    TypeError if it isn't axes of matplotlib, ValueError if they aren't three-dimensional.
     """
     ax = _axes(ax, "3d")
     if getattr(ax, "name", "") != "3d":

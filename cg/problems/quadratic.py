@@ -17,12 +17,8 @@ from cg.support.balls import to_ball
 class Polynomial:
     """A polynomial in the unknowns, with balls as coefficients.
 
-    NumPy computes with arrays of them, so that equations can be written as formulas.
-
-    Parameters
-    ----------
-    terms
-        For each product of unknowns, given by their indices in increasing order, its coefficient.
+    NumPy computes with arrays of them, so that equations can be written as formulas. `terms` has
+    the coefficient of each product of unknowns, given by their indices in increasing order.
     """
 
     def __init__(self, terms: dict[tuple[int, ...], arb]) -> None:
@@ -74,13 +70,7 @@ class QuadraticProblem(ABC):
 
     @abstractmethod
     def _derivatives(self, y: Any) -> Any:
-        """Return the derivatives of the unknowns.
-
-        Parameters
-        ----------
-        y
-            The unknowns, an array of `Polynomial`; the result is another one.
-        """
+        """Return the derivatives of the unknowns, as `y` an array of `Polynomial`."""
 
     def _system(self) -> QuadraticSystem:
         initial = tuple(self._initial())

@@ -29,13 +29,9 @@ Term = tuple[arb, tuple[int, ...]]
 class QuadraticSystem:
     """An initial value problem whose right-hand side is a polynomial of degree at most two.
 
-    Attributes
-    ----------
-    equations
-        For every unknown the terms of its derivative.  A term ``(c, (i, j))`` is
-        ``c * y[i] * y[j]``; with one index or none it is linear or constant.
-    initial
-        The values at time zero.
+    `equations` has the terms of the derivative of each unknown. A term ``(c, (i, j))`` is ``c *
+    y[i] * y[j]``; with one index or none it is linear or constant. `initial` are the values at time
+    zero.
     """
 
     equations: tuple[tuple[Term, ...], ...]
@@ -96,28 +92,12 @@ def reference_solution(
 ) -> Reference:
     """Solve a quadratic system by Taylor series with a fixed step.
 
-    Parameters
-    ----------
-    build
-        Function that returns the system; called with the working precision ``bits``.
-    times
-        Positive or negative, in any order; a float stands for its exact binary value, a string for
-        a decimal number or a quotient.
-    bits
-        Working precision.
-    step, order
-        Step size and degree of the Taylor polynomials.  The returned solution is a second one with
-        two thirds of the step size and a degree higher by a fifth; the difference of both gives the
-        error estimate.
-
-    Returns
-    -------
-    Reference
-
-    Raises
-    ------
-    ValueError
-        If a time isn't a finite number, or ``bits`` is less than 2.
+    `build` returns the system; it is called with the working precision `bits`. The times are
+    positive or negative, in any order; a float stands for its exact binary value, a string for a
+    decimal number or a quotient. `step` and `order` are the step size and the degree of the Taylor
+    polynomials. The returned solution is a second one with two thirds of the step size and a degree
+    higher by a fifth; the difference of both gives the error estimate. ValueError if a time isn't a
+    finite number, or ``bits`` is less than 2.
     """
     exact = exact_times(times)
     bits = check_integer("bits", bits, 2)

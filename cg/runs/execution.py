@@ -42,19 +42,10 @@ _log = logging.getLogger("cg")
 
 @dataclass(frozen=True)
 class Finished(Generic[Result]):
-    """A piece of work that has finished, or whose worker died.
+    """A piece of work that has finished after some seconds, or whose worker died.
 
-    Attributes
-    ----------
-    index : int
-    result : Result or None
-        None if the worker died.
-    seconds : float
-        Duration of the piece.
-    failure : str or None
-        Why the worker died.
-    chunk : list of int
-        All indices of the chunk for work on whole chunks; `index` is the first of them.
+    `result` is None if the worker died, and `failure` says why. For work on whole chunks, `chunk`
+    has all indices of the chunk, and `index` is the first of them.
     """
 
     index: int
@@ -67,10 +58,8 @@ class Finished(Generic[Result]):
 def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, int | None]:
     """Return the arguments `executor` and `workers` after checking them.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If `executor` isn't an `ExecutorLike`, or `workers` isn't a positive integer.
+    TypeError or ValueError if `executor` isn't an `ExecutorLike`, or `workers` isn't a positive
+    integer.
     """
     if workers is not None:
         workers = check_integer("workers", workers, 1)

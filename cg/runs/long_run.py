@@ -40,11 +40,8 @@ class RunOptions:
     ) -> RunOptions:
         """Return the options of a run after checking the arguments that users pass.
 
-        Raises
-        ------
-        TypeError, ValueError
-            If an argument is of the wrong type or out of range. The store is checked when it
-            is opened.
+        TypeError or ValueError for an argument of the wrong type or out of range. The store is
+        checked when it is opened.
         """
         line = ProgressLine() if progress is True else None
         if isinstance(progress, ProgressLine):

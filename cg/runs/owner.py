@@ -28,15 +28,10 @@ def new_owner() -> str:
 
 
 def is_active(owner: str, changed: float) -> bool:
-    """Return whether the process of a run is still carrying it out.
+    """Return whether the process of a run, given by `new_owner`, is still carrying it out.
 
-    Parameters
-    ----------
-    owner : str
-        From `new_owner`.
-    changed : float
-        When the run last changed, in seconds since 1970. It decides where processes can't be
-        looked up: on other machines, and on Windows, where a signal of 0 would end the process.
+    `changed` is when the run last changed, in seconds since 1970. It decides where processes can't
+    be looked up: on other machines, and on Windows, where a signal of 0 would end the process.
     """
     identity = json.loads(owner)
     if identity["machine"] != socket.gethostname() or os.name == "nt":

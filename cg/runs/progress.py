@@ -109,15 +109,7 @@ class ProgressLine:
 
 
 class Tally:
-    """Counts of finished pieces, shown on a progress line; a context manager around the run.
-
-    Parameters
-    ----------
-    line : ProgressLine or None
-    pieces : str
-        What the pieces are called.
-    total : int
-    """
+    """Counts of finished pieces, shown on a progress line; a context manager around the run."""
 
     def __init__(self, line: ProgressLine | None, pieces: str, total: int) -> None:
         self.done = self._solved = self._failed = self._in_this_run = 0

@@ -60,10 +60,7 @@ class Record:
     def quads(self) -> NDArray[np.int8]:
         """The coefficients in binary128, shape (n, 16), see `cg.support.quads`.
 
-        Raises
-        ------
-        ValueError
-            If the number of bytes isn't a multiple of 16.
+        ValueError if the number of bytes isn't a multiple of 16.
         """
         return np.frombuffer(self.coefficients, np.int8).reshape(-1, 16)
 

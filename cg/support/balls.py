@@ -35,13 +35,7 @@ in_children(_take_over)
 
 @contextmanager
 def working_precision(bits: int) -> Iterator[None]:
-    """Set the precision of balls for a ``with`` block; other threads that set it wait.
-
-    Parameters
-    ----------
-    bits : int
-        Precision of the midpoints.
-    """
+    """Set the precision of balls, in bits, for a ``with`` block; other threads that set it wait."""
     from flint import ctx
 
     with _lock:

@@ -40,11 +40,8 @@ def check_generator(name: str, value: Any) -> np.random.Generator:
 def check_real(name: str, value: Any, *, positive: bool = False, most: float = math.inf) -> float:
     """Return `value` as a float.
 
-    Raises
-    ------
-    ValueError
-        If it isn't a finite real number, is negative, is zero and must be `positive`, or exceeds
-        `most`; the message names the argument.
+    ValueError, with the name of the argument, if it isn't a finite real number, is negative, is
+    zero and must be `positive`, or exceeds `most`.
     """
     number = math.nan
     if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
@@ -63,12 +60,8 @@ def check_real(name: str, value: Any, *, positive: bool = False, most: float = m
 def check_integer(name: str, value: Any, least: int, most: int | None = None) -> int:
     """Return `value` as an int.
 
-    Raises
-    ------
-    TypeError
-        If it isn't an integer; the message names the argument.
-    ValueError
-        If it is less than `least`, or more than `most`.
+    TypeError if it isn't an integer, ValueError if it is less than `least` or more than `most`,
+    with the name of the argument.
     """
     try:
         if isinstance(value, bool | np.bool_):

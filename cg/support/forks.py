@@ -17,14 +17,10 @@ def in_children(call: Callable[[], object]) -> None:
 
 
 def at_forks(lock: Any, in_child: Callable[[], object]) -> None:
-    """Let this process fork only while no other thread holds a lock.
+    """Let this process fork only while no other thread holds a lock; then call `in_child` there.
 
-    Parameters
-    ----------
-    lock : threading.RLock or threading.Condition
-        It must be reentrant, since a signal handler may fork. No thread may hold it for long.
-    in_child : callable
-        Called in the child, after the lock is released.
+    The lock must be reentrant, since a signal handler may fork. No thread may hold it for long. The
+    child releases it before the call.
     """
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(before=lock.acquire, after_in_parent=lock.release)

@@ -17,17 +17,9 @@ _REPAIR = (
 
 
 def check_folder(folder: str) -> None:
-    """Raise ImportError if the unrelated distribution ``cg`` is installed in a folder.
+    """Raise ImportError if the unrelated distribution ``cg`` is installed in the package's folder.
 
-    Parameters
-    ----------
-    folder : str
-        Folder of the package. Only the names beside it are read.
-
-    Raises
-    ------
-    ImportError
-        If the other distribution is there; the message says how to remove it.
+    The message says how to remove it. Only the names beside the folder are read.
     """
     folder = os.path.abspath(folder)
     try:

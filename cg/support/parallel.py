@@ -120,19 +120,10 @@ def _take_control() -> None:
 def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Result:
     """Return ``call(flag)`` for a compiled call that reads the flag and releases the GIL.
 
-    In a worker of `cg.runs.completed` the flag is that of its run. Otherwise, in the main thread,
-    the call runs in a new thread, so that an interrupt takes effect at once.
-
-    Parameters
-    ----------
-    call : callable
-    brief : bool, optional
-        Call in the main thread itself; a new thread may take a millisecond on a busy machine.
-
-    Raises
-    ------
-    Stopped
-        In a worker whose run has ended, after which the call may be incomplete.
+    In a worker of `cg.runs.completed` the flag is that of its run, and `Stopped` is raised if the
+    run has ended, after which the call may be incomplete. Otherwise, in the main thread, the call
+    runs in a new thread, so that an interrupt takes effect at once; with `brief` it runs in the
+    main thread itself, since a new thread may take a millisecond on a busy machine.
     """
     if _worker.stop_flag is not None:
         result = call(_worker.stop_flag)

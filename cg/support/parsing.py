@@ -74,15 +74,8 @@ def to_json(data: Any, **options: Any) -> str:
 def read_fraction(value: Any) -> Fraction:
     """Return what `fractions.Fraction` makes of a value, unless it takes a power beyond reason.
 
-    Parameters
-    ----------
-    value : Fraction, int, float, Decimal or str
-
-    Raises
-    ------
-    TypeError, ValueError, OverflowError, ZeroDivisionError
-        As from `fractions.Fraction`; ValueError also where an exponent exceeds `MAX_POWER_OF_TEN`
-        or there are more digits than Python reads.
+    The errors are those of `fractions.Fraction`; ValueError also where an exponent exceeds
+    `MAX_POWER_OF_TEN` or there are more digits than Python reads.
     """
     exponent = 0
     if isinstance(value, str):
@@ -100,11 +93,8 @@ def read_fraction(value: Any) -> Fraction:
 def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, Any]:
     """Return the table of a TOML text; options as for `tomllib.loads`.
 
-    Raises
-    ------
-    error
-        If the text isn't TOML, is longer than `MAX_CHARACTERS`, is nested too deeply, or has a
-        number with too many digits.
+    An `error` is raised if the text isn't TOML, is longer than `MAX_CHARACTERS`, is nested too
+    deeply, or has a number with too many digits.
     """
     return _read("TOML", partial(tomllib.loads, **options), text, error)
 
@@ -112,11 +102,8 @@ def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, An
 def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
     """Return the object of a JSON text, with numbers that aren't integers as strings.
 
-    Raises
-    ------
-    error
-        As for `read_toml`; also if the text isn't an object, has a key twice, or a number isn't
-        finite.
+    An `error` is raised as by `read_toml`; also if the text isn't an object, has a key twice, or a
+    number isn't finite.
     """
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -169,10 +156,7 @@ def _check_depth(table: dict[str, Any]) -> None:
 def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Path:
     """Return the path of the file with a name in a folder.
 
-    Raises
-    ------
-    ValueError
-        If some system doesn't allow the name, or it would lead out of the folder.
+    ValueError if some system doesn't allow the name, or it would lead out of the folder.
     """
     fit = (
         0 < len(name.encode("utf-8", "replace")) <= _MAX_NAME
@@ -188,24 +172,12 @@ def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Pa
 
 
 def write_file(path: str | PathLike[str], data: str | bytes) -> None:
-    """Write a file atomically: after an error the old file is unchanged.
+    """Write a file atomically, texts in UTF-8: after an error the old file is unchanged.
 
     The data are written to a temporary file beside it, which then replaces it. Symbolic links and
     permissions are kept. An existing path that isn't a regular file, such as a device, is written
-    directly.
-
-    Parameters
-    ----------
-    path : path
-    data : str or bytes
-        Texts are written in UTF-8.
-
-    Raises
-    ------
-    OSError
-        If the file can't be written; the message names it.
-    ValueError
-        If UTF-8 can't hold the text.
+    directly. OSError, with the name of the file, if it can't be written; ValueError if UTF-8 can't
+    hold the text.
     """
     path, content = Path(path), data.encode("utf-8") if isinstance(data, str) else data
     if path.exists() and not path.is_file():

@@ -56,18 +56,7 @@ def _compiled() -> Any:
 
 
 def core(what: str) -> Any:
-    """Return the compiled core in real(16).
-
-    Parameters
-    ----------
-    what : str
-        The operation, for the error message.
-
-    Raises
-    ------
-    MissingQuadsError
-        If the package was built with ``-Dquad=disabled``.
-    """
+    """Return the compiled core in real(16), which `what` needs; MissingQuadsError without it."""
     compiled = _compiled()
     if compiled is None:
         raise MissingQuadsError(
@@ -78,25 +67,11 @@ def core(what: str) -> Any:
 
 
 def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
-    """Round exact values to binary128, to nearest, ties to even.
+    """Round exact values to binary128, to nearest, ties to even; shape (n, 16).
 
-    Parameters
-    ----------
-    values : iterable of Fraction, int, float or str
-        Strings are decimal or rational, as for `fractions.Fraction`.
-
-    Returns
-    -------
-    ndarray of int8, shape (n, 16)
-
-    Raises
-    ------
-    OverflowError
-        If a value is beyond the largest binary128 number.
-    ValueError
-        If a value isn't a finite number.
-    TypeError
-        If `values` isn't a sequence.
+    Strings are decimal or rational, as for `fractions.Fraction`. OverflowError if a value is beyond
+    the largest binary128 number, ValueError if it isn't a finite number, TypeError if `values`
+    isn't a sequence.
     """
     if not isinstance(values, Iterable) or (isinstance(values, np.ndarray) and values.ndim == 0):
         raise TypeError(f"values must be a sequence of numbers, got {values!r}")
@@ -133,12 +108,8 @@ def _encode_one(value: Fraction) -> bytes:
 def decode(quads: Quads) -> list[Fraction]:
     """Return the exact values of binary128 numbers, of shape (n, 16).
 
-    Raises
-    ------
-    ValueError
-        If one of them is infinite or not a number, or the shape isn't (n, 16).
-    TypeError
-        If `quads` isn't an array of int8.
+    ValueError if one of them is infinite or not a number, or the shape isn't (n, 16); TypeError for
+    anything but an array of int8.
     """
     quads = _checked(quads, "n")
     data = quads.tobytes()
@@ -170,14 +141,8 @@ def _checked(quads: Any, lead: str) -> Quads:
 def to_float(quads: Quads) -> NDArray[np.float64]:
     """Round binary128 numbers of shape (..., 16) to doubles of shape (...).
 
-    Raises
-    ------
-    ValueError
-        If `quads` has another shape.
-    TypeError
-        If `quads` isn't an array of int8.
-    MissingQuadsError
-        If the package was built without quadruple precision.
+    ValueError for another shape, TypeError for anything but an array of int8, and MissingQuadsError
+    in a build without quadruple precision.
     """
     quads = _checked(quads, "...")
     flat = quads.reshape(-1, 16)
@@ -188,12 +153,8 @@ def to_float(quads: Quads) -> NDArray[np.float64]:
 def from_float(values: Any) -> Quads:
     """Widen doubles of shape (...) to binary128 numbers of shape (..., 16), exactly.
 
-    Raises
-    ------
-    ValueError
-        If `values` aren't real numbers.
-    MissingQuadsError
-        If the package was built without quadruple precision.
+    ValueError if `values` aren't real numbers, MissingQuadsError in a build without quadruple
+    precision.
     """
     try:
         array = np.asarray(values)
@@ -209,19 +170,9 @@ def from_float(values: Any) -> Quads:
 def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = False) -> str:
     """Return an exact value in decimal, rounded to significant digits.
 
-    Parameters
-    ----------
-    value : Fraction or int
-    digits : int, optional
-        From 1 to 100000; 36 distinguish all binary128 numbers.
-    zeros : bool, optional
-        Keep trailing zeros that are significant.
-
-    Returns
-    -------
-    str
-        Without trailing zeros by default, ``"0"`` for zero. Positional, except that magnitudes
-        beyond ``10**±100`` are written as in ``"-1.25e-4950"``.
+    The number of digits is from 1 to 100000; 36 distinguish all binary128 numbers. Trailing zeros
+    are left out unless `zeros` is true; zero is ``"0"``. The text is positional, except that
+    magnitudes beyond ``10**±100`` are written as in ``"-1.25e-4950"``.
     """
     if not isinstance(value, Fraction | int) or isinstance(value, bool):
         raise TypeError(f"value must be a Fraction, got {value!r}")

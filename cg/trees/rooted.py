@@ -31,13 +31,7 @@ def rooted_trees(nodes: int) -> tuple[RootedTree, ...]:
 
 
 def rooted_trees_through(order: int) -> tuple[RootedTree, ...]:
-    """Return the rooted trees with 1 to `order` nodes, smaller ones first.
-
-    Parameters
-    ----------
-    order : int
-        Between 1 and `MAX_NODES`.
-    """
+    """Return the rooted trees with 1 to `order` nodes, at most `MAX_NODES`, smaller ones first."""
     order = check_integer("order", order, 1, MAX_NODES)
     return tuple(tree for nodes in range(1, order + 1) for tree in _rooted_trees(nodes))
 

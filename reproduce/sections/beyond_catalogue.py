@@ -60,16 +60,12 @@ def _place(entry: Data) -> tuple[Any, ...]:
 def describe(method: Method) -> dict[str, Any]:
     """Return the properties of a method of the catalogue.
 
-    Returns
-    -------
-    dict
-        ``name``, ``source``, ``explicit``, ``order``, ``approximate`` (the order is nominal),
-        ``embedded_order`` (null without a second result), ``stages``, ``exponentials``,
-        ``largest_coefficient`` on the way to stages and result, ``abscissae`` (smallest and
-        largest), ``principal_error`` and ``effort`` (see the report), ``largest_residual``
-        through the order in rational arithmetic, ``rank`` of the Jacobian of the independent
-        ``conditions``, ``certificate``: null or, as its file has them, ``radius`` (decimal text)
-        and ``identities``.
+    The keys are ``name``, ``source``, ``explicit``, ``order``, ``approximate`` (the order is
+    nominal), ``embedded_order`` (null without a second result), ``stages``, ``exponentials``,
+    ``largest_coefficient`` on the way to stages and result, ``abscissae`` (smallest and largest),
+    ``principal_error`` and ``effort`` (see the report), ``largest_residual`` through the order in
+    rational arithmetic, ``rank`` of the Jacobian of the independent ``conditions``,
+    ``certificate``: null or, as its file has them, ``radius`` (decimal text) and ``identities``.
     """
     abscissae = [sum(row, Fraction(0)) for row in method.exact[0]]
     tree = method.tree

@@ -161,18 +161,10 @@ def draw_errors(
     references: Mapping[int, float],
     styles: Mapping[str, Mapping[str, Any]] = LINES,
 ) -> None:
-    """Plot errors against stepsizes.
+    """Plot errors against stepsizes, for each method an error for each of h.
 
-    Parameters
-    ----------
-    axes : Axes
-    h : sequence of float
-    errors : mapping
-        By method, an error for each of h.
-    references : mapping
-        By order, at most three, where a reference line of that slope begins at the first of h.
-    styles : mapping, optional
-        By method, how its line looks.
+    `references` has by order, at most three, where a reference line of that slope begins at the
+    first of h; `styles` has by method how its line looks.
     """
     steps = np.array(h)
     for method, error in errors.items():

@@ -41,21 +41,10 @@ _PAUSES = 20.0  # and least multiple of the time that the last publication took
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings of one search.
+    """Settings of one search, with the numbers of starts of the default and the extensive one.
 
-    Attributes
-    ----------
-    order, stages : int
-    starts, full_starts : int
-        Numbers of random starts of the default and of the extensive search.
-    maxfev : int
-        Evaluations in double.
-    refine_below : float
-        Starts with at most this f in double are refined in real(16).
-    refine_maxfev : int
-        Evaluations in real(16).
-    paper_double, paper_quad : float
-        The values of f that the paper gives.
+    Starts with at most `refine_below` in double are refined in real(16), with `refine_maxfev`
+    evaluations. `paper_double` and `paper_quad` are the values of f that the paper gives.
     """
 
     order: int

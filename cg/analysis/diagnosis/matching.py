@@ -40,12 +40,6 @@ def closest_match(method: Method, *, within: Fraction = Fraction(0)) -> Catalogu
 
     Coefficients agree if they differ by at most the sum of their uncertainties, or by `within`. At
     most two may differ, and then at least three nonzero others must agree.
-
-    Parameters
-    ----------
-    method : Method
-    within : Fraction, optional
-        Tolerance of differences.
     """
     compared = (_compare(method, known, within) for known in _comparable(method))
     matches = [match for match in compared if match is not None]
