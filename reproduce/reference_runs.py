@@ -86,15 +86,7 @@ def integrate_compiled(
         raise ValueError(f'kind must be "real64" or "real128", got {kind!r}')
 
     core, convert = _core_of(kind)
-    if isinstance(problem, HeavyTop):
-        take_steps = partial(core.heavy_top, convert(problem.inertia), convert([problem.mgl]))
-        start = convert(problem.y0_exact)
-    else:
-        constants = convert(_fractions(block_constants(problem.frame)))
-        constant, slope = (convert(_fractions(x)) for x in (problem.constant, problem.slope))
-        linear = convert(_fractions(problem.linear), problem.linear.shape)
-        take_steps = partial(core.affine_field, blocks, constants, constant, linear, slope)
-        start = convert(_fractions(problem.y0))
+    take_steps, start = _compiled_problem(problem, blocks, core, convert)
     _check_memory(steps, start.shape[-1], kind)
     paths = paths_of(tableau)
     constants_of_method = convert(paths.weights), convert(paths.c), convert([size])
@@ -124,6 +116,20 @@ def integrate_compiled(
     for array in (times, points, raw):
         array.flags.writeable = False
     return CompiledTrajectory(times, points, raw, kind)
+
+
+def _compiled_problem(
+    problem: HeavyTop | AffineField, blocks: Any, core: Any, convert: _Convert
+) -> tuple[Callable[..., Any], Any]:
+    """Return the compiled function that takes steps of a problem, and the initial point."""
+    if isinstance(problem, HeavyTop):
+        constants = convert(problem.inertia), convert([problem.mgl])
+        return partial(core.heavy_top, *constants), convert(problem.y0_exact)
+    of_frame = convert(_fractions(block_constants(problem.frame)))
+    constant, slope = (convert(_fractions(x)) for x in (problem.constant, problem.slope))
+    linear = convert(_fractions(problem.linear), problem.linear.shape)
+    take_steps = partial(core.affine_field, blocks, of_frame, constant, linear, slope)
+    return take_steps, convert(_fractions(problem.y0))
 
 
 def _step_size(h: Fraction | float | str) -> Fraction:

@@ -111,7 +111,9 @@ def run(
         state["items"] = {name: results[name] for name in ITEMS if name in results}
         state["run"]["seconds"][item.name] = round(time.perf_counter() - begun, 2)
         sections[item.name] = section(item, numbers, out)
-        write_file(out / _RESULTS, _dumps(state))
+        write_file(
+            out / _RESULTS, json.dumps(state, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        )
         write_file(out / _REPORT, page(state, sections))
 
     for item in items:
@@ -161,7 +163,3 @@ def _plain(numbers: Data) -> Data:
     """Return the data as JSON restores them, so that new and stored data are equal."""
     plain: Data = json.loads(json.dumps(numbers, allow_nan=False))
     return plain
-
-
-def _dumps(state: dict[str, Any]) -> str:
-    return json.dumps(state, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -70,7 +70,7 @@ def describe(method: Method) -> dict[str, Any]:
     abscissae = [sum(row, Fraction(0)) for row in method.exact[0]]
     tree = method.tree
     used = {m for end in (*tree.stage_points, tree.result) for m in tree.path(end)}
-    error = method.principal_error
+    error, singular = method.principal_error, singular_values(method, method.order)
     return {
         "name": method.name,
         "source": method.source,
@@ -87,15 +87,10 @@ def describe(method: Method) -> dict[str, Any]:
         "principal_error": error,
         "effort": method.exponentials * error ** (1 / method.order),
         "largest_residual": method.largest_residual(),
-        "rank": _rank(method),
+        "rank": int((singular > RANK_THRESHOLD * singular[0]).sum()),
         "conditions": count(method.order, independent=True),
         "certificate": _certificate(method),
     }
-
-
-def _rank(method: Method) -> int:
-    singular = singular_values(method, method.order)
-    return int((singular > RANK_THRESHOLD * singular[0]).sum())
 
 
 def _certificate(method: Method) -> Data | None:

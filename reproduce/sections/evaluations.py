@@ -116,16 +116,7 @@ def present(data: Data) -> Sequence[Block]:
             f"median {number(double)}. So slow convergence limits f, not rounding."
         ),
         Text(_stopped(data["stopped"])),
-        Chart(
-            "evaluations",
-            lambda figure: _draw(figure, data),
-            "f in double against the limit of evaluations, order six: a thin line a start, and "
-            "the median. Dotted: the paper's values, taken as f and, squared, as norms.",
-            f"The median falls from {number(data['f_quartiles'][0][2], 2)} after "
-            f"{limits[0]} evaluations to {number(data['f_quartiles'][-1][2], 2)} after "
-            f"{limits[-1]}.",
-            size=(8.0, 4.0),
-        ),
+        _chart(data),
         Table(
             f"f by limit of evaluations in double, {data['starts']} starts",
             ("evaluations", "smallest", "lower quartile", "median", "upper quartile", "largest",
@@ -134,6 +125,19 @@ def present(data: Data) -> Sequence[Block]:
         ),
         Text(_squares_or_norms(data)),
     )  # fmt: skip
+
+
+def _chart(data: Data) -> Chart:
+    first, last = (data["f_quartiles"][k][2] for k in (0, -1))
+    return Chart(
+        "evaluations",
+        lambda figure: _draw(figure, data),
+        "f in double against the limit of evaluations, order six: a thin line a start, and "
+        "the median. Dotted: the paper's values, taken as f and, squared, as norms.",
+        f"The median falls from {number(first, 2)} after {data['limits'][0]} evaluations to "
+        f"{number(last, 2)} after {data['limits'][-1]}.",
+        size=(8.0, 4.0),
+    )
 
 
 def _squares_or_norms(data: Data) -> str:

@@ -61,10 +61,41 @@ def numbers():
     }
 
 
-def results():
-    """Results of all items that make every claim true."""
+def figures():
+    """Results of both figures, in double and real(16), that make every claim true."""
     errors = {"CG4": 1e-2, "CG4a": 1e-3, "CG5a": 1e-4, "CG6a": 1e-5}
     slopes = {"CG4": 4.0, "CG4a": 4.05, "CG5a": 4.95, "CG6a": 6.0}
+
+    def over_time(error):
+        return {name: [0.0, error / 2, error] for name in ("rotation", "momentum")}
+
+    def in_double(slope):
+        distances = {"distance": [0.0, 2e-16], "distance_flows": [0.0, 9e-16]}
+        return {"slope": slope, "error": [1.0, 1e-8], **distances}
+
+    def in_quad(slope):
+        return {"slope": slope, "local": [3.0, 3.5, 4.0], "error": [1e-20]}
+
+    readings = ("momentum", "velocity")
+    quad = {name: in_quad(slopes[name]) for name in METHODS}
+    return {
+        "fig4.1": {
+            "readings": {
+                reading: {"methods": {name: over_time(errors[name]) for name in METHODS}}
+                for reading in readings
+            }
+        },
+        "fig4.2": {
+            "readings": {
+                reading: {name: in_double(slopes[name]) for name in METHODS} for reading in readings
+            }
+        },
+        "fig4.2quad": {"readings": {"momentum": {"methods": quad}}},
+    }
+
+
+def searches():
+    """Results of the searches that make every claim true."""
     search = {
         "distinct": 5,
         "exact": [True] * 5 + [False],
@@ -84,76 +115,47 @@ def results():
         "settings": {"maxfev": 1000, "refine_maxfev": 30},
         "best": {"f": 1e-8, "condition_number": 1e9},
     }
-    times = {name: [0.0, error / 2, error] for name, error in errors.items()}
+    stopped = {
+        "limit": 20,
+        "limit_quad": 100,
+        "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
+        "f_quad": [1e-8, 1e-8, 1e-8, 1e-7],
+    }
     return {
-        "table3.2": {
-            "rows": [
-                {"paper": {"q": q, "N_CG": n}, "agree": True, "trees": n + 7, "discarded": 7}
-                for q, n in ((4, 13), (5, 38), (6, 113))
-            ]
-        },
-        "appendix": {
-            "methods": {
-                name: {
-                    "count": 20,
-                    "decimals": 16,
-                    "largest_difference": 1e-16,
-                    "zeros_kept": True,
-                    "if_truncated": 0.5,
-                    "if_rounded": 0.4,
-                    "residuals": {"paper": {"largest": 1e-15}, "ours": {"largest": 1e-35}},
-                }
-                for name in ("CG4a", "CG5a", "CG6a")
-            }
-        },
-        "fig4.1": {
-            "readings": {
-                reading: {
-                    "methods": {
-                        name: {"rotation": list(run), "momentum": list(run)}
-                        for name, run in times.items()
-                    }
-                }
-                for reading in ("momentum", "velocity")
-            }
-        },
-        "fig4.2": {
-            "readings": {
-                reading: {
-                    name: {
-                        "slope": slopes[name],
-                        "error": [1.0, 1e-8],
-                        "distance": [0.0, 2e-16],
-                        "distance_flows": [0.0, 9e-16],
-                    }
-                    for name in METHODS
-                }
-                for reading in ("momentum", "velocity")
-            }
-        },
-        "fig4.2quad": {
-            "readings": {
-                "momentum": {
-                    "methods": {
-                        name: {"slope": slopes[name], "local": [3.0, 3.5, 4.0], "error": [1e-20]}
-                        for name in METHODS
-                    }
-                }
-            }
-        },
         "search4": search,
         "search5": copy.deepcopy(search),
         "search6": six,
         "evaluations": {
             "limits": [10, 20],
             "f_quartiles": [[1e-9, 1e-8, 1e-7, 1e-6, 1.0]] * 2,
-            "stopped": {
-                "limit": 20,
-                "limit_quad": 100,
-                "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
-                "f_quad": [1e-8, 1e-8, 1e-8, 1e-7],
-            },
+            "stopped": stopped,
         },
+    }
+
+
+def results():
+    """Results of all items that make every claim true."""
+
+    def printed():
+        return {
+            "count": 20,
+            "decimals": 16,
+            "largest_difference": 1e-16,
+            "zeros_kept": True,
+            "if_truncated": 0.5,
+            "if_rounded": 0.4,
+            "residuals": {"paper": {"largest": 1e-15}, "ours": {"largest": 1e-35}},
+        }
+
+    rows = [
+        {"paper": {"q": q, "N_CG": n}, "agree": True, "trees": n + 7, "discarded": 7}
+        for q, n in ((4, 13), (5, 38), (6, 113))
+    ]
+    return {
+        "table3.2": {"rows": rows},
+        "appendix": {"methods": {name: printed() for name in ("CG4a", "CG5a", "CG6a")}},
+        **figures(),
+        **searches(),
     }
 
 
