@@ -21,19 +21,11 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of strings.
+    """A table of strings; each row is as long as the header.
 
-    Attributes
-    ----------
-    caption : str
-    header : sequence of str
-    rows : sequence of sequences of str
-        Each as long as the header. A cell ``"pass"``, ``"fail"`` or ``"not reproducible"``
-        is marked as a verdict.
-    numeric : bool
-        Align the cells to the right, in digits of equal width.
-    folded : bool
-        Show only the caption until the reader opens the table.
+    A cell ``"pass"``, ``"fail"`` or ``"not reproducible"`` is marked as a verdict. `numeric` aligns
+    the cells to the right, in digits of equal width; `folded` shows only the caption until the
+    reader opens the table.
     """
 
     caption: str
@@ -50,20 +42,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure, drawn when the report is written.
+    """A figure with a caption, which `draw` draws on an empty figure when the report is written.
 
-    Attributes
-    ----------
-    name : str
-        Name of its files, without suffix.
-    draw : callable
-        Draws on an empty figure.
-    caption : str
-        Text below the figure.
-    description : str
-        Alternative text.
-    size : pair of float
-        Width and height in inches.
+    `name` is that of its files, without suffix; `description` is the alternative text; `size` is
+    the width and height in inches.
     """
 
     name: str

@@ -18,12 +18,7 @@ Progress = Callable[[int, int], None]
 class Settings:
     """Settings that determine the numbers of a run.
 
-    Attributes
-    ----------
-    seed : int
-        Seed of all random starts.
-    full : bool
-        Search extensively.
+    `seed` is that of all random starts; `full` searches extensively.
     """
 
     seed: int = 0
@@ -37,20 +32,10 @@ class Settings:
 class Context:
     """Settings, resources and earlier results.
 
-    Attributes
-    ----------
-    settings : Settings
-    checkpoints : Path
-        Folder for files from which a killed run continues.
-    workers : int
-        Threads.
-    progress : callable
-    publish : callable
-        Shows an intermediate result of an item as partial.
-    limit : float or None
-        Seconds after which a search ends with the result so far.
-    results : mapping
-        Data of the items that this one needs, by name.
+    `checkpoints` is the folder for files from which a killed run continues, `workers` a number of
+    threads. `publish` shows an intermediate result of an item as partial; `limit` are the seconds
+    after which a search ends with the result so far. `results` has by name the data of the items
+    that this one needs.
     """
 
     settings: Settings

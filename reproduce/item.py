@@ -11,24 +11,13 @@ from .context import Context
 
 @dataclass(frozen=True)
 class Item:
-    """One part of the report.
+    """One part of the report, with its name for ``--only``.
 
-    Attributes
-    ----------
-    name : str
-        Its name for ``--only``.
-    title : str
-    turn : int
-        Items are computed in ascending order of this number.
-    place : int
-        Items are shown in ascending order of this number.
-    compute : callable
-        Returns plain data for a `Context`. If the entry ``partial`` exists and is not null, it
-        has the numbers of finished ``starts`` and ``of`` all starts.
-    present : callable
-        Returns the blocks of a section for these data, without further computation.
-    needs : sequence of str
-        Items whose data `compute` reads from ``context.results``.
+    Items are computed in ascending order of `turn`, and shown in that of `place`. `compute` returns
+    plain data for a `Context`; if these have an entry ``partial`` that is not null, it has the
+    numbers of finished ``starts`` and ``of`` all starts. `present` returns the blocks of a section
+    for these data, without further computation. `needs` are the items whose data `compute` reads
+    from ``context.results``.
     """
 
     name: str

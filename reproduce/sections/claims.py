@@ -23,21 +23,11 @@ PASS, FAIL, NOT_REPRODUCIBLE = VERDICTS = ("pass", "fail", "not reproducible")
 
 @dataclass(frozen=True)
 class Claim:
-    """A result that the paper claims.
+    """A result that a section of the paper claims, in our words.
 
-    Attributes
-    ----------
-    section : str
-        Section of the paper.
-    text : str
-        The claim in our words.
-    judge : callable
-        Returns a verdict for the numbers of `evidence.gather` and the results of all items.
-    interpretation : str
-        Our interpretation, if the claim fails.
-    default_verdict : str
-        The verdict of a run with default settings, for the documentation. A test compares it
-        with that of the judge.
+    `judge` returns a verdict for the numbers of `evidence.gather` and the results of all items;
+    `interpretation` is ours, if the claim fails. `default_verdict` is that of a run with default
+    settings, for the documentation; a test compares it with that of the judge.
     """
 
     section: str

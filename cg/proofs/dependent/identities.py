@@ -108,14 +108,10 @@ class MiddleAbscissae(Identity):
     With one letter of even p, all m have to be on one stage. There such a word is a number
     times ``b_k^N Φ_k(y)``, with N = m + Σp and y in the shuffles of all y: a multiple of the
     words of one letter with ``p = N - 1``.
-
-    Attributes
-    ----------
-    first_only : bool
-        Of a pair, whether only the first weights satisfy it. Both can't with different weights.
     """
 
     first_only: bool = False
+    """Of a pair, whether only the first weights satisfy it. Both can't with different weights."""
 
     @property
     def name(self) -> str:

@@ -40,12 +40,8 @@ def _first_condition(word: Word) -> int:
 class Reduction:
     """Residuals by those of independent conditions, linear with coefficients of a number type.
 
-    Parameters
-    ----------
-    number : callable
-        Makes a coefficient of a Fraction.
-    weight : callable
-        Φ of a word: a ball that contains it, or the `number` of its value for the exact solution.
+    `number` makes a coefficient of a Fraction. `weight` returns Φ of a word: a ball that contains
+    it, or the `number` of its value for the exact solution.
     """
 
     def __init__(self, number: Callable[[Any], Any], weight: Callable[[Word], Any]) -> None:
