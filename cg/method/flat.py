@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from math import prod
 from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..conditions import MAX_ORDER
 from ..support.balls import to_flint, to_fraction
 from ..trees.rooted import RootedTree, density, rooted_trees, rooted_trees_through
 from .coefficients import Coefficient
 from .tableau import Tableau
+from .tolerance import TOLERANCE_FACTOR, to_floats
 
 if TYPE_CHECKING:
     from flint import fmpq
@@ -19,9 +24,8 @@ if TYPE_CHECKING:
 def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     """Return the classical order of a tableau, up to the rounding of its coefficients.
 
-    Residuals are exact. The tolerance of each one is what it changes by at most if all
-    coefficients change by their units (`cg.method.coefficients.Coefficient.unit`); it is 0 for
-    rational coefficients.
+    Residuals are exact. Their tolerance is that of `cg.Method.exact_order`, for the derivatives of
+    the classical weights; it is 0 for rational coefficients.
 
     Parameters
     ----------
@@ -68,16 +72,8 @@ def _failing(
     order: int,
 ) -> list[tuple[RootedTree, Fraction, Fraction]]:
     a, b = [[e.value for e in row] for row in entries], [w.value for w in weights]
-    size_a, size_b = [[abs(e) for e in row] for row in a], [abs(w) for w in b]
-    wide_a = [[abs(e.value) + e.unit for e in row] for row in entries]
-    wide_b = [abs(w.value) + w.unit for w in weights]
-    exact = all(e.unit == 0 for row in (*entries, weights) for e in row)
     trees = rooted_trees(order)
-    weights_of_trees = _weights(a, b, trees)
-    allowed = [Fraction(0)] * len(trees)
-    if not exact:
-        near, far = _weights(size_a, size_b, trees), _weights(wide_a, wide_b, trees)
-        allowed = [2 * (f - n) for f, n in zip(far, near, strict=True)]
+    weights_of_trees, allowed = _weights(a, b, trees), _tolerances(entries, weights, trees)
     sides = [end**order / density(tree) for tree in trees]
     compared = zip(trees, weights_of_trees, sides, allowed, strict=True)
     return [(tree, phi, side) for tree, phi, side, bound in compared if abs(phi - side) > bound]
@@ -134,6 +130,36 @@ def _weights(
         sum((w * v for w, v in zip(row, at_stages(tree), strict=True)), fmpq(0)) for tree in trees
     ]
     return list(map(to_fraction, totals))
+
+
+def _tolerances(
+    entries: Sequence[Sequence[Coefficient]],
+    weights: Sequence[Coefficient],
+    trees: Sequence[RootedTree],
+) -> list[Fraction]:
+    """Return ``2 Σ_k |∂Φ(t)/∂x_k| u_k`` for each tree, u_k the uncertainty of coefficient k."""
+    units = np.array([float(e.unit) for row in (*entries, weights) for e in row])
+    if not units.any():
+        return [Fraction(0)] * len(trees)
+    a, b = np.array([to_floats(row) for row in entries]), to_floats(weights)
+    known: dict[RootedTree, NDArray[np.float64]] = {}
+
+    def at_stages(tree: RootedTree) -> NDArray[np.float64]:
+        if tree not in known:
+            known[tree] = prod((a @ at_stages(child) for child in tree), start=np.ones(b.size))
+        return known[tree]
+
+    def gradient(tree: RootedTree, outer: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives by a of ``outer · at_stages(tree)``."""
+        factors, total = [a @ at_stages(child) for child in tree], np.zeros_like(a)
+        for k, child in enumerate(tree):
+            inner = prod(factors[:k] + factors[k + 1 :], start=outer)
+            total += np.outer(inner, at_stages(child)) + gradient(child, inner @ a)
+        return total
+
+    jacobian = [np.append(gradient(tree, b), at_stages(tree)) for tree in trees]
+    bounds = TOLERANCE_FACTOR * (np.abs(jacobian) @ units)
+    return list(map(Fraction, bounds.tolist()))
 
 
 def stage_orders(tableau: Tableau) -> tuple[int, ...]:

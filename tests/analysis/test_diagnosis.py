@@ -265,6 +265,17 @@ def test_implicit_and_approximate_methods():
     diagnosis = cg.diagnose("CG6a")
     assert diagnosis.mistakes == ()
     assert "nominal order: 6" in str(diagnosis)
+    assert (diagnosis.order, diagnosis.flat_order) == (1, 1)  # [[[]]] has one sequence of flows
+
+
+@pytest.mark.parametrize("name", ["CG4a", "CG4b", "CG5b"])
+def test_rounded_numbers_given_as_exact_fractions(name):
+    method = cg.methods[name]
+    assert kinds(cg.Tableau(*method.exact)) == {"fractions"}
+    doubles = [[[Fraction(x) for x in row] for row in method.a], [Fraction(x) for x in method.b]]
+    (mistake,) = cg.diagnose(cg.Tableau(*doubles)).mistakes
+    assert f"order {method.order}" in mistake.message
+    assert kinds(cg.Tableau(method.a, method.b)) == set()
 
 
 def test_drawings():

@@ -13,7 +13,7 @@ class Finding:
     ----------
     kind : str
         Its kind: ``"reversed"``, ``"transposed"``, ``"slip"``, ``"changed"``, ``"digits"``,
-        ``"equal weights"``, ``"flat"``, ``"abscissae"``; ``"known"`` isn't a mistake.
+        ``"fractions"``, ``"equal weights"``, ``"flat"``, ``"abscissae"``; ``"known"`` is none.
     message : str
         A sentence.
     """

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from ...method.coefficients import Coefficient
+from ...method.coefficients import MIN_ROUNDED_PLACES, Coefficient
 from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...structure.points import MethodError
@@ -18,6 +18,7 @@ from .variants import order_on_vector_spaces, reversals, transposed
 _MIN_PLACES, _MAX_PLACES = 5, 12
 """Decimal places of truncated coefficients; fewer are taken as exact, more are harmless."""
 
+_MAX_FRACTION_PLACES = 60  # of a fraction that may be a rounded decimal
 _FULL_DOUBLE = 15  # significant digits of the shortest text of a double that wasn't truncated
 _SINGLE = Fraction(1, 2**24)
 _HARMLESS = 1e-13
@@ -36,7 +37,11 @@ def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Ite
     known = (
         []
         if undone
-        else [*_match_findings(method, match), *_truncated_digits(method, order, place)]
+        else [
+            *_match_findings(method, match),
+            *_decimals_as_fractions(method, order),
+            *_truncated_digits(method, order, place),
+        ]
     )
     yield from undone
     yield from known
@@ -95,6 +100,31 @@ def _match_findings(method: Method, match: CatalogueMatch | None) -> Iterator[Fi
     labels = " and ".join(change[0] for change in match.changed)
     values = "; ".join(f"{_text(x)} here, {_text(y)} there" for _, x, y in match.changed)
     yield Finding("changed", f"it differs from {name}{aside} in {labels} only: {values}")
+
+
+def _decimals_as_fractions(method: Method, order: int) -> Iterator[Finding]:
+    """Recognise rounded numbers whose exact values were given, which have no uncertainty."""
+    rounded = [_as_decimal(k) for k in method.coefficients]
+    if method.approximate or all(k.unit == 0 for k in rounded):
+        return
+    full = method.with_coefficients(rounded).exact_order
+    if full > order:
+        yield Finding(
+            "fractions",
+            f"its coefficients are rounded numbers given as exact fractions: as decimals they give "
+            f"order {full}. Pass texts of decimals, or floats such as .a and .b of a method",
+        )
+
+
+def _as_decimal(k: Coefficient) -> Coefficient:
+    """Return a fraction with a denominator of a double or a decimal as a rounded number."""
+    value, places = k.value, range(MIN_ROUNDED_PLACES, _MAX_FRACTION_PLACES)
+    if k.unit or value.denominator == 1:
+        return k
+    if value.denominator > 2**MIN_ROUNDED_PLACES and Fraction(float(value)) == value:
+        return Coefficient.read(float(value))
+    decimal = next((n for n in places if 10**n % value.denominator == 0), None)
+    return k if decimal is None else Coefficient.read(f"{value * 10**decimal}e-{decimal}")
 
 
 def _truncated_digits(method: Method, order: int, place: Fraction | None) -> list[Finding]:
