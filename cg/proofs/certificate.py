@@ -152,7 +152,9 @@ class Certificate:
     def __str__(self) -> str:
         names = [name.partition(":")[0] for name in self.identities] if self.complete else []
         identities = f", with {' and '.join(names)}" if names else ""
-        held = f"; {len(self.fixed)} coefficients are held" if Fraction(self.radius) else ""
+        number = len(self.fixed)
+        coefficients = "coefficient is" if number == 1 else "coefficients are"
+        held = f"; {number} {coefficients} held fixed" if Fraction(self.radius) else ""
         return (
             f"{self.name}: {self.heading}: {self.statement}{identities}{held}; not order "
             f"{self.order + 1}: {self.beyond.tree} is off by at least {self.beyond.bound}"

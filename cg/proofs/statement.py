@@ -51,11 +51,8 @@ class Packed:
 
     @property
     def preferences(self) -> NDArray[np.float64]:
-        """How much each coefficient is preferred to be free: exact nodes are held if possible."""
-        layout = self.layout
-        nodes = layout.stages - layout.stage_points.count(START) if layout.of_time else 0
-        held = [k < nodes and not c.unit for k, c in enumerate(self.coefficients)]
-        return np.where(held, 1e-6, 1.0)
+        """How much each coefficient is preferred to be free: exact ones are held if possible."""
+        return np.where([c.unit == 0 for c in self.coefficients], 1e-6, 1.0)
 
     def balls(self) -> list[arb]:
         """Return balls, as small as the precision allows, that hold the values."""

@@ -26,6 +26,19 @@ def words_of_time(order):
     return condition_words(order, independent=False, of_time=True)
 
 
+@pytest.mark.parametrize("name", ["CFM6(4)", "CFM6(4)b", "CFM8(4)"])
+def test_digits_are_those_of_exact_coefficients_and_of_lobattos_nodes(name):
+    method = magnus[name]
+    texts = cg.proofs.refined_digits(method, certificate_of(method), 60)
+    numbers = list(map(Fraction, texts))
+    for stored, x in zip(method.coefficients, numbers, strict=True):
+        assert stored.unit or abs(x - stored.value) < Fraction(1, 10**59)
+    # Lobatto's nodes, four or five
+    square = Fraction(1, 20) if name == "CFM6(4)" else Fraction(3, 28)
+    offsets = [x - Fraction(1, 2) for x in numbers[:3]]
+    assert any(abs(x**2 - square) < Fraction(1, 10**59) for x in offsets)
+
+
 def test_numbers_of_conditions():
     # compositions; Lyndon words with one letter of each degree
     assert [len(words_of_time(order)) for order in range(1, 9)] == [2**q - 1 for q in range(1, 9)]
