@@ -18,9 +18,10 @@ from matplotlib import pyplot
 
 import cg
 from cg.catalogue import magnus, munthe_kaas
+from cg.catalogue.summary import summary_of
 from cg.formats import FORMATS
 from cg.method.method import Method
-from cg.proofs import CertificationError, certificate_of
+from cg.proofs import CertificationError, certificate_of, proved
 
 ROOT = Path(__file__).parent.parent
 sys.path.append(str(ROOT))  # for the package benchmarks
@@ -59,7 +60,7 @@ def proof(method: Method) -> tuple[str, str]:
     """Return what is proved of a method in a few words, and in sentences."""
     if isinstance(method, cg.MuntheKaas):
         residual = method.largest_residual()
-        return "classical", (
+        return proved(method), (
             "A Munthe-Kaas method has the order of its tableau. The tableau satisfies the "
             f"conditions of rooted trees {f'to {residual:.0e}' if residual else 'exactly'}."
         )
@@ -177,7 +178,7 @@ def properties(method: Method) -> str:
         "evaluations per step": method.stages,
         "flows per step": method.exponentials,
         "flows per step with the error estimate": method.pair_exponentials
-        if isinstance(method, cg.MagnusMethod) and method.embedded_order
+        if method.pair_exponentials != method.exponentials
         else "",
         "principal error": f"{method.principal_error:.3g}",
         "largest residual through its order": f"{method.largest_residual():.1e}",
@@ -277,7 +278,7 @@ def index(methods: list[Method]) -> str:
             kind_of(method),
             order_of(method),
             method.stages,
-            method.exponentials,
+            summary_of(method).all_flows,
             f"{method.principal_error:.2g}",
             proof(method)[0],
         )
@@ -285,9 +286,10 @@ def index(methods: list[Method]) -> str:
     names = "\n".join(slug(method.name) for method in methods)
     table = "\n".join(rows)
     return (
-        "# All methods\n\nA click on a heading sorts the table. Each method has a page with its "
-        "coefficients, what is proved, its tree of points and stability region, its cost on two "
-        "problems, files in several formats, and BibTeX. [The catalogue](../catalogue.md) says "
+        "# All methods\n\nA click on a heading sorts the table. Numbers in brackets are the order "
+        "of the second result of a pair, and the flows with the error estimate. Each method has a "
+        "page with its coefficients, what is proved, its tree of points and stability region, its "
+        "cost on two problems, files in several formats, and BibTeX. [The catalogue](../catalogue.md) says "
         f'which to use.\n\n<div class="sortable">\n\n{table}\n\n</div>\n\n'
         f"```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     )

@@ -58,6 +58,11 @@ class MethodSummary:
     imaginary_stability: float | None
     not_computed: str | None = None
 
+    @property
+    def all_flows(self) -> str:
+        """Flows of a step, in brackets those with the error estimate if it needs more."""
+        return str(self.flows) + f"({self.pair_flows})" * (self.pair_flows != self.flows)
+
     def as_dict(self) -> dict[str, Any]:
         """Return a dict that can be written as JSON."""
         return asdict(self)

@@ -96,13 +96,12 @@ def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
 
 
 def check_output(path: Path | None, option: str = "--output") -> None:
-    """Raise BadParameter unless a file can be written to a path.
-
-    Commands call it before they compute. Missing folders don't matter, since they are created.
-    """
+    """Raise BadParameter unless a file can be written to a path; commands call it first."""
     if path is None:
         return
-    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise click.BadParameter(f"{path} must be in an existing folder", param_hint=option)
     try:
         if path.is_file():
             path.open("ab").close()

@@ -52,5 +52,4 @@ def export_command(
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
     else:
-        output.parent.mkdir(parents=True, exist_ok=True)
         write_file(output, text)

@@ -34,6 +34,9 @@ _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magn
     "--min-order", type=click.IntRange(1), metavar="N", help="Only methods of this order or higher."
 )
 @click.option(
+    "--max-order", type=click.IntRange(1), metavar="N", help="Only methods of this order or lower."
+)
+@click.option(
     "--max-evaluations", type=click.IntRange(1), metavar="N",
     help="Only methods with at most N evaluations per step.",
 )  # fmt: skip
@@ -58,6 +61,7 @@ _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magn
 def list_command(
     order: int | None,
     min_order: int | None,
+    max_order: int | None,
     max_evaluations: int | None,
     max_flows: int | None,
     pair: bool | None,
@@ -68,9 +72,10 @@ def list_command(
 ) -> int:
     """List the methods of the catalogue.
 
-    The flows of a pair include those of its error estimate. The error is the principal error, the
-    norm of the residuals of the next order. "proved" says whether a certificate proves the order:
-    "yes", "in part" or "no".
+    Numbers in brackets are the order of the second result of a pair, and the flows with the error
+    estimate. The error is the principal error, the norm of the residuals of the next order.
+    "proved" says whether a certificate proves the order: "yes", "in part" or "no"; "classical"
+    methods have the order of their tableau.
 
     Exits with 1 if no method matches.
 
@@ -87,6 +92,7 @@ def list_command(
         for facts in (summary_of(method) for method in catalogue.values())
         if (order is None or facts.order == order)
         and (min_order is None or facts.order >= min_order)
+        and (max_order is None or facts.order <= max_order)
         and (max_evaluations is None or facts.evaluations <= max_evaluations)
         and (max_flows is None or facts.flows <= max_flows)
         and (pair is None or (facts.embedded_order is not None) == pair)
@@ -113,7 +119,7 @@ def _row(summary: MethodSummary, proof: str) -> tuple[str, ...]:
     numbers = (
         f"{about}{summary.order}{pair}",
         str(summary.evaluations),
-        str(summary.pair_flows),
+        summary.all_flows,
         error,
     )
     return visible(summary.name), summary.kind, proof, *numbers

@@ -38,5 +38,4 @@ def plot_command(method: Method, what: str, output: Path) -> None:
     picture = BytesIO()
     kind = output.suffix[1:] or None
     draw[what](method).figure.savefig(picture, format=kind, bbox_inches="tight")
-    output.parent.mkdir(parents=True, exist_ok=True)
     write_file(output, picture.getvalue())

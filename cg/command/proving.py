@@ -50,7 +50,6 @@ def certify_command(method: Method, output: Path | None, small: bool, in_json: b
             say(f"not proved: {error}")
         return NO
     if output is not None:
-        output.parent.mkdir(parents=True, exist_ok=True)
         certificate.save(output)
     if in_json:
         as_json(

@@ -102,8 +102,8 @@ def _run(
     plain = function is construct and output is None and not in_json
     methods = methods_of(result)
     if output is not None:
-        folder = output if len(methods) > 1 else output.parent
-        folder.mkdir(parents=True, exist_ok=True)
+        if len(methods) > 1:
+            output.mkdir(exist_ok=True)
         for method in methods:
             save(method, output)
     if in_json:

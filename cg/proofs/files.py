@@ -10,6 +10,7 @@ from pathlib import Path
 from ..catalogue import find_method
 from ..catalogue.entries import certificate_path
 from ..method.method import Method
+from ..method.munthe_kaas import MuntheKaas
 from .certificate import Certificate, CertificationError
 from .prove import check
 from .statement import fitting
@@ -63,9 +64,11 @@ def proved(method: Method) -> str:
     Returns
     -------
     str
-        ``"yes"``; ``"in part"`` if some conditions are only shown to be small; ``"no"`` without a
-        certificate.
+        ``"yes"``; ``"in part"`` if some conditions are only shown to be small; ``"classical"`` for
+        a Munthe-Kaas method, which has the order of its tableau; ``"no"`` without a certificate.
     """
+    if isinstance(method, MuntheKaas):
+        return "classical"
     try:
         return certificate_of(method).proved
     except CertificationError:

@@ -14,7 +14,6 @@ from ..method.coefficients import Coefficient
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..structure.layout import Layout
-from ..structure.points import START
 from ..support.balls import to_ball
 from .certificate import Certificate, CertificationError
 from .dependent.structure import MethodStructure

@@ -76,6 +76,7 @@ class TestList:
         assert [m["order"] for m in every] == sorted(m["order"] for m in every)
         proved = {m["name"]: m["proved"] for m in every}
         assert (proved["CG4a"], proved["CF8a"], proved["CG6a"]) == ("yes", "in part", "no")
+        assert proved["RKMK4"] == "classical"
         _, output, _ = run(
             "list", "--json", "--min-order", "5", "--pair", "--max-flows", "20", "--sort", "flows"
         )
@@ -95,6 +96,14 @@ class TestList:
         assert heads == ["name", "kind", "proved", "order", "evaluations", "flows", "error"]
         assert [row[0] for row in rows] == ["CF6a", "CF6b", "CFM6(4)", "CFM6(4)b", "DICG6"]
         assert rows[1][2:6] == ["yes", "6", "7", "14"]
+        options = ("--pair", "--kind", "commutator-free", "--json")
+        lower = json.loads(run("list", "--min-order", "4", "--max-order", "5", *options)[1])
+        assert [m["name"] for m in lower] == ["CF4(3)", "CF5(4)", "DP5(4)"]
+        assert [m["flows"] for m in lower] != [m["pair_flows"] for m in lower]
+        options = ("--pair", "--order", "5", "--kind", "Crouch-Grossman")
+        (row,) = run("list", *options)[1].splitlines()[1:]
+        method = cg.methods["CG5(4)"]
+        assert row.split()[5] == f"{method.exponentials}({method.pair_exponentials})" == "55(64)"
 
     def test_proved_methods_only(self, run):
         every = json.loads(run("list", "--min-order", "6", "--json")[1])
@@ -320,6 +329,11 @@ class TestPlot:
         (["export", "CG3", "cobol"], "FORMAT"),
         (["export", "DICG4", "c"], "format"),
         (["certify", "CG3", "-o", "/"], "--output"),
+        (["certify", "CG3", "-o", "missing/x.toml"], "must be in an existing folder"),
+        (["export", "CG3", "c", "-o", "missing/x.h"], "must be in an existing folder"),
+        (["plot", "CG3", "points", "-o", "missing/x.svg"], "must be in an existing folder"),
+        (["construct", "--order", "2", "--stages", "2", "-o", "missing/x.toml"], "existing folder"),
+        (["search", "--order", "2", "--stages", "2", "-o", "missing/x"], "existing folder"),
     ],
 )
 def test_bad_input_names_the_argument(run, arguments, named):
@@ -345,7 +359,7 @@ def test_broken_files_are_named(run, tmp_path):
     [
         ("certify", "CF3", "-o", "{}/x.toml"),
         ("search", "--order", "2", "--stages", "2", "--starts", "2", "-o", "{}/x.toml"),
-        ("construct", "--order", "2", "--stages", "2", "-o", "{}/deep/x.toml"),
+        ("construct", "--order", "2", "--stages", "2", "-o", "{}/x.toml"),
     ],
 )
 def test_output_is_checked_first(run, arguments, tmp_path, monkeypatch):
@@ -361,9 +375,8 @@ def test_output_is_checked_first(run, arguments, tmp_path, monkeypatch):
     assert (code, out) == (2, "")
     assert "--output: /proc/" in err
     monkeypatch.undo()
-    code, _, err = run(*(word.format(tmp_path / "new") for word in arguments))
-    assert code == 0
-    assert list((tmp_path / "new").rglob("*.toml"))
+    assert run(*(word.format(tmp_path) for word in arguments))[0] == 0
+    assert list(tmp_path.rglob("*.toml"))
 
 
 def test_publish_checks_folder_first(run, tmp_path):
