@@ -289,7 +289,8 @@ def index(methods: list[Method]) -> str:
         "# All methods\n\nA click on a heading sorts the table. Numbers in brackets are the order "
         "of the second result of a pair, and the flows with the error estimate. Each method has a "
         "page with its coefficients, what is proved, its tree of points and stability region, its "
-        "cost on two problems, files in several formats, and BibTeX. [The catalogue](../catalogue.md) says "
+        "cost on two problems, files in several formats, and BibTeX. "
+        "[The catalogue](../catalogue.md) says "
         f'which to use.\n\n<div class="sortable">\n\n{table}\n\n</div>\n\n'
         f"```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -10,14 +9,17 @@ import click
 
 from cg.analysis.diagnosis import draw_points
 from cg.catalogue.summary import MethodSummary, summary_of
+from cg.conditions import MAX_ORDER, ball_residuals_of, condition_trees, right_sides
 from cg.formats import export
 from cg.formats.digits import MAX_DIGITS, known_digits, numbers_of
-from cg.method.coefficients import Coefficient
 from cg.method.commutator_free import CommutatorFree
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
 from cg.support.parsing import visible
 from cg.support.quads import to_decimal
+from cg.trees import forest
+from cg.trees.rooted import density, planted, rooted_trees_through
 
 from .arguments import METHOD, as_json, json_option, say, table
 
@@ -31,24 +33,32 @@ _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
     "--digits", type=click.IntRange(1, MAX_DIGITS), metavar="N",
     help="Significant digits, by default 6; beyond the stored ones they come from the certificate.",
 )  # fmt: skip
+@click.option(
+    "--conditions", type=click.IntRange(1, MAX_ORDER), metavar="N",
+    help="List the order conditions through order N with their trees and residuals.",
+)  # fmt: skip
 @json_option
-def show_command(method: Method, digits: int | None, in_json: bool) -> None:
+def show_command(method: Method, digits: int | None, conditions: int | None, in_json: bool) -> None:
     """Show the tableau or points, order, principal error, stability, proof and source of a method.
 
     Points are drawn as a tree: a flow leads from each point to those below it. F1 is the field
-    frozen at stage 1. JSON has all digits.
+    frozen at stage 1. Below them is the tableau c, a, b of the method where flows commute. JSON has
+    all digits.
 
     \b
     Examples:
       crouch-grossman show CG4a
       crouch-grossman show CF5a --digits 16
+      crouch-grossman show CG3 --conditions 4
       crouch-grossman show my_method.toml --json
     """
     summary, certificate = summary_of(method), _certificate(method)
+    listed = [] if conditions is None else _conditions(method, conditions)
     if in_json:
         import json
 
         data = {**summary.as_dict(), "certificate": certificate, "source": method.source}
+        data |= {} if conditions is None else {"conditions": listed}
         as_json(data | {"method": json.loads(export(method, "json"))})
         return
     if digits is not None and digits > (known_digits(method) or digits):
@@ -64,18 +74,25 @@ def show_command(method: Method, digits: int | None, in_json: bool) -> None:
     for label, value in lines:
         say(f"  {label.ljust(width)}  {value}".rstrip())
     say("\n" + drawing)
+    if listed:
+        rows = [
+            [str(one["order"]), one["tree"], one["right_side"], f"{one['residual']:.3g}"]
+            for one in listed
+        ]
+        say("\n" + table([["order", "tree", "1/γ", "Φ - 1/γ"], *rows]))
 
 
 def _drawing(method: Method, digits: int) -> str:
     """Return the coefficients of a method as text: points as a tree, others in columns."""
     if isinstance(method, CommutatorFree):
-        return draw_points(method, digits=digits)
+        flat = _tableau(method, digits)
+        return f"{draw_points(method, digits=digits)}\n\nwhere flows commute:\n{flat}"
     if isinstance(method, MagnusMethod):
         rows = {"nodes": [method.nodes], "flow": method.weights}
         rows |= {"flow of the second result": method.embedded_weights or ()}
         rows |= {"flow of the third": (method.third_weights,) if method.third_weights else ()}
         lines = [
-            [label, "│", *(_text(x, digits) for x in row)]
+            [label, "│", *(_number_of(x.value, digits) for x in row)]
             for label, block in rows.items()
             for row in block
         ]
@@ -126,16 +143,19 @@ def _certificate(method: Method) -> str | None:
         return None
 
 
-def _tableau(method: Any, digits: int) -> str:
-    """Return c, a and b in columns; ``b^`` stands before the second weights."""
-    *rows, last = method.layout.cut(method.coefficients)
-    labels = [_sum(row, digits) for row in method.exact[0]]
-    lines = []
-    weights = [rows.pop(), last] if method.layout.pair else [last]
-    for c, row in zip(labels, rows, strict=True):
-        lines.append([c, *(_text(x, digits) for x in row)])
-    for label, row in zip(("b", "b^"), weights, strict=False):
-        lines.append([label, *(_text(x, digits) for x in row)])
+def _tableau(method: Method, digits: int) -> str:
+    """Return c, a and b of the flat tableau in columns; ``b^`` stands before second weights."""
+    a, b = method.exact
+    second = method.exact_embedded
+    lines = [
+        [
+            _number_of(sum(row, Fraction(0)), digits),
+            *(_number_of(x, digits) for x in row[: end if method.explicit else None]),
+        ]
+        for end, row in enumerate(a)
+    ]
+    lines += [["b", *(_number_of(x, digits) for x in b)]]
+    lines += [["b^", *(_number_of(x, digits) for x in second)]] if second else []
     width = method.stages + 1
     padded = [[*line, *[""] * (width - len(line))] for line in lines]
     text = table([[line[0], "│", *line[1:]] for line in padded], left=2).splitlines()
@@ -143,13 +163,29 @@ def _tableau(method: Any, digits: int) -> str:
     return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
 
 
-def _sum(row: Sequence[Fraction], digits: int) -> str:
-    total = sum(row, Fraction(0))
+def _number_of(x: Fraction, digits: int) -> str:
     # Python may be unable to write a longer fraction
-    text = str(total) if total.denominator.bit_length() <= _MAX_BITS else ""
-    return text if 0 < len(text) <= digits + 1 else to_decimal(total, digits)
+    text = str(x) if x.denominator.bit_length() <= _MAX_BITS else ""
+    return text if 0 < len(text) <= digits + 1 else to_decimal(x, digits)
 
 
-def _text(x: Coefficient, digits: int) -> str:
-    text = x.text
-    return text if len(text) <= digits + 1 and "x" not in text else to_decimal(x.value, digits)
+def _conditions(method: Method, order: int) -> list[dict[str, Any]]:
+    """Return the order conditions through an order with their trees and residuals."""
+    if isinstance(method, MagnusMethod):
+        raise click.BadParameter(
+            f"{method.name} has conditions of words, not of trees", param_hint="--conditions"
+        )
+    if isinstance(method, MuntheKaas):
+        trees = [planted(tree) for tree in rooted_trees_through(order)]
+        residuals = list(map(float, method.residuals(order)))
+        orders = [tree.nodes for tree in trees]
+        sides = [Fraction(1, density(tree)) for tree in rooted_trees_through(order)]
+    else:
+        trees = [forest(order + 1).tree(index) for index in condition_trees(order)]
+        balls = ball_residuals_of(method.tree, order)
+        residuals = [0.0 if ball.contains(0) else float(ball.mid()) for ball in balls]
+        orders = [tree.nodes - 1 for tree in trees]
+        sides = list(right_sides(order))
+    columns = {"order": orders, "tree": map(str, trees), "right_side": map(str, sides)}
+    rows = zip(*columns.values(), residuals, strict=True)
+    return [dict(zip([*columns, "residual"], row, strict=True)) for row in rows]

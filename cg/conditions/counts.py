@@ -30,6 +30,8 @@ def check_order(order: int, highest: int | None = MAX_ORDER) -> int:
 def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
     """Return the indices of the trees whose conditions make an order.
 
+    ``cg.trees.forest(order + 1).tree(index)`` is the tree of an index.
+
     Parameters
     ----------
     order : int

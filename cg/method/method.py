@@ -319,7 +319,22 @@ class Method(Outputs, ABC):
         return None if self.embedded is None else self.embedded.exact_order
 
     def residuals(self, order: int) -> Sequence[Any]:
-        """Return the exact residuals ``Φ(t) - 1/γ(t)`` of all trees through an order."""
+        """Return the exact residuals ``Φ(t) - 1/γ(t)`` of all trees through an order.
+
+        Returns
+        -------
+        tuple of Fraction
+            Of the ordered trees `cg.conditions.condition_trees`; of a `cg.MuntheKaas` the classical
+            ones. Those of a `cg.MagnusMethod` are Decimals of 50 digits, of words.
+
+        Examples
+        --------
+        >>> import cg
+        >>> trees = map(cg.trees.forest(5).tree, cg.conditions.condition_trees(4))
+        >>> residuals = cg.methods["CG3"].residuals(4)
+        >>> [str(t) for t, r in zip(trees, residuals, strict=True) if abs(r) > 0.05]
+        ['[[][[[]]]]', '[[[[]]][]]']
+        """
         return conditions.exact_residuals_of(self.tree, order)
 
     def largest_residual(self, order: int | None = None) -> float:

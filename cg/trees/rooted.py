@@ -8,7 +8,7 @@ from itertools import combinations_with_replacement
 from math import prod
 
 from ..support.checks import check_integer
-from .ordered import MAX_NODES
+from .ordered import MAX_NODES, OrderedTree
 
 RootedTree = tuple["RootedTree", ...]
 """The children of the root, each multiset in one sequence only; ``()`` is the single node."""
@@ -68,3 +68,8 @@ def density(tree: RootedTree) -> int:
     [1, 2, 6, 3]
     """
     return node_count(tree) * prod(map(density, tree))
+
+
+def planted(tree: RootedTree) -> OrderedTree:
+    """Return a rooted tree with its children in one of their sequences."""
+    return OrderedTree(tuple(map(planted, tree)))

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from fractions import Fraction
 from importlib.resources import files
 
 import pytest
@@ -159,6 +160,31 @@ class TestShow:
     def test_points(self, run):
         _, output, _ = run("show", "CF3", "--digits", "3")
         assert "│   └── point 3: -0.0833 F1 + 0.75 F3; result" in output
+
+    def test_points_with_the_tableau_where_flows_commute(self, run):
+        flat = run("show", "CF4")[1].partition("where flows commute:\n")[2].splitlines()
+        assert [line.split("│")[0].strip() for line in flat if "│" in line][:4] == [
+            "0", "1/2", "1/2", "1"
+        ]  # fmt: skip
+        assert flat[-1].split()[2:] == ["1/6", "1/3", "1/3", "1/6"]
+
+    @pytest.mark.parametrize(("name", "count"), [("CG3", 22), ("RKMK4", 8)])
+    def test_conditions(self, run, name, count):
+        listed = json.loads(run("show", name, "--conditions", "4", "--json")[1])["conditions"]
+        method = {**cg.methods, **munthe_kaas}[name]
+        assert len(listed) == count == len(method.residuals(4))
+        assert [one["residual"] for one in listed] == list(map(float, method.residuals(4)))
+        for one in listed:
+            tree = cg.trees.OrderedTree.parse(one["tree"])
+            assert tree.nodes == one["order"] + (name == "CG3")
+            if name == "CG3":
+                assert one["right_side"] == str(Fraction(1, tree.density))
+        shown = run("show", name, "--conditions", "4")[1].splitlines()
+        assert shown[-count].split() == ["1", listed[0]["tree"], "1", "0"]
+
+    def test_conditions_of_words(self, run):
+        code, _, error = run("show", "CFM4", "--conditions", "2")
+        assert (code, "--conditions: CFM4 has conditions of words" in error) == (2, True)
 
     @pytest.mark.parametrize("name", ["CG4a", "CF5(4)"])
     def test_digits_beyond_the_stored_ones(self, run, name):

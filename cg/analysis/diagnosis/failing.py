@@ -12,7 +12,7 @@ from ...method.flat import failing_rooted
 from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...trees.ordered import OrderedTree, forest
-from ...trees.rooted import RootedTree, rooted_trees
+from ...trees.rooted import planted, rooted_trees
 from .drawing import draw_tree
 
 if TYPE_CHECKING:
@@ -115,8 +115,4 @@ def _first_flat(method: MuntheKaas, order: int) -> FailingCondition:
     tree, weight, side = failing[0]
     trees = len(rooted_trees(order))
     residual = float(weight - side)
-    return FailingCondition(order, _planted(tree), residual, side, len(failing), trees)
-
-
-def _planted(tree: RootedTree) -> OrderedTree:
-    return OrderedTree(tuple(map(_planted, tree)))
+    return FailingCondition(order, planted(tree), residual, side, len(failing), trees)
