@@ -18,6 +18,15 @@ PROGRAM = "crouch-grossman"
 COMPLETE = "_CROUCH_GROSSMAN_COMPLETE"
 """Environment variable through which shells request completions."""
 
+_IN_COMMAND = {
+    "pass force=True": "pass --force",
+    "pass certificate=cg.certify(method)": "crouch-grossman certify FILE -o PROOF makes one; "
+    "name it like FILE with .certificate.toml at its end, or pass export --certificate PROOF",
+    "valid integer range": "valid integer",
+    "valid float range": "valid number",
+}
+"""Words of messages of Python functions and of click, and the words that the command uses."""
+
 _MODULES = {
     "list": "listing",
     "show": "showing",
@@ -105,7 +114,9 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     except click.ClickException as error:
         return _refuse(program, error.format_message())
     except (ArithmeticError, BrokenExecutor, OSError, ValueError) as error:
-        return _refuse(program, _with_notes(str(error), error))
+        file = getattr(error, "filename", None)
+        text = f"{file}: {error.strerror}" if isinstance(error, OSError) and file else str(error)
+        return _refuse(program, _with_notes(text, error))
     except MemoryError as error:
         return _refuse(program, f"not enough memory: {error}")
     return code if isinstance(code, int) else 0
@@ -117,5 +128,7 @@ def _with_notes(text: str, error: BaseException) -> str:
 
 
 def _refuse(program: str, message: str) -> int:
+    for words, own in _IN_COMMAND.items():
+        message = message.replace(words, own)
     print(f"{program}: error: {visible(' '.join(message.split()))}", file=sys.stderr)
     return UNUSABLE

@@ -36,7 +36,7 @@ def certify_command(method: Method, output: Path | None, small: bool, in_json: b
     Examples:
       crouch-grossman certify CG4a
       crouch-grossman certify my_method.toml -o my_method.certificate.toml
-      crouch-grossman certify CF5c --small
+      crouch-grossman certify CF7b --small
     """
     check_output(output)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import click
 from cg.catalogue import dumps, save
 from cg.construction import Construction, construct
 from cg.construction.search.random_search import search
+from cg.construction.search.result import SearchResult
 from cg.formats import export
 from cg.method.method import Method
 
@@ -29,8 +31,8 @@ def search_command(**options: Any) -> int:
     The methods are tableaux of Crouch-Grossman type, explicit or with --rows implicit. With --flows
     they are commutator-free methods with random trees of points, with --tree those with the tree of
     a method. Prints a line for each method, sorted by the largest coefficient or by what --minimise
-    names. The minima are local: other starts may lead to smaller ones. Neither --workers nor the
-    executor changes the result.
+    names. Each minimum is a local one: more starts may lead to smaller ones. Neither --workers nor
+    the executor changes the result.
 
     Progress is shown on standard error. With --store, the same command resumes an interrupted
     search, and `runs` shows the results. Exits with 1 if no start led to a method.
@@ -109,7 +111,9 @@ def _run(
     if in_json:
         as_json([json.loads(export(method, "json")) for method in methods])
     elif not methods:
-        say("no method found")
+        exact = result.exact_starts if isinstance(result, SearchResult) else 0
+        required = f" of {exact} solutions has {result.requirements}" if exact else " found"
+        say(f"no method{required}")
     elif plain:
         click.echo(dumps(methods[0]), nl=False)
     else:
@@ -126,11 +130,16 @@ def _list(methods: Sequence[Method], minimise: str | None) -> None:
             text += f", principal error {method.principal_error:.3g}"
         say(text)
     if minimise:
-        say("these minima are local: other starts may lead to smaller ones", err=True)
+        say("each minimum is a local one: more --starts may lead to smaller ones", err=True)
 
 
 def _of_options(message: str, names: Iterable[str]) -> str:
     """Return an error message of a function with the option in place of the argument."""
-    message = message.replace("pass force=True", "pass --force")
+    message = re.sub(
+        r" must be (None|False) with a tree.*", " and --tree exclude each other", message
+    )
+    message = message.replace(" needs flows", " needs --flows").replace(
+        " must be False, as tree", " can't be used, as --tree"
+    )
     first, _, rest = message.partition(" ")
     return f"--{first.replace('_', '-')} {rest}" if first in names else message

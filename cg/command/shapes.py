@@ -58,7 +58,7 @@ _SIZE_OPTIONS: Sequence[Option[Any]] = (
     click.option("--order", type=_COUNT, required=True, metavar="N", help="Order of the methods."),
     click.option(
         "--stages", type=_COUNT, metavar="N",
-        help="Evaluations in a step; by default those of the tree, required without a tree.",
+        help="Evaluations in a step; required unless --tree is given.",
     ),
 )  # fmt: skip
 
@@ -137,7 +137,7 @@ _SEARCH: Sequence[Option[Any]] = (
     ),
     click.option(
         "--bound", type=_SIZE, metavar="X",
-        help="Bound on the magnitudes of the coefficients of the methods.",
+        help="Bound on the magnitudes of coefficients; methods beyond it are moved to 1 % below.",
     ),
     click.option(
         "--minimise", type=click.Choice(OBJECTIVES),

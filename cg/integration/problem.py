@@ -219,8 +219,7 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
     chosen = resolve_method(method)
     if isinstance(chosen, MagnusMethod) and not isinstance(f, _OF_TIME):
         raise ValueError(
-            f"method must be one for nonlinear equations, got {chosen!r}, which is for "
-            "cg.solve_linear"
+            f"method must be for nonlinear equations, got {chosen!r}, which is for cg.solve_linear"
         )
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen)

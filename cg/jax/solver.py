@@ -135,7 +135,7 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         if not found.explicit:
             raise ValueError(f"method must be explicit in JAX, got {found!r}")
         if isinstance(found, MagnusMethod):
-            raise ValueError(f"method must be one for nonlinear equations, got {found!r}")
+            raise ValueError(f"method must be for nonlinear equations, got {found!r}")
         if dense not in _DENSE:
             raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
         self.steps = _steps_of(found)

@@ -156,8 +156,8 @@ class Certificate:
         coefficients = "coefficient is" if number == 1 else "coefficients are"
         held = f"; {number} {coefficients} held fixed" if Fraction(self.radius) else ""
         return (
-            f"{self.name}: {self.heading}: {self.statement}{identities}{held}; not order "
-            f"{self.order + 1}: {self.beyond.tree} is off by at least {self.beyond.bound}"
+            f"{self.name or 'the method'}: {self.heading}: {self.statement}{identities}{held}; "
+            f"not order {self.order + 1}: {self.beyond.tree} is off by at least {self.beyond.bound}"
         )
 
     def dumps(self) -> str:

@@ -59,7 +59,10 @@ def certify(method: Method | str, order: int | None = None, *, small: bool = Fal
     method = resolve_method(method)
     small = check_flag("small", small)
     if isinstance(method, MuntheKaas):
-        raise TypeError(f"method must be no Munthe-Kaas method, got {method!r}")
+        raise TypeError(
+            f"method must not be a Munthe-Kaas method, whose order is that of its tableau, "
+            f"got {method!r}"
+        )
     order = method.order if order is None else check_integer("order", order, 1, MAX_ORDER)
     if order < 1:
         raise CertificationError(
@@ -84,12 +87,17 @@ def certify(method: Method | str, order: int | None = None, *, small: bool = Fal
         beyond=ViolatedCondition("[]", "0"),
         embedded_beyond=None,
     )
-    with precision(draft.bits):
-        if any(coefficient.unit for coefficient in packed.coefficients):
-            draft = find_zero(packed, draft, small)
-        else:
-            check_rational(packed, draft)
-        return find_beyond(packed, draft)
+    try:
+        with precision(draft.bits):
+            if any(coefficient.unit for coefficient in packed.coefficients):
+                draft = find_zero(packed, draft, small)
+            else:
+                check_rational(packed, draft)
+            return find_beyond(packed, draft)
+    except CertificationError as error:
+        if order > method.order:
+            error.args = (f"the order is {method.order}, not {order}: {error}",)
+        raise
 
 
 def check(certificate: Certificate, method: Method) -> None:

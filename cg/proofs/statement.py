@@ -68,7 +68,7 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
     """Return the packed method; raise CertificationError if the certificate is for another one."""
     if isinstance(method, MuntheKaas):
         raise CertificationError(
-            f"the certificate doesn't fit: method must be no Munthe-Kaas method, got {method!r}"
+            f"the certificate doesn't fit: method must not be a Munthe-Kaas method, got {method!r}"
         )
     pair = certificate.embedded_order is not None
     faults = []

@@ -195,8 +195,7 @@ def write_file(path: str | PathLike[str], data: str | bytes) -> None:
             os.fsync(file.fileno())
         os.replace(part, target)
     except OSError as error:
-        error.filename, error.filename2 = str(path), None
-        raise
+        raise type(error)(error.errno, error.strerror, str(path)) from None
     finally:
         with suppress(OSError):
             part.unlink()

@@ -151,7 +151,7 @@ def test_repr():
 def test_certificate_of_a_munthe_kaas_method_is_refused():
     """It has the coefficients of its tableau but other order conditions."""
     tableau = cg.Tableau([[], ["1/2"]], [0, 1], name="X")
-    with pytest.raises(CertificationError, match="method must be no Munthe-Kaas method"):
+    with pytest.raises(CertificationError, match="method must not be a Munthe-Kaas method"):
         check(cg.certify(tableau), cg.MuntheKaas(tableau))
 
 

@@ -237,7 +237,7 @@ class TestCheck:
     def test_magnus_methods_are_rejected_in_a_line(self, run):
         code, output, error = run("check", "CFM6(4)")
         assert (code, output) == (2, "")
-        assert "method must be one for nonlinear equations" in error
+        assert "method must be for nonlinear equations" in error
         assert len(error.splitlines()) == 1
 
     def test_a_method_without_mistake(self, run):
@@ -405,6 +405,19 @@ def test_output_is_checked_first(run, arguments, tmp_path, monkeypatch):
     assert list(tmp_path.rglob("*.toml"))
 
 
+def test_messages_name_options_and_files(run, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(dumps(cg.methods["CG4a"].with_coefficients(cg.methods["CG4a"].coefficients)))
+    file.write_text(file.read_text().replace('"CG4a"', '"mine"'))
+    error = run("export", str(file), "json", "--digits", "60")[2]
+    assert "--certificate PROOF" in error
+    assert "cg.certify" not in error
+    error = run("runs", "list", str(tmp_path / "none" / "runs.db"))[2]
+    assert "Errno" not in error
+    with pytest.raises(FileNotFoundError, match=r"No such file or directory: '.*none/x.toml'$"):
+        cg.methods["CG3"].save(tmp_path / "none" / "x.toml")
+
+
 def test_publish_checks_folder_first(run, tmp_path):
     store = tmp_path / "runs.db"
     run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
@@ -416,7 +429,10 @@ def test_publish_checks_folder_first(run, tmp_path):
 def test_certify_rejects_munthe_kaas(run):
     code, out, err = run("certify", "RKMK4")
     assert (code, out) == (2, "")
-    assert "NAME|FILE: method must be no Munthe-Kaas method, got <MuntheKaas RKMK4" in err
+    assert (
+        "NAME|FILE: method must not be a Munthe-Kaas method, whose order is that of its tableau"
+        in err
+    )
 
 
 def test_reproduce_takes_the_options_of_reproduce_paper(run):

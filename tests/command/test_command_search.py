@@ -104,7 +104,7 @@ def test_what_was_minimised_is_shown(capsys):
     found = cg.search(3, 3, 6, 1, minimise="principal_error").methods
     errors = [float(line.rpartition("principal error ")[2]) for line in shown.splitlines()]
     assert errors == pytest.approx([method.principal_error for method in found], rel=1e-2)
-    assert note == "these minima are local: other starts may lead to smaller ones\n"
+    assert note == "each minimum is a local one: more --starts may lead to smaller ones\n"
     assert main([*command.split()[:-1], "--json"]) == 0
     assert capsys.readouterr().err == ""
 
@@ -120,6 +120,16 @@ def test_a_search_with_a_tree(capsys):
     assert cg.catalogue.loads(capsys.readouterr().out) == method
 
 
+def test_solutions_beyond_a_bound_are_counted(run_command):
+    command = "search --order 3 --stages 3 --starts 4 --seed 1 --bound 0.1"
+    exact = cg.search(3, 3, 4, 1).exact_starts
+    assert exact > 0
+    message = f"no method of {exact} solutions has coefficients of at most 0.1\n"
+    assert run_command(*command.split())[:2] == (1, message)
+    result = cg.search(3, 3, 4, 1, abscissae=(0, 1), minimise="principal_error")
+    assert "required to have abscissae from 0.0 to 1.0 and a small principal error>" in repr(result)
+
+
 @pytest.mark.parametrize(
     ("command", "message"),
     [
@@ -129,10 +139,18 @@ def test_a_search_with_a_tree(capsys):
         ("search --order 4 --tree DICG4", "isn't an explicit method with a tree of points"),
         ("search --order 4 --tree RKMK4", "isn't an explicit method with a tree of points"),
         ("search --order 4 --tree CF4 --stages 5", "--stages must be those of the tree, 4, got 5"),
-        ("search --order 4 --tree CF4 --flows 5", "--flows must be None with a tree"),
+        ("search --order 4 --tree CF4 --flows 5", "--flows and --tree exclude each other"),
+        (
+            "search --order 4 --stages 4 --flows 4",
+            "--flows = 4 is too few for order 4, which needs 5",
+        ),
+        ("search --order 4 --stages four", "'four' is not a valid integer."),
+        ("search --order 4 --stages 5 --width x", "'x' is not a valid number."),
+        ("search --order 4 --tree CF4 --first-same-as-last", "--tree exclude each other"),
+        ("search --order 4 --tree CF4 --embedded", "--embedded can't be used, as --tree has no"),
         ("search --order 4 --stages 5 --rows round", "Invalid value for '--rows'"),
         ("search --order 4 --stages 5 --width -1", "Invalid value for '--width'"),
-        ("search --order 4 --stages 5 --embedded", "--embedded needs flows"),
+        ("search --order 4 --stages 5 --embedded", "--embedded needs --flows; "),
         ("search --order 4 --stages 5 --first-same-as-last", "--first-same-as-last needs"),
         ("construct --order 5 --stages 9 --structure middle --full-rank", "--structure must be"),
         ("construct --order 5 --stages 9 --first-stages 3", "--first-stages must be at least 9"),

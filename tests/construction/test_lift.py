@@ -74,6 +74,10 @@ class TestFlat:
         b[0] += 1e-14
         assert flat_order(cg.Tableau(a, b)) == 0
 
+    def test_lift_refuses_a_tableau_without_order(self):
+        with pytest.raises(ValueError, match=r"tableau must have weights b of sum 1 at least, got"):
+            cg.lift(cg.Tableau([[], ["1/2"]], ["1/2", "1/3"]))
+
     def test_stage_orders(self):
         assert stage_orders(KUTTA) == (0, 1, 1)
         assert stage_orders(pair("DP5(4)")) == (

@@ -157,7 +157,7 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     """
     method = resolve_method(method)
     if isinstance(method, MagnusMethod):
-        raise TypeError(f"method must be one for nonlinear equations, got {method!r}")
+        raise TypeError(f"method must be for nonlinear equations, got {method!r}")
     abscissae = None if c is None else _read_abscissae(c, method)
     return Diagnosis(
         method,

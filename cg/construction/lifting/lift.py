@@ -127,6 +127,9 @@ def lift(
     result ("first same as last"), it is at the result. Second weights of a pair become one more
     flow, from the result.
 
+    A tree with fewer flows may exist than the default finds: classical RK4 becomes a method of six
+    flows, and CF4 of the catalogue has its tableau and five. Pass `flows` with more `tries`.
+
     Parameters
     ----------
     tableau : Tableau
@@ -142,7 +145,7 @@ def lift(
         at the result), and to the result. The default lengths sufficed in experiments. Every
         fourth start also has weights where the tableau has zeros.
     seed : int, optional
-        Start ``index`` is a pure function of the seed and its index.
+        The seed and the number of a start determine its random numbers.
     tries : int, optional
         Largest number of starts.
     hits : int, optional
@@ -298,6 +301,10 @@ def _check_orders(
     if not tableau.explicit:
         raise ValueError(f"tableau must be explicit, got {tableau!r}")
     flat = flat_order(tableau)
+    if flat == 0:
+        raise ValueError(
+            f"tableau must have weights b of sum 1 at least, got {tableau!r}, of order 0"
+        )
     order = flat if order is None else check_integer("order", order, 1)
     if not 1 <= order <= flat:
         raise ValueError(f"order must be from 1 to {flat}, that of the flat method, got {order}")

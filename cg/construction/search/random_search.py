@@ -1,7 +1,7 @@
 """Search for methods: many random starts, each solved in double and refined in real(16).
 
-This is Section 3.2 of Jackiewicz, Marthinsen and Owren. A start is a pure function of
-``(seed, index)`` and of the BLAS kernels, which differ between processors. So on one machine
+This is Section 3.2 of Jackiewicz, Marthinsen and Owren. A start is determined by
+``(seed, index)`` and by the BLAS kernels, which differ between processors. So on one machine
 results don't depend on the number of workers, and any start can be rerun alone. Besides tableaux,
 the search covers methods with several frozen fields in a flow: those of a given tree of points, or
 of trees that are drawn at random with each start.
@@ -123,9 +123,10 @@ def search(
     bound : float, optional
         Bound on the magnitudes of the coefficients of the methods.
     minimise : {"principal_error", "largest_coefficient"}, optional
-        Move each method along its solution set to reduce this, and sort the methods by it. The
-        minima are local: other starts may lead to smaller ones. With
-        `abscissae` or `bound`, methods beyond these are moved as well, and left out if that fails.
+        Move each method along its solution set to reduce this, and sort the methods by it. Each
+        minimum is a local one: more starts may lead to smaller ones. With
+        `abscissae` or `bound`, methods beyond these are moved as well, to 1 % inside the bounds,
+        and left out if that fails.
         None of the three changes the starts, or what a store has.
 
     Returns

@@ -40,6 +40,14 @@ class Requirements:
             raise ValueError(f"minimise: order must be below {MAX_ORDER}, got {order}")
         return cls(abscissae, bound, minimise)
 
+    def __str__(self) -> str:
+        parts = (
+            [] if self.abscissae is None else ["abscissae from {} to {}".format(*self.abscissae)]
+        )
+        parts += [] if self.bound is None else [f"coefficients of at most {self.bound}"]
+        parts += [f"a small {self.minimise.replace('_', ' ')}"] if self.minimise else []
+        return " and ".join(parts)
+
     @property
     def goals(self) -> Goals:
         """The objective of the optimisation."""

@@ -102,11 +102,16 @@ class SearchResult:
 
     def __repr__(self) -> str:
         settings = self.settings
-        exact = sum(1 for _ in self._exact())
+        required = f", methods required to have {self.requirements}" * bool(str(self.requirements))
         return (
             f"<SearchResult: order {settings.order}, {settings.stages} stages, seed "
-            f"{settings.seed}: {exact} of {len(self.starts)} starts exact>"
+            f"{settings.seed}: {self.exact_starts} of {len(self.starts)} starts exact{required}>"
         )
+
+    @property
+    def exact_starts(self) -> int:
+        """Number of starts that solved the order conditions, whatever else is required."""
+        return sum(1 for _ in self._exact())
 
     @cached_property
     def methods(self) -> tuple[Method, ...]:

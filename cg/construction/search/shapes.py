@@ -281,16 +281,22 @@ class ShapeArguments:
             flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
             unknowns = most_unknowns(stages - last, flows)
         if not force:
-            _check_counts(self.order, stages - last, unknowns)
+            second = 0 if layout is None else int(layout.pair)
+            _check_counts(self.order, stages - last, flows - second, unknowns)
         return layout, flows
 
 
-def _check_counts(order: int, stages: int, unknowns: int) -> None:
+def _check_counts(order: int, stages: int, flows: int, unknowns: int) -> None:
     if stages < MIN_STAGES[order - 1]:
         raise ValueError(
             f"stages = {stages} is too few for order {order}, which needs "
             f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try "
             "nevertheless"
+        )
+    if (order, flows) == (4, 4):
+        raise ValueError(
+            "flows = 4 is too few for order 4, which needs 5: see the page 'Methods that do not "
+            "exist' of the documentation; pass force=True to try nevertheless"
         )
     if unknowns < FLAT_CONDITIONS[order - 1]:
         raise ValueError(

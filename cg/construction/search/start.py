@@ -1,4 +1,4 @@
-"""One random start of a search: a pure function of settings and index."""
+"""One random start of a search: determined by its settings and index."""
 
 from __future__ import annotations
 
