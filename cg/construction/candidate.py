@@ -189,11 +189,7 @@ def to_method(
     """Refine a candidate in real(16) and return it as a method.
 
     Exact zeros of the candidate stay zero; entries that are zero up to rounding are set to zero.
-
-    Raises
-    ------
-    NotExactError
-        If the conditions then don't hold to the accuracy of binary128.
+    NotExactError if the conditions then don't hold to the accuracy of binary128.
     """
     system = check_candidate(candidate).system
     free = np.setdiff1d(system.free_without(frozen), np.flatnonzero(candidate.x == 0))
