@@ -15,21 +15,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from cg.plot.style import COLOURS
 from cg.support.parsing import write_file
 
 from .blocks import Chart
 
-PALETTE: Mapping[str, str] = MappingProxyType(
-    {
-        "blue": "#0072B2",
-        "vermilion": "#D55E00",
-        "green": "#009E73",
-        "purple": "#CC79A7",
-        "orange": "#E69F00",
-        "sky": "#56B4E9",
-        "black": "#000000",
-    }
-)
+_COLOUR_NAMES = ("blue", "vermilion", "green", "purple", "orange", "sky", "black")
+PALETTE: Mapping[str, str] = MappingProxyType(dict(zip(_COLOUR_NAMES, COLOURS, strict=True)))
 """Colours that stay apart for colour-blind readers (M. Okabe and K. Ito, 2008)."""
 
 LINES: Mapping[str, Mapping[str, Any]] = MappingProxyType(

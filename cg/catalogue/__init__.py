@@ -145,23 +145,12 @@ def similar_names(name: object) -> str:
 
 
 def resolve_method(method: str | PathLike[str] | Method) -> Method:
-    """Return a method given as an object, a name or a file.
+    """Return a method given as an object, by its name in the catalogue, or as a TOML or JSON file.
 
-    Parameters
-    ----------
-    method
-        A method, the name of one in the catalogue, or the path of a TOML or JSON file, which is
-        read again in each call.
-
-    Raises
-    ------
-    ValueError
-        If no method has that name; the message lists the names of the catalogue and the most
-        similar ones. Or a `MethodError` if the file holds no method.
-    TypeError
-        If `method` is neither a name, nor a path, nor a method.
-    OSError
-        If the file can't be read.
+    A file is read again in each call. ValueError, which lists the names of the catalogue and the
+    most similar ones, if no method has that name; MethodError if the file holds no method;
+    TypeError if `method` is neither a name, nor a path, nor a method; OSError if the file can't be
+    read.
     """
     if isinstance(method, Method):
         return method

@@ -51,10 +51,7 @@ def loads(text: str) -> Method:
     """
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
-    in_json = text.lstrip().startswith("{")  # no line of TOML begins with a brace
-    entry = (
-        read_json(text, TableauError) if in_json else read_toml(text, TableauError, parse_float=str)
-    )
+    entry = read_entry(text)
     points = not _KEYS_OF_POINTS.isdisjoint(entry)
     if entry.get("kind") == _MAGNUS:
         check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded", "b_third", "third_factor"}, "the entry")
@@ -78,6 +75,13 @@ def loads(text: str) -> Method:
         third = entry.pop("b_third", None)
         return CommutatorFree(_read_points(entry.pop("points")), third=third, **entry, **nominal)
     return Tableau(entry.pop("a"), entry.pop("b"), **entry, **nominal)
+
+
+def read_entry(text: str) -> dict[str, Any]:
+    """Return the keys and values of a catalogue file: TOML, or JSON with the same keys."""
+    if text.lstrip().startswith("{"):  # no line of TOML begins with a brace
+        return read_json(text, TableauError)
+    return read_toml(text, TableauError, parse_float=str)
 
 
 def _read_munthe_kaas(entry: dict[str, Any]) -> MuntheKaas:

@@ -18,9 +18,20 @@ from cg.support.parsing import to_json, visible_lines
 F = TypeVar("F", bound=Callable[..., Any])
 
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
-workers_option = click.option(
-    "--workers", type=click.IntRange(1), metavar="N", help="Threads; all cores by default."
-)
+
+
+def count_option(name: str, help: str, *, least: int = 1, **more: Any) -> Callable[[F], F]:
+    """Return an option that is a number N of at least `least`."""
+    return click.option(name, type=click.IntRange(least), metavar="N", help=help, **more)
+
+
+def output_option(help: str, *, required: bool = False) -> Callable[[F], F]:
+    """Return the option for the file that a command writes."""
+    file = click.Path(dir_okay=False, path_type=Path)
+    return click.option("--output", "-o", type=file, metavar="FILE", help=help, required=required)
+
+
+workers_option = count_option("--workers", "Threads; all cores by default.")
 
 
 def named(name: str) -> Method:

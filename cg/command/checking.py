@@ -8,7 +8,7 @@ from cg.analysis.diagnosis import Diagnosis, diagnose, diagnose_file
 from cg.structure.points import MethodError
 
 from ..catalogue import is_file
-from .arguments import MethodArgument, as_json, json_option, named, say
+from .arguments import MethodArgument, as_json, count_option, json_option, named, say
 from .main import NO
 
 
@@ -24,7 +24,7 @@ class _Diagnosed(MethodArgument):
 
 @click.command("check", short_help="Determine the order of a method and recognise mistakes.")
 @click.argument("diagnosis", metavar="NAME|FILE", type=_Diagnosed())
-@click.option("--order", type=click.IntRange(1), metavar="N", help="Required order.")
+@count_option("--order", "Required order.")
 @json_option
 def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int:
     """Determine the order of a method and recognise mistakes in its coefficients.

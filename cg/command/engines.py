@@ -36,10 +36,7 @@ def engine_options(function: F) -> F:
 def engine(processes: bool, dask: str | None, mpi: bool) -> Iterator[ExecutorLike]:
     """Return the executor that the options choose.
 
-    Raises
-    ------
-    click.UsageError
-        If there is more than one of the options, or a package isn't installed.
+    UsageError if there is more than one of the options, or a package isn't installed.
     """
     if processes + (dask is not None) + mpi > 1:
         raise click.UsageError("--processes, --dask and --mpi exclude each other")

@@ -10,7 +10,7 @@ from cg.formats import FORMATS, export
 from cg.method.method import Method
 from cg.support.parsing import write_file
 
-from .arguments import METHOD, check_output
+from .arguments import METHOD, check_output, output_option
 
 
 @click.command("export", short_help="Write a method as data or code.")
@@ -24,10 +24,7 @@ from .arguments import METHOD, check_output
     "--certificate", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
     help="Certificate of the method; by default that of the catalogue, or the one beside FILE.",
 )  # fmt: skip
-@click.option(
-    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-    help="Output file; standard output by default.",
-)  # fmt: skip
+@output_option("Output file; standard output by default.")
 def export_command(
     method: Method, format: str, digits: int | None, certificate: Path | None, output: Path | None
 ) -> None:

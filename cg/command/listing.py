@@ -13,7 +13,7 @@ from cg.catalogue.summary import MethodSummary, summary_of
 from cg.proofs import proved
 from cg.support.parsing import visible
 
-from .arguments import as_json, json_option, say, table
+from .arguments import as_json, count_option, json_option, say, table
 from .main import NO
 
 _KEYS: dict[str, Callable[[MethodSummary], Any]] = {
@@ -29,21 +29,11 @@ _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magn
 
 
 @click.command("list")
-@click.option("--order", type=click.IntRange(1), metavar="N", help="Only methods of this order.")
-@click.option(
-    "--min-order", type=click.IntRange(1), metavar="N", help="Only methods of this order or higher."
-)
-@click.option(
-    "--max-order", type=click.IntRange(1), metavar="N", help="Only methods of this order or lower."
-)
-@click.option(
-    "--max-evaluations", type=click.IntRange(1), metavar="N",
-    help="Only methods with at most N evaluations per step.",
-)  # fmt: skip
-@click.option(
-    "--max-flows", type=click.IntRange(1), metavar="N",
-    help="Only methods with at most N flows per step.",
-)  # fmt: skip
+@count_option("--order", "Only methods of this order.")
+@count_option("--min-order", "Only methods of this order or higher.")
+@count_option("--max-order", "Only methods of this order or lower.")
+@count_option("--max-evaluations", "Only methods with at most N evaluations per step.")
+@count_option("--max-flows", "Only methods with at most N flows per step.")
 @click.option(
     "--pair/--no-pair", default=None, help="Only pairs, or only methods without an error estimate."
 )

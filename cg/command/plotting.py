@@ -10,16 +10,13 @@ import click
 from cg.method.method import Method
 from cg.support.parsing import write_file
 
-from .arguments import METHOD, check_output
+from .arguments import METHOD, check_output, output_option
 
 
 @click.command("plot", short_help="Plot a method.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @click.argument("what", metavar="WHAT", type=click.Choice(["points", "tableau", "stability"]))
-@click.option(
-    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), required=True,
-    metavar="FILE", help="Output file: .svg, .png, .pdf, ….",
-)  # fmt: skip
+@output_option("Output file: .svg, .png, .pdf, ….", required=True)
 def plot_command(method: Method, what: str, output: Path) -> None:
     """Plot the points, the tableau or the stability region of a method.
 

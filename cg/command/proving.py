@@ -9,16 +9,13 @@ import click
 from cg.method.method import Method
 from cg.proofs import CertificationError, certify
 
-from .arguments import METHOD, as_json, check_output, json_option, say
+from .arguments import METHOD, as_json, check_output, json_option, output_option, say
 from .main import NO
 
 
 @click.command("certify", short_help="Prove the order of a method.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
-@click.option(
-    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-    help="Output file of the certificate.",
-)  # fmt: skip
+@output_option("Output file of the certificate.")
 @click.option(
     "--small", is_flag=True,
     help="Accept a proof in part: some conditions are only shown to be small.",

@@ -15,7 +15,7 @@ from cg.construction.results import StoredSolution, best, families, publish, sol
 from cg.construction.results.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
 
-from .arguments import as_json, check_output, json_option, say, table
+from .arguments import as_json, check_output, count_option, json_option, say, table
 from .main import NO
 
 _FILE = click.argument("file", metavar="FILE", type=click.Path(exists=True, dir_okay=False))
@@ -118,8 +118,7 @@ def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
 @_NUMBER
 @click.option("--objective", type=click.Choice(OBJECTIVES), default=OBJECTIVES[0],
               show_default=True, help="What to minimise.")  # fmt: skip
-@click.option("--count", type=click.IntRange(1), default=10, show_default=True, metavar="N",
-              help="Solutions at most.")  # fmt: skip
+@count_option("--count", "Solutions at most.", default=10, show_default=True)
 @json_option
 @_of_run
 def best_of_run(_: Store, run: StoredRun, objective: str, count: int, in_json: bool) -> int:
@@ -143,12 +142,11 @@ def best_of_run(_: Store, run: StoredRun, objective: str, count: int, in_json: b
 @_FILE
 @_NUMBER
 @click.argument("name", metavar="NAME")
-@click.option("--start", type=click.IntRange(0), metavar="N",
-              help="The start; by default that of the smallest principal error.")  # fmt: skip
+@count_option("--start", "The start; by default that of the smallest principal error.", least=0)
 @click.option("--folder", type=click.Path(file_okay=False, exists=True, path_type=Path),
               default=Path(), show_default=True, help="Folder for the files.")  # fmt: skip
-@click.option("--steps", type=click.IntRange(0), default=60, show_default=True, metavar="N",
-              help="Steps of the optimisation of the principal error.")  # fmt: skip
+@count_option("--steps", "Steps of the optimisation of the principal error.", least=0,
+              default=60, show_default=True)  # fmt: skip
 @_of_run
 def publish_start(
     _: Store, run: StoredRun, name: str, start: int | None, folder: Path, steps: int

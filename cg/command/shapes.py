@@ -18,7 +18,7 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.structure.layout import Layout, Rows
 from cg.structure.points import MethodError
 
-from .arguments import F, NamedMethod, json_option, workers_option
+from .arguments import F, NamedMethod, count_option, json_option, workers_option
 from .engines import engine_options
 
 
@@ -52,21 +52,17 @@ class _Member(click.Choice):  # type: ignore[type-arg]
 
 
 Option = Callable[[F], F]
-_COUNT, _SIZE = click.IntRange(1), click.FloatRange(0, min_open=True)
 
 _SIZE_OPTIONS: Sequence[Option[Any]] = (
-    click.option("--order", type=_COUNT, required=True, metavar="N", help="Order of the methods."),
-    click.option(
-        "--stages", type=_COUNT, metavar="N",
-        help="Evaluations in a step; required unless --tree is given.",
+    count_option("--order", "Order of the methods.", required=True),
+    count_option(
+        "--stages",
+        "Evaluations in a step; required unless --tree is given.",
     ),
-)  # fmt: skip
+)
 
 _POINTS: Sequence[Option[Any]] = (
-    click.option(
-        "--flows", type=_COUNT, metavar="N",
-        help="Commutator-free methods with this number of flows.",
-    ),
+    count_option("--flows", "Commutator-free methods with this number of flows."),
     click.option(
         "--tree", type=_Shape(), metavar="NAME|FILE",
         help="Commutator-free methods with the tree of points of a method, and its nonzero weights "
@@ -96,18 +92,20 @@ _RUN: Sequence[Option[Any]] = (
 )  # fmt: skip
 
 
+def _size(name: str, metavar: str, help: str, **more: Any) -> Option[Any]:
+    return click.option(
+        name, type=click.FloatRange(0, min_open=True), metavar=metavar, help=help, **more
+    )
+
+
 def _random(name: str, default: int, help: str) -> Sequence[Option[Any]]:
+    seed = "Seed of all random numbers: the same seed gives the same result."
+    width = "Guesses are uniform in [-W, W]; the default depends on the order."
     return (
-        click.option(name, type=_COUNT, default=default, show_default=True, metavar="N", help=help),
-        click.option(
-            "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N",
-            help="Seed of all random numbers: the same seed gives the same result.",
-        ),
-        click.option(
-            "--width", type=_SIZE, metavar="W",
-            help="Guesses are uniform in [-W, W]; the default depends on the order.",
-        ),
-    )  # fmt: skip
+        count_option(name, help, default=default, show_default=True),
+        count_option("--seed", seed, least=0, default=0, show_default=True),
+        _size("--width", "W", width),
+    )
 
 
 _SEARCH: Sequence[Option[Any]] = (
@@ -119,25 +117,26 @@ _SEARCH: Sequence[Option[Any]] = (
         "--algorithm", type=click.Choice(ALGORITHMS), default=ALGORITHMS[0], show_default=True,
         help="Steps of least norm with the exact Jacobian, or the algorithm of the paper.",
     ),
-    click.option(
-        "--maxfev", type=_COUNT, metavar="N",
-        help="Largest number of evaluations in double precision; the default depends on the order.",
+    count_option(
+        "--maxfev",
+        "Largest number of evaluations in double precision; the default depends on the order.",
     ),
     click.option(
         "--refine-below", type=click.FloatRange(0), default=1e-15, show_default=True, metavar="F",
         help="A start is refined in quadruple precision if its sum of squares is at most this.",
     ),
-    click.option(
-        "--refine-maxfev", type=_COUNT, metavar="N",
-        help="Largest number of evaluations there; by default 20 (n + 1) for n unknowns.",
+    count_option(
+        "--refine-maxfev",
+        "Largest number of evaluations there; by default 20 (n + 1) for n unknowns.",
     ),
     click.option(
         "--abscissae", type=float, nargs=2, default=None, metavar="LOWER UPPER",
         help="Interval that all abscissae of the methods must lie in.",
     ),
-    click.option(
-        "--bound", type=_SIZE, metavar="X",
-        help="Bound on the magnitudes of coefficients; methods beyond it are moved to 1 % below.",
+    _size(
+        "--bound",
+        "X",
+        "Bound on the magnitudes of coefficients; methods beyond it are moved to 1 % below.",
     ),
     click.option(
         "--minimise", type=click.Choice(OBJECTIVES),
@@ -146,34 +145,28 @@ _SEARCH: Sequence[Option[Any]] = (
 )  # fmt: skip
 
 _CONSTRUCTION: Sequence[Option[Any]] = (
-    click.option(
-        "--first-flows", type=_COUNT, metavar="N",
-        help="With --flows: number of flows of the random trees to start from.",
+    count_option(
+        "--first-flows", "With --flows: number of flows of the random trees to start from."
     ),
-    click.option(
-        "--first-stages", type=_COUNT, metavar="N",
-        help="Stages of random starts; the default depends on order and structure.",
+    count_option(
+        "--first-stages", "Stages of random starts; the default depends on order and structure."
     ),
     click.option(
         "--structure", type=_Member(Structure),
         help="Simplifying assumptions on tableaux; by default middle from order 6 on, and for "
         "fewer stages than a general method needs.",
     ),
-    click.option(
-        "--largest", type=_SIZE, default=3.0, show_default=True, metavar="X",
-        help="Bound on the magnitude of coefficients.",
-    ),
-    click.option(
-        "--restarts", type=click.IntRange(0), default=1, show_default=True, metavar="N",
-        help="Walks along the solution set after elimination fails.",
-    ),
+    _size("--largest", "X", "Bound on the magnitude of coefficients.", default=3.0,
+          show_default=True),
+    count_option("--restarts", "Walks along the solution set after elimination fails.", least=0,
+                 default=1, show_default=True),
     click.option(
         "--full-rank", is_flag=True,
         help="Only methods at which all conditions are independent, which makes proofs easy.",
     ),
-    click.option(
-        "--iterations", type=_COUNT, metavar="N",
-        help="Largest number of steps of the solver in each run; the default depends on the order.",
+    count_option(
+        "--iterations",
+        "Largest number of steps of the solver in each run; the default depends on the order.",
     ),
 )  # fmt: skip
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from ..conditions import compiled as compiled_conditions
-from ..conditions import condition_trees, count
+from ..conditions import count
 from ..method.method import Method
 from ..method.packed import make_method
 from ..structure.layout import Layout, Rows
@@ -20,7 +20,7 @@ from .search.start import EXACT
 from .solvers.minimum_norm import fit_conditions
 from .solvers.polish import polish_zeros
 from .solvers.refine import refine
-from .solvers.system import ConditionSystem
+from .solvers.system import ConditionSystem, next_trees
 
 SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby."""
@@ -73,9 +73,8 @@ class Candidate:
     @property
     def next_order(self) -> tuple[int, Layout, NDArray[np.float64], NDArray[np.intc]]:
         """Order q + 1, layout, x, and the trees of order q + 1, as compiled residuals take them."""
-        order = self.system.order + 1
-        trees = condition_trees(order)[count(self.system.order) :]
-        return order, self.system.layout, self.x, np.array(trees, dtype=np.intc)
+        order = self.system.order
+        return order + 1, self.system.layout, self.x, next_trees(order)
 
     @property
     def principal_error(self) -> float:
@@ -190,11 +189,7 @@ def to_method(
     """Refine a candidate in real(16) and return it as a method.
 
     Exact zeros of the candidate stay zero; entries that are zero up to rounding are set to zero.
-
-    Raises
-    ------
-    NotExactError
-        If the conditions then don't hold to the accuracy of binary128.
+    NotExactError if the conditions then don't hold to the accuracy of binary128.
     """
     system = check_candidate(candidate).system
     free = np.setdiff1d(system.free_without(frozen), np.flatnonzero(candidate.x == 0))

@@ -84,23 +84,11 @@ def eliminate(
 ) -> Iterator[Candidate]:
     """Eliminate one stage after another, and yield each candidate.
 
-    Stages are dropped one by one (`drop_stage`). For pairs, and if no stage can be dropped even
-    after walks along the solution set, columns are shrunk to zero (`eliminate_stage`).
-
-    Parameters
-    ----------
-    candidate : Candidate
-        On the solution set.
-    stages : int
-        Number of stages at which to stop.
-    random : numpy.random.Generator
-        Determines the order of starts, and the walks.
-    largest : float, optional
-        Bound on the magnitude of coefficients.
-    restarts : int, optional
-        Largest number of walks to other points of the set after all starts failed.
-    accept : callable, optional
-        A further test of smaller candidates, for instance of their rank.
+    Stages of a candidate on the solution set are dropped one by one (`drop_stage`) until `stages`
+    are left. For pairs, and if no stage can be dropped even after `restarts` walks to other points
+    of the set, columns are shrunk to zero (`eliminate_stage`). The generator determines the order
+    of starts, and the walks; `accept` is a further test of smaller candidates, for instance of
+    their rank.
     """
     check_candidate(candidate)
     check_generator("random", random)

@@ -128,16 +128,9 @@ def to_c(program: Program) -> str:
         "remark": remark,
         "second": second,
         "output": output,
-        "name": program.name,
         "NAME": program.name.upper(),
-        "slots": program.slots,
-        "stages": program.stages,
         "rows": program.stages + (program.slots if program.on_algebra else 1),
-        "moves": len(program.moves),
-        "result": program.result,
-        "second_slot": program.second,
-        "errors": len(program.errors),
-        "lower": program.lower_order,
+        **program.numbers(),
     }
     return comment(program.heading, "//") + "\n" + fill(_HEADER, parts)
 

@@ -107,7 +107,7 @@ _ALGEBRA = {
     ),
 }
 
-_PAIR = """    if (present(second)) second = points(:, @second@)
+_PAIR = """    if (present(second)) second = points(:, @second_slot@)
 """
 
 _ERROR = """    if (present(error)) then
@@ -145,17 +145,7 @@ def to_fortran(program: Program) -> str:
         parts["declare"] = f"    real(wp), intent(out), optional :: error(:, :) ! (m, {count})\n"
         parts["output"] = _ERROR
         parts["index"] = ", j, k"
-    parts |= program.if_on_algebra(_ALGEBRA)
-    parts |= {
-        "tables": _tables(program),
-        "name": program.name,
-        "slots": program.slots,
-        "stages": program.stages,
-        "moves": len(program.moves),
-        "result": program.result,
-        "second": program.second,
-        "errors": len(program.errors),
-    }
+    parts |= program.if_on_algebra(_ALGEBRA) | {"tables": _tables(program)} | program.numbers()
     return comment(program.heading, "!") + "\n" + fill(_MODULE, parts)
 
 

@@ -81,7 +81,7 @@ Return the point after a step, and the second result, of order @lower@.
 """
 function step_pair(f, flow, @dexpinv@t, y, h)
     points, _ = stages(f, flow, @dexpinv@t, y, h)
-    return points[@result@], points[@second@]
+    return points[@result@], points[@second_slot@]
 end
 '''
 
@@ -106,21 +106,14 @@ _ERROR_REMARKS = {
 
 def to_julia(program: Program) -> str:
     """Return a module."""
-    output = ""
-    if program.second is not None:
-        output = _PAIR
-    elif program.errors:
-        output = _ERROR
+    output = _PAIR if program.second is not None else _ERROR if program.errors else ""
     parts = {
         "output": output,
         **program.if_on_algebra(_ALGEBRA),
         "Module": program.name.capitalize(),
-        "slots": program.slots,
         "tables": _tables(program),
-        "result": program.result + 1,
-        "second": (program.second or 0) + 1,
-        "lower": program.lower_order,
         "shape": _ERROR_REMARKS.get(len(program.errors), ""),
+        **program.numbers(slot=1),
     }
     return comment(program.heading, "#") + "\n" + fill(_MODULE, parts)
 

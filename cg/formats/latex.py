@@ -101,18 +101,13 @@ def _entries(
         if stage:
             numbers = [Coefficient.read(entry) for entry in row]
             total = Fraction(sum(summed[i]))
-            if _is_long(total) or any(set(number.text) & set(".ex") for number in numbers):
-                first = Coefficient(
-                    total, to_decimal(total), Fraction(1)
-                )  # decimal, as the entries
+            bits = max(x.bit_length() for x in total.as_integer_ratio())
+            if bits > _MAX_BITS or any(set(number.text) & set(".ex") for number in numbers):
+                # decimal, as the entries
+                first = Coefficient(total, to_decimal(total), Fraction(1))
             else:
                 first = Coefficient.read(total)
         yield [first, *entries]
-
-
-def _is_long(value: Fraction) -> bool:
-    """Return whether numerator or denominator may be too long for Python to write."""
-    return max(value.numerator.bit_length(), value.denominator.bit_length()) > _MAX_BITS
 
 
 def _tableau(method: Method, numbers: Numbers) -> list[list[str]]:

@@ -65,7 +65,7 @@ _ALGEBRA = {
     ),
 }
 
-_PAIR = "second = points{@second@};\n"
+_PAIR = "second = points{@second_slot@};\n"
 
 _ERROR = """error_of_step = zeros(size(fields, 1), size(error_weight, 1));
 for k = 1:size(error_weight, 1)
@@ -99,13 +99,10 @@ def to_matlab(program: Program) -> str:
         **program.if_on_algebra(_ALGEBRA),
         "output": output,
         "returns": returns,
-        "name": program.name,
         "remark": remark,
         "head": comment(program.heading, "%"),
         "tables": _tables(program),
-        "slots": program.slots,
-        "result": program.result + 1,
-        "second": (program.second or 0) + 1,
+        **program.numbers(slot=1),
     }
     return fill(_FUNCTION, parts)
 

@@ -64,6 +64,19 @@ class Program:
         """Return parts of a template if the method works in the algebra, else empty texts."""
         return dict(parts) if self.on_algebra else dict.fromkeys(parts, "")
 
+    def numbers(self, slot: int = 0) -> dict[str, object]:
+        """Return the parts of a template that are numbers or the name; `slot` is the first slot."""
+        return {
+            "name": self.name,
+            "slots": self.slots,
+            "stages": self.stages,
+            "moves": len(self.moves),
+            "result": self.result + slot,
+            "second_slot": (self.second or 0) + slot,
+            "errors": len(self.errors),
+            "lower": self.lower_order,
+        }
+
     @property
     def term_weights(self) -> tuple[str, ...]:
         """The weights of the terms of all moves."""

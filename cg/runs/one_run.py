@@ -7,7 +7,7 @@ import math
 import sqlite3
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,7 +133,7 @@ class StoredRun:
 
 
 def _record(row: tuple[Any, ...]) -> Record:
-    record = Record(*row)
+    record = Record(**dict(zip(_COLUMNS, row, strict=True)))
     kinds = {"number": int, "stages": int, "f": float, "coefficients": bytes, "seconds": float}
     for name, kind in kinds.items():
         if not isinstance(getattr(record, name), kind):
@@ -141,4 +141,4 @@ def _record(row: tuple[Any, ...]) -> Record:
                 f"not the record of a start: {name} is {str(getattr(record, name))[:80]!r} "
                 f"at start {record.number!r}"
             )
-    return Record(**{**vars(record), "solved": bool(record.solved)})
+    return replace(record, solved=bool(record.solved))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Record:
     """The result of one random start, as a store keeps it.
 
@@ -42,16 +42,16 @@ class Record:
 
     number: int
     stages: int
-    flows: int | None
-    tree: str | None
+    flows: int | None = None
+    tree: str | None = None
     phase: str
     f: float
-    status: int | None
-    evaluations: int | None
-    refined_f: float | None
-    refined_status: int | None
-    refined_evaluations: int | None
-    largest_residual: float | None
+    status: int | None = None
+    evaluations: int | None = None
+    refined_f: float | None = None
+    refined_status: int | None = None
+    refined_evaluations: int | None = None
+    largest_residual: float | None = None
     solved: bool
     coefficients: bytes
     seconds: float = 0.0

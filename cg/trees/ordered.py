@@ -251,12 +251,7 @@ class Forest:
 def forest(max_nodes: int) -> Forest:
     """Return the `Forest` of all ordered trees with at most `max_nodes` nodes.
 
-    Raises
-    ------
-    ValueError
-        If `max_nodes` is less than 1 or more than `MAX_NODES`.
-    TypeError
-        If `max_nodes` isn't an integer.
+    ValueError unless this is between 1 and `MAX_NODES`, TypeError if it isn't an integer.
     """
     max_nodes = _integer("max_nodes", max_nodes)
     if not 1 <= max_nodes <= MAX_NODES:

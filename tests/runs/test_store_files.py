@@ -25,7 +25,10 @@ from cg.runs import Record, Store, database, schema, store
 SMALL: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5}
 CONSTRUCT: dict[str, Any] = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}
 TREES: dict[str, Any] = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2}
-RECORD = Record(0, 3, None, None, "double", 0.5, 1, 2, None, None, None, 0.7, False, bytes(96))
+RECORD = Record(
+    number=0, stages=3, phase="double", f=0.5, status=1, evaluations=2, largest_residual=0.7,
+    solved=False, coefficients=bytes(96),
+)  # fmt: skip
 
 
 def run_sql(path: Path, statement: str, *values: Any) -> None:

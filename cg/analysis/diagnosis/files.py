@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ...catalogue import load
-from ...catalogue.entries import check_keys
+from ...catalogue.entries import check_keys, read_entry
 from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...method.tableau import Tableau, TableauError
 from ...structure.points import MethodError
-from ...support.parsing import read_json, read_toml
 from .diagnosis import Diagnosis, diagnose
 from .findings import Finding
 
@@ -47,7 +46,7 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
         raise TypeError(f"path must be a path, got {path!r}")
     path = Path(path)
     try:
-        entry = _read(path.read_text(encoding="utf-8"))
+        entry = read_entry(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
         raise TableauError(f"{path}: not UTF-8: {error}") from None
     except MethodError as error:
@@ -61,19 +60,11 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
         raise type(error)(f"{path}: {error}") from None
 
 
-def _read(text: str) -> dict[str, Any]:
-    if text.lstrip().startswith("{"):  # no TOML file begins so
-        return read_json(text, TableauError)
-    return read_toml(text, TableauError, parse_float=str)
-
-
 def diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
     """Diagnose the tableau in an entry of a file; see `diagnose_file`.
 
-    Parameters
-    ----------
-    entry : dict
-        Keys ``a``, ``b`` and ``name``; ``source``, ``kind``, ``b_embedded`` and ``c`` are optional.
+    The entry has the keys ``a``, ``b`` and ``name``; ``source``, ``kind``, ``b_embedded`` and ``c``
+    are optional.
     """
     entry = dict(entry)
     c = entry.pop("c", None)

@@ -22,13 +22,8 @@ _ROUNDING = Fraction(1, 2**51)
 class CatalogueMatch:
     """A method of the catalogue with the same coefficients, but for at most two.
 
-    Attributes
-    ----------
-    method : Method
-        Method of the catalogue.
-    changed : tuple of (str, Coefficient, Coefficient)
-        Names of the coefficients that differ, their values in the diagnosed method and in the
-        catalogue.
+    `changed` has the names of those that differ, their values in the diagnosed method and in the
+    catalogue.
     """
 
     method: Method

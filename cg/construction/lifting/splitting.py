@@ -23,6 +23,7 @@ from ...structure.points import START
 from ...support.balls import to_flint, to_fraction
 from ...trees.ordered import forest
 from ..search.shapes import merge_point
+from ..solvers.system import next_trees
 
 Vector = NDArray[np.float64]
 Remainders = dict[int, tuple[dict[int, Fraction], Fraction]]
@@ -311,24 +312,15 @@ class Splitting:
         jacobian = compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
         return np.asarray(self.scale[chosen, None] * (jacobian @ self.directions))
 
-    @cached_property
-    def _principal(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        trees = condition_trees(self.order + 1)[len(condition_trees(self.order)) :]
-        return np.array(trees, dtype=np.intc), np.zeros(len(trees), dtype=np.intc)
-
     def principal_residual(self, x: Vector) -> Vector:
         """Return the residuals of the next order, of all trees, not scaled."""
-        trees, owner = self._principal
-        return np.asarray(
-            compiled_conditions.residuals(self.order + 1, self.layout, x, trees, owner)
-        )
+        trees = next_trees(self.order)
+        return compiled_conditions.residuals(self.order + 1, self.layout, x, trees)
 
     def principal_jacobian(self, x: Vector) -> Vector:
         """Return the derivatives of `principal_residual` with respect to all weights."""
-        trees, owner = self._principal
-        return np.asarray(
-            compiled_conditions.jacobian(self.order + 1, self.layout, x, trees, owner)
-        )
+        trees = next_trees(self.order)
+        return compiled_conditions.jacobian(self.order + 1, self.layout, x, trees)
 
     def merged(self, x: Vector, point: int) -> tuple[Splitting, Vector] | None:
         """Return the splitting in which the flow to a point is merged with that to its parent.

@@ -49,37 +49,19 @@ def fit_conditions(
 ) -> MinimumNormFit:
     """Minimise the sum of squared residuals of the independent order conditions.
 
+    The simplifying assumptions of the system's structure are solved together with the conditions.
     The numbers of conditions and unknowns are arbitrary; the solver is designed for more unknowns
     than conditions.
 
-    Parameters
-    ----------
-    x0 : array_like, shape (n,)
-        Packed weights to start from; entries that the system fixes at zero must be zero.
-    system : ConditionSystem
-        The simplifying assumptions of its structure are solved together with the conditions.
-    free : sequence of int, optional
-        Indices (from 0) of the unknowns that may change; by default all that the system doesn't
-        fix at zero.
-    ftol : float, optional
-        Stop when the sum of squares is at most this.
-    damping : float, optional
-        Initial damping, relative to the largest squared norm of a row of the Jacobian; small
-        close to a solution.
-    max_iterations : int, optional
-    accurate : bool, optional
-        Compute steps from a QR factorisation instead of the normal equations, which lose singular
-        values below 1e-8 of the largest. This takes up to three times as long.
+    The solver starts from packed weights `x0`, shape (n,), in which entries that the system fixes
+    at zero are zero. The unknowns `free`, counted from 0, may change; by default all that the
+    system doesn't fix at zero. It stops when the sum of squares is at most `ftol`. `damping` is the
+    initial one, relative to the largest squared norm of a row of the Jacobian; small close to a
+    solution. With `accurate`, steps come from a QR factorisation instead of the normal equations,
+    which lose singular values below 1e-8 of the largest; this takes up to three times as long.
 
-    Returns
-    -------
-    MinimumNormFit
-
-    Raises
-    ------
-    ValueError
-        If `x0` doesn't fit the system or isn't finite, `free` has a wrong index, or a number
-        is out of its range.
+    ValueError if `x0` doesn't fit the system or isn't finite, `free` has a wrong index, or a number
+    is out of its range.
     """
     size = system.size
     x = np.array(x0, dtype=np.float64)

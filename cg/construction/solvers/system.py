@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from fractions import Fraction
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...conditions import compiled as compiled_conditions
-from ...conditions import condition_trees
+from ...conditions import condition_trees, count
 from ...conditions.counts import check_order
 from ...structure.layout import Layout, Rows
 from ...structure.points import check_tree
@@ -205,6 +205,12 @@ class ConditionSystem:
         return quads.to_float(
             compiled_conditions.residuals_quad(self.order, self.layout, x, trees, owner)
         )
+
+
+@cache
+def next_trees(order: int) -> NDArray[np.intc]:
+    """Return the trees of order q + 1, whose residuals make the principal error of order q."""
+    return np.array(condition_trees(order + 1)[count(order) :], dtype=np.intc)
 
 
 def check_indices(name: str, indices: Any, size: int) -> NDArray[np.intp]:
