@@ -18,7 +18,7 @@ import numpy as np
 
 from cg.analysis.convergence import final_errors, observed_order
 from cg.analysis.diagnosis import Diagnosis
-from cg.analysis.diagnosis.files import diagnose_tableau
+from cg.analysis.diagnosis.files import diagnose_entry
 from cg.method.method import Method
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
@@ -74,7 +74,7 @@ def read() -> list[dict[str, Any]]:
 def check(entry: dict[str, Any]) -> Checked:
     """Diagnose an entry and measure its order."""
     keys = ("a", "b", "b_embedded", "c")
-    diagnosis = diagnose_tableau({"name": ""} | {key: entry[key] for key in keys if key in entry})
+    diagnosis = diagnose_entry({key: entry[key] for key in keys if key in entry})
     # without second weights, since `integrate` advances with the weights of higher order
     return Checked(entry, diagnosis, slope_of(Tableau(entry["a"], entry["b"])))
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib.resources.abc import Traversable
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..method.abscissae import read_abscissae, wrong_abscissae
 from ..method.coefficients import Coefficient
 from ..method.commutator_free import CommutatorFree
 from ..method.magnus import MagnusMethod
@@ -51,7 +53,25 @@ def loads(text: str) -> Method:
     """
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
-    entry = read_entry(text)
+    return from_entry(read_entry(text))
+
+
+def from_entry(entry: dict[str, Any], name: str = "") -> Method:
+    """Return the method of the keys and values of a file; see `loads`.
+
+    `name` is that of a method whose entry has none. ``source`` is optional too, and so are
+    abscissae ``c``, which must be the sums of rows.
+    """
+    entry = {"source": ""} | entry | {"name": entry.get("name") or name}
+    c = entry.pop("c", None)
+    method = _from_entry(entry)
+    if c is not None:
+        for problem in wrong_abscissae(method, read_abscissae(c, method)):
+            raise TableauError(problem)
+    return method
+
+
+def _from_entry(entry: dict[str, Any]) -> Method:
     points = not _KEYS_OF_POINTS.isdisjoint(entry)
     if entry.get("kind") == _MAGNUS:
         check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded", "b_third", "third_factor"}, "the entry")
@@ -172,8 +192,17 @@ def check_path(path: str | PathLike[str]) -> Path:
 
 def read(path: Traversable) -> Method:
     """Read a method from a file, which may be in a package; errors name the file."""
+    with errors_naming(path):
+        return from_entry(
+            read_entry(path.read_text(encoding="utf-8")), path.name.rpartition(".")[0]
+        )
+
+
+@contextmanager
+def errors_naming(path: Any) -> Iterator[None]:
+    """Begin the messages of errors about a file's content with its path."""
     try:
-        return loads(path.read_text(encoding="utf-8"))
+        yield
     except UnicodeDecodeError as error:
         raise TableauError(f"{path}: not UTF-8: {error}") from None
     except MethodError as error:

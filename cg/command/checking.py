@@ -35,7 +35,8 @@ def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int
     isn't lifted.
 
     A file is TOML or JSON with a, b and optionally b_embedded, c, name and source; or with points,
-    as in the catalogue. Numbers are strings, which keep all digits.
+    as in the catalogue. Numbers are strings, which keep all digits. Decimals with eight places or
+    more count as rounded, shorter ones and fractions as exact.
 
     Exits with 1 if a mistake is recognised, or the order is lower than --order.
 

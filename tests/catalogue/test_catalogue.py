@@ -197,7 +197,6 @@ class TestFiles:
     @pytest.mark.parametrize(
         ("old", "new", "message"),
         [
-            ('source = "here"\n', "", "the entry lacks source"),
             ("b = [0, 1.0]", "", "the entry lacks b"),
             ("b = ", "order = 2\nb = ", "the entry has unknown keys: order"),
             ("b = ", "b == ", "not a TOML file"),

@@ -56,7 +56,7 @@ class TestFiles:
         ("text", "message"),
         [
             ("{", "not a JSON file"),
-            ('{"name": "x"}', "lacks a, b, source"),
+            ('{"name": "x"}', "lacks a, b"),
             ('{"name": "x", "name": "y"}', "'name' is there twice"),
             ('{"a": NaN}', "NaN is no number"),
             ('{"a": 1' + "0" * 5000 + "}", "not a file of this kind"),
@@ -96,7 +96,7 @@ class TestPaths:
     def test_bad_paths(self, tmp_path):
         (tmp_path / "broken.toml").write_text("name = 3")
         (tmp_path / "binary.toml").write_bytes(b"\xff")
-        with pytest.raises(MethodError, match=r"broken.toml: the entry lacks a, b, source"):
+        with pytest.raises(MethodError, match=r"broken.toml: the entry lacks a, b"):
             cg.catalogue.resolve_method(tmp_path / "broken.toml")
         with pytest.raises(MethodError, match=r"binary.toml: not UTF-8"):
             cg.catalogue.resolve_method(str(tmp_path / "binary.toml"))

@@ -226,6 +226,20 @@ class TestShow:
         assert data["source"] == method.source
         assert (data["certificate"] is None) == (name in {"CG6a", "RKMK8(5,3)"})
 
+    def test_files_written_by_hand(self, run, tmp_path):
+        """All commands read what check reads, and a method without name has that of its file."""
+        file = tmp_path / "heun.toml"
+        file.write_text('a = [[], [1]]\nb = ["1/2", "1/2"]\nc = [0, 1]\n')
+        for command in ("show", "check", "certify"):
+            code, output, _ = run(command, str(file))
+            assert (code, "heun" in output) == (0, True)
+        cg.Tableau([[], [1]], ["1/2", "1/2"]).save(file)
+        assert cg.Method.load(file).name == "heun"
+        file.write_text('a = [[], [1]]\nb = ["1/2", "1/2"]\nc = [0, "1/2"]\n')
+        code, _, error = run("show", str(file))
+        assert (code, "row 2 of a sums to 1, not to c_2 = 1/2" in error) == (2, True)
+        assert "mistake: row 2 of a sums to 1" in run("check", str(file))[1]
+
     def test_a_file(self, run, tmp_path):
         file = tmp_path / "mine.toml"
         file.write_text(dumps(cg.Tableau([[], [1]], ["1/2", "1/2"], name="Heun")))

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...catalogue import resolve_method
-from ...method.coefficients import Coefficient, read_coefficient
+from ...method.abscissae import read_abscissae
 from ...method.magnus import MagnusMethod
 from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
-from ...structure.points import MethodError
 from ...support.parsing import visible
 from .failing import FailingCondition, first_failing
 from .findings import Finding
@@ -158,7 +157,7 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     method = resolve_method(method)
     if isinstance(method, MagnusMethod):
         raise TypeError(f"method must be for nonlinear equations, got {method!r}")
-    abscissae = None if c is None else _read_abscissae(c, method)
+    abscissae = None if c is None else read_abscissae(c, method)
     return Diagnosis(
         method,
         method.exact_order,
@@ -167,15 +166,3 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
         first_failing(method),
         tuple(recognise_all(method, abscissae)),
     )
-
-
-def _read_abscissae(c: Sequence[Any], method: Method) -> list[Coefficient]:
-    try:
-        if isinstance(c, str):
-            raise TypeError
-        read = [read_coefficient(entry, f"c_{i}") for i, entry in enumerate(c, 1)]
-    except TypeError:
-        raise ValueError(f"c must be a sequence of numbers, got {c!r}") from None
-    if len(read) != method.stages:
-        raise MethodError(f"c must have {method.stages} entries, got {len(read)}")
-    return read

@@ -4,23 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
-from ...catalogue import load
-from ...catalogue.entries import check_keys, read_entry
-from ...method.method import Method
-from ...method.munthe_kaas import MuntheKaas
+from ...catalogue.entries import check_path, errors_naming, from_entry, read_entry
 from ...method.tableau import Tableau, TableauError
-from ...structure.points import MethodError
 from .diagnosis import Diagnosis, diagnose
 from .findings import Finding
-
-_KEYS = {"name", "source", "kind", "a", "b", "b_embedded", "c"}
-"""Keys of a file of a tableau; more than in the catalogue are optional."""
-
-_KEYS_OF_OTHERS = {"points", "stage_points", "result", "nominal", "b_third"}
-"""Keys of files in the format of the catalogue."""
 
 
 def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
@@ -29,9 +18,8 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
     Parameters
     ----------
     path : path
-        A file as `cg.catalogue.load` reads it. A file of a tableau may also have abscissae ``c``,
-        may lack ``name`` and ``source``, and may have second weights equal to the first, which
-        `cg.Tableau` rejects.
+        A file as `cg.catalogue.load` reads it. Abscissae ``c`` may be wrong, and second weights
+        may equal the first, which `cg.Tableau` rejects.
 
     Raises
     ------
@@ -42,41 +30,24 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
     OSError
         If the file can't be read.
     """
-    if not isinstance(path, str | PathLike):
-        raise TypeError(f"path must be a path, got {path!r}")
-    path = Path(path)
-    try:
-        entry = read_entry(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError as error:
-        raise TableauError(f"{path}: not UTF-8: {error}") from None
-    except MethodError as error:
-        raise type(error)(f"{path}: {error}") from None
-    if not _KEYS_OF_OTHERS.isdisjoint(entry):
-        return diagnose(load(path))
-    try:
-        check_keys(entry, {"a", "b"}, _KEYS, "the entry")
-        return diagnose_tableau({"name": path.stem} | entry)
-    except MethodError as error:
-        raise type(error)(f"{path}: {error}") from None
+    path = check_path(path)
+    with errors_naming(path):
+        return diagnose_entry(read_entry(path.read_text(encoding="utf-8")), path.stem)
 
 
-def diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
-    """Diagnose the tableau in an entry of a file; see `diagnose_file`.
-
-    The entry has the keys ``a``, ``b`` and ``name``; ``source``, ``kind``, ``b_embedded`` and ``c``
-    are optional.
-    """
+def diagnose_entry(entry: dict[str, Any], name: str = "") -> Diagnosis:
+    """Diagnose the method in the keys and values of a file; see `diagnose_file`."""
     entry = dict(entry)
     c = entry.pop("c", None)
     equal = False
     try:
-        method = _method(**entry)
+        method = from_entry(entry, name)
     except TableauError:
         if "b_embedded" not in entry or not _same(entry["b"], entry["b_embedded"]):
             raise
         equal = True
         entry.pop("b_embedded")
-        method = _method(**entry)
+        method = from_entry(entry, name)
     diagnosis = diagnose(method, c=c)
     if not equal:
         return diagnosis
@@ -85,17 +56,6 @@ def diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
         "b_embedded equals b: the difference of the results is zero and estimates no error",
     )
     return replace(diagnosis, findings=(finding, *diagnosis.findings))
-
-
-def _method(
-    a: Any, b: Any, *, name: str, kind: str | None = None, source: str = "", **options: Any
-) -> Method:
-    tableau = Tableau(a, b, name=name, source=source, **options)
-    if kind is None:
-        return tableau
-    if kind != "Munthe-Kaas":
-        raise MethodError(f"kind must be 'Munthe-Kaas', got {kind!r}")
-    return MuntheKaas(tableau)
 
 
 def _same(b: Any, second: Any) -> bool:

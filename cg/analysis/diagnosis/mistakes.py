@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from ...method.abscissae import wrong_abscissae
 from ...method.coefficients import MIN_ROUNDED_PLACES, Coefficient
 from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
@@ -27,7 +28,7 @@ _MISPRINT = ("CG4a", "a_5,4", Fraction("-1.1092979392113565"))
 
 def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Iterator[Finding]:
     """Yield the findings about a method; `c` are abscissae to compare its row sums with."""
-    yield from _wrong_abscissae(method, c)
+    yield from (Finding("abscissae", text) for text in wrong_abscissae(method, c or []))
     yield from _equal_weights(method)
     place = _truncation_unit(method.coefficients)
     match = closest_match(method, within=Fraction(0) if place is None else place)
@@ -47,21 +48,6 @@ def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Ite
     yield from known
     if not undone and not any(finding.mistake for finding in known):
         yield from _unlifted(method, order)
-
-
-def _wrong_abscissae(method: Method, c: Sequence[Coefficient] | None) -> Iterator[Finding]:
-    if c is None:
-        return
-    for i, (expected, row) in enumerate(zip(c, method.exact[0], strict=True), 1):
-        total = sum(row, Fraction(0))
-        # the uncertainties of the entries add up
-        allowed = expected.unit + sum((k.unit for k in method.coefficients), Fraction(0))
-        if abs(expected.value - total) > allowed:
-            yield Finding(
-                "abscissae",
-                f"row {i} of a sums to {_short(total)}, not to c_{i} = {expected.text}: "
-                f"off by {float(total - expected.value):.3g}",
-            )
 
 
 def _equal_weights(method: Method) -> Iterator[Finding]:
@@ -245,9 +231,3 @@ def _name(method: Method) -> str:
 def _text(coefficient: Coefficient) -> str:
     text = coefficient.text
     return repr(float(coefficient.value)) if "x" in text else text
-
-
-def _short(value: Fraction) -> str:
-    # Python may be unable to write a longer one
-    text = str(value) if value.denominator.bit_length() <= 64 else ""
-    return text if 0 < len(text) <= 12 else f"{float(value):.16g}"

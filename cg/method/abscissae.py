@@ -1,0 +1,43 @@
+"""Comparison of given abscissae with the row sums of a method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from typing import Any
+
+from ..structure.points import MethodError
+from .coefficients import Coefficient, read_coefficient
+from .method import Method
+
+
+def read_abscissae(c: Sequence[Any], method: Method) -> list[Coefficient]:
+    """Return abscissae, one for each stage; raise ValueError if they are something else."""
+    try:
+        if isinstance(c, str):
+            raise TypeError
+        read = [read_coefficient(entry, f"c_{i}") for i, entry in enumerate(c, 1)]
+    except TypeError:
+        raise ValueError(f"c must be a sequence of numbers, got {c!r}") from None
+    if len(read) != method.stages:
+        raise MethodError(f"c must have {method.stages} entries, got {len(read)}")
+    return read
+
+
+def wrong_abscissae(method: Method, c: Sequence[Coefficient]) -> Iterator[str]:
+    """Yield a sentence for each abscissa that isn't the sum of its row, up to rounding."""
+    for i, (expected, row) in enumerate(zip(c, method.exact[0], strict=False), 1):
+        total = sum(row, Fraction(0))
+        # the uncertainties of the entries add up
+        allowed = expected.unit + sum((k.unit for k in method.coefficients), Fraction(0))
+        if abs(expected.value - total) > allowed:
+            yield (
+                f"row {i} of a sums to {_short(total)}, not to c_{i} = {expected.text}: "
+                f"off by {float(total - expected.value):.3g}"
+            )
+
+
+def _short(value: Fraction) -> str:
+    # Python may be unable to write a longer one
+    text = str(value) if value.denominator.bit_length() <= 64 else ""
+    return text if 0 < len(text) <= 12 else f"{float(value):.16g}"
