@@ -66,10 +66,6 @@ class TestCounts:
         counts = [conditions.count(q, independent=True) for q in range(1, 9)]
         assert counts == [1, 2, 5, 13, 38, 113, 358, 1158]
 
-    def test_classical_conditions(self):
-        counts = [conditions.count_classical(q) for q in range(1, 11)]
-        assert counts == [1, 2, 4, 8, 17, 37, 85, 200, 486, 1205]
-
     def test_unknowns_of_the_paper(self):
         assert [conditions.unknowns(s) for s in (5, 9, 16)] == [15, 45, 136]
         assert conditions.unknowns(3, Rows.DIAGONAL) == 9

@@ -83,11 +83,6 @@ def test_f_must_be_callable() -> None:
         cg.lmdif(3, START)
 
 
-def test_options_are_keyword_only() -> None:
-    with pytest.raises(TypeError):
-        cg.lmdif(rosenbrock, START, 1e-8)
-
-
 # Calls 2 and 3 are differences, call 4 is the first step.
 @pytest.mark.parametrize("call", [1, 2, 3, 4, 20])
 @pytest.mark.parametrize(

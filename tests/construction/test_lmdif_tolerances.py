@@ -166,9 +166,7 @@ def test_search_status_is_that_of_solver():
         return rows
 
     for index in range(6):
-        guess = cg.construction.search.random_search.random_start(
-            0, index, layout.size, settings.width
-        )
+        guess = random_start.random_start(0, index, layout.size, settings.width)
         fit = cg.lmdif(residual, guess, ftol=1e-18, xtol=1e-18, maxfev=settings.maxfev)
         start = cg.construction.search.random_search.run_start(settings, index)
         assert (start.double.info, start.double.nfev) == (fit.info, fit.nfev)

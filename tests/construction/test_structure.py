@@ -78,6 +78,7 @@ def test_zeros_of_structures_are_not_free():
         ({"structure": 2, "rows": Rows.FULL}, "structure = MIDDLE is for explicit"),
         ({"structure": 1, "order": 3}, "order 4 or more"),
         ({"structure": 1, "stages": 2}, "stages must be at least 3"),
+        ({"structure": 2, "order": 9, "stages": 100}, "order must be at most 8 with a structure"),
     ],
 )
 def test_bad_input(arguments, message):

@@ -163,12 +163,14 @@ def test_coordinate_sizes_have_their_shape(frame, batch):
 
 
 def test_coordinate_sizes():
-    frame = Product(SO3(), Euclidean(2), Semidirect(SO3(), 2), SU(2))
+    frame = Product(SO3(), Euclidean(2), Semidirect(SO3(), 2), SE3(), SU(2))
     point = np.eye(5)
     point[:3, 3], point[:3, 4] = [3.0, 0.0, 4.0], [0.0, -7.0, 0.0]
-    y = frame.join(np.eye(3), [-2.0, 0.5], point, np.eye(2))
+    y = frame.join(np.eye(3), [-2.0, 0.5], point, point[:4, :4], np.eye(2))
     ones = np.ones(3)
-    expected = np.concatenate([ones, [2.0, 0.5], ones, 5.0 * ones, 7.0 * ones, ones])
+    expected = np.concatenate(
+        [ones, [2.0, 0.5], ones, 5.0 * ones, 7.0 * ones, ones, 5.0 * ones, ones]
+    )
     np.testing.assert_array_equal(frame.coordinate_sizes(y), expected)
     many = frame.coordinate_sizes(np.stack([y, 2.0 * y]))
     assert many.shape == (2, frame.dim)

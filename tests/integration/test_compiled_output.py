@@ -7,11 +7,9 @@ from test_compiled_adaptive import both
 
 import cg
 from cg.frames import SU, Euclidean
-from cg.integration.rhs.compiled import CompiledRhs
 
 pytestmark = pytest.mark.sanitize
 
-CLOSE = {"rtol": 0, "atol": 1e-12}
 PAIR = {"rtol": 1e-5, "atol": 1e-5}
 FIXED = {"method": "CG4a", "h": 0.07}
 
@@ -47,29 +45,6 @@ def test_events(name, options, span, affine):
         assert_same_events(fast, slow)
         assert fast.nfev <= slow.nfev  # which has a continuous solution in all steps
         assert len(fast.t_events[1]) in (2, 3)
-
-
-@pytest.mark.parametrize("options", [PAIR, FIXED], ids=["pair", "fixed"])
-@pytest.mark.parametrize("span", [(0.1, 30.0), (0.1, -30.0)])
-@pytest.mark.parametrize("terminal", [True, 2, 13])
-def test_terminal_events(options, span, terminal, affine):
-    problem = PROBLEMS["product"]
-    f, _keep = affine(problem)
-    events = [marked(time, terminal=terminal), first_entry]
-    for extra in (
-        {},
-        {"t_eval": np.linspace(*span, 400)},
-        {"dense_output": True},
-        {"dense_output": True, "t_eval": [0.1, np.copysign(0.2, span[1])]},
-    ):
-        fast, slow = both(f, span, problem.y0, problem.frame, events=events, **options, **extra)
-        assert_same_events(fast, slow)
-        assert len(fast.t_events[0]) == terminal
-        assert (fast.status, fast.message) == (1, "A terminal event ended the integration.")
-        if fast.sol is not None:
-            assert fast.sol.ts[-1] == fast.t_events[0][-1]
-            ends = np.linspace(fast.sol.t_min, fast.sol.t_max, 50)
-            np.testing.assert_allclose(fast.sol(ends), slow.sol(ends), rtol=0, atol=1e-9)
 
 
 def assert_same_events(fast, slow):
@@ -118,12 +93,3 @@ def test_little_is_computed_beyond_the_end(function):
     assert solution.t.tolist() == [0.5]
     assert solution.steps == 1000
     assert solution.nfev <= (1000 + 64) * cg.methods["CG4a"].stages + 2
-
-
-def test_the_loop_runs_in_compiled_code(affine, monkeypatch):
-    problem = PROBLEMS["SO3 body"]
-    f, _keep = affine(problem)
-    monkeypatch.setattr(CompiledRhs, "__call__", None)
-    fixed = (FIXED | {"t_eval": [0.3]}, FIXED | {"events": first_entry})
-    for options in (*fixed, {"t_eval": [0.3]}, {"events": time}):
-        assert cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **options).success

@@ -219,20 +219,9 @@ def errors_in_quadruple(top, exact, name, steps):
 
 @pytest.mark.parametrize(
     ("name", "steps"),
-    [("CG3", (64, 128, 256)), ("CG4", (256, 512, 1024)), ("CG4a", (128, 256, 512, 1024))],
+    [("CG3", (64, 128, 256)), ("CG4a", (128, 256, 512))],
 )
 def test_slopes_in_quadruple_precision(top, reference, name, steps):
     errors = errors_in_quadruple(top, reference.values[-1], name, steps)
     slope = observed_order(1 / np.array(steps), errors)
     assert slope.order == pytest.approx(methods[name].order, abs=0.1)
-
-
-def test_order_five_far_below_the_rounding_of_doubles():
-    top = HeavyTop()
-    exact = top.reference([1]).values[-1]
-    steps = (256, 1024, 4096, 8192)
-    errors = errors_in_quadruple(top, exact, "CG5a", steps)
-    slope = observed_order(1 / np.array(steps), errors)
-    assert slope.order == pytest.approx(5.0, abs=0.1)
-    assert slope.spread < 0.1
-    assert errors[-1] < 5e-18

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cg.analysis.convergence import final_errors, observed_order
-from cg.catalogue import methods
 from cg.frames import SE3
-from cg.integration import integrate
 from cg.problems import AffineField, ForcedRigidBody, FreeRigidBody, HeavyTop
 from cg.reproduce.reference_runs import integrate_compiled
 
@@ -28,32 +25,6 @@ def ambient(problem, times, start=0.0):
     options = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
     solution = solve_ivp(right, (start, times[-1]), y0, t_eval=times, **options)
     return solution.y.T.reshape(-1, *shape)
-
-
-@pytest.mark.parametrize("name", list(PROBLEMS))
-def test_observed_orders_against_references(name):
-    problem, h = PROBLEMS[name], 1 / np.array([16, 32, 64])
-    exact = problem.reference([1], bits=128).y[0, : len(problem.y0)]
-    for method in ("CG3", "CG4a"):
-        errors = final_errors(
-            problem.f, (0, 1), problem.y0, exact, frame=problem.frame, method=method, h=h
-        )
-        assert errors[0] < 1e-3
-        order = observed_order(h, errors).order
-        assert order == pytest.approx(methods[method].order, abs=0.25), method
-
-
-@pytest.mark.parametrize("name", list(PROBLEMS))
-def test_invariants_and_manifold(name):
-    problem = PROBLEMS[name]
-    solution = integrate(
-        problem.f, (0, 1), problem.y0, frame=problem.frame, method="CG5a", h=1 / 128
-    )
-    assert problem.frame.membership_error(solution.y).max() < 1e-14
-    start = problem.invariants(problem.y0)
-    for key, values in problem.invariants(solution.y).items():
-        assert values.shape == (129, *np.shape(start[key]))
-        np.testing.assert_allclose(values, np.broadcast_to(start[key], values.shape), atol=1e-7)
 
 
 @pytest.mark.parametrize("name", list(PROBLEMS))
