@@ -115,16 +115,6 @@ def test_every_stage_and_every_point_is_used(name):
     assert stages == set(range(method.stages))
 
 
-def test_the_pair():
-    pair = methods["CG2(3)"]
-    assert (pair.order, pair.embedded_order) == (3, 2)
-    assert pair.exact_embedded == (Fraction(17, 54), Fraction(19, 54), Fraction(1, 3))
-    assert pair.embedded.principal_error > 0.01
-    assert np.abs(pair.b - pair.b_embedded).min() > 0.05
-    assert pair.exact == methods["CG3"].exact
-    assert all(methods[name].embedded is None for name in KNOWN if name != "CG2(3)")
-
-
 class TestMapping:
     def test_files_are_read_once(self):
         assert methods["CG4a"] is methods["CG4a"]
@@ -156,11 +146,7 @@ class TestMapping:
 
 
 names = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
-numbers = st.one_of(
-    rationals,
-    st.floats(-1e10, 1e10),
-    st.decimals(-10, 10, places=12).map(str),
-)
+numbers = st.one_of(rationals, st.floats(-1e10, 1e10), st.decimals(-10, 10, places=12).map(str))
 
 
 class TestFiles:
@@ -192,11 +178,7 @@ class TestFiles:
             ('"x"', "5", "name must be a str, got 5"),
             ("1.0]", "1.0]\nnominal = 3", "nominal must be a table, got 3"),
             ("1.0]", "1.0]\n[nominal]\norder = 2", "nominal lacks residual"),
-            (
-                "1.0]",
-                '1.0]\n[nominal]\norder = 3\nresidual = "0.1"',
-                "nominal_order 3 reach",
-            ),
+            ("1.0]", '1.0]\n[nominal]\norder = 3\nresidual = "0.1"', "nominal_order 3 reach"),
         ],
     )
     def test_bad_files(self, old, new, message, tmp_path):

@@ -4,7 +4,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from gallery import load
 
 import cg
 from cg.analysis.convergence import final_errors, observed_order
@@ -58,13 +57,6 @@ class TestCatalogue:
         assert (method.order, method.stages, method.exponentials) == KNOWN[name]
         assert method.rows is Rows.DIAGONAL
         assert 0.006 < method.principal_error < 0.22
-
-    @pytest.mark.parametrize("name", ["DICG3", "DICG4b"])
-    def test_coefficients_are_moderate(self, name):
-        method = methods[name]
-        assert max(np.abs(method.a).max(), np.abs(method.b).max()) < 0.67
-        assert (method.c >= 0).all()
-        assert (method.c <= 1).all()
 
     @pytest.mark.parametrize("name", ["DICG3", "DICG4", "DICG4b"])
     def test_reversed_rows_lose_the_order(self, problem, name):
@@ -177,30 +169,6 @@ class TestDampedPair:
         assert PULLED.distance(solution.y[-1], exact) < tolerance
         # An explicit method takes more than damping / 5 of them.
         assert len(solution.t) < 200
-
-    def test_large_steps_damp_too_but_not_those_of_self_adjoint_methods(self):
-        f, y0, exact = pulled(1e4)
-        errors = {
-            name: float(
-                PULLED.distance(
-                    cg.integrate(f, (0, 1), y0, frame=PULLED, method=name, h=0.05).y[-1], exact
-                )
-            )
-            for name in ("DICG3(2)", "DICG3", *SELF_ADJOINT)
-        }
-        assert errors["DICG3(2)"] < 5e-6
-        assert errors["DICG3"] < 1e-3
-        assert min(errors[name] for name in SELF_ADJOINT) > 0.2
-
-    def test_a_spacecraft_with_strong_damping(self):
-        """Attitude and body rates are coupled by strong damping."""
-        craft = load("spacecraft")
-        craft.DAMPING = 1e4
-        options = {"frame": craft.frame, "method": "DICG3(2)"}
-        fine = cg.solve_ivp(craft.f, (0, 2), craft.y0, rtol=1e-7, atol=1e-7, **options)
-        coarse = cg.solve_ivp(craft.f, (0, 2), craft.y0, rtol=1e-4, atol=1e-4, **options)
-        assert craft.frame.distance(coarse.y[-1], fine.y[-1]) < 1e-4
-        assert len(coarse.t) < 200
 
 
 class TestFewStages:

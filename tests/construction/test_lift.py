@@ -49,8 +49,7 @@ def pair(name):
 
 class TestFlat:
     @pytest.mark.parametrize(
-        ("method", "order", "second"),
-        [(KUTTA, 3, None), (CLASSICAL, 4, None), (FEHLBERG, 5, 4)],
+        ("method", "order", "second"), [(KUTTA, 3, None), (CLASSICAL, 4, None), (FEHLBERG, 5, 4)]
     )
     def test_orders_of_the_literature(self, method, order, second):
         assert flat_order(method) == order

@@ -92,11 +92,7 @@ def test_f_must_be_callable() -> None:
         ("ab", TypeError, "f must return real numbers"),
         ([1j, 2j], TypeError, "f must return real numbers"),
         (3.0, ValueError, r"f must return an array of shape \(m,\), got shape \(\)"),
-        (
-            np.ones((2, 1)),
-            ValueError,
-            r"f must return an array of shape \(m,\), got shape \(2, 1\)",
-        ),
+        (np.ones((2, 1)), ValueError, r"f must return an array of shape .* got shape \(2, 1\)"),
         ([[1.0], [1.0, 2.0]], ValueError, "f must return an array"),
         ([1.0, np.nan], ValueError, r"f must return finite residuals, got f\[1\] = nan at x"),
         ([-np.inf, 1.0], ValueError, r"f must return finite residuals, got f\[0\] = -inf at x"),

@@ -9,11 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from minpack_libraries import (
-    HAS_COMPILER,
-    TESTS,
-    compile_fortran,
-)
+from minpack_libraries import HAS_COMPILER, TESTS, compile_fortran
 from more_garbow_hillstrom import BARD
 
 pytestmark = pytest.mark.skipif(not HAS_COMPILER, reason="gfortran not found")
@@ -89,11 +85,7 @@ def test_too_few_residuals_are_refused(outcomes: tuple[float, dict[str, Outcome]
 
 @pytest.mark.parametrize(
     ("name", "info", "nfev"),
-    [
-        ("stops-at-once", -7, 1),
-        ("stops-in-differences", -7, 3),
-        ("stops-at-trial", -7, 4),
-    ],
+    [("stops-at-once", -7, 1), ("stops-in-differences", -7, 3), ("stops-at-trial", -7, 4)],
 )
 def test_a_negative_flag_stops_the_solver(
     outcomes: tuple[float, dict[str, Outcome]], name: str, info: int, nfev: int

@@ -348,10 +348,7 @@ class TestRequirements:
     @pytest.mark.parametrize(
         ("wish", "message"),
         [
-            (
-                {"abscissae": (1, 0)},
-                r"abscissae must be two increasing finite numbers, got \(1, 0\)",
-            ),
+            ({"abscissae": (1, 0)}, r"abscissae must be two increasing .* got \(1, 0\)"),
             ({"abscissae": 1.0}, "abscissae must be two increasing finite numbers, got 1.0"),
             ({"abscissae": (0, np.inf)}, "abscissae must be two increasing"),
             ({"abscissae": "01"}, "abscissae must be two increasing"),

@@ -113,7 +113,7 @@ def test_rank_is_number_of_equations():
     # eight stages at order five: 18 conditions and 12 assumptions for 34 unknowns
     system = ConditionSystem.tableau(5, 10, structure=Structure.MIDDLE)
     rank = 1 + 0 + 1 + 4 + 12 + 2 * 8
-    for seed in range(400):
+    for seed in range(230, 400):  # the first that converges is 238
         x = random_x(system, seed)
         fit = fit_conditions(x, system, max_iterations=100)
         if fit.f < 1e-26:
@@ -132,13 +132,7 @@ def test_accurate_steps_reach_zeros_that_normal_equations_miss():
     x = np.asarray(cg.conditions.pack(method.a, method.b))
     x[system.free] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.free.size)
     plain, accurate = (
-        fit_conditions(
-            x,
-            system,
-            damping=1e-12,
-            max_iterations=40,
-            accurate=accurate,
-        ).f
+        fit_conditions(x, system, damping=1e-12, max_iterations=40, accurate=accurate).f
         for accurate in (False, True)
     )
     assert accurate <= 1e-27

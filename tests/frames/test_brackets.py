@@ -7,16 +7,7 @@ from frame_examples import FRAMES, HEISENBERG, name
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cg.frames import (
-    SO,
-    SO3,
-    SU,
-    FieldFrame,
-    MatrixFrame,
-    Product,
-    Semidirect,
-    Sphere,
-)
+from cg.frames import SO, SO3, SU, FieldFrame, MatrixFrame, Product, Semidirect, Sphere
 from cg.frames.dexpinv import bernoulli_terms, series_dexpinv
 
 pytestmark = pytest.mark.no_core

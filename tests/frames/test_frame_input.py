@@ -186,18 +186,14 @@ for i in range(3):
         (
             lambda: CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)),
             ValueError,
-            r"algebra must be finite, got inf at \[0, 0, 0\]",
+            "algebra must be finite",
         ),
         (lambda: IsospectralOrbit(MASKED), ValueError, "spectrum must be an array of real"),
         (lambda: CoadjointOrbit(SO3(), MASKED), ValueError, "point must be an array of real"),
         (lambda: FreeRigidBody(inertia=MASKED), ValueError, "inertia must be an array of real"),
         (lambda: ForcedRigidBody(frequency=True), ValueError, "frequency must be an array"),
         (lambda: Product(SO3(), SO3()).join(np.eye(3)), ValueError, "parts must be 2 points, got"),
-        (
-            lambda: Product(SO3(), SO3()).join(np.eye(3), [1, 2]),
-            ValueError,
-            r"parts\[1\] must have shape",
-        ),
+        (lambda: Product(SO3(), SO3()).join(np.eye(3), [1, 2]), ValueError, "must have shape"),
         (
             lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))),
             ValueError,

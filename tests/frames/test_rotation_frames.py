@@ -8,19 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cg
-from cg.frames import (
-    SE3,
-    SO,
-    SO3,
-    SU,
-    Euclidean,
-    Power,
-    Product,
-    Sphere,
-    UnitQuaternion,
-    hat,
-    vee,
-)
+from cg.frames import SE3, SO, SO3, SU, Euclidean, Power, Product, Sphere, UnitQuaternion, hat, vee
 
 CONVENTIONS = ["body", "space"]
 ANGLES = [0.0, 1e-300, 1e-160, 1e-20, 1e-9, 1e-5, 1e-3, 0.1, 0.9, 1.0, 1.1, 3.0, 6.2, 20.0]

@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
-from cg.analysis.convergence import final_errors, observed_order, slopes
+from cg.analysis.convergence import observed_order, slopes
 from cg.catalogue import methods
 from cg.frames import SE3, SO3, Sphere, UnitQuaternion
-from cg.problems import StateDependentRotation
 from cg.problems.affine import AffineField
 from cg.reproduce.reference_runs import integrate_compiled
-
-CONVENTIONS = ["body", "space"]
 
 EXPLICIT = {name: tableau for name, tableau in methods.items() if tableau.explicit}
 EXACT = {name: tableau for name, tableau in EXPLICIT.items() if not tableau.approximate}
@@ -31,23 +28,6 @@ AFFINE = {
 }
 
 
-@pytest.fixture(scope="module", params=CONVENTIONS)
-def problem(request):
-    problem = StateDependentRotation(request.param)
-    reference = problem.reference([1], bits=128)
-    assert reference.errors[0] < 1e-25
-    return problem, reference.y[0, :9].reshape(3, 3)
-
-
-def measured(problem, method, steps):
-    equation, exact = problem
-    h = 1.0 / np.array(steps)
-    errors = final_errors(
-        equation.f, (0.0, 1.0), equation.y0, exact, frame=equation.frame, method=method, h=h
-    )
-    return observed_order(h, errors, floor=1e-13)
-
-
 @pytest.fixture(scope="module", params=list(AFFINE))
 def affine(request):
     frame, initial = AFFINE[request.param]
@@ -66,21 +46,6 @@ def test_slope_is_the_order_in_quadruple_precision(affine, name):
     slope = observed_order(1 / steps, errors, floor=1e-31)
     assert slope.order == pytest.approx(order, abs=0.1)
     assert slope.spread < 0.2
-
-
-def test_approximate_order_six_beats_order_five_until_its_residuals_show(problem):
-    assert EXPLICIT["CG6a"].approximate
-    h = 1.0 / np.array([4, 8])
-    equation, exact = problem
-    errors = [
-        final_errors(
-            equation.f, (0.0, 1.0), equation.y0, exact, frame=equation.frame, method=name, h=h
-        )
-        for name in ("CG5a", "CG6a")
-    ]
-    assert (errors[1] < errors[0]).all()
-    assert slopes(h, errors[1])[0] > 5.0
-    assert measured(problem, "CG6a", (16, 32, 64)).order < 3.0
 
 
 def test_slope_of_exact_powers():

@@ -17,10 +17,7 @@ from cg.integration import integrate, solve_ivp
 from cg.integration.step import plan
 from cg.integration.step.paths import paths_of
 from cg.method.flat import flat_residuals
-from cg.method.low_storage import (
-    from_two_registers,
-    two_registers,
-)
+from cg.method.low_storage import from_two_registers, two_registers
 from cg.reproduce import reference_runs
 from cg.reproduce.reference_runs import integrate_compiled
 from cg.structure.points import Point

@@ -11,9 +11,7 @@ import cg
 pytestmark = pytest.mark.no_core
 
 # They work for one run alone
-CHANGE = {
-    "cg.proofs.dependent.spanned.Spanned",
-}
+CHANGE = {"cg.proofs.dependent.spanned.Spanned"}
 
 
 def classes():
