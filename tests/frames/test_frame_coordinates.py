@@ -22,8 +22,6 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES
-from cg.support.shared_numbers import BlockKind
 
 pytestmark = pytest.mark.no_core
 
@@ -175,40 +173,6 @@ def test_coordinate_sizes():
     many = frame.coordinate_sizes(np.stack([y, 2.0 * y]))
     assert many.shape == (2, frame.dim)
     np.testing.assert_array_equal(many[1, 3:5], [4.0, 1.0])
-
-
-@pytest.mark.parametrize(
-    ("frame", "blocks"),
-    [
-        (Euclidean(4), ((BlockKind.EUCLIDEAN, 4, 0),)),
-        (SO3(), ((BlockKind.SO3, 3, 0),)),
-        (SO(3, "space"), ((BlockKind.SO3, 3, SPACE_AXES),)),
-        (SO(4), ((BlockKind.SO, 4, 0),)),
-        (SO(13), None),
-        (
-            UnitQuaternion("space", scalar_first=True),
-            ((BlockKind.QUATERNION, 3, SPACE_AXES + SCALAR_FIRST),),
-        ),
-        (UnitQuaternion(), ((BlockKind.QUATERNION, 3, 0),)),
-        (SE3(), ((BlockKind.SE3, 3, 0),)),
-        (Semidirect(SO3()), None),
-        (Sphere(2), ((BlockKind.SPHERE, 3, 0),)),
-        (Sphere(3), None),
-        (SU(2, "body"), ((BlockKind.SU2, 3, 0),)),
-        (SU(2), ((BlockKind.SU2, 3, SPACE_AXES),)),
-        (SU(3), ((BlockKind.SU, 3, SPACE_AXES),)),
-        (SU(13), None),
-        (Stiefel(3, 2), None),
-        (
-            Product(Euclidean(1), Product(SO3(), Sphere(2))),
-            ((BlockKind.EUCLIDEAN, 1, 0), (BlockKind.SO3, 3, 0), (BlockKind.SPHERE, 3, 0)),
-        ),
-        (Product(Euclidean(1), Product(SO3(), Sphere(3))), None),
-    ],
-    ids=str,
-)
-def test_compiled_blocks(frame, blocks):
-    assert frame.compiled_blocks() == blocks
 
 
 COMPILED = [Euclidean, SO3, SO, UnitQuaternion, SE3, Sphere, SU]

@@ -1,7 +1,6 @@
 """Compiled right-hand sides: all kinds of C functions on all compiled frames."""
 
 import ctypes
-import re
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -15,29 +14,8 @@ from cg.integration import integrate
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.reproduce.reference_runs import integrate_compiled
-from cg.support.shared_numbers import (
-    BlockKind,
-    ConditionOwner,
-    FieldFlag,
-    MinimumNormStatus,
-    Status,
-    Stop,
-    c_header,
-    fortran_module,
-)
 
 pytestmark = pytest.mark.sanitize
-
-
-def test_the_numbers_of_fortran_and_c_are_made_of_the_enumerations():
-    text = fortran_module()
-    for kind in BlockKind:
-        assert f"integer, parameter :: {kind.name.lower()}_block = {kind.value}\n" in text
-    for member in (*Stop, *Status, *MinimumNormStatus, *ConditionOwner, *FieldFlag):
-        assert f"integer, parameter :: {member.name.lower()} = {member.value}\n" in text
-    names = re.findall(r"parameter :: (\w+) =", text)
-    assert len(names) == len(set(names))
-    assert f"RAISED_IN_PYTHON = {FieldFlag.RAISED_IN_PYTHON.value} " in c_header()
 
 
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])
