@@ -81,23 +81,3 @@ def test_the_core_agrees_with_the_oracle(part):
 def test_the_core_agrees_with_the_oracle_on_ten_thousand(part):
     for seed in range(1000 * part, 1000 * (part + 1)):
         compare(seed)
-
-
-@pytest.mark.parametrize("change", ["a weight", "an order"])
-def test_comparison_detects_a_difference(change, monkeypatch):
-    right = conditions.residuals_at
-
-    def wrong(layout, x, order, independent):
-        if change == "a weight":
-            x = x * (1 + 1e-13)
-            return right(layout, x, order, independent)
-        return right(layout, x, order, independent)[::-1].copy()
-
-    monkeypatch.setattr(conditions, "residuals_at", wrong)
-    failed = 0
-    for seed in range(40):
-        try:
-            compare(seed)
-        except AssertionError:
-            failed += 1
-    assert failed > 20

@@ -9,7 +9,6 @@ from flint import arb, fmpq
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from point_trees import CF3, floats, values
-from quad_core import residuals_quad
 from strategies import dyadics, point_trees, rationals, tableaux
 
 from cg import CommutatorFree, conditions
@@ -64,20 +63,6 @@ class TestResiduals:
             for t in conditions.condition_trees(3)
         ]
         assert list(residuals) == expected
-
-    @settings(deadline=None, max_examples=60)
-    @given(point_trees(), st.integers(1, 6), st.booleans())
-    def test_compiled_against_exact(self, tree, order, independent):
-        exact = conditions.exact_residuals_of(tree, order, independent)
-        residuals = conditions.residuals_of(tree, order, independent)
-        layout, x = Layout.of_tree(tree), floats(tree)
-        sizes = 1 + conditions.weights_at(layout, np.abs(x), order, independent)
-        np.testing.assert_allclose(
-            residuals, np.array(exact, float), rtol=0, atol=1e-14 * sizes.max()
-        )
-        quad = residuals_quad(layout, values(tree), order, independent)
-        for one, other in zip(quad, exact, strict=True):
-            assert abs(one - other) < Fraction(1, 10**32) * Fraction(sizes.max())
 
     @settings(deadline=None, max_examples=40)
     @given(tableaux(rationals))

@@ -46,18 +46,6 @@ def a_candidate(order, stages, *, embedded=False, seed=0, bound=3.0):
 
 
 class TestSystem:
-    @pytest.mark.parametrize("rows", list(Rows))
-    @pytest.mark.parametrize("embedded", [False, True])
-    def test_jacobian_is_the_derivative(self, rows, embedded):
-        system = ConditionSystem.tableau(4, 3, rows, embedded)
-        x = np.random.default_rng(5).uniform(-1, 1, system.size)
-        jac, h = system.jacobian(x, independent=False), 1e-6
-        for k in range(system.size):
-            e = np.zeros(system.size)
-            e[k] = h
-            ahead, behind = (system.residual(x + s * e, independent=False) for s in (1, -1))
-            np.testing.assert_allclose(jac[:, k], (ahead - behind) / (2 * h), atol=1e-8)
-
     def test_second_weights_have_their_own_conditions(self):
         pair = cg.methods["CG2(3)"]
         candidate = pack_method(pair)
@@ -222,7 +210,7 @@ class TestConstruct:
         assert (construction.method.order, construction.method.stages) == (4, 5)
         assert max(map(abs, residuals_exact(*construction.method.exact, 4))) < Fraction(1, 10**33)
 
-    @pytest.mark.parametrize("stages", [15, 13, pytest.param(12, marks=pytest.mark.slow)])
+    @pytest.mark.parametrize("stages", [15, pytest.param(12, marks=pytest.mark.slow)])
     def test_order_six(self, stages):
         construction = cg.construct(order=6, stages=stages, seed=1, tries=40)
         assert construction.exact
@@ -293,28 +281,16 @@ class TestConstruct:
             ({"largest": 0}, ValueError, "largest must be a finite positive number"),
             ({"first_stages": 2}, ValueError, "first_stages must be at least 3"),
             ({"workers": 0}, ValueError, "workers must be at least 1"),
+            ({"progress": 3}, TypeError, "progress must be"),
+            ({"order": True}, TypeError, "order must be"),
+            *(({n: 10**30}, ValueError, f"{n} must be") for n in ("stages", "tries", "iterations")),
+            ({"largest": "3"}, ValueError, "largest must be"),
+            ({"width": 1j}, ValueError, "width must be"),
         ],
     )
     def test_bad_input(self, changes, error, message):
         with pytest.raises(error, match=message):
             cg.construct(**{"order": 3, "stages": 3, "seed": 0, **changes})
-
-
-@pytest.mark.parametrize(
-    ("argument", "error"),
-    [
-        ({"progress": 3}, TypeError),
-        ({"order": True}, TypeError),
-        ({"stages": 10**30}, ValueError),
-        ({"tries": 10**30}, ValueError),
-        ({"iterations": 10**30}, ValueError),
-        ({"largest": "3"}, ValueError),
-        ({"width": 1j}, ValueError),
-    ],
-)
-def test_arguments_are_checked_before_any_work(argument, error):
-    with pytest.raises(error, match=f"{next(iter(argument))} must be"):
-        cg.construct(**{"order": 3, "stages": 3, "seed": 1} | argument)
 
 
 def test_dropped_flows_leave_no_idle_stage():

@@ -26,13 +26,11 @@ SOME = ("rosenbrock", "bard", "kowalik-osborne", "osborne-1", "brown-dennis", "c
 # On the way the residual overflows. leastsq goes on with infinities; lmdif stops and says so.
 OVERFLOWS = {("box-three-dimensional", 10), ("jennrich-sampson", 100), ("osborne-1", 100)}
 
-# Where SciPy may take another path, and why: its qrfac, rewritten in C, takes one element too many
-# when it computes the norm of a column afresh after cancellation: the first element of the next
-# column, or for the last column whatever lies behind the array. Another column may then become
-# the pivot, and from there on the paths differ. It takes a nearly singular Jacobian to get there.
-# In the first group the paths were seen to part, or the pivots to differ; in the second such norms
-# are computed, but so far without consequence. Debian's MINPACK takes our path in all of these
-# cases, bit for bit.
+# Not compared with SciPy, whose qrfac, rewritten in C, takes one element too many when it computes
+# the norm of a column afresh after cancellation: the first element of the next column, or for the
+# last column whatever lies behind the array. Another column may then become the pivot, and from
+# there on the paths differ. It takes a nearly singular Jacobian to get there. Debian's MINPACK
+# takes our path in all of these cases, bit for bit.
 SCIPY_READS_BEYOND_THE_COLUMN = {
     *((f"linear-rank-one-{m}", factor) for m in (10, 50) for factor in (1, 10, 100)),
     *((f"chebyquad-{n}", factor) for n in (8, 9, 10) for factor in (10, 100)),
@@ -64,18 +62,6 @@ class Recorded:
         self.values.append(value.copy())
         return value
 
-    def last_differences(self, before: int | None) -> np.ndarray:
-        """Return the last difference Jacobian before the given call."""
-        n = self.points[0].size
-        for first in range((before or len(self.points)) - n, 0, -1):
-            for base in range(first):
-                shifts = np.array(self.points[first : first + n]) - self.points[base]
-                steps = shifts.diagonal()
-                if steps.all() and np.count_nonzero(shifts) == n:
-                    differences = np.array(self.values[first : first + n]) - self.values[base]
-                    return (differences / steps[:, None]).T
-        raise AssertionError("no differences found")
-
 
 def scipy_solve(problem: Problem, start: np.ndarray, **options: object) -> tuple[Recorded, tuple]:
     """Return leastsq's result and its evaluations, without those before the solver starts."""
@@ -87,26 +73,9 @@ def scipy_solve(problem: Problem, start: np.ndarray, **options: object) -> tuple
     return residual, answer
 
 
-def recomputes_a_norm(jacobian: np.ndarray) -> bool:
-    """Return whether a pivoted QR recomputes a column norm after cancellation, as qrfac does."""
-    a = jacobian.copy()
-    norms = np.linalg.norm(a, axis=0)
-    reference = norms.copy()
-    for j in range(a.shape[1]):
-        k = j + int(np.argmax(norms[j:]))
-        a[:, [j, k]], norms[k], reference[k] = a[:, [k, j]], norms[j], reference[j]
-        u = a[j:, j] / (np.copysign(np.linalg.norm(a[j:, j]), a[j, j]) or 1.0)
-        u[0] += 1
-        a[j:, j + 1 :] -= np.outer(u, u @ a[j:, j + 1 :]) / u[0]
-        for k in range(j + 1, a.shape[1]):
-            if norms[k] != 0:
-                norms[k] *= math.sqrt(max(0.0, 1 - (a[j, k] / norms[k]) ** 2))
-                if 0.05 * (norms[k] / reference[k]) ** 2 <= EPS:
-                    return True
-    return False
-
-
-@pytest.mark.parametrize(("name", "factor"), CASES)
+@pytest.mark.parametrize(
+    ("name", "factor"), [case for case in CASES if case not in SCIPY_READS_BEYOND_THE_COLUMN]
+)
 def test_iterates_equal_scipy(name: str, factor: int) -> None:
     problem = BY_NAME[name]
     run, (x, _, details, _, info) = scipy_solve(
@@ -124,13 +93,6 @@ def test_iterates_equal_scipy(name: str, factor: int) -> None:
     assert len(ours.points) == fit.nfev
     # Counted from 1 by SciPy's Fortran, from 0 by its C.
     ipvt = details["ipvt"] - details["ipvt"].min()
-    pairs = enumerate(zip(ours.points, run.points, strict=False))
-    parting = next((call for call, (a, b) in pairs if (a != b).any()), None)
-    other_path = parting is not None or (fit.ipvt != ipvt).any()
-    if other_path and (name, factor) in SCIPY_READS_BEYOND_THE_COLUMN:
-        assert recomputes_a_norm(ours.last_differences(before=parting))
-        return
-
     assert (fit.info, fit.nfev) == (info, details["nfev"])
     assert_allclose(fit.x, x, rtol=1e-13)
     assert_allclose(fit.fvec, details["fvec"], rtol=1e-12, atol=1e-14 * abs(fit.fvec).max())
@@ -253,35 +215,22 @@ def test_linear_problem_takes_few_evaluations(system: tuple[np.ndarray, ...]) ->
     assert_allclose(fit.x, np.linalg.lstsq(a, b)[0], atol=1e-5)
 
 
-@settings(max_examples=30)
-@given(st.sampled_from(SOME), st.integers(-20, 20))
-def test_scaling_of_residuals(name: str, power: int) -> None:
-    problem = BY_NAME[name]
-    plain = cg.lmdif(problem.residual, problem.start(1))
-    scaled = cg.lmdif(lambda x: problem.residual(x) * 2.0**power, problem.start(1))
-    assert (scaled.info, scaled.nfev) == (plain.info, plain.nfev)
-    assert_array_equal(scaled.x, plain.x)
-
-
-@settings(max_examples=30)
-@given(st.sampled_from(SOME), st.integers(-20, 20))
-def test_scaling_of_unknowns(name: str, power: int) -> None:
+@settings(max_examples=60)
+@given(st.sampled_from(SOME), st.integers(-20, 20), st.sampled_from(["residuals", "x", "diag"]))
+def test_scaling_by_powers_of_two(name: str, power: int, what: str) -> None:
     problem, unit = BY_NAME[name], 2.0**power
-    plain = cg.lmdif(problem.residual, problem.start(1))
-    scaled = cg.lmdif(lambda x: problem.residual(x * unit), problem.start(1) / unit)
+    residual, start, diag = problem.residual, problem.start(1), 0.5 + np.arange(problem.n)
+    if what == "residuals":
+        plain = cg.lmdif(residual, start)
+        scaled = cg.lmdif(lambda x: residual(x) * unit, start)
+    elif what == "x":
+        plain = cg.lmdif(residual, start)
+        scaled = cg.lmdif(lambda x: residual(x * unit), start / unit)
+    else:
+        plain = cg.lmdif(residual, start, diag=diag)
+        scaled = cg.lmdif(residual, start, diag=diag * unit)
     assert (scaled.info, scaled.nfev) == (plain.info, plain.nfev)
-    assert_array_equal(scaled.x * unit, plain.x)
-
-
-@settings(max_examples=30)
-@given(st.sampled_from(SOME), st.integers(-20, 20))
-def test_common_factor_of_diag(name: str, power: int) -> None:
-    problem = BY_NAME[name]
-    diag = 0.5 + np.arange(problem.n)
-    plain = cg.lmdif(problem.residual, problem.start(1), diag=diag)
-    scaled = cg.lmdif(problem.residual, problem.start(1), diag=diag * 2.0**power)
-    assert (scaled.info, scaled.nfev) == (plain.info, plain.nfev)
-    assert_array_equal(scaled.x, plain.x)
+    assert_array_equal(scaled.x * (unit if what == "x" else 1.0), plain.x)
 
 
 def test_diag_changes_iterates() -> None:

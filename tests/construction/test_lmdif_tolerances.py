@@ -1,6 +1,5 @@
 """Tolerances of lmdif: defaults and stopping criteria."""
 
-import inspect
 import math
 
 import numpy as np
@@ -49,23 +48,6 @@ def solve(name, **options):
         if np.array_equal(changed, np.eye(n, dtype=bool)):
             actual.append(base)
     return fit, actual[-1]
-
-
-def test_defaults():
-    defaults = {
-        name: parameter.default
-        for name, parameter in inspect.signature(cg.lmdif).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY
-    }
-    assert defaults == {
-        "ftol": 2.0**-26,
-        "xtol": 2.0**-26,
-        "gtol": 0.0,
-        "maxfev": None,
-        "epsfcn": 2.0**-52,
-        "factor": 100.0,
-        "diag": None,
-    }
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])

@@ -97,8 +97,7 @@ class TestRefine:
             )
 
     @pytest.mark.parametrize(
-        "change",
-        [{"ftol": -1.0}, {"ftol": np.nan}, {"damping": 0.0}, {"damping": np.inf}],
+        "change", [{"ftol": -1.0}, {"ftol": np.nan}, {"damping": 0.0}, {"damping": np.inf}]
     )
     def test_bad_numbers(self, change):
         (name,) = change

@@ -1,9 +1,6 @@
 """Random searches: reproducibility, methods, requirements, arguments."""
 
-import importlib
-import json
 import re
-from dataclasses import replace
 from fractions import Fraction
 from operator import attrgetter
 
@@ -11,7 +8,6 @@ import numpy as np
 import pytest
 from quad_core import residuals_quad
 
-import cg
 from cg import conditions
 from cg.catalogue import methods
 from cg.conditions import MAX_ORDER, Rows, residuals_exact, unknowns, unpack
@@ -30,11 +26,6 @@ GOOD = {"order": 2, "stages": 2, "starts": 1, "seed": 1}
 
 
 PATTERNS = {"explicit": Rows.EXPLICIT, "diagonal": Rows.DIAGONAL, "full": Rows.FULL}
-
-
-search_module = importlib.import_module(
-    "cg.construction.search.random_search"
-)  # the package's attribute is the function
 
 
 @pytest.fixture(scope="module")
@@ -85,9 +76,6 @@ class TestReproducible:
 
 
 class TestMethods:
-    def test_starts_are_sorted_by_index(self, order_four):
-        assert [start.index for start in order_four.starts] == list(range(24))
-
     def test_methods_are_exact(self, order_four):
         exact = [start for start in order_four.starts if start.exact]
         assert len(exact) == len(order_four.methods) >= 2
@@ -216,13 +204,6 @@ class TestThePapersWay:
 
 
 class TestImplicit:
-    @pytest.mark.parametrize("rows", ["diagonal", "full"])
-    @pytest.mark.parametrize(("order", "stages"), [(2, 1), (3, 3), (4, 4)])
-    def test_implicit_methods_are_found(self, rows, order, stages):
-        result = search(order, stages, 30, seed=2, rows=rows)
-        assert len(result.methods) >= 1
-        assert all(method.order == order and not method.explicit for method in result.methods)
-
     @pytest.mark.parametrize("name", PATTERNS)
     def test_rows_by_name_and_value(self, name):
         by_name = search(3, 4, 2, seed=1, rows=name)
@@ -246,13 +227,6 @@ class TestImplicit:
             np.testing.assert_allclose(method.c, methods["DICG4"].c, rtol=1e-14)
 
 
-class TestProgress:
-    def test_progress(self):
-        seen = []
-        search(**SMALL, starts=3, progress=lambda *counts: seen.append(counts))
-        assert seen == [(1, 3), (2, 3), (3, 3)]
-
-
 class TestArguments:
     @pytest.mark.parametrize(
         ("change", "message"),
@@ -265,24 +239,17 @@ class TestArguments:
             ),
             ({"stages": 0}, "stages must be at least 1, got 0"),
             ({"starts": 0}, "starts must be at least 1, got 0"),
-            ({"starts": -3}, "starts must be at least 1, got -3"),
             ({"seed": -1}, "seed must be at least 0, got -1"),
             ({"workers": 0}, "workers must be at least 1, got 0"),
             ({"maxfev": 0}, "maxfev must be at least 1, got 0"),
             ({"refine_maxfev": 0}, "refine_maxfev must be at least 1, got 0"),
             ({"algorithm": "newton"}, "algorithm must be one of minimum-norm, lmdif, got 'newton'"),
-            ({"algorithm": None}, "algorithm must be one of minimum-norm, lmdif, got None"),
             ({"rows": "lower"}, "rows must be one of explicit, diagonal, full, got 'lower'"),
-            ({"rows": 7}, "rows must be one of explicit, diagonal, full, got 7"),
-            ({"rows": None}, "rows must be one of explicit, diagonal, full, got None"),
             ({"width": -0.5}, "width must be a finite number, not negative, got -0.5"),
             ({"width": float("nan")}, "width must be a finite number, not negative, got nan"),
             ({"width": float("inf")}, "width must be a finite number, not negative, got inf"),
-            ({"width": "1"}, "width must be a finite number, not negative, got '1'"),
-            ({"width": 1 + 0j}, "width must be a finite number, not negative, got (1+0j)"),
             ({"width": 1e308}, "width must be at most 1e+300, got 1e+308"),
             ({"refine_below": -1}, "refine_below must be a finite number, not negative, got -1"),
-            ({"refine_below": "x"}, "refine_below must be a finite number, not negative, got 'x'"),
         ],
     )
     def test_rejects_bad_values(self, change, message):
@@ -293,7 +260,7 @@ class TestArguments:
     @pytest.mark.parametrize(
         "name", ["order", "stages", "starts", "seed", "workers", "maxfev", "refine_maxfev"]
     )
-    @pytest.mark.parametrize("value", [1.5, 2.0, "2", [2]])
+    @pytest.mark.parametrize("value", [1.5, 2.0, "2", [2], True])
     def test_rejects_bad_integers(self, name, value):
         with pytest.raises(TypeError) as caught:
             search(**{**GOOD, name: value})
@@ -325,38 +292,8 @@ class TestArguments:
         forced = search(order, stages, 1, seed=1, rows=rows, force=True, maxfev=4)
         assert len(forced.best.x) == size
 
-    @pytest.mark.parametrize(
-        ("order", "stages", "rows"),
-        [
-            (3, 3, "explicit"),
-            (4, 5, "explicit"),
-            (3, 2, "diagonal"),
-            (3, 2, "full"),
-            (4, 4, "full"),
-        ],
-    )
-    def test_accepts_enough_stages(self, order, stages, rows):
-        search(order, stages, 1, seed=1, rows=rows, maxfev=4)
-
-    def test_accepts_numpy_integers(self):
-        result = search(*np.array([2, 2, 1, 1]))
-        assert result == search(2, 2, 1, 1)
-        assert json.dumps(result.settings.order) == "2"
-
-    def test_search_is_exported(self):
-        assert cg.search is search
-
-
-def test_settings_compare_by_value(order_four):
-    settings = order_four.settings
-    assert replace(settings) == settings
-    assert hash(settings) == hash(replace(settings))
-
-
-@pytest.mark.parametrize("name", ["order", "stages", "starts", "seed", "workers", "maxfev"])
-def test_rejects_true_as_integer(name):
-    with pytest.raises(TypeError, match=f"{name} must be an integer, got True"):
-        search(**GOOD | {name: True})
+    def test_accepts_as_many_unknowns_as_conditions(self):
+        assert len(search(3, 2, 1, seed=1, rows="diagonal", maxfev=4).best.x) == 5
 
 
 @pytest.mark.parametrize("name", ["starts", "maxfev", "refine_maxfev"])
@@ -411,10 +348,7 @@ class TestRequirements:
     @pytest.mark.parametrize(
         ("wish", "message"),
         [
-            (
-                {"abscissae": (1, 0)},
-                r"abscissae must be two increasing finite numbers, got \(1, 0\)",
-            ),
+            ({"abscissae": (1, 0)}, r"abscissae must be two increasing .* got \(1, 0\)"),
             ({"abscissae": 1.0}, "abscissae must be two increasing finite numbers, got 1.0"),
             ({"abscissae": (0, np.inf)}, "abscissae must be two increasing"),
             ({"abscissae": "01"}, "abscissae must be two increasing"),

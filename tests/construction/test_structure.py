@@ -78,6 +78,7 @@ def test_zeros_of_structures_are_not_free():
         ({"structure": 2, "rows": Rows.FULL}, "structure = MIDDLE is for explicit"),
         ({"structure": 1, "order": 3}, "order 4 or more"),
         ({"structure": 1, "stages": 2}, "stages must be at least 3"),
+        ({"structure": 2, "order": 9, "stages": 100}, "order must be at most 8 with a structure"),
     ],
 )
 def test_bad_input(arguments, message):
@@ -112,7 +113,7 @@ def test_rank_is_number_of_equations():
     # eight stages at order five: 18 conditions and 12 assumptions for 34 unknowns
     system = ConditionSystem.tableau(5, 10, structure=Structure.MIDDLE)
     rank = 1 + 0 + 1 + 4 + 12 + 2 * 8
-    for seed in range(400):
+    for seed in range(230, 400):  # the first that converges is 238
         x = random_x(system, seed)
         fit = fit_conditions(x, system, max_iterations=100)
         if fit.f < 1e-26:
@@ -131,13 +132,7 @@ def test_accurate_steps_reach_zeros_that_normal_equations_miss():
     x = np.asarray(cg.conditions.pack(method.a, method.b))
     x[system.free] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.free.size)
     plain, accurate = (
-        fit_conditions(
-            x,
-            system,
-            damping=1e-12,
-            max_iterations=40,
-            accurate=accurate,
-        ).f
+        fit_conditions(x, system, damping=1e-12, max_iterations=40, accurate=accurate).f
         for accurate in (False, True)
     )
     assert accurate <= 1e-27

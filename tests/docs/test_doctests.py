@@ -123,11 +123,7 @@ def without_example(objects):
 def test_public_objects_include_known_names():
     names = set(public())
     assert {"cg.Tableau", "cg.frames.Sphere", "cg.plot.tree", "cg.conditions.count"} <= names
-    assert {
-        "cg.trees.OrderedTree",
-        "cg.MissingQuadsError",
-        "cg.methods",
-    } <= names
+    assert {"cg.trees.OrderedTree", "cg.MissingQuadsError", "cg.methods"} <= names
     assert len(names) > 100
 
 

@@ -36,8 +36,7 @@ def test_front_page_output(capsys):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in GALLERY],
+    "name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in GALLERY]
 )
 def test_program_of_gallery_draws_a_figure(name, monkeypatch):
     monkeypatch.syspath_prepend(DOCS / "gallery")

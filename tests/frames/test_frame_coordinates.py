@@ -22,8 +22,6 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES
-from cg.support.shared_numbers import BlockKind
 
 pytestmark = pytest.mark.no_core
 
@@ -163,50 +161,18 @@ def test_coordinate_sizes_have_their_shape(frame, batch):
 
 
 def test_coordinate_sizes():
-    frame = Product(SO3(), Euclidean(2), Semidirect(SO3(), 2), SU(2))
+    frame = Product(SO3(), Euclidean(2), Semidirect(SO3(), 2), SE3(), SU(2))
     point = np.eye(5)
     point[:3, 3], point[:3, 4] = [3.0, 0.0, 4.0], [0.0, -7.0, 0.0]
-    y = frame.join(np.eye(3), [-2.0, 0.5], point, np.eye(2))
+    y = frame.join(np.eye(3), [-2.0, 0.5], point, point[:4, :4], np.eye(2))
     ones = np.ones(3)
-    expected = np.concatenate([ones, [2.0, 0.5], ones, 5.0 * ones, 7.0 * ones, ones])
+    expected = np.concatenate(
+        [ones, [2.0, 0.5], ones, 5.0 * ones, 7.0 * ones, ones, 5.0 * ones, ones]
+    )
     np.testing.assert_array_equal(frame.coordinate_sizes(y), expected)
     many = frame.coordinate_sizes(np.stack([y, 2.0 * y]))
     assert many.shape == (2, frame.dim)
     np.testing.assert_array_equal(many[1, 3:5], [4.0, 1.0])
-
-
-@pytest.mark.parametrize(
-    ("frame", "blocks"),
-    [
-        (Euclidean(4), ((BlockKind.EUCLIDEAN, 4, 0),)),
-        (SO3(), ((BlockKind.SO3, 3, 0),)),
-        (SO(3, "space"), ((BlockKind.SO3, 3, SPACE_AXES),)),
-        (SO(4), ((BlockKind.SO, 4, 0),)),
-        (SO(13), None),
-        (
-            UnitQuaternion("space", scalar_first=True),
-            ((BlockKind.QUATERNION, 3, SPACE_AXES + SCALAR_FIRST),),
-        ),
-        (UnitQuaternion(), ((BlockKind.QUATERNION, 3, 0),)),
-        (SE3(), ((BlockKind.SE3, 3, 0),)),
-        (Semidirect(SO3()), None),
-        (Sphere(2), ((BlockKind.SPHERE, 3, 0),)),
-        (Sphere(3), None),
-        (SU(2, "body"), ((BlockKind.SU2, 3, 0),)),
-        (SU(2), ((BlockKind.SU2, 3, SPACE_AXES),)),
-        (SU(3), ((BlockKind.SU, 3, SPACE_AXES),)),
-        (SU(13), None),
-        (Stiefel(3, 2), None),
-        (
-            Product(Euclidean(1), Product(SO3(), Sphere(2))),
-            ((BlockKind.EUCLIDEAN, 1, 0), (BlockKind.SO3, 3, 0), (BlockKind.SPHERE, 3, 0)),
-        ),
-        (Product(Euclidean(1), Product(SO3(), Sphere(3))), None),
-    ],
-    ids=str,
-)
-def test_compiled_blocks(frame, blocks):
-    assert frame.compiled_blocks() == blocks
 
 
 COMPILED = [Euclidean, SO3, SO, UnitQuaternion, SE3, Sphere, SU]

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.linalg
 from frame_examples import CIRCLE, ELLIPSE, HEISENBERG
 
 from cg.frames import (
@@ -17,7 +16,6 @@ from cg.frames import (
     FieldFrame,
     IsospectralOrbit,
     MatrixFrame,
-    MatrixGroup,
     Product,
     Semidirect,
     Sp,
@@ -25,7 +23,6 @@ from cg.frames import (
     Stiefel,
     U,
 )
-from cg.frames.logarithms import real_log1p
 from cg.frames.u import gell_mann
 
 pytestmark = pytest.mark.no_core
@@ -43,16 +40,6 @@ def test_bases_span_lie_algebras(group):
     np.testing.assert_allclose(group.algebra(bracket), u @ w - w @ u, rtol=0, atol=1e-13)
     with pytest.raises(ValueError, match="read-only"):
         group.basis[0] = 0.0
-
-
-@pytest.mark.parametrize(
-    ("group", "dim"),
-    [(SO(5), 10), (U(3), 9), (SU(3), 8), (GL(3), 9), (SL(3), 8), (Sp(4), 10), (SE3(), 6)],
-    ids=repr,
-)
-def test_dimensions(group, dim):
-    assert isinstance(group, MatrixGroup)
-    assert group.dim == dim
 
 
 def test_gell_mann_matrices():
@@ -88,38 +75,6 @@ def test_membership_by_known_distances():
     assert momentum.membership_error([0.0, 0.0, 0.0]) > 1.0
 
 
-def test_logarithms_that_do_not_exist_are_nan():
-    assert np.isnan(GL(2).exp_coordinates(np.eye(2), np.diag([-1.0, 1.0]))).all()
-    assert np.isnan(GL(2).exp_coordinates(np.eye(2), np.zeros((2, 2)))).all()
-    mixed = GL(2).exp_coordinates(np.eye(2), [np.diag([-1.0, 2.0]), 2.0 * np.eye(2)])
-    assert np.isnan(mixed[0]).all()
-    np.testing.assert_allclose(mixed[1], [np.log(2.0), 0.0, 0.0, np.log(2.0)])
-
-
-@pytest.mark.parametrize("size", [1e-14, 1e-9, 1e-4, 0.1, 0.2499, 0.2501, 1.0])
-def test_real_logarithm_undoes_the_exponential(size):
-    matrix = np.random.default_rng(31).standard_normal((4, 4))
-    matrix *= size / np.linalg.norm(matrix)
-    actual = real_log1p(scipy.linalg.expm(matrix)[None] - np.eye(4))[0]
-    # The exponential itself is only known to a rounding.
-    np.testing.assert_allclose(actual, matrix, rtol=0, atol=2e-15)
-
-
-def test_logarithms_of_rotations_by_half_turns():
-    rng = np.random.default_rng(32)
-    for n in (4, 5):
-        basis = SO(n).random_point(rng)
-        half = basis @ np.diag([-1.0] * 4 + [1.0] * (n - 4)) @ basis.T
-        v = SO(n).logarithm(half)
-        np.testing.assert_allclose(SO(n).exponential(v), half, rtol=0, atol=1e-14)
-
-
-def test_su_logarithms_stay_in_the_algebra():
-    turned = np.diag(np.exp(1j * np.array([2.5, 2.0, -4.5])))
-    v = SU(3).logarithm(turned)
-    np.testing.assert_allclose(SU(3).exponential(v), turned, rtol=0, atol=1e-14)
-
-
 def test_isospectral_orbits_keep_the_spectrum_of_a_matrix():
     rng = np.random.default_rng(33)
     matrix = rng.standard_normal((4, 4))
@@ -145,14 +100,6 @@ def test_coadjoint_orbits_compute_their_casimirs():
     constants = tuple(tuple(map(tuple, block)) for block in SO(3).structure_constants.tolist())
     same = CoadjointOrbit(constants, (1.0, 2.0, 3.0))
     np.testing.assert_allclose(same.flow(v, m), body.flow(v, m), rtol=0, atol=1e-14)
-
-
-def test_coadjoint_motion_keeps_the_spatial_momentum():
-    rng = np.random.default_rng(35)
-    v, m = rng.standard_normal((2, 3))
-    moved = CoadjointOrbit(SO3(), tuple(m)).flow(v, m)
-    rotation = SO3().flow(v, np.eye(3))
-    np.testing.assert_allclose(rotation @ moved, m, rtol=0, atol=1e-15)
 
 
 def test_matrix_frame_of_rotation_generators_matches_sphere():
@@ -192,41 +139,12 @@ def test_results_of_user_functions_are_checked():
         frame(flow=lambda v, y: 1 / 0).flow([1.0], y)
 
 
-def test_product_split_inverts_join():
-    frame = Product(SO3(), Euclidean(3), SO3("space"))
-    y = frame.random_point(np.random.default_rng(12), (4,))
-    parts = frame.split(y)
-    assert [part.shape for part in parts] == [(4, 3, 3), (4, 3), (4, 3, 3)]
-    np.testing.assert_array_equal(frame.join(*parts), y)
-    np.testing.assert_array_equal(frame.join(np.eye(3), [1, 2, 3], np.eye(3))[9:12], [1, 2, 3])
-    with pytest.raises(ValueError, match="parts must be 3 points, got 1"):
-        frame.join(np.eye(3))
-    with pytest.raises(ValueError, match=r"parts\[1\] must have shape"):
-        frame.join(np.eye(3), [1, 2], np.eye(3))
-
-
 def test_product_errors_and_distances():
     frame = Product(SO3(), Euclidean(2))
     x = frame.join(np.eye(3), [0.0, 0.0])
     y = frame.join(SO3().flow([0.3, 0, 0], np.eye(3)), [0.0, 0.4])
     assert frame.distance(x, y) == pytest.approx(0.5)
     assert frame.membership_error(frame.join(2 * np.eye(3), [0.0, 0.4])) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(
-    ("y", "message"),
-    [
-        (np.eye(2), r"start must have shape \(3, 3\), got \(2, 2\)"),
-        (np.full((3, 3), np.nan), "start must be finite"),
-        (1.5 * np.eye(3), r"start must be a point of SO3\(\): its distance .* is 0.5"),
-        (1j * np.eye(3), "start must be an array of real numbers"),
-        ("rotation", "start must be an array of real numbers"),
-        ([[1, 2], [3]], "start must be an array of real numbers"),
-    ],
-)
-def test_check_point_error_messages(y, message):
-    with pytest.raises(ValueError, match=message):
-        SO3().check_point(y, name="start")
 
 
 def test_check_point_accepts_integers_and_tolerance():

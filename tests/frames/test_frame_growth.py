@@ -8,7 +8,7 @@ import pytest
 from flint import acb_mat, arb, arb_mat, ctx
 
 import cg
-from cg.frames import GL, SE3, SL, SO3, CoadjointOrbit, MatrixFrame, Product, Semidirect, Sp
+from cg.frames import GL, SE3, SL, CoadjointOrbit, MatrixFrame, Semidirect, Sp
 from cg.frames.matrix_functions import determinant_correction, symplectic_correction
 
 GROUPS = [
@@ -170,16 +170,6 @@ def test_corrections_have_minimum_norm(size):
         fields = frame.field(np.eye(frame.dim), on[:, None]).reshape(5, frame.dim, -1)
         along = np.abs(fields @ change.reshape(5, -1, 1)).max()
         assert along < 30.0 * size**2 * np.abs(fields).max()
-
-
-def test_growing_points_of_products():
-    frame = Product(SL(2), SO3())
-    rng = np.random.default_rng(55)
-    v = np.concatenate([SL(2).coefficients([[0.0, 0.1], [0.1, 0.0]]), [0.0, 0.0, 0.1]])
-    y = frame.join(np.eye(2), SO3().random_point(rng))
-    for _ in range(190):
-        y = frame.flow(v, y)
-    np.testing.assert_allclose(frame.split(y)[0][0, 0], np.cosh(19.0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("frame", [Sp(2), Sp(4), SL(2), SL(3)], ids=repr)

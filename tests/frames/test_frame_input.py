@@ -6,7 +6,6 @@ import warnings
 import numpy as np
 import pytest
 from frame_examples import FRAMES, name
-from scipy.spatial.transform import Rotation
 
 from cg.frames import (
     GL,
@@ -187,12 +186,14 @@ for i in range(3):
         (
             lambda: CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)),
             ValueError,
-            r"algebra must be finite, got inf at \[0, 0, 0\]",
+            "algebra must be finite",
         ),
         (lambda: IsospectralOrbit(MASKED), ValueError, "spectrum must be an array of real"),
         (lambda: CoadjointOrbit(SO3(), MASKED), ValueError, "point must be an array of real"),
         (lambda: FreeRigidBody(inertia=MASKED), ValueError, "inertia must be an array of real"),
         (lambda: ForcedRigidBody(frequency=True), ValueError, "frequency must be an array"),
+        (lambda: Product(SO3(), SO3()).join(np.eye(3)), ValueError, "parts must be 2 points, got"),
+        (lambda: Product(SO3(), SO3()).join(np.eye(3), [1, 2]), ValueError, "must have shape"),
         (
             lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))),
             ValueError,
@@ -309,14 +310,3 @@ def test_projection_is_advised_where_there_is_one(frame, y, projects):
     with pytest.raises(ValueError, match="y0 must be a point of") as error:
         frame.check_point(y, name="y0")
     assert str(error.value).endswith("; frame.project(y0) is the nearest point") == projects
-
-
-def test_rotations_of_scipy():
-    rotation = Rotation.from_rotvec([0.1, 0.2, 0.3])
-    for frame in (SO3(), UnitQuaternion()):
-        assert frame.relative_error(frame.check_point(rotation)) < 1e-15
-    np.testing.assert_array_equal(SO3().check_point(rotation), rotation.as_matrix())
-    with pytest.raises(ValueError, match=r"y0 must have shape \(3, 3\), got \(2, 3, 3\)"):
-        SO3().check_point(Rotation.concatenate([rotation] * 2), name="y0")
-    with pytest.raises(ValueError, match="y0 must be an array of real numbers, got Rotation"):
-        Sphere(3).check_point(rotation, name="y0")

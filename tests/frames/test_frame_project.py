@@ -180,8 +180,7 @@ def test_projection_of_distant_arrays():
 
 def test_user_projections():
     frame = MatrixFrame(
-        ELLIPSE.matrices,
-        membership_error=lambda y: abs(np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0) - 1.0),
+        ELLIPSE.matrices, membership_error=lambda y: abs(np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0) - 1.0)
     )
     with pytest.raises(NotImplementedError, match="has a membership_error, but no project"):
         frame.project([1.1, 0.0])

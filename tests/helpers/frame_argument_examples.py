@@ -102,10 +102,7 @@ def of_problem(problem):
     values = {name: getattr(problem, name) for name in inspect.signature(type(problem)).parameters}
     yield f"problems.{kind}", Call(type(problem), values)
     points = {"y": problem.y0} if hasattr(problem, "y0") else {}
-    arguments = {
-        "invariants": points,
-        "body_momentum": points,
-    }
+    arguments = {"invariants": points, "body_momentum": points}
     for method, values in arguments.items():
         if callable(getattr(problem, method, None)):
             yield f"problems.{kind}.{method}", Call(getattr(problem, method), values)

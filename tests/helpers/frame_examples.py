@@ -29,10 +29,7 @@ from cg.frames import (
 
 # y0' = v0, y1' = v1, y2' = y0 v1 - y1 v0: the Heisenberg group acts on space.
 HEISENBERG = FieldFrame(
-    [
-        lambda y: np.array([1.0, 0.0, -y[1]]),
-        lambda y: np.array([0.0, 1.0, y[0]]),
-    ],
+    [lambda y: np.array([1.0, 0.0, -y[1]]), lambda y: np.array([0.0, 1.0, y[0]])],
     lambda v, y: y + np.array([v[0], v[1], y[0] * v[1] - y[1] * v[0]]),
     point_shape=3,
 )

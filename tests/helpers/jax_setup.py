@@ -6,8 +6,7 @@ import pytest
 
 # Compiling takes longer than what is tested.
 os.environ.setdefault(
-    "XLA_FLAGS",
-    "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true",
+    "XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
 )
 jax = pytest.importorskip("jax", reason="jax isn't installed")
 diffrax = pytest.importorskip("diffrax", reason="diffrax isn't installed")

@@ -90,10 +90,7 @@ def powell_singular(x: Vector) -> Vector:
 
 def freudenstein_roth(x: Vector) -> Vector:
     return np.array(
-        [
-            -13 + x[0] + ((5 - x[1]) * x[1] - 2) * x[1],
-            -29 + x[0] + ((1 + x[1]) * x[1] - 14) * x[1],
-        ]
+        [-13 + x[0] + ((5 - x[1]) * x[1] - 2) * x[1], -29 + x[0] + ((1 + x[1]) * x[1] - 14) * x[1]]
     )
 
 
@@ -287,12 +284,7 @@ def _chebyquad(n: int, tries: int, *minima: float) -> Problem:
 def _linear_problems() -> Iterator[Problem]:
     for m in (10, 50):
         yield Problem(
-            f"linear-full-rank-{m}",
-            m,
-            _with_rows(linear_full_rank, m),
-            (1.0,) * 5,
-            1,
-            (m - 5.0,),
+            f"linear-full-rank-{m}", m, _with_rows(linear_full_rank, m), (1.0,) * 5, 1, (m - 5.0,)
         )
         yield Problem(
             f"linear-rank-one-{m}",

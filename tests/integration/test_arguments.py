@@ -236,18 +236,10 @@ def test_a_stepper_of_one_point_takes_no_vectorized_function():
         ({"vectorized": 1}, TypeError, "vectorized must be True or False"),
         ({"common_steps": "yes"}, TypeError, "common_steps must be"),
         ({"common_steps": True, "workers": 2}, ValueError, "executor and workers must be None"),
-        (
-            {"common_steps": True, "events": cg.Event(never, jump=never)},
-            ValueError,
-            "events must have no jumps with common_steps",
-        ),
+        ({"common_steps": True, "events": cg.Event(never, jump=never)}, ValueError, "no jumps"),
         ({"executor": "fast"}, ValueError, "executor must be 'threads'"),
         ({"workers": 0}, ValueError, "workers must be at least 1"),
-        (
-            {"executor": "processes", "f": lambda t, y: [0, 0, 0]},
-            TypeError,
-            "f, frame and all.*pickled",
-        ),
+        ({"executor": "processes", "f": lambda t, y: [0, 0, 0]}, TypeError, "f, frame.*pickled"),
         ({"P0": np.zeros((3, 2, 2))}, ValueError, r"P0 must have shape \(3, 3\) or \(4, 3, 3\)"),
     ],
 )
@@ -386,11 +378,7 @@ AFFINE = AffineField(Euclidean(1), [1.0])
         ({"steps": 10**30}, ValueError, "steps = 10{30} need .* GiB of memory, and there are"),
         ({"steps": True}, TypeError, "steps must be an integer, got True"),
         ({"problem": None}, TypeError, "problem must be a HeavyTop or an AffineField"),
-        (
-            {"problem": AffineField(GL(2), np.eye(2))},
-            ValueError,
-            "frame must be one that is compiled",
-        ),
+        ({"problem": AffineField(GL(2), np.eye(2))}, ValueError, "frame must be one that is"),
     ],
 )
 @pytest.mark.parametrize("kind", ["real64", "real128"])

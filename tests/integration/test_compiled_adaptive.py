@@ -70,44 +70,6 @@ def test_steps_and_output_are_those_of_a_frame_in_python(name, control, span, af
     assert at_steps.nfev == fast.nfev
 
 
-PAIRS = {**cg.methods, **cg.catalogue.munthe_kaas}
-
-
-@pytest.mark.parametrize("method", [n for n, m in PAIRS.items() if m.explicit and m.exact_embedded])
-def test_every_explicit_pair_takes_the_same_steps(method, affine):
-    problem = PROBLEMS["SE3 body"]
-    f, _keep = affine(problem)
-    fast, slow = both(f, (0, 1), problem.y0, problem.frame, method=method, rtol=1e-4, atol=1e-7)
-    assert_same_steps(fast, slow)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"max_step": 0.05},
-        {"first_step": 1e-6},
-        {"first_step": 1.0},
-        {"rtol": 1e-5, "atol": [1e-3, 1e-6, 1e-9]},
-        {"rtol": 0.0, "atol": 1e-4},
-        {"rtol": 1e-4, "atol": 0.0},
-    ],
-)
-@pytest.mark.filterwarnings("ignore:rtol = 0 is too small:UserWarning")
-def test_options_mean_the_same(options, affine):
-    problem = PROBLEMS["SO3 space"]
-    f, _keep = affine(problem)
-    assert_same_steps(*both(f, (0, 2), problem.y0, problem.frame, **options))
-
-
-def test_rejected_steps_and_jumps(function):
-    for options in ({}, {"first_step": 5.0}, {"t_eval": [0.1, 4.95, 5.0, 5.05, 9.9]}):
-        fast, slow = both(function("jump"), (0, 10), np.eye(3), SO3(), **options)
-        assert fast.nrejected > 2
-        assert (fast.steps, fast.nrejected) == (slow.steps, slow.nrejected)
-        assert (fast.nfev, fast.nexp) == (slow.nfev, slow.nexp)
-        np.testing.assert_allclose(fast.t, slow.t, rtol=0, atol=1e-9)
-
-
 def test_motion_without_error(function):
     for y0, span in (([0.0], (0, 5)), ([0.0], (0, 1e-320)), ([0.0], (0, 1e6))):
         fast, slow = both(function("rests"), span, y0, Euclidean(1))

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from compiled_examples import ORBITS, frames_in_python
 from frame_examples import generic
-from gallery import load
 
 import cg
 from cg.analysis.convergence import observed_order
@@ -113,12 +112,3 @@ def test_slopes_in_quadruple_precision(solved, key):
     assert max(errors) < 1e-4
     slope = observed_order(1 / np.array([64, 128]), errors, floor=1e-31)
     assert slope.order == pytest.approx(4, abs=0.25)
-
-
-def test_toda_flow_to_the_end():
-    flow = load("toda")
-    solution = cg.solve_ivp(flow.f, (0, 40), flow.y0, frame=flow.frame, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(
-        solution.y[-1], np.diag(flow.frame.spectrum[::-1]), rtol=0, atol=1e-8
-    )
-    assert flow.frame.relative_error(solution.y).max() < 2e-15

@@ -7,11 +7,9 @@ from test_compiled_adaptive import both
 
 import cg
 from cg.frames import SU, Euclidean
-from cg.integration.rhs.compiled import CompiledRhs
 
 pytestmark = pytest.mark.sanitize
 
-CLOSE = {"rtol": 0, "atol": 1e-12}
 PAIR = {"rtol": 1e-5, "atol": 1e-5}
 FIXED = {"method": "CG4a", "h": 0.07}
 
@@ -24,12 +22,8 @@ def time(t, y):
     return np.sin(5.0 * t)
 
 
-def marked(function, **attributes):
-    def event(t, y):
-        return function(t, y)
-
-    vars(event).update(attributes)
-    return event
+def late(t, y):
+    return t - 0.45
 
 
 @pytest.mark.parametrize("name", [*PROBLEMS, "SU2"])
@@ -41,35 +35,12 @@ def test_events(name, options, span, affine):
     frame, y0 = problem.frame, problem.y0
     if name == "SU2":
         frame, y0 = SU(2), y0.view(complex).reshape(2, 2)
-    events = [first_entry, marked(time, direction=1), marked(time, direction=-1)]
+    events = [first_entry, cg.Event(time, direction=1), cg.Event(time, direction=-1)]
     for extra in ({}, {"t_eval": np.linspace(*span, 9)}, {"dense_output": True}):
         fast, slow = both(f, span, y0, frame, events=events, **options, **extra)
         assert_same_events(fast, slow)
         assert fast.nfev <= slow.nfev  # which has a continuous solution in all steps
         assert len(fast.t_events[1]) in (2, 3)
-
-
-@pytest.mark.parametrize("options", [PAIR, FIXED], ids=["pair", "fixed"])
-@pytest.mark.parametrize("span", [(0.1, 30.0), (0.1, -30.0)])
-@pytest.mark.parametrize("terminal", [True, 2, 13])
-def test_terminal_events(options, span, terminal, affine):
-    problem = PROBLEMS["product"]
-    f, _keep = affine(problem)
-    events = [marked(time, terminal=terminal), first_entry]
-    for extra in (
-        {},
-        {"t_eval": np.linspace(*span, 400)},
-        {"dense_output": True},
-        {"dense_output": True, "t_eval": [0.1, np.copysign(0.2, span[1])]},
-    ):
-        fast, slow = both(f, span, problem.y0, problem.frame, events=events, **options, **extra)
-        assert_same_events(fast, slow)
-        assert len(fast.t_events[0]) == terminal
-        assert (fast.status, fast.message) == (1, "A terminal event ended the integration.")
-        if fast.sol is not None:
-            assert fast.sol.ts[-1] == fast.t_events[0][-1]
-            ends = np.linspace(fast.sol.t_min, fast.sol.t_max, 50)
-            np.testing.assert_allclose(fast.sol(ends), slow.sol(ends), rtol=0, atol=1e-9)
 
 
 def assert_same_events(fast, slow):
@@ -87,43 +58,33 @@ def assert_same_events(fast, slow):
 @pytest.mark.parametrize("options", [{"max_step": 0.01}, {"method": "CG2", "h": 0.01}])
 def test_errors_of_f_after_a_terminal_event_are_ignored(options, function):
     # The function returns an error from one half on.
-    f, event = function("stops"), marked(lambda t, y: t - 0.45, terminal=True)
+    f, event = function("stops"), cg.Event(late, terminal=True)
     solve = {"frame": Euclidean(1)} | options
     for extra in ({}, {"t_eval": np.linspace(0, 1, 21)}, {"dense_output": True}):
         solution = cg.solve_ivp(f, (0, 1), [0.0], events=event, **solve, **extra)
         assert solution.status == 1
         assert solution.t[-1] == pytest.approx(0.45, abs=1e-12)
         assert solution.t_events[0] == pytest.approx([0.45])
-    event.terminal = False
     with pytest.raises(RuntimeError, match=r"f returned the error code 7 at t = 0\.5"):
-        cg.solve_ivp(f, (0, 1), [0.0], events=event, **solve)
+        cg.solve_ivp(f, (0, 1), [0.0], events=late, **solve)
 
 
 def test_an_event_in_the_last_step_before_an_error(function):
-    event = marked(lambda t, y: t - 0.45, terminal=True)
+    event = cg.Event(late, terminal=True)
     options = {"frame": Euclidean(1), "method": "LieEuler", "h": 0.25, "events": event}
     solution = cg.solve_ivp(function("stops"), (0, 2), [0.0], dense_output=True, **options)
     assert (solution.status, solution.steps) == (1, 2)
     assert solution.sol(0.4) == 0.0
     options["h"] = 0.375  # the coefficients at the end of the step with the event can't be had
-    event.terminal = False
+    options["events"] = late
     with pytest.raises(RuntimeError, match=r"code 7 at t = 0\.75"):
         cg.solve_ivp(function("stops"), (0, 2), [0.0], **options)
 
 
 def test_little_is_computed_beyond_the_end(function):
-    event = marked(lambda t, y: t - 1.0, terminal=True)
+    event = cg.Event(lambda t, y: t - 1.0, terminal=True)
     options = {"frame": Euclidean(1), "method": "CG4a", "h": 1e-3, "events": event}
     solution = cg.solve_ivp(function("rests"), (0, 1e6), [0.0], t_eval=[0.5], **options)
     assert solution.t.tolist() == [0.5]
     assert solution.steps == 1000
     assert solution.nfev <= (1000 + 64) * cg.methods["CG4a"].stages + 2
-
-
-def test_the_loop_runs_in_compiled_code(affine, monkeypatch):
-    problem = PROBLEMS["SO3 body"]
-    f, _keep = affine(problem)
-    monkeypatch.setattr(CompiledRhs, "__call__", None)
-    fixed = (FIXED | {"t_eval": [0.3]}, FIXED | {"events": first_entry})
-    for options in (*fixed, {"t_eval": [0.3]}, {"events": time}):
-        assert cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **options).success

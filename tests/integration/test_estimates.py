@@ -54,10 +54,6 @@ def test_references_of_spins(equations):
         assert case.error(other.y[-1]) < 1e-12
 
 
-def test_there_is_a_default_of_each_kind():
-    assert len(DEFAULTS) >= 3
-
-
 @pytest.mark.parametrize("name", DEFAULTS)
 def test_defaults_are_honest(equations, name):
     from benchmarks.estimates import LARGEST, MEDIAN

@@ -116,22 +116,6 @@ def test_one_member_whose_f_is_too_large_for_any_step(frame, vectorized, common)
         assert solution.t_end[[bad, 1 - bad]].tolist() == [0.0, 1.0]
 
 
-@pytest.mark.parametrize("span", [(0.0, 1.0), (1.0, -1.0)])
-def test_continuous_solutions_of_members_reach_both_ends(span, function):
-    f, parameters = decay(function)
-    y0 = np.array([[1.0], [3.0]])
-    for options in ({}, {"method": "CG4a", "h": 0.25}):
-        solution = cg.solve_ensemble(
-            f, span, y0, frame=Euclidean(1), parameters=parameters, dense_output=True, **options
-        )
-        assert (solution.njev.tolist(), solution.nlu.tolist()) == ([0, 0], [0, 0])
-        assert (solution.nfev > 0).all()
-        assert (solution.sol.t_min, solution.sol.t_max) == (min(span), max(span))
-        assert (solution.sol.ts[0], solution.sol.ts[-1]) == span
-        np.testing.assert_array_equal(solution.sol(span[0]), y0)
-        np.testing.assert_array_equal(solution.sol(span), solution.y[[0, -1]])
-
-
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 1 / 32}])
 @pytest.mark.parametrize("in_c", [True, False], ids=["C", "Python"])
 def test_a_member_s_solution_reaches_the_event_that_ends_it(options, in_c, function):
@@ -166,19 +150,6 @@ def test_events_at_the_end_of_a_step():
     assert (there.nfev, there.nexp) == (never.nfev, never.nexp)
     assert within.t_events[0] == pytest.approx([1.0], abs=1e-14)
     assert within.nfev == never.nfev + EXTRA["CG5a"]
-
-
-def test_no_steps_after_a_terminal_event(function):
-    """Its function fails later, which is no failure of what has ended before."""
-    f, parameters = decay(function, ends=(NEVER, 0.75))
-    options = {"frame": Euclidean(1), "parameters": parameters}
-    for way in ({"method": "CG4a", "h": 1 / 256}, {"max_step": 1 / 256}):
-        solution = cg.solve_ensemble(
-            f, (0, 2), np.ones((2, 1)), events=cg.Event(half, terminal=True), **way, **options
-        )
-        assert solution.success
-        assert [len(t) for t in solution.t_events[0]] == [1, 1]
-        assert solution.status.tolist() == [1, 1]
 
 
 def test_memory_for_steps_grows(monkeypatch):

@@ -14,7 +14,6 @@ from cg.frames import (
     SO,
     SO3,
     SU,
-    CoadjointOrbit,
     Euclidean,
     MatrixFrame,
     Product,
@@ -107,34 +106,6 @@ class TestEuclideanSpaceIsScipy:
         after = next(time for time in times if time > run.t[1] + 1e-12)
         return run.y[1], (after - run.t[1]) / float(method.c[1]) / (run.t[1] - t)
 
-    def test_the_loop_in_compiled_code_estimates_the_same(self):
-        for key in ("RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)"):
-            options = {"rtol": 1e-7, "atol": 1e-7, "method": key}
-            here = cg.solve_ivp(self.f, (0, 5), self.y0, frame=Euclidean(3), **options)
-            # translations as matrices, which aren't compiled
-            matrices = np.zeros((3, 4, 4))
-            matrices[range(3), range(3), 3] = 1.0
-            there = cg.solve_ivp(
-                lambda t, y: self.f(t, y[:3]),
-                (0, 5),
-                [*self.y0, 1.0],
-                frame=_Measured(matrices),
-                **options,
-            )
-            assert (here.steps, here.nrejected) == (there.steps, there.nrejected)
-            # the estimates of tiny first steps are rounding
-            np.testing.assert_allclose(here.y, there.y[:, :3], rtol=0, atol=1e-6)
-
-
-class _Measured(MatrixFrame):
-    """Translations, with the coordinates of Euclidean space."""
-
-    def exp_coordinates(self, y0, y1):
-        return np.asarray(y1)[..., :3] - np.asarray(y0)[..., :3]
-
-    def coordinate_sizes(self, y):
-        return np.abs(np.asarray(y)[..., :3])
-
 
 @pytest.mark.parametrize("key", ["RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)"])
 @pytest.mark.parametrize(
@@ -162,28 +133,6 @@ def test_turns_about_the_point_of_a_sphere_are_no_error():
         for g in (f, spun)
     ]
     assert steps[1] < 2.5 * steps[0]
-
-
-ALL = [SO3(), Product(UnitQuaternion(), Euclidean(2)), SO(4), CoadjointOrbit(SE3(), range(6))]
-
-
-class TestOutput:
-    @pytest.mark.parametrize("frame", ALL, ids=name)
-    @pytest.mark.parametrize("key", ["RKMK4", "RKMK5(4)", "RKMK8(5,3)"])
-    def test_between_steps_it_is_as_accurate_as_at_the_steps(self, frame, key):
-        f, y0 = generic(frame, seed=5)
-        choice = {"h": 0.1} if key == "RKMK4" else {"rtol": 1e-8, "atol": 1e-8}
-        run = cg.solve_ivp(f, (0, 1), y0, frame=frame, method=key, dense_output=True, **choice)
-        at = np.linspace(0, 1, 5)
-        t = run.t[:-1, None] + np.diff(run.t)[:, None] * at
-        t[:, -1] = run.t[1:]
-        times = np.unique(t)
-        options = {"frame": frame, "method": "RKMK8(5,3)", "rtol": 1e-12, "atol": 1e-13}
-        fine = cg.solve_ivp(f, (0, 1), y0, t_eval=times, max_step=0.1, **options).y
-        errors = frame.distance(run.sol(times), fine)[np.searchsorted(times, t)]
-        ends = np.maximum(np.maximum(errors[:, 0], errors[:, -1]), 1e-13)
-        worst = (errors[:, 1:-1].max(axis=1) / ends).max()
-        assert worst < 3.0
 
 
 class TestBadInput:

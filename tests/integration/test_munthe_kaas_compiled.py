@@ -26,9 +26,12 @@ ORDERS = {
 }
 
 
-@pytest.fixture(scope="module", params=["SO3 body", "SE3 space"])
+MATRICES = AffineField(SO(4, "space"), np.eye(4), seed=3)
+
+
+@pytest.fixture(scope="module", params=["SO3 body", "SE3 space", "SO4 space"])
 def solved(request):
-    problem = PROBLEMS[request.param]
+    problem = PROBLEMS.get(request.param, MATRICES)
     return problem, problem.reference([1], bits=128).values[0][:-1]
 
 
@@ -103,19 +106,3 @@ def test_sums_of_the_series_in_compiled_code(frame, size):
     u[:3] *= size / np.linalg.norm(u[:3])
     expected = series_dexpinv(lambda w: frame.bracket(u, w), v, 70)
     np.testing.assert_allclose(dexpinv_of(frame, 8)(u, v), expected, rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("key", ORDERS)
-def test_slopes_on_matrices_in_quadruple_precision(key):
-    method, order = ORDERS[key]
-    problem = AffineField(SO(4, "space"), np.eye(4), seed=3)
-    counts = [8, 16, 32] if order > 5 else [64, 128]
-    ends = []
-    for n in counts:
-        run = integrate_compiled(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
-        ends.append(np.array(run.exact(-1)))
-    fine = integrate_compiled(problem, method="RKMK8(5,3)", h="1/200", steps=200, kind="real128")
-    exact = np.array(fine.exact(-1))
-    errors = [float(np.abs(end - exact).max()) for end in ends]
-    slope = observed_order(1 / np.array(counts), errors, floor=1e-27)
-    assert slope.order == pytest.approx(order, abs=0.3)

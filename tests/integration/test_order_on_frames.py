@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from ambient import solve_in_ambient_space
 from frame_examples import HEISENBERG, generic
 from reversed_flows import reverse_flows
-from scipy.integrate import solve_ivp
 from slow_cases import slow
 
 from cg.catalogue import methods
@@ -68,13 +68,7 @@ def problem_on(name):
     frame = FRAMES[name]
     f, y0 = generic(frame, seed=5)
 
-    def derivative(t, z):
-        y = z.view(frame.dtype).reshape(frame.point_shape)
-        return np.ascontiguousarray(frame.field(f(t, y), y)).reshape(-1).view(float)
-
-    start = np.ascontiguousarray(y0).reshape(-1).view(float)
-    run = solve_ivp(derivative, (0, 1), start, method="DOP853", rtol=1e-13, atol=1e-15)
-    return frame, f, y0, run.y[:, -1].view(frame.dtype).reshape(frame.point_shape)
+    return frame, f, y0, solve_in_ambient_space(frame, f, y0, [1.0])[0]
 
 
 def slope_of(name, method, max_steps=64):

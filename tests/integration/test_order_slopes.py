@@ -2,17 +2,12 @@
 
 import numpy as np
 import pytest
-from reversed_flows import reverse_flows
 
-from cg.analysis.convergence import final_errors, observed_order, slopes
+from cg.analysis.convergence import observed_order, slopes
 from cg.catalogue import methods
 from cg.frames import SE3, SO3, Sphere, UnitQuaternion
-from cg.method.tableau import Tableau
-from cg.problems import StateDependentRotation
 from cg.problems.affine import AffineField
 from cg.reproduce.reference_runs import integrate_compiled
-
-CONVENTIONS = ["body", "space"]
 
 EXPLICIT = {name: tableau for name, tableau in methods.items() if tableau.explicit}
 EXACT = {name: tableau for name, tableau in EXPLICIT.items() if not tableau.approximate}
@@ -24,7 +19,6 @@ WEIGHTS = {
         if tableau.embedded is not None
     },
 }
-REVERSED = [name for name in ("CG3", "CG4", "CG4a", "CG5a", "CG6d") if name in WEIGHTS]
 AFFINE = {
     "SO3 body": (SO3(), np.eye(3)),
     "SO3 space": (SO3("space"), np.eye(3)),
@@ -32,23 +26,6 @@ AFFINE = {
     "quaternion": (UnitQuaternion(), np.array([0.0, 0.0, 0.0, 1.0])),
     "sphere": (Sphere(2), np.array([0.0, 0.0, 1.0])),
 }
-
-
-@pytest.fixture(scope="module", params=CONVENTIONS)
-def problem(request):
-    problem = StateDependentRotation(request.param)
-    reference = problem.reference([1], bits=128)
-    assert reference.errors[0] < 1e-25
-    return problem, reference.y[0, :9].reshape(3, 3)
-
-
-def measured(problem, method, steps):
-    equation, exact = problem
-    h = 1.0 / np.array(steps)
-    errors = final_errors(
-        equation.f, (0.0, 1.0), equation.y0, exact, frame=equation.frame, method=method, h=h
-    )
-    return observed_order(h, errors, floor=1e-13)
 
 
 @pytest.fixture(scope="module", params=list(AFFINE))
@@ -69,48 +46,6 @@ def test_slope_is_the_order_in_quadruple_precision(affine, name):
     slope = observed_order(1 / steps, errors, floor=1e-31)
     assert slope.order == pytest.approx(order, abs=0.1)
     assert slope.spread < 0.2
-
-
-def test_the_methods_of_the_paper_are_among_them():
-    orders = {name: order for name, (_, order) in WEIGHTS.items()}
-    expected = {"CG2": 2, "CG3": 3, "CG4": 4, "CG4a": 4, "CG5a": 5, "CG2(3), embedded": 2}
-    assert expected.items() <= orders.items()
-
-
-@pytest.mark.parametrize("name", REVERSED)
-def test_reversed_rows_drop_to_order_two(problem, name, monkeypatch):
-    reverse_flows(monkeypatch)
-    slope = measured(problem, WEIGHTS[name][0], (64, 128, 256))
-    assert slope.order == pytest.approx(2.0, abs=0.1)
-
-
-def test_abscissa_detects_a_misprint_in_the_fifteenth_place_of_cg4a():
-    paper = EXPLICIT["CG4a"]
-    assert paper.a[4, 3] == pytest.approx(-1.1092979392113465, abs=1e-15)
-    assert paper.c[4] == pytest.approx(0.8768903263420429, abs=4e-16)
-
-
-@pytest.mark.parametrize("entry", [(1, 0), (3, 1), (4, 3)])
-def test_a_wrong_coefficient_lowers_the_order(problem, entry):
-    a = EXPLICIT["CG4a"].a.copy()
-    a[entry] += 0.01
-    slope = measured(problem, Tableau(a.tolist(), EXPLICIT["CG4a"].b.tolist()), (128, 256, 512))
-    assert slope.order < 3.0
-
-
-def test_approximate_order_six_beats_order_five_until_its_residuals_show(problem):
-    assert EXPLICIT["CG6a"].approximate
-    h = 1.0 / np.array([4, 8])
-    equation, exact = problem
-    errors = [
-        final_errors(
-            equation.f, (0.0, 1.0), equation.y0, exact, frame=equation.frame, method=name, h=h
-        )
-        for name in ("CG5a", "CG6a")
-    ]
-    assert (errors[1] < errors[0]).all()
-    assert slopes(h, errors[1])[0] > 5.0
-    assert measured(problem, "CG6a", (16, 32, 64)).order < 3.0
 
 
 def test_slope_of_exact_powers():

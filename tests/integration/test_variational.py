@@ -7,12 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cg
-from cg.frames import SE3, SO3, SU, Euclidean, Power, Product, Sp, Sphere, UnitQuaternion
+from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
 from cg.integration.step.blocks import has_compiled_difference
 from cg.integration.step.plan import has_brackets
 
 KNOWN = [frame for frame in FRAMES if has_brackets(frame)]
-GROUPS = [SO3(), SO3("space"), UnitQuaternion(), SE3("space"), SU(2), Euclidean(2)]
 TIGHT = {"rtol": 1e-12, "atol": 1e-12}
 SPAN = (0.1, 0.8)
 # One and two steps away on both sides, and the derivative of the polynomial through the values
@@ -174,44 +173,6 @@ def test_transitions_compose_and_go_back(frame, seed, middle):
     )
 
 
-@settings(max_examples=20)
-@given(seed=st.integers(0, 10**6), convention=st.sampled_from(["body", "space"]))
-def test_transitions_of_coefficients_of_time_are_adjoint_maps(seed, convention):
-    """Coefficients of time alone: in space axes solutions are moved as a whole, by an isometry."""
-    rng = np.random.default_rng(seed)
-    a, b = rng.standard_normal((2, 3))
-    frame = SO3(convention)
-    solution = cg.solve_variational(
-        lambda t, y: a * np.cos(t) + b, (0, 2), frame.random_point(rng), frame=frame,
-        jac=lambda t, y: np.zeros((3, 3)), control_derivatives=True, **TIGHT,
-    )  # fmt: skip
-    product = solution.transition @ solution.transition.mT
-    np.testing.assert_allclose(product, np.broadcast_to(np.eye(3), product.shape), atol=1e-9)
-    moved = solution.y[-1] @ solution.y[0].T
-    expected = moved if convention == "space" else solution.y[-1].T @ solution.y[0]
-    np.testing.assert_allclose(solution.transition[-1], expected, atol=1e-9)
-
-
-@settings(max_examples=15)
-@given(seed=st.integers(0, 10**6))
-def test_transitions_of_hamiltonian_systems_are_symplectic(seed):
-    rng = np.random.default_rng(seed)
-    k = rng.standard_normal((2, 2))
-    zero, one = np.zeros((2, 2)), np.eye(2)
-    j = np.block([[zero, one], [-one, zero]])
-    solution = cg.solve_variational(
-        lambda t, y: np.concatenate([y[2:], -k.T @ np.sin(k @ y[:2])]),
-        (0, 2),
-        rng.standard_normal(4),
-        frame=Euclidean(4),
-        jac=lambda t, y: np.block([[zero, one], [-k.T * np.cos(k @ y[:2]) @ k, zero]]),
-        control_derivatives=True,
-        **TIGHT,
-    )
-    forms = solution.transition.mT @ j @ solution.transition
-    np.testing.assert_allclose(forms, np.broadcast_to(j, forms.shape), atol=1e-8)
-
-
 def test_on_spheres_tangents_move_and_isotropy_does_not():
     """A spin about itself moves nothing, so that its image is a spin about the end."""
     wave = Wave(Sphere(2))
@@ -340,32 +301,3 @@ class TestBadInput:
                 lambda t, y: [0.0], (0, 1), [0.0], frame=Euclidean(1), method="CG4a", h=0.5,
                 jac=lambda t, y: [[1e200]],
             )  # fmt: skip
-
-
-def test_a_power_is_its_members():
-    """Independent bodies have a block-diagonal transition matrix."""
-    one = Wave(SO3(), k=1)
-
-    def both(t, y, p):
-        return np.concatenate([one.f(t, y[0], p), one.f(t, y[1], p)])
-
-    other = SO3().random_point(np.random.default_rng(5))
-    solution = cg.solve_variational(
-        both, SPAN, np.stack([one.y0, other]), frame=Power(SO3(), 2), parameters=one.parameters,
-        **TIGHT,
-    )  # fmt: skip
-    alone = one.derivatives(exact=False)
-    np.testing.assert_allclose(solution.transition[-1, :3, :3], alone.transition[-1], atol=1e-8)
-    np.testing.assert_allclose(solution.transition[-1, :3, 3:], 0.0, atol=1e-8)
-
-
-def test_symplectic_group_as_the_flow_of_a_linear_equation():
-    """On Sp(2) in space axes, linear in t: the transition is the adjoint map of the solution."""
-    frame = Sp(2)
-    solution = cg.solve_variational(
-        lambda t, y: [0.3, 0.1 * t, -0.2], (0, 1), np.eye(2), frame=frame,
-        jac=lambda t, y: np.zeros((3, 3)), control_derivatives=True, **TIGHT,
-    )  # fmt: skip
-    y = solution.y[-1]
-    images = y @ frame.algebra(np.eye(3)) @ np.linalg.inv(y)
-    np.testing.assert_allclose(solution.transition[-1].T, frame.coefficients(images), atol=1e-9)

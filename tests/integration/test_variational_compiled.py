@@ -139,7 +139,7 @@ def test_ensembles_in_other_processes(library):
     options = {"t_span": SPAN, "y0": Y0, "parameters": rows, **GIVEN}
     alone = cg.solve_variational_ensemble(**arguments, **options)
     solution = cg.solve_variational_ensemble(
-        **arguments, **options, executor="processes", workers=2
+        **arguments, **options, executor="processes", workers=1
     )
     np.testing.assert_array_equal(solution.transition, alone.transition)
 

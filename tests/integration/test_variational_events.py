@@ -142,39 +142,6 @@ def test_times_of_events_without_jumps(terminal):
     )
 
 
-def test_a_time_given_by_a_parameter():
-    """An event at t = p: its derivative is that of the parameter alone."""
-    solution = cg.solve_variational(
-        lambda t, y, p: [y[0]], (0, 1), [1.0], frame=Euclidean(1), parameters=[0.4],
-        events=cg.Event(lambda t, y, p: t - p[0], jump=lambda t, y, p: 2 * y), **TIGHT,
-    )  # fmt: skip
-    np.testing.assert_allclose(solution.dt_events[0], [[0.0, 1.0]], atol=1e-12)
-    np.testing.assert_allclose(solution.transition[-1], [[2 * np.e]], rtol=1e-10)
-    np.testing.assert_allclose(solution.sensitivity[-1], 0.0, atol=1e-10)
-
-
-def test_a_mode_that_jumps():
-    """Friction changes when the speed of a belt is reached; a coordinate is the mode."""
-
-    def f(t, y, p):
-        position, speed, mode = y
-        return [speed, (p[0] if mode > 0 else -p[1]) - position, 0.0]
-
-    belt = cg.Event(lambda t, y, p: y[1] - 0.3, direction=1, terminal=2,
-                    jump=lambda t, y, p: [y[0], y[1], -1.0])  # fmt: skip
-    y0, p = np.array([0.1, 0.0, 1.0]), np.array([1.0, 0.5])
-    options = {"frame": Euclidean(3), "events": belt, "rtol": 1e-12, "atol": 1e-12}
-    solution = cg.solve_variational(f, (0, 1), y0, parameters=p, **options)
-
-    def end(x):
-        moved = y0 + np.append(x[:2], 0.0)
-        return cg.solve_ivp(f, (0, 1), moved, parameters=p + x[2:], **options).y[-1]
-
-    expected = differences(end, 4)
-    np.testing.assert_allclose(solution.transition[-1][:, :2], expected[:, :2], atol=2e-9)
-    np.testing.assert_allclose(solution.sensitivity[-1], expected[:, 2:], atol=2e-9)
-
-
 def test_breakpoints():
     """A coefficient that jumps at a known time: derivatives are continuous there."""
 
@@ -236,11 +203,3 @@ def test_an_event_that_only_touches_has_no_derivative():
     stuck = cg.Event(lambda t, y: (t - 0.5) ** 3, jump=lambda t, y: y)
     with pytest.raises(ValueError, match=r"events\[0\] must change its sign .* is 0 at t = 0.5"):
         cg.solve_variational(lambda t, y: [0.0], events=stuck, **options)
-
-
-def test_bad_jumps_are_named():
-    stuck = cg.Event(lambda t, y: t - 0.5, jump=lambda t, y: [1.0, 2.0])
-    with pytest.raises(ValueError, match=r"events\[0\]\.jump\(t, y\) must have shape \(1,\)"):
-        cg.solve_variational(
-            lambda t, y: [1.0], (0, 1), [0.0], frame=Euclidean(1), events=stuck, **TIGHT
-        )

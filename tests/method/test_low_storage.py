@@ -1,38 +1,27 @@
 """Methods of two registers: their form, their steps, and their order on manifolds."""
 
-import random
 import subprocess
 import sys
 from dataclasses import replace
 from fractions import Fraction
-from itertools import chain
-from math import isqrt, prod
-from operator import mul
 from pathlib import Path
 
 import numpy as np
 import pytest
 from compiled_examples import PROBLEMS
-from flint import nmod, nmod_mat
 
 import cg
 from cg import MethodError, conditions
 from cg.catalogue import dumps, loads, methods
-from cg.conditions import exact_weights
 from cg.integration import integrate, solve_ivp
 from cg.integration.step import plan
 from cg.integration.step.paths import paths_of
 from cg.method.flat import flat_residuals
-from cg.method.low_storage import (
-    from_two_registers,
-    two_registers,
-)
+from cg.method.low_storage import from_two_registers, two_registers
 from cg.reproduce import reference_runs
 from cg.reproduce.reference_runs import integrate_compiled
-from cg.structure.points import Point, PointTree
+from cg.structure.points import Point
 from cg.support.quads import to_decimal
-from cg.trees.ordered import forest
-from cg.trees.rooted import rooted_trees_through
 
 pytestmark = pytest.mark.sanitize
 
@@ -41,7 +30,6 @@ NAMES = [name for name, method in methods.items() if two_registers(method)]
 
 
 ROOT = Path(__file__).parents[2]
-PRIME = 2**61 - 1
 
 
 @pytest.fixture(scope="module")
@@ -140,12 +128,6 @@ class TestFlatConditions:
         assert any(flat_residuals(*kutta.exact, 5))
         assert kutta.order == 2
 
-    @pytest.mark.parametrize("name", ["CG3", "CF4", "CF3b"])
-    def test_methods_on_manifolds_have_flat_order(self, name):
-        method = methods[name]
-        assert not any(flat_residuals(*method.exact, method.order))
-        assert any(flat_residuals(*method.exact, method.order + 1))
-
 
 class TestOrderOnManifolds:
     """Methods of two registers that have an order in flat space have it on manifolds."""
@@ -164,25 +146,6 @@ class TestOrderOnManifolds:
         page = (ROOT / "docs" / "low_storage.md").read_text(encoding="utf-8")
         assert tool.table_of(rows) in page, "out of date; run tools/write_low_storage_table.py"
 
-    def test_rational_members_of_the_family_of_three_stages(self):
-        actual = 0
-        for denominator in range(2, 40):
-            for numerator in range(1, denominator):
-                c2 = Fraction(numerator, denominator)
-                if c2.denominator != denominator:
-                    continue
-                for a, b in third_order(c2):
-                    method = from_two_registers(a, b)
-                    assert not any(flat_residuals(*method.exact, 3))
-                    assert not any(conditions.exact_residuals_of(method, 3))
-                    actual += 1
-        assert actual == 7
-
-    @pytest.mark.parametrize("nodes", [1, 2, 3, 4, 5])
-    def test_weights_of_ordered_trees_follow_from_flat_ones(self, nodes):
-        products, ordered, both = ranks(nodes, two_register_tree)
-        assert products == ordered == both
-
     def test_a_method_of_order_five(self, tool):
         a, b = two_registers(methods["CF5r"])
         parameters = [*a[1:], *b]
@@ -193,98 +156,6 @@ class TestOrderOnManifolds:
         assert max(map(abs, flat_residuals(*refined.exact, 6))) > 1e-5
         slopes = tool.slopes(np.array(parameters, dtype=float), 5)
         assert np.linalg.svd(slopes, compute_uv=False)[-1] > 1e-4
-
-    def test_weights_of_other_chains_do_not_follow_from_flat_ones(self):
-        products, ordered, both = ranks(3, any_chain)
-        assert products == 4
-        assert both == ordered == 5
-
-
-def third_order(c2):
-    """Return A and B of the methods of order three with three stages and this abscissa."""
-    # the condition for two registers, quadratic in c3
-    leading, middle, constant = 1 - c2, c2**2 + c2 / 2 - 1, Fraction(1, 3) - c2 / 2
-    square = middle**2 - 4 * leading * constant
-    if square < 0:
-        return
-    root = Fraction(isqrt(square.numerator), isqrt(square.denominator))
-    if root**2 != square:
-        return
-    for sign in {1, -1} if root else {1}:
-        c3 = (-middle + sign * root) / (2 * leading)
-        if c3 in (0, c2) or 3 * c2 == 2:
-            continue
-        b3 = (2 - 3 * c2) / (6 * c3 * (c3 - c2))
-        b2 = (3 * c3 - 2) / (6 * c2 * (c3 - c2))
-        a32 = c3 * (c3 - c2) / (c2 * (2 - 3 * c2))
-        yield [0, (c3 - a32 - c2) / a32, (b2 - a32) / b3], [c2, a32, b3]
-
-
-def two_register_tree(stages, rng):
-    register = []
-    points = []
-    for _ in range(stages):
-        a, b = rng.randrange(PRIME), rng.randrange(PRIME)
-        register = [*(a * weight % PRIME for weight in register), 1]
-        points.append({k: b * weight % PRIME for k, weight in enumerate(register)})
-    return points
-
-
-def any_chain(stages, rng):
-    return [{k: rng.randrange(PRIME) for k in range(i + 1)} for i in range(stages)]
-
-
-def ranks(nodes, make):
-    """Return ranks of weights at random methods, modulo a prime.
-
-    Of the products of flat weights, so many nodes together; of the weights of ordered trees
-    whose roots have so many nodes above them; and of both. A weight's monomials have at most
-    `nodes` factors of A and B each, so that twice as many stages stand for any number.
-    """
-    rng = random.Random(nodes)
-    stages = 2 * nodes
-    trees = list(forest(nodes + 1).with_nodes(nodes + 1))
-    products = list(combinations_of(rooted_trees_through(nodes), nodes))
-    flat, ordered = [], []
-    for _ in range(len(products) + 10):
-        points = [
-            Point(i - 1, {k: Fraction(x) for k, x in weights.items()})
-            for i, weights in enumerate(make(stages, rng))
-        ]
-        tree = PointTree(tuple(points), tuple(range(-1, stages - 1)), stages - 1)
-        ordered.append([int(x) for x in exact_weights(tree, nodes, trees, modular)])
-        weights = modular_flat_weights(tree, nodes)
-        flat.append([prod(weights[t] for t in product) % PRIME for product in products])
-    joined = [[*x, *y] for x, y in zip(flat, ordered, strict=True)]
-    return tuple(map(rank, (flat, ordered, joined)))
-
-
-def rank(rows):
-    return nmod_mat(len(rows), len(rows[0]), list(chain.from_iterable(rows)), PRIME).rank()
-
-
-def modular(value):
-    return nmod(int(value), PRIME)
-
-
-def combinations_of(trees, nodes, first=0):
-    """Return the multisets of trees with a total number of nodes."""
-    if nodes == 0:
-        yield ()
-    for i in range(first, len(trees)):
-        size = str(trees[i]).count("(")
-        if size <= nodes:
-            for rest in combinations_of(trees, nodes - size, i):
-                yield (trees[i], *rest)
-
-
-def modular_flat_weights(tree, nodes):
-    rows = [[int(x) for x in tree.flat_row(m)] for m in (*tree.stage_points, tree.result)]
-    ends = {}
-    for t in rooted_trees_through(nodes):
-        inner = [prod(ends[child][i] for child in t) % PRIME for i in range(len(rows) - 1)]
-        ends[t] = [sum(map(mul, row, inner)) % PRIME for row in rows]
-    return {t: row[-1] for t, row in ends.items()}
 
 
 class TestSteps:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from math import factorial
@@ -21,69 +20,6 @@ ORDERS = {
     "CFM8(4)": (8, 4, 2, 8, 11, 5),
 }
 """Orders of the three results, flows without and with the estimate, evaluations."""
-
-
-@dataclass(frozen=True)
-class Root5:
-    """A number a + b √5, exactly."""
-
-    a: Fraction = Fraction(0)
-    b: Fraction = Fraction(0)
-
-    def __add__(self, other):
-        return Root5(self.a + other.a, self.b + other.b)
-
-    def __mul__(self, other):
-        return Root5(self.a * other.a + 5 * self.b * other.b, self.a * other.b + self.b * other.a)
-
-    def scaled(self, factor):
-        return Root5(self.a * factor, self.b * factor)
-
-
-def root5(rational, irrational):
-    return Root5(Fraction(rational), Fraction(irrational))
-
-
-NODES = [root5(0, 0), root5("1/2", "-1/10"), root5("1/2", "1/10"), root5(1, 0)]
-WEIGHTS = [
-    [root5("1/4", "-1/20"), root5(0, "1/12"), root5("5/24", "-1/8"), root5("1/24", "-1/120")],
-    [root5("-3/20", "1/30"), root5("5/24", "1/24"), root5(0, "2/15"), root5("-7/120", "-1/120")],
-    [root5("-7/120", "1/120"), root5("5/24", "-1/24"), root5(0, "-2/15"), root5("-3/20", "-1/30")],
-    [root5("1/24", "1/120"), root5(0, "-1/12"), root5("5/24", "1/8"), root5("1/4", "1/20")],
-]
-
-
-def solution(word):
-    value, degree = Fraction(1), 0
-    for j in reversed(word):
-        degree += j
-        value /= degree
-    return value
-
-
-def power(number, exponent):
-    product = root5(1, 0)
-    for _ in range(exponent):
-        product *= number
-    return product
-
-
-def exact_coefficients(order):
-    """Return the coefficients of words in the product of four exponentials, in ℚ(√5)."""
-    product = {(): root5(1, 0)} | dict.fromkeys(words(order), Root5())
-    for row in WEIGHTS:
-        moments = [
-            sum((a * power(c, j) for a, c in zip(row, NODES, strict=True)), Root5())
-            for j in range(order)
-        ]
-        factor = {(): root5(1, 0)}
-        for word in words(order):
-            factor[word] = (factor[word[1:]] * moments[word[0] - 1]).scaled(Fraction(1, len(word)))
-        product = {
-            word: sum((factor[word[:k]] * product[word[k:]] for k in range(len(word) + 1)), Root5())
-            for word in product
-        }
-    return product
 
 
 def test_words_are_the_compositions():
@@ -123,21 +59,6 @@ def test_symmetric_methods_read_backwards_are_themselves(name):
     rows = [[a.value for a in row] for row in method.weights]
     for row, other in zip(rows, reversed(rows), strict=True):
         assert row == other[::-1]
-
-
-def test_order_six_is_exact_in_the_field_of_the_square_root_of_five():
-    product = exact_coefficients(6)
-    for word in words(6):
-        assert product[word] == Root5(solution(word)), word
-    seventh = exact_coefficients(7)
-    assert any(seventh[word] != Root5(solution(word)) for word in words(7))
-
-
-def test_the_stored_method_of_order_six_is_this_one():
-    root = Fraction("2.2360679774997896964091736687312762354406183596115257")
-    for row, stored in zip(WEIGHTS, magnus["CFM6(4)"].weights, strict=True):
-        for exact, coefficient in zip(row, stored, strict=True):
-            assert abs(exact.a + exact.b * root - coefficient.value) < Fraction(1, 10**36)
 
 
 @pytest.mark.parametrize("name", ORDERS)

@@ -304,6 +304,3 @@ class TestBadInput:
             Tableau([[]], [1], name=3)
         with pytest.raises(TableauError, match="source must be a str, got None"):
             Tableau([[]], [1], source=None)
-
-    def test_tableau_error_is_a_value_error(self):
-        assert issubclass(TableauError, ValueError)

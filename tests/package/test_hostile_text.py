@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -94,11 +95,11 @@ HUGE = ["1e999999999", "1e-999999999", "-1E+99999999999999999999", "1e1_000_000"
 
 
 @pytest.mark.parametrize("text", [*HUGE, Decimal("1e999999999"), Decimal("1e-999999")])
-def test_rejects_huge_exponents(text: str | Decimal) -> None:
+def test_rejects_huge_exponents(text: Any) -> None:
     with pytest.raises(ValueError, match=r"exponents must be at most|Exceeds the limit"):
         read_fraction(text)
     with pytest.raises(ValueError, match="values must be finite real numbers"):
-        quads.encode([text])  # type: ignore[list-item]
+        quads.encode([text])
     with pytest.raises(ValueError, match="row 1 of a must hold finite real numbers"):
         cg.conditions.residuals_exact([[text]], [1], 1)
     with pytest.raises(ValueError, match="b must hold finite real numbers"):
@@ -106,9 +107,9 @@ def test_rejects_huge_exponents(text: str | Decimal) -> None:
     with pytest.raises(cg.TableauError):
         cg.Tableau([[text]], [1])
     with pytest.raises(ValueError, match="phi_over_pi must be rational"):
-        HeavyTop(phi_over_pi=text)  # type: ignore[arg-type]
+        HeavyTop(phi_over_pi=text)
     with pytest.raises(ValueError, match="h must be a finite number"):
-        integrate_compiled(HeavyTop(), method="CG3", h=text, steps=1)  # type: ignore[arg-type]
+        integrate_compiled(HeavyTop(), method="CG3", h=text, steps=1)
 
 
 @pytest.mark.parametrize("text", ["1e9999", "-1e-9999", "0.25", "1/3", "1e0000000000000000000001"])
@@ -133,8 +134,8 @@ def test_certificates_reject_numbers(text: str) -> None:
         check(_proof(radius="1e-10", identities=(f"path: {text}",)), METHOD)
 
 
-def _proof(**changes: object) -> Certificate:
-    return replace(CERTIFICATE, **changes)  # type: ignore[arg-type]
+def _proof(**changes: Any) -> Certificate:
+    return replace(CERTIFICATE, **changes)
 
 
 FORGED = {

@@ -1,4 +1,4 @@
-"""Trees, orders of classical methods and steps equal those of kauri, NodePy and Lielab."""
+"""Trees and steps equal those of kauri and Lielab."""
 
 from collections import defaultdict
 from fractions import Fraction
@@ -8,7 +8,6 @@ import pytest
 
 import cg
 from cg import conditions
-from cg.method.flat import flat_residuals
 from cg.problems import HeavyTop
 from cg.trees.ordered import forest
 
@@ -20,13 +19,6 @@ NODES = 8
 @pytest.fixture(scope="module")
 def kauri():
     return pytest.importorskip("kauri")
-
-
-@pytest.fixture(scope="module")
-def nodepy():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MPLBACKEND", "agg")
-        return pytest.importorskip("nodepy.runge_kutta_method")
 
 
 @pytest.fixture(scope="module")
@@ -64,26 +56,6 @@ class TestTrees:
         for order in range(1, 10):
             actual = sum(1 for tree in kauri.trees_up_to_order(order) if tree.nodes())
             assert conditions.count_classical(order) == actual
-
-
-FEW_STAGES = [name for name, method in cg.methods.items() if method.stages <= 9]
-
-
-class TestFlatOrders:
-    @pytest.mark.parametrize("name", FEW_STAGES)
-    def test_orders_of_the_catalogue(self, nodepy, kauri, capsys, name):
-        method = cg.methods[name]
-        # as doubles; what fails does so by more than 1e-6
-        orders = range(1, 10)
-        order = (
-            next(q for q in orders if max(map(abs, flat_residuals(*method.exact, q))) > 1e-8) - 1
-        )
-        assert order >= method.order
-        a = [[float(entry) for entry in row] for row in method.exact[0]]
-        b = [float(entry) for entry in method.exact[1]]
-        assert nodepy.RungeKuttaMethod(np.array(a), np.array(b)).order(tol=1e-8) == order
-        if order < 6:
-            assert kauri.RK(a, b).order(tol=1e-8) == order
 
 
 class TestLielab:

@@ -11,9 +11,7 @@ import cg
 pytestmark = pytest.mark.no_core
 
 # They work for one run alone
-CHANGE = {
-    "cg.proofs.dependent.spanned.Spanned",
-}
+CHANGE = {"cg.proofs.dependent.spanned.Spanned"}
 
 
 def classes():
@@ -32,20 +30,3 @@ def test_dataclasses_are_frozen():
     changing = {name for name, one in relations.items() if not one.__dataclass_params__.frozen}
     modules = {name for name in changing if name.startswith("cg.jax.")}  # equinox freezes them
     assert changing - modules == CHANGE
-
-
-@pytest.mark.parametrize(
-    "value",
-    [
-        cg.methods["CG3"],
-        cg.methods["CG3"].tree,
-        cg.conditions.Layout.tableau(2),
-        cg.frames.SO3(),
-        cg.problems.FreeRigidBody(),
-    ],
-    ids=lambda value: type(value).__name__,
-)
-def test_attributes_are_read_only(value):
-    name = next(iter(vars(value)))
-    with pytest.raises(AttributeError):
-        setattr(value, name, None)

@@ -5,8 +5,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from ambient import solve_in_ambient_space
 from flint import arb
-from scipy.integrate import solve_ivp
 
 from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
@@ -104,29 +104,16 @@ def test_invariants_in_double(top, reference):
 
 
 def test_reference_agrees_with_an_independent_solver(top, reference):
-    def ambient(t, y):
-        return top.frame.field(top.f(t, y), y)
-
-    solution = solve_ivp(
-        ambient, (0, 1), top.y0, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=reference.t
-    )
-    np.testing.assert_allclose(solution.y.T, reference.y, rtol=0, atol=1e-12)
+    expected = solve_in_ambient_space(top.frame, top.f, top.y0, reference.t)
+    np.testing.assert_allclose(expected, reference.y, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("convention", ["body", "space"])
 def test_reference_of_the_rotation_agrees_with_an_independent_solver(convention):
-    problem = StateDependentRotation(convention)
-
-    def ambient(t, y):
-        point = y.reshape(3, 3)
-        return problem.frame.field(problem.f(t, point), point).ravel()
-
-    times = [0.5, 1.0]
-    solution = solve_ivp(
-        ambient, (0, 1), problem.y0.ravel(), method="DOP853", rtol=1e-13, atol=1e-15, t_eval=times
-    )
+    problem, times = StateDependentRotation(convention), [0.5, 1.0]
+    expected = solve_in_ambient_space(problem.frame, problem.f, problem.y0, times)
     reference = problem.reference(times, bits=128)
-    np.testing.assert_allclose(solution.y.T, reference.y[:, :9], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(expected.reshape(2, 9), reference.y[:, :9], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(reference.y[:, 9], times)
 
 
@@ -217,22 +204,8 @@ def errors_in_quadruple(top, exact, name, steps):
     ]
 
 
-@pytest.mark.parametrize(
-    ("name", "steps"),
-    [("CG3", (64, 128, 256)), ("CG4", (256, 512, 1024)), ("CG4a", (128, 256, 512, 1024))],
-)
+@pytest.mark.parametrize(("name", "steps"), [("CG3", (64, 128, 256)), ("CG4a", (128, 256, 512))])
 def test_slopes_in_quadruple_precision(top, reference, name, steps):
     errors = errors_in_quadruple(top, reference.values[-1], name, steps)
     slope = observed_order(1 / np.array(steps), errors)
     assert slope.order == pytest.approx(methods[name].order, abs=0.1)
-
-
-def test_order_five_far_below_the_rounding_of_doubles():
-    top = HeavyTop()
-    exact = top.reference([1]).values[-1]
-    steps = (256, 1024, 4096, 8192)
-    errors = errors_in_quadruple(top, exact, "CG5a", steps)
-    slope = observed_order(1 / np.array(steps), errors)
-    assert slope.order == pytest.approx(5.0, abs=0.1)
-    assert slope.spread < 0.1
-    assert errors[-1] < 5e-18

@@ -4,56 +4,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from ambient import solve_in_ambient_space
 
-from cg.analysis.convergence import final_errors, observed_order
-from cg.catalogue import methods
 from cg.frames import SE3
-from cg.integration import integrate
 from cg.problems import AffineField, ForcedRigidBody, FreeRigidBody, HeavyTop
 from cg.reproduce.reference_runs import integrate_compiled
 
 PROBLEMS = {"rigid body": FreeRigidBody(), "forced body": ForcedRigidBody()}
-
-
-def ambient(problem, times, start=0.0):
-    """Solve in the ambient space by SciPy."""
-    shape, frame = problem.y0.shape, problem.frame
-
-    def right(t, y):
-        y = y.reshape(shape)
-        return frame.field(problem.f(t, y), y).ravel()
-
-    y0 = problem.y0.ravel()
-    options = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
-    solution = solve_ivp(right, (start, times[-1]), y0, t_eval=times, **options)
-    return solution.y.T.reshape(-1, *shape)
-
-
-@pytest.mark.parametrize("name", list(PROBLEMS))
-def test_observed_orders_against_references(name):
-    problem, h = PROBLEMS[name], 1 / np.array([16, 32, 64])
-    exact = problem.reference([1], bits=128).y[0, : len(problem.y0)]
-    for method in ("CG3", "CG4a"):
-        errors = final_errors(
-            problem.f, (0, 1), problem.y0, exact, frame=problem.frame, method=method, h=h
-        )
-        assert errors[0] < 1e-3
-        order = observed_order(h, errors).order
-        assert order == pytest.approx(methods[method].order, abs=0.25), method
-
-
-@pytest.mark.parametrize("name", list(PROBLEMS))
-def test_invariants_and_manifold(name):
-    problem = PROBLEMS[name]
-    solution = integrate(
-        problem.f, (0, 1), problem.y0, frame=problem.frame, method="CG5a", h=1 / 128
-    )
-    assert problem.frame.membership_error(solution.y).max() < 1e-14
-    start = problem.invariants(problem.y0)
-    for key, values in problem.invariants(solution.y).items():
-        assert values.shape == (129, *np.shape(start[key]))
-        np.testing.assert_allclose(values, np.broadcast_to(start[key], values.shape), atol=1e-7)
 
 
 @pytest.mark.parametrize("name", list(PROBLEMS))
@@ -63,7 +20,8 @@ def test_taylor_references(name):
     reference = problem.reference(times, bits=128)
     assert max(reference.errors) < 1e-30
     y = reference.y[:, : len(problem.y0)]
-    np.testing.assert_allclose(y, ambient(problem, times), rtol=0, atol=1e-11)
+    expected = solve_in_ambient_space(problem.frame, problem.f, problem.y0, times)
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-11)
     for key, values in problem.invariants(y).items():
         start = np.broadcast_to(problem.invariants(problem.y0)[key], values.shape)
         np.testing.assert_allclose(values, start, rtol=0, atol=4e-15)
@@ -88,11 +46,7 @@ def run(**changes):
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (
-            lambda: FreeRigidBody((1, 1, 3)),
-            ValueError,
-            "inertia must be positive, none larger than",
-        ),
+        (lambda: FreeRigidBody((1, 1, 3)), ValueError, "inertia must be positive, none larger"),
         (lambda: FreeRigidBody((1, 1, -1)), ValueError, "inertia must be positive"),
         (lambda: FreeRigidBody((1, 1)), ValueError, "inertia must be 3 finite numbers"),
         (lambda: FreeRigidBody(momentum=(0, 0, 0)), ValueError, "momentum must not vanish"),

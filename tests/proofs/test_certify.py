@@ -296,13 +296,6 @@ class TestDigits:
         for few, many in zip(short[1], long[1], strict=True):
             assert few == cg.support.quads.to_decimal(Fraction(many), 40)
 
-    def test_the_closed_form_of_cg4(self):
-        # t1 / (2 t2) with T = 2^(1/3), t1 = 1 + T + T², t2 = T + T²
-        with precision(500):
-            t = arb(2).root(3)
-            weight = (1 + t + t**2) / (2 * (t + t**2))
-            assert methods["CG4"].digits(120)[1][0] in weight.str(120, radius=False)
-
     def test_fixed_coefficients_stay(self):
         a, b = methods["CG5a"].digits(50)
         assert (a[8][0], b[1]) == ("0", "0")

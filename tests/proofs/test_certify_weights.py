@@ -77,20 +77,6 @@ class TestBalls:
         expected = conditions.jacobian(a, b, 5, independent=True, rows=rows)
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13)
 
-    def test_balls_hold_the_weights_of_all_points_in_them(self):
-        method = methods["CG5a"]
-        packed = Packed.of(method)
-        quantities = [Quantity(method.stages, word) for word in condition_words(5)]
-        with precision(100):
-            wide = [v + arb(0, 1e-3) for v in packed.balls()]
-            outer = Weights(packed.layout, quantities).evaluate(wide)
-            rng = np.random.default_rng(2)
-            for _ in range(5):
-                steps = rng.uniform(-1e-3, 1e-3, 45).tolist()
-                inside = [v + d for v, d in zip(packed.balls(), steps, strict=True)]
-                actual = Weights(packed.layout, quantities).evaluate(inside)
-                assert all(o.contains(i) for o, i in zip(outer, actual, strict=True))
-
     def test_parts_of_rows_and_marks(self):
         a, b = methods["CG3"].exact
         layout = Layout.tableau(3, Rows.EXPLICIT)

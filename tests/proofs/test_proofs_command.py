@@ -8,11 +8,7 @@ import pytest
 
 import cg
 from cg.catalogue import methods
-from cg.proofs import (
-    Certificate,
-    certificate_of,
-    certify,
-)
+from cg.proofs import Certificate, certificate_of, certify
 from cg.proofs.__main__ import main
 
 pytestmark = pytest.mark.no_core

@@ -6,13 +6,7 @@ import pytest
 from flint import arb
 
 from cg.catalogue import methods
-from cg.proofs import (
-    Certificate,
-    CertificationError,
-    certificate_of,
-    certify,
-    check,
-)
+from cg.proofs import Certificate, CertificationError, certificate_of, certify, check
 from cg.proofs.krawczyk import krawczyk
 from cg.proofs.statement import Packed, free_of, system_of
 from cg.proofs.zero import zero_of

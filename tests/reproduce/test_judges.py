@@ -40,14 +40,8 @@ def numbers():
             "truncation": 1e-7,
         },
         "rotation_slopes": {
-            "explicit": {
-                "CG3": {"order": 3, "slope": 3.05},
-                "CG5a": {"order": 5, "slope": 4.95},
-            },
-            "implicit": {
-                "DICG3": {"order": 3, "slope": 3.0},
-                "DICG6": {"order": 6, "slope": 6.05},
-            },
+            "explicit": {"CG3": {"order": 3, "slope": 3.05}, "CG5a": {"order": 5, "slope": 4.95}},
+            "implicit": {"DICG3": {"order": 3, "slope": 3.0}, "DICG6": {"order": 6, "slope": 6.05}},
             "Munthe-Kaas": {
                 "RKMK4": {"order": 4, "slope": 4.0},
                 "RKMK5(4)": {"order": 5, "slope": 5.7},
@@ -186,11 +180,7 @@ CASES = [
     (partial(J.slope, 5, "CG5a"), ("results fig4.2 readings momentum CG5a slope", None), None),
     (J.slope_six, (APPROXIMATE, 5.89), (APPROXIMATE, 5.91)),
     (J.slope_approximate, (APPROXIMATE, 5.5), (APPROXIMATE, 5.4)),
-    (
-        partial(J.many, 4),
-        ("results search4 distinct", 4),
-        ("results search4 distinct", 5),
-    ),
+    (partial(J.many, 4), ("results search4 distinct", 4), ("results search4 distinct", 5)),
     (J.trees, ("numbers trees generated", 98), None),
     (J.independence, ("numbers conditions 5 rank", [37, 38]), None),
     (J.independence, ("numbers conditions 5 all", 38), None),

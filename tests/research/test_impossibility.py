@@ -27,7 +27,8 @@ from research.impossibility import (
     read_shape,
 )
 from research.impossibility.__main__ import main
-from research.impossibility.ring import Ring
+from research.impossibility.ring import Polynomial, Ring
+from research.impossibility.shapes import flat_density, orderings
 
 pytestmark = pytest.mark.no_core
 
@@ -89,9 +90,9 @@ def _values(shape: TableauShape | PointsShape, seed: int) -> dict[str, Fraction]
     }
 
 
-def _at(polynomial: object, names: tuple[str, ...], values: dict[str, Fraction]) -> Fraction:
+def _at(polynomial: Polynomial, names: tuple[str, ...], values: dict[str, Fraction]) -> Fraction:
     numbers = [fmpq(values[name].numerator, values[name].denominator) for name in names]
-    actual = polynomial(*numbers)  # type: ignore[operator]
+    actual = polynomial(*numbers)
     return Fraction(int(actual.p), int(actual.q))
 
 
@@ -207,8 +208,6 @@ def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_flat_condition_is_the_sum_of_the_orders() -> None:
     tree = OrderedTree.parse("[[[]][][]]")
-    from research.impossibility.shapes import flat_density, orderings
-
     actual = orderings(tree)
     assert sum(actual.values()) == 6
     assert len(actual) == 3

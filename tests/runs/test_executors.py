@@ -301,17 +301,6 @@ class TestDeath:
             5, 9, starts, 1, maxfev=60
         )
 
-    @pytest.mark.slow
-    def test_fifty_workers_killed_from_outside(self):
-        killed = 0
-
-        for finished in completed(slow_double, range(400), 400, 2, processes):
-            assert finished.result == 2 * finished.index
-            if finished.index % 8 == 3 and killed < 50:
-                kill_a_child()
-                killed += 1
-        assert killed == 50
-
 
 class StartedLate(SpawnProcess):
     """A worker that starts only after the death of the one before it was noticed."""
@@ -342,18 +331,6 @@ def late_processes() -> ProcessPoolExecutor:
 def slow_double(index: int) -> int:
     time.sleep(0.02)
     return 2 * index
-
-
-def kill_a_child() -> None:
-    """Kill a worker of the pool, if there is one."""
-    listed = subprocess.run(
-        ["pgrep", "-P", str(os.getpid()), "-f", "spawn_main"],
-        capture_output=True,
-        text=True,
-        check=False,
-    ).stdout.split()
-    if listed:
-        os.kill(int(listed[-1]), signal.SIGKILL)
 
 
 class TestInterrupt:

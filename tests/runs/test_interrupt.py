@@ -87,12 +87,6 @@ class TestFlag:
         x = result[0] if entry != "lmdif in real(16)" else quads.to_float(result[0].T.copy())
         np.testing.assert_array_equal(x, guess(TOO_FEW))
 
-    @pytest.mark.parametrize("entry", ENTRIES)
-    @pytest.mark.parametrize("dtype", [np.int64, np.float64])
-    def test_rejects_flag_that_would_be_copied(self, entry, dtype):
-        with pytest.raises(ValueError, match="intent"):
-            ENTRIES[entry](np.zeros(1, dtype=dtype))
-
 
 class TestThreads:
     def test_closing_run_stops_workers(self):

@@ -1,8 +1,7 @@
-"""Searches on processes and on Dask: the run, a worker or the scheduler killed at random moments.
+"""Searches on processes and on Dask: a worker or the scheduler killed at random moments.
 
-Whatever was killed, nothing that was recorded is lost or run again, no more than what was handed
-out is repeated, and the result is that of a run by itself to the last bit. The environment's
-``CG_KILLS`` is how many of each kind are killed.
+Nothing that was recorded is lost or run again, and the result is that of a run by itself to the
+last bit. The environment's ``CG_KILLS`` is how many of each kind are killed.
 """
 
 import os
@@ -19,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_kills import KILLS, child, recorded, report
+from test_kills import KILLS, recorded, report
 
 import cg
 
@@ -29,7 +28,6 @@ pytestmark = [
 ]
 
 SEARCH: dict[str, Any] = {"order": 5, "stages": 9, "starts": 60, "seed": 1, "maxfev": 60}
-HANDED_OUT = 4  # chunks: two workers, two each
 LONGEST = 120.0  # seconds between kills, at most
 SETTLED = 0.3  # seconds after a kill in which what had ended is recorded
 
@@ -58,12 +56,6 @@ def children(pid: int) -> list[int]:
     return workers
 
 
-def repeated(path: Path) -> int:
-    """Return the number of unrecorded starts below the last recorded one; they run again."""
-    numbers = {row[1] for row in recorded(path)}
-    return max(numbers, default=-1) + 1 - len(numbers)
-
-
 def wait_for_more(path: Path, before: int, rng: random.Random, running: Any) -> bool:
     """Wait until something was recorded, and then for a random time; False if the run ended."""
     ends = time.monotonic() + LONGEST
@@ -73,49 +65,6 @@ def wait_for_more(path: Path, before: int, rng: random.Random, running: Any) -> 
         time.sleep(0.01)
     time.sleep(rng.uniform(0.0, 0.4))
     return bool(running())
-
-
-def test_killed_run(path, whole):
-    """Its workers end too, without a signal."""
-    rng = random.Random(3)
-    kills = ended = useful = 0
-
-    def work() -> None:
-        cg.search(**SEARCH, executor="processes", workers=2, store=path)
-
-    while kills < KILLS:
-        before = recorded(path)
-        pid = child(work)
-        running = lambda pid=pid: os.waitpid(pid, os.WNOHANG) == (0, 0)  # noqa: E731
-        if not wait_for_more(path, len(before), rng, running):
-            assert cg.search(**SEARCH, store=path) == whole
-            ended += 1
-            for file in path.parent.glob("runs.db*"):
-                file.unlink()
-            continue
-        workers = children(pid)
-        os.kill(pid, signal.SIGKILL)
-        os.waitpid(pid, 0)
-        kills += 1
-        after = recorded(path)
-        assert before <= after
-        useful += before < after
-        assert repeated(path) <= HANDED_OUT * 8  # of at most so many starts a chunk
-        ends = time.monotonic() + 20
-        while any(
-            Path(f"/proc/{worker}/cmdline").exists() and _at_work(worker) for worker in workers
-        ):
-            assert time.monotonic() < ends, "workers are left"
-            time.sleep(0.05)
-    assert cg.search(**SEARCH, store=path) == whole
-    report("processes", kills, useful, ended + 1)
-
-
-def _at_work(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 class Killer(threading.Thread):

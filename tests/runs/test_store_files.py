@@ -291,9 +291,7 @@ class TestFile:
         search(**SMALL, starts=1, store=path)
         connect: Callable[..., sqlite3.Connection] = sqlite3.connect
         monkeypatch.setattr(
-            store.sqlite3,
-            "connect",
-            lambda file, **options: connect(f"{file}?mode=ro", **options),
+            store.sqlite3, "connect", lambda file, **options: connect(f"{file}?mode=ro", **options)
         )
         with pytest.raises(OSError, match="readonly database"):
             search(**SMALL, starts=2, store=path)

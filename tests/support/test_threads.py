@@ -100,14 +100,6 @@ def test_searches_in_two_threads_equal_single_ones() -> None:
         assert set(_blas_threads()) == {2}
 
 
-def test_a_single_start_equals_that_of_the_search() -> None:
-    with threadpool_limits(2):
-        result = cg.search(5, 9, 2, seed=1, workers=2)
-        assert [
-            cg.construction.search.random_search.run_start(result.settings, k) for k in (0, 1)
-        ] == list(result.starts)
-
-
 def test_the_precision_is_one_thread_s_at_a_time() -> None:
     before = ctx.prec
 

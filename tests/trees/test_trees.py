@@ -64,8 +64,7 @@ def test_density_of_bushy_and_tall_trees():
 
 
 @pytest.mark.parametrize(
-    ("text", "density"),
-    [("[[][[]]]", 3), ("[[[]][]]", 6), ("[[][][[]]]", 8), ("[[[][]][]]", 24)],
+    ("text", "density"), [("[[][[]]]", 3), ("[[[]][]]", 6), ("[[][][[]]]", 8), ("[[[][]][]]", 24)]
 )
 def test_density_depends_on_the_order_of_children(text, density):
     assert OrderedTree.parse(text).density == density
