@@ -81,7 +81,7 @@ def stability_region(
     ax.set_ylim(low, high)
     ax.set_xlabel("Re hλ")
     ax.set_ylabel("Im hλ")
-    ax.legend(frameon=False, fontsize=8, loc="upper left")
+    ax.legend(facecolor="white", edgecolor="none", fontsize=8, loc="upper left")
     return ax
 
 
