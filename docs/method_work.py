@@ -142,9 +142,9 @@ def draw(path: Path, problem: Work, method: Method) -> None:
     """Draw the error against evaluations and flows of a method and two others."""
     curves = {method.name: measured(problem, method)}
     curves |= {name: to_compare(problem, name) for name in others(method)}
-    figure, (above, below) = pyplot.subplots(2, 1, figsize=(4.0, 5.6), sharey=True)
+    figure, (above, below) = pyplot.subplots(2, 1, figsize=(4.0, 5.9), sharey=True)
     # fixed, since automatic layout would take twice as long
-    figure.subplots_adjust(left=0.19, right=0.97, bottom=0.085, top=0.95, hspace=0.24)
+    figure.subplots_adjust(left=0.19, right=0.97, bottom=0.085, top=0.95, hspace=0.36)
     for ax, work, unit in ((above, 0, "evaluations of f"), (below, 1, "flows")):
         for name, points in curves.items():
             if points:

@@ -122,7 +122,11 @@ def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
 @json_option
 @_of_run
 def best_of_run(_: Store, run: StoredRun, objective: str, count: int, in_json: bool) -> int:
-    """List the best distinct solutions of a run. Exits with 1 if there are none."""
+    """List the best distinct solutions of a run as the solver left them.
+
+    --abscissae, --bound and --minimise of a search aren't stored, and don't apply here. Exits with
+    1 if there are no solutions.
+    """
     chosen = [_solution_data(solution) for solution in best(run, objective, count)]
     if in_json:
         as_json(chosen)

@@ -109,7 +109,7 @@ class Solution(_ReadOnly):
     h: float | None = None
 
     def to_xarray(self) -> Any:
-        """Return a dataset of xarray; see `cg.integration.to_xarray`."""
+        """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first."""
         from cg.integration.to_xarray import to_xarray
 
         return to_xarray(self)
@@ -184,7 +184,7 @@ class EnsembleSolution(_ReadOnly):
     h: float | None = None
 
     def to_xarray(self) -> Any:
-        """Return a dataset of xarray; see `cg.integration.to_xarray`."""
+        """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first."""
         from cg.integration.to_xarray import to_xarray
 
         return to_xarray(self)

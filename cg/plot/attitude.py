@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Sized
 from itertools import permutations
 from typing import Any
 
@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames.arrays import check_finite, real_array
-from .rotations import rotations_of
+from ..frames.rotations import is_rotation
+from ..support.checks import check_flag
+from .rotations import drawn_rotations, rotations_of
 from .style import COLOURS, axes_for
 
 _SEQUENCES = {"".join(axes) for axes in permutations("xyz")} | {
@@ -18,11 +20,17 @@ _SEQUENCES = {"".join(axes) for axes in permutations("xyz")} | {
 }
 _DASHES = ("-", "--", "-.")
 _ORDER = ("first", "second", "third")
-_POINTS = 1000  # drawn of a solution with dense output
+_AIRCRAFT = ("yaw", "pitch", "roll")
 
 
 def attitude(
-    y: Any, ax: Any = None, *, show: str = "ZYX", t: Any = None, reference: Any = None
+    y: Any,
+    ax: Any = None,
+    *,
+    show: str = "ZYX",
+    t: Any = None,
+    reference: Any = None,
+    wrap: bool = False,
 ) -> Any:
     """Draw angles of an attitude, its angular velocity or its error against time.
 
@@ -43,7 +51,10 @@ def attitude(
         Increasing times; by default those of the solution, else 0, 1, …
     reference : Solution, scipy.spatial.transform.Rotation or array_like, optional
         The exact attitude at the same times, as `y`; a solution with dense output is evaluated at
-        these times.
+        these times. Or a constant attitude: one rotation.
+    wrap : bool, optional
+        Draw Euler angles in [-180, 180] degrees. By default they are continuous, so that they grow
+        beyond 360 degrees in a tumble.
 
     Returns
     -------
@@ -88,14 +99,16 @@ def attitude(
             "reference must be given with show='error', and only then, got "
             f"reference={reference!r} and show={show!r}"
         )
-    within = None
-    if t is None and show != "error" and getattr(y, "sol", None) is not None:
-        within = np.linspace(y.t[0], y.t[-1], _POINTS)
-    rotations, times_of_solution = rotations_of(y, at=within)
+    if is_rotation(reference) and reference.single:
+        reference = type(reference).concatenate([reference])
+    constant = isinstance(reference, Sized) and len(reference) == 1
+    # another solution is compared at the steps, not between them
+    between = t is None and (reference is None or constant)
+    rotations, times_of_solution = drawn_rotations(y) if between else rotations_of(y)
     times = _times(t, times_of_solution, len(rotations))
-    if show != "error":
-        _warn_of_long_steps(rotations)
-    times, curves, labels, title = _curves(show, rotations, times, reference)
+    times, curves, labels, title = _curves(
+        show, rotations, times, reference, check_flag("wrap", wrap)
+    )
     ax = axes_for(ax)
     for curve, label, colour, dashes in zip(
         np.rad2deg(curves.T), labels, COLOURS, _DASHES, strict=False
@@ -111,13 +124,13 @@ def attitude(
 
 
 def _curves(
-    show: str, rotations: Any, times: NDArray[np.float64], reference: Any
+    show: str, rotations: Any, times: NDArray[np.float64], reference: Any, wrap: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str], str]:
     """Return times, curves in radians, shape ``(n, curves)``, their labels and what they are."""
     labels = [f"{axis} axis" for axis in "xyz"]
     if show == "error":
         exact, _ = rotations_of(reference, "reference", times)
-        if len(exact) != len(rotations):
+        if len(exact) not in (1, len(rotations)):
             raise ValueError(
                 f"reference must hold {len(rotations)} rotations, as y, got {len(exact)}"
             )
@@ -130,22 +143,15 @@ def _curves(
     if show == "vector":
         return times, rotations.as_rotvec(), labels, "rotation vector"
     sequence: Any = show
-    labels = [f"{order} angle, {axis}" for order, axis in zip(_ORDER, show, strict=True)]
-    return times, np.unwrap(rotations.as_euler(sequence), axis=0), labels, "Euler angles"
-
-
-def _warn_of_long_steps(rotations: Any) -> None:
-    """Warn if an attitude turns too far between two times."""
-    turns = (
-        np.rad2deg((rotations[:-1].inv() * rotations[1:]).magnitude()) if len(rotations) > 1 else 0
-    )
-    if np.max(turns, initial=0.0) > 90.0:
-        warnings.warn(
-            f"the attitude turns by {np.max(turns):.0f} degrees between two times, so that the "
-            "curves between them mean nothing: integrate with dense_output=True, or give more "
-            "points",
-            stacklevel=3,
-        )
+    names = _AIRCRAFT if show == "ZYX" else [f"{order} angle" for order in _ORDER]
+    labels = [f"{name}, {axis}" for name, axis in zip(names, show, strict=True)]
+    angles = rotations.as_euler(sequence)
+    if wrap:
+        jumps = np.abs(np.diff(angles, axis=0)) > np.pi
+        angles[1:][jumps] = np.nan  # no line from one end of the range to the other
+    else:
+        angles = np.unwrap(angles, axis=0)
+    return times, angles, labels, "Euler angles"
 
 
 def _times(t: Any, times: NDArray[np.float64] | None, count: int) -> NDArray[np.float64]:

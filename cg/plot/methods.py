@@ -14,7 +14,7 @@ from ..support.checks import check_integer
 from ..support.quads import to_decimal
 from .style import COLOURS, FAINT, axes_for, blank, plain
 
-_MAX_LABELLED = 10  # points; with more, the weights of flows aren't written
+_MAX_TERMS = 12  # of all flows together; with more, the weights of flows aren't written
 _RISE = 0.3  # of the first child above its parent; another branch is 1 above
 
 
@@ -98,8 +98,8 @@ def points(method: str | Method, ax: Any = None) -> Any:
     """Draw the points of a step at their times; each line is a flow.
 
     Stages are numbered circles, the result is a square and the second result a diamond. The flow
-    to a second result that is only used for the error, and not computed, is dotted. With at most
-    ten points, the weights of each flow are written on its line.
+    to a second result that is only used for the error, and not computed, is dotted. The
+    weights of each flow are written on its line if there are at most twelve.
 
     Parameters
     ----------
@@ -131,12 +131,13 @@ def points(method: str | Method, ax: Any = None) -> Any:
     tree = method.tree
     places = _places(tree)
     used = [m for m in places if m != START]
+    labelled = sum(len(tree.points[m].weights) for m in used) <= _MAX_TERMS
     free = isinstance(method, CommutatorFree) and bool(method.error_weights)
     for m in used:
         xs, ys = zip(places[tree.points[m].parent], places[m], strict=True)
         dotted = free and m == tree.embedded_result
         ax.plot(xs, ys, color=FAINT, linewidth=1.2, linestyle=":" if dotted else "-", zorder=1)
-        if len(used) <= _MAX_LABELLED:
+        if labelled:
             ax.text(
                 (xs[0] + xs[1]) / 2,
                 (ys[0] + ys[1]) / 2,

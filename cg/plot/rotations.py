@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,25 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 _TOLERANCE = 1e-6
+_POINTS = 1000  # drawn of a solution with dense output
+
+
+def drawn_rotations(y: Any) -> tuple[Rotation, NDArray[np.float64] | None]:
+    """Return `rotations_of` a solution between its steps too if it has dense output.
+
+    Warns if the rotation between two of them is by more than 90 degrees.
+    """
+    dense = getattr(y, "sol", None) is not None
+    rotations, times = rotations_of(y, at=np.linspace(y.t[0], y.t[-1], _POINTS) if dense else None)
+    turns = (rotations[:-1].inv() * rotations[1:]).magnitude() if len(rotations) > 1 else [0.0]
+    if (largest := np.rad2deg(np.max(turns))) > 90.0:
+        warnings.warn(
+            f"the attitude turns by {largest:.0f} degrees between two times, so that the "
+            "curves between them mean nothing: integrate with dense_output=True, or give more "
+            "points",
+            stacklevel=3,
+        )
+    return rotations, times
 
 
 def rotations_of(

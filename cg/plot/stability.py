@@ -27,7 +27,8 @@ def stability_region(
     """Draw the boundaries ``|R(z)| = 1`` of stability regions of methods, with ``z = h λ``.
 
     R is the stability function of the classical method for ``y' = λ y``, to which a method reduces
-    where flows commute. The region of a single method is filled.
+    where flows commute. The regions where ``|R(z)| ≤ 1`` are filled; those of implicit
+    methods may have no end.
 
     Parameters
     ----------
@@ -71,8 +72,8 @@ def stability_region(
     for k, one in enumerate(methods):
         size = np.abs(growth(one, z))
         colour, dashes = COLOURS[k % len(COLOURS)], _DASHES[k % len(_DASHES)]
-        if len(methods) == 1:
-            ax.contourf(*grid, size, levels=[0.0, 1.0], colors=[colour], alpha=0.25)
+        alpha = 0.25 if len(methods) == 1 else 0.12
+        ax.contourf(*grid, size, levels=[0.0, 1.0], colors=[colour], alpha=alpha)
         ax.contour(*grid, size, levels=[1.0], colors=[colour], linestyles=[dashes])
         ax.plot([], [], color=colour, linestyle=dashes, label=plain(one.name) or "without name")
     ax.set_aspect("equal")
@@ -80,7 +81,7 @@ def stability_region(
     ax.set_ylim(low, high)
     ax.set_xlabel("Re hλ")
     ax.set_ylabel("Im hλ")
-    ax.legend(frameon=False, fontsize=8, loc="upper left")
+    ax.legend(facecolor="white", edgecolor="none", fontsize=8, loc="upper left")
     return ax
 
 
@@ -92,18 +93,40 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
     if problem := too_large(method):
         raise ValueError(f"method must have fewer stages or digits, got {method!r}: {problem}")
     above, below = (np.array([float(c) for c in p]) for p in stability_function(method))
-    return np.asarray(np.polyval(above[::-1], z) / np.polyval(below[::-1], z))
+    with np.errstate(divide="ignore", invalid="ignore"):  # at poles
+        return np.asarray(np.polyval(above[::-1], z) / np.polyval(below[::-1], z))
 
 
 def _box(methods: list[Method]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ranges of both axes that contain the regions, or their part near the origin."""
-    reach = 2.0 + max(one.stages for one in methods)
-    x, y = np.meshgrid(np.linspace(-2 * reach, reach, 241), np.linspace(0.0, 1.5 * reach, 121))
-    stable = np.any([np.abs(growth(one, x + 1j * y)) <= 1.0 for one in methods], axis=0)
-    high = float(y[stable].max())
-    left, right = float(x[stable].min()), float(x[stable].max())
-    margin = 0.15 * (right - left)
-    return (left - margin, right + margin), (-high - margin, high + margin)
+    """Return ranges of both axes that contain the boundaries of the regions.
+
+    Boundaries without end determine the ranges only if all are such.
+    """
+    boundaries = list(map(_boundary, methods))
+    whole = [z for z, cut in boundaries if not cut]
+    z = np.concatenate([[0j], *(whole or [z for z, _ in boundaries])])
+    high = float(z.imag.max())
+    margin = 0.15 * max(np.ptp(z.real), high)
+    left, right = float(z.real.min() - margin), float(z.real.max() + margin)
+    if not whole:
+        left, right = min(left, -high / 2), max(right, high / 2)
+    return (left, right), (-high - margin, high + margin)
+
+
+def _boundary(method: Method) -> tuple[NDArray[np.complex128], bool]:
+    """Return points near the boundary of a region, and whether it goes on beyond them."""
+    reach = 2.0 + method.stages
+    for factor in (1.0,) if method.explicit else (4.0, 1.0):
+        x, y = np.meshgrid(np.linspace(-2, 1, 241), np.linspace(0.0, 1.5, 121))
+        z = np.asarray(factor * reach * (x + 1j * y), dtype=np.complex128)
+        stable = np.abs(growth(method, z)) <= 1.0
+        edge = np.zeros(z.shape, bool)
+        edge[:, 1:] |= stable[:, 1:] != stable[:, :-1]
+        edge[1:] |= stable[1:] != stable[:-1]
+        cut = bool(edge[-1].any() or edge[:, [1, -1]].any())
+        if not cut:
+            break
+    return z[edge], cut
 
 
 def _range(name: str, limits: Any, default: tuple[float, float]) -> tuple[float, float]:

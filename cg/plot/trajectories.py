@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..frames.arrays import check_finite, real_array
 from ..support.checks import check_integer
-from .rotations import rotations_of
+from .rotations import drawn_rotations
 from .style import COLOURS, check_label, spatial_axes_for
 
 _NAMES = "xyz"
@@ -79,7 +79,8 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     y : Solution, scipy.spatial.transform.Rotation or array_like
         A solution on `SO3`, `UnitQuaternion`, `SE3` or a product with one of them, rotations,
         matrices of shape ``(n, 3, 3)``, whose columns are the axes of the body in space, or
-        quaternions of shape ``(n, 4)``, scalar last.
+        quaternions of shape ``(n, 4)``, scalar last. A solution with dense output is drawn between
+        its steps too.
     ax : matplotlib.axes.Axes, optional
         Three-dimensional axes; a new figure by default.
     triads : int, optional
@@ -96,6 +97,11 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     TypeError
         If `ax` isn't axes of matplotlib, or `triads` isn't an integer.
 
+    Warns
+    -----
+    UserWarning
+        If the attitude turns by more than 90 degrees between two times.
+
     Examples
     --------
     >>> import numpy as np
@@ -108,7 +114,7 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     >>> ax.name
     '3d'
     """
-    matrices = rotations_of(y)[0].as_matrix()
+    matrices = drawn_rotations(y)[0].as_matrix()
     triads = min(check_integer("triads", triads, 0), len(matrices))
     ax = spatial_axes_for(ax)
     _draw_sphere(ax, 1.0)

@@ -252,6 +252,13 @@ def forest(max_nodes: int) -> Forest:
     """Return the `Forest` of all ordered trees with at most `max_nodes` nodes.
 
     ValueError unless this is between 1 and `MAX_NODES`, TypeError if it isn't an integer.
+
+    Examples
+    --------
+    The trees of the conditions of order two, `cg.conditions.condition_trees`:
+
+    >>> [str(forest(3).tree(index)) for index in (2, 3, 4)]
+    ['[[]]', '[[][]]', '[[[]]]']
     """
     max_nodes = _integer("max_nodes", max_nodes)
     if not 1 <= max_nodes <= MAX_NODES:

@@ -68,7 +68,7 @@ def test_full_disk_is_reported(tmp_path: Path) -> None:
     command = [sys.executable, "-c", _FULL, str(tmp_path / "out")]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 2
-    assert "reproduce-paper: error: [Errno 27]" in run.stderr
+    assert re.match(r"reproduce-paper: error: \S+: File too large; ", run.stderr)
     assert "Traceback" not in run.stderr
 
 

@@ -160,7 +160,17 @@ class TestStability:
         assert [text.get_text() for text in ax.get_legend().get_texts()] == ["CG3", "CF4"]
         assert ax.get_xlim() == (-4, 1)
         assert ax.get_ylim() == (-3.5, 3.5)
-        cg.plot.stability_region("ImplicitMidpoint")  # whose region has no end
+
+    @pytest.mark.filterwarnings("error")
+    def test_regions_without_end(self, ax):
+        """Implicit methods don't shrink the others; all regions are filled."""
+        cg.plot.stability_region(["CF5e", "CG6f", "DICG3", "CG4"], ax)
+        assert -9 < ax.get_xlim()[0] < -6
+        assert sum(one.filled for one in ax.collections if hasattr(one, "filled")) == 4
+        single = cg.plot.stability_region("DICG3")
+        assert 8.3 < single.get_xlim()[1] < 12  # the unstable region is from 0 to 8.3
+        left, right = cg.plot.stability_region("ImplicitMidpoint").get_xlim()
+        assert left == -right < -1
 
     def test_rejects(self, ax):
         with pytest.raises(ValueError, match=r"x must be a pair of increasing finite numbers, got"):
@@ -249,6 +259,15 @@ class TestTrajectories:
             assert lines[k].get_color() == lines[6 + k].get_color() == COLOURS[k]
         legend = [text.get_text() for text in spatial.get_legend().get_texts()]
         assert legend == ["x axis", "y axis", "z axis"]
+
+    def test_of_axes_between_steps(self, spatial):
+        frame, spin = cg.frames.SO3(), lambda t, y: [0.0, 0.0, 2.0]
+        run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame)
+        with pytest.warns(UserWarning, match="the attitude turns by 1.. degrees between two times"):
+            cg.plot.trajectory_of_axes(run, spatial)
+        run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame, dense_output=True)
+        cg.plot.trajectory_of_axes(run, spatial)
+        assert len(spatial.get_lines()[9].get_data_3d()[0]) > 100 > len(run.t)
 
     def test_rejects(self, ax, spatial):
         with pytest.raises(ValueError, match="ax must be three-dimensional, made with projection="):
@@ -346,6 +365,28 @@ class TestAttitude:
         run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame, dense_output=True)
         cg.plot.attitude(run, ax)
         assert ax.lines[3].get_ydata()[-1] == pytest.approx(np.rad2deg(200.0))
+
+    def test_error_to_a_constant_attitude(self, ax):
+        run = cg.solve_ivp(
+            lambda t, y: [0.5, 0, 0], (0, 3), np.eye(3), frame=cg.frames.SO3(), dense_output=True
+        )
+        for reference in (Rotation.identity(), Rotation.identity(1), [np.eye(3)]):
+            cg.plot.attitude(run, ax, show="error", reference=reference)
+            times, angles = ax.lines[-1].get_data()
+            assert len(times) > 100
+            np.testing.assert_allclose(angles, np.rad2deg(0.5 * times), atol=1e-10)
+
+    def test_wrapped_angles(self, ax):
+        turns = Rotation.from_rotvec(np.linspace(0, 800, 101)[:, None] * [0, 0, np.pi / 180])
+        cg.plot.attitude(turns, ax)
+        assert ax.lines[0].get_ydata()[-1] == pytest.approx(800.0)
+        assert [line.get_label() for line in ax.lines] == ["yaw, Z", "pitch, Y", "roll, X"]
+        cg.plot.attitude(turns, ax, wrap=True)
+        angles = ax.lines[3].get_ydata()
+        assert np.nanmax(np.abs(angles)) <= 180.0
+        assert np.isnan(angles).sum() == 2
+        cg.plot.attitude(turns, ax, show="xyz")
+        assert ax.lines[6].get_label() == "first angle, x"
 
     def test_rejects_ensembles(self, ax):
         run = cg.solve_ensemble(

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...method.method import Method
 from ...method.packed import make_method
+from ...method.tolerance import to_floats
 from ...runs import Failure, Store
 from ...structure.layout import Layout
 from ...support import quads
@@ -25,6 +26,8 @@ from .records import RandomStart
 from .requirements import Requirements
 from .settings import SearchSettings
 from .start import start_layout
+
+_APART = 1e-4  # distance of coefficients of methods that count as distinct after they were moved
 
 
 class StoredStarts(Sequence[RandomStart]):
@@ -132,7 +135,19 @@ class SearchResult:
             improved = self._improved(start, layout)
             if improved is not None:
                 methods.append(improved)
-        return tuple(method for _, method in sorted(methods, key=operator.itemgetter(0)))
+        methods.sort(key=operator.itemgetter(0))
+        if self.requirements == Requirements():
+            return tuple(method for _, method in methods)
+        distinct: list[Method] = []  # starts that moved to one minimum end close to each other
+        for _, method in methods:
+            x = to_floats(method.coefficients)
+            if not any(
+                one.layout == method.layout
+                and np.abs(to_floats(one.coefficients) - x).max() < _APART
+                for one in distinct
+            ):
+                distinct.append(method)
+        return tuple(distinct)
 
     @property
     def best(self) -> RandomStart:
