@@ -298,7 +298,9 @@ contains
         if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
-        errors(i) = norm(tolerances, x%work, x%scale)
+        associate (estimate => errors(1 + 2 * (i - 1) / size(method%error, 2)))
+          estimate = hypot(estimate, norm(tolerances, x%work, x%scale))
+        end associate
       end do
       ratio = 1.0_wp
       if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
+from functools import cache
 from numbers import Real
 from typing import Any, Unpack
 
+import numpy as np
+from numpy.polynomial import Legendre
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
+from cg.frames.linear_action import LinearAction
 from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
 from cg.integration.ivp import solve_ivp
@@ -18,10 +22,12 @@ from cg.integration.options import Options, expand_options
 from cg.integration.results import Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
+from cg.method.magnus import MagnusMethod
 from cg.support.checks import check_flag
 
 _LOOSE = 1e-7  # from here on the second default needs fewer evaluations on the benchmarks
 _DEFAULTS = "CFM6(4)b", "CFM8(4)"
+_NODES = 9  # of interpolation on LinearAction; more of them save few evaluations and no products
 
 
 @expand_options
@@ -98,13 +104,24 @@ def solve_linear(
         raise ValueError("vectorized must be False for a compiled a, which takes one time")
     method, rtol = options.get("method", AUTO), options.get("rtol")
     if isinstance(method, str) and method == AUTO:
-        options["method"] = _DEFAULTS[isinstance(rtol, Real) and rtol < _LOOSE]
+        named = _DEFAULTS[isinstance(rtol, Real) and rtol < _LOOSE]
+        options["method"] = _lobatto() if isinstance(frame, LinearAction) else named
     try:
         return solve_ivp(f, t_span, y0, frame=frame, progress=progress, **options)
     except (TypeError, ValueError) as error:
         if str(error).startswith("f must "):
             raise type(error)(f"a{str(error)[1:]}") from None
         raise
+
+
+@cache
+def _lobatto() -> MagnusMethod:
+    """Return the method whose only flow has the nodes and weights of Lobatto's formula."""
+    legendre = Legendre.basis(_NODES - 1)
+    x = np.array([-1.0, *legendre.deriv().roots(), 1.0])
+    weights = 1 / (_NODES * (_NODES - 1) * legendre(x) ** 2)
+    nodes, flow = ([f"{number:.16f}" for number in row] for row in ((x + 1) / 2, weights))
+    return MagnusMethod(nodes, [flow], name="Lobatto's formula")
 
 
 def _checked(a: Any, args: tuple[Any, ...], parameters: Any) -> Callable[..., ArrayLike]:

@@ -184,12 +184,13 @@ def make_control(plan: Plan, options: Options, span: float) -> Control:
         if size > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
         return Control(h=size)
-    if method.embedded_order is None:
+    if not plan.exponent:
         raise ValueError(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
             "which has no embedded weights"
         )
-    check_pair(method, stacklevel=4)
+    if method.embedded_order is not None:
+        check_pair(method, stacklevel=4)
     tolerances = check_atol(atol)
     if tolerances.shape not in ((), plan.tolerance_shape):
         raise ValueError(
