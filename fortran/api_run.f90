@@ -84,7 +84,7 @@ subroutine plan_distance_bound(address, n, members, y, bound)
   end do
 end subroutine plan_distance_bound
 
-! The number of products of LinearAction's generators with points so far.
+! Counts the products by flows of LinearAction so far.
 subroutine linear_products(count)
   use, intrinsic :: iso_fortran_env, only: int64
   use linear_action_m, only: products

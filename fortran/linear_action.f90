@@ -43,7 +43,9 @@ module linear_action_m
   real(wp), parameter :: truncation = 0.1_wp           ! of Taylor polynomials, in tolerances
   integer, parameter :: max_terms = 200
 
-  integer(int64), public :: products = 0     ! of generators with points, by all polynomials
+  ! Products of linear combinations of generators with points, for benchmarks; some are missing if
+  ! several threads count.
+  integer(int64), public :: products = 0
 
 contains
 
@@ -192,7 +194,6 @@ contains
         if (.not. any(abs(d(i, :)) > 0)) cycle
         call multiply(action, action%row(:, i), action%term_column, action%value, argument, product)
         term = term + product
-        products = products + 1
       end do
       term = term / real(k, wp)
       terms(:, 1 + modulo(k, n)) = term
@@ -201,6 +202,7 @@ contains
       if (norms(1) > max(tolerance, start)) cycle
       if (rest(bounds, norms, k) <= max(tolerance, min(start, maxval(abs(y)) * epsilon(y) / 8))) exit
     end do
+    products = products + min(k, max_terms)
   end subroutine apply_polynomial
 
   ! A bound of the sum of the norms of the terms after y_k, as many as have coefficients of their own
@@ -301,6 +303,7 @@ contains
     integer :: k, last
 
     call bessel_functions(norm, bessel, last)
+    products = products + last
     allocate (old(size(y)), now(size(y)), next(size(y)))
     old = y
     call multiply(action, action%first, action%column, x, y, now)
@@ -364,6 +367,7 @@ contains
       y = y + term
       bound = bound * norm / real(k + 1, wp)
     end do
+    products = products + k
   end subroutine apply_taylor
 
   ! Computes the product of a matrix with y.
