@@ -1,0 +1,179 @@
+"""Linear equations on vectors with sparse generators: `LinearAction`, and its polynomial flows."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import cg
+from cg.catalogue import magnus
+from cg.frames import LinearAction
+
+
+class TestLinearAction:
+    RNG = np.random.default_rng(5)
+    DENSE = RNG.standard_normal((3, 6, 6)) * (RNG.uniform(size=(3, 6, 6)) < 0.4)
+
+    def test_flow_and_field_are_those_of_the_dense_matrices(self):
+        frame = LinearAction([sparse.csr_array(g) for g in self.DENSE])
+        v, y = self.RNG.standard_normal((4, 3)), self.RNG.standard_normal((4, 6))
+        for scale in (0.1, 1.0, 20.0):
+            for k in range(4):
+                matrix = np.tensordot(scale * v[k], self.DENSE, 1)
+                exact = expm(matrix) @ y[k]
+                actual = frame.flow(scale * v, y)[k]
+                np.testing.assert_allclose(actual, exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+                np.testing.assert_allclose(
+                    frame.field(scale * v[k], y[k]), matrix @ y[k], rtol=1e-13, atol=1e-13
+                )
+
+    @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
+    @pytest.mark.parametrize("skew", [False, True])
+    @pytest.mark.parametrize("scale", [1e-9, 0.1, 3.0, 40.0])
+    def test_flows_of_all_kinds_of_entries(self, factor, skew, scale):
+        generators = factor * self.DENSE
+        if skew:
+            generators = generators - generators.conj().mT
+        frame = LinearAction(list(generators))
+        v, y = scale * self.RNG.standard_normal(3), self.RNG.standard_normal(6)
+        exact = expm(np.tensordot(v, generators, 1)) @ y
+        np.testing.assert_allclose(
+            frame.flow(v, y), exact, rtol=0, atol=1e-13 * max(scale, 1) * np.abs(exact).max()
+        )
+        run = cg.solve_linear(lambda t: v, (0, 1), y, frame=frame, h=0.25)
+        np.testing.assert_allclose(
+            run.y[-1], exact, rtol=0, atol=1e-12 * max(scale, 1) * np.abs(exact).max()
+        )
+
+    def test_products_with_other_frames_measured_by_entries(self):
+        action = LinearAction(list(self.DENSE))
+        pair, y = cg.frames.Power(action, 2), self.RNG.standard_normal((2, 6))
+        a = np.array([0.3, -0.2, 0.5])
+        run = cg.solve_linear(lambda t: np.tile(a, 2), (0, 1), y, frame=pair, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(run.y[-1], action.flow(a, y), rtol=0, atol=1e-9)
+
+    def test_it_passes_the_checks_of_frames(self):
+        LinearAction([sparse.csr_array(g) for g in self.DENSE]).check()
+        LinearAction([1j * (g + g.T) for g in self.DENSE]).check()
+
+    def test_frames_are_compared_by_value(self):
+        first, second = (LinearAction(list(self.DENSE)) for _ in range(2))
+        assert first == second
+        assert hash(first) == hash(second)
+        assert first != LinearAction(list(self.DENSE[:2]))
+
+    def test_a_spin_chain_as_unitary_matrices(self):
+        x, z = np.array([[0, 1], [1, 0]]), np.diag([1.0, -1.0])
+        eye = np.eye(2)
+        zz, xx = np.kron(z, z), np.kron(x, eye) + np.kron(eye, x)
+        generators = [-1j * zz, -1j * xx]
+        frame = LinearAction([sparse.csr_array(g) for g in generators])
+        psi = np.array([1.0, 0, 0, 0], dtype=complex)
+
+        def a(t):
+            return [1.0, np.cos(t)]
+
+        solution = cg.solve_linear(a, (0, 3), psi, frame=frame, rtol=1e-9, atol=1e-9)
+        dense = cg.frames.MatrixFrame(generators)
+        same = cg.solve_linear(a, (0, 3), psi, frame=dense, method="CFM8(4)", h=0.02)
+        np.testing.assert_allclose(solution.y[-1], same.y[-1], rtol=0, atol=1e-9)
+        assert abs(np.linalg.norm(solution.y[-1]) - 1) < 1e-13
+
+    def test_a_flow_beyond_double_precision_is_refused(self):
+        with pytest.raises(cg.frames.FlowOverflowError):
+            LinearAction([np.eye(2)]).flow([1e12], [1.0, 0.0])
+
+
+class TestPolynomialFlows:
+    """One flow per step of `LinearAction`, along the polynomial that interpolates a."""
+
+    RNG = np.random.default_rng(11)
+    DENSE = RNG.standard_normal((2, 5, 5))
+
+    @staticmethod
+    def a(t):
+        return [np.cos(2 * t), np.exp(np.sin(3 * t))]
+
+    def exact(self, generators, y0, end):
+        solution = solve_ivp(
+            lambda t, y: np.tensordot(self.a(t), generators, 1) @ y, (0, end), y0, method="DOP853",
+            rtol=1e-13, atol=1e-13,
+        )  # fmt: skip
+        return solution.y[:, -1]
+
+    @pytest.mark.parametrize("name", list(magnus))
+    def test_orders(self, name):
+        generators = 0.5 * self.DENSE
+        y0 = np.ones(5)
+        exact = self.exact(generators, y0, 2.0)
+        order = {"CFM6(4)b": 8}.get(name, magnus[name].order)
+        errors = []
+        for n in {4: (40, 80), 6: (20, 40), 8: (10, 20)}[order]:
+            run = cg.solve_linear(
+                self.a, (0, 2), y0, frame=LinearAction(generators), method=name, h=2 / n
+            )
+            errors.append(np.abs(run.y[-1] - exact).max())
+            assert run.nexp == n
+        assert order - 0.5 < np.log2(errors[0] / errors[1]) < order + 1
+
+    @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
+    @pytest.mark.parametrize("skew", [False, True])
+    @pytest.mark.parametrize("scale", [1e-9, 0.3, 5.0])
+    def test_polynomials_are_solved_exactly_in_one_step(self, factor, skew, scale):
+        generators = factor * self.DENSE
+        if skew:
+            generators = generators - generators.conj().mT
+        y0 = self.RNG.standard_normal(5).astype(generators.dtype)
+
+        def a(t):
+            return [scale * (1 - 3 * t + t**4), scale * (t - 0.5) ** 3]
+
+        def solve(n):
+            frame = LinearAction(list(generators))
+            return cg.solve_linear(a, (0, 1), y0, frame=frame, method="CFM8(4)", h=1 / n).y[-1]
+
+        whole = solve(1)
+        np.testing.assert_allclose(whole, solve(3), rtol=0, atol=1e-12 * np.abs(whole).max())
+        matrices = cg.frames.MatrixFrame(list(generators))
+        product = cg.solve_linear(a, (0, 1), y0, frame=matrices, method="CFM8(4)", h=0.01).y[-1]
+        np.testing.assert_allclose(whole, product, rtol=0, atol=1e-10 * np.abs(whole).max())
+
+    def test_output_between_steps_is_as_accurate_as_steps(self):
+        generators = self.DENSE - self.DENSE.mT
+        frame, y0, times = LinearAction(generators), np.ones(5), np.linspace(0, 2, 23)
+        exact = cg.solve_linear(
+            self.a, (0, 2), y0, frame=frame, rtol=1e-13, atol=1e-13, t_eval=times
+        )
+        np.testing.assert_allclose(exact.y[-1], self.exact(generators, y0, 2.0), atol=1e-11)
+        for given in ({"t_eval": times}, {"dense_output": True}):
+            run = cg.solve_linear(self.a, (0, 2), y0, frame=frame, rtol=1e-8, atol=1e-8, **given)
+            y = run.y if run.sol is None else run.sol(times)
+            np.testing.assert_allclose(y, exact.y, rtol=0, atol=1e-7)
+            assert run.nfev < 200
+
+    def test_events_are_found(self):
+        frame = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]])
+        run = cg.solve_linear(
+            lambda t: [1.0], (0, 5), [1.0, 0.0], frame=frame, rtol=1e-10, atol=1e-10,
+            events=lambda t, y: y[0],
+        )  # fmt: skip
+        np.testing.assert_allclose(run.t_events[0], [np.pi / 2, 3 * np.pi / 2], atol=1e-12)
+
+    def test_a_step_beyond_double_precision_ends_the_integration(self):
+        frame = LinearAction([np.diag([-1.0, -2.0])])
+        with pytest.raises(OverflowError, match="no longer finite"):
+            cg.solve_linear(lambda t: [1e12], (0, 1), [1.0, 1.0], frame=frame, method="CFM4", h=0.5)
+
+    @pytest.mark.parametrize("nodes", [["1/2"], ["0", "1"], ["1/2", "1/2", "1"]])
+    def test_too_few_nodes_take_the_flows_of_the_method(self, nodes):
+        weights = [[*[0] * (len(nodes) - 1), part] for part in ("3/4", "1/4")]
+        method = cg.MagnusMethod(nodes, weights)
+        frame = LinearAction(self.DENSE)
+        run = cg.solve_linear(self.a, (0, 1), np.ones(5), frame=frame, method=method, h=0.5)
+        assert run.nexp == 4
+        same = cg.solve_linear(
+            self.a, (0, 1), np.ones(5), frame=cg.frames.MatrixFrame(list(self.DENSE)),
+            method=method, h=0.5,
+        )  # fmt: skip
+        np.testing.assert_allclose(run.y, same.y, rtol=1e-12)
