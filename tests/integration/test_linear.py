@@ -368,3 +368,5 @@ def test_a_compiled_function_that_reads_its_point_is_refused(tmp_path, reads):
     same = cg.solve_linear(lambda t: [t, 1.0, 2 * t], (0, 1), np.eye(3), frame=SO3(), rtol=1e-9,
                            atol=1e-9)  # fmt: skip
     np.testing.assert_array_equal(solve().y, same.y)
+    kaas = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="RKMK5(4)", h=0.1)
+    assert kaas.nexp == kaas.steps  # points of stages are not computed
