@@ -103,7 +103,8 @@ contains
         call advance_register(problem, trajectory)
       else
         x%f(:, x%stage) = x%received
-        if (x%stage == method%final_stage) then
+        if (x%stage == method%final_stage .or. (problem%of_time .and. &
+                                                .not. abs(method%c(x%stage) - 1) > 0)) then
           x%end_slope(:) = x%received
           x%end_known = .true.
         end if
