@@ -135,14 +135,35 @@ contains
       return
     end if
     parts = max(1, ceiling(norm))
+    do while (max(bound(1), bound(parts)) > 1.5_wp * polynomial_norm)
+      parts = parts + (parts + 1) / 2
+    end do
     do part = 1, parts
-      d = shifted(v, 2 * real(part - 1, wp) / parts - 1, 2.0_wp / parts) / parts
+      d = coefficients(part)
       do i = 1, size(d, 1)                   ! rounding errors, such as those of constants
         where (abs(d(i, :)) <= roundings * maxval(abs(d(i, :)))) d(i, :) = 0.0_wp
       end do
       call apply_polynomial(action, d, y)
     end do
     if (action%skew .and. length > 0) y = y * (length / norm2(y))
+
+  contains
+
+    ! The coefficients in a part, by powers of its own time from 0 to 1
+    pure function coefficients(part)
+      integer, intent(in) :: part
+      real(wp) :: coefficients(size(v, 1), size(v, 2))
+
+      coefficients = shifted(v, 2 * real(part - 1, wp) / parts - 1, 2.0_wp / parts) / parts
+    end function coefficients
+
+    ! The sum of their norms, largest at an end of the step
+    pure real(wp) function bound(part)
+      integer, intent(in) :: part
+
+      bound = dot_product(sum(abs(coefficients(part)), dim=2), action%norm)
+    end function bound
+
   end subroutine move_polynomially
 
   ! The coefficients of a polynomial in t, of which v has those in s = start + slope t

@@ -169,6 +169,15 @@ class TestPolynomialFlows:
         assert counts[0] < counts[1] < 12 * norm
         assert counts[0] < 6 * norm
 
+    @pytest.mark.parametrize("scale", [1.0, 10.0])
+    def test_steps_whose_coefficients_vary_most_at_their_ends(self, scale):
+        frame = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]])
+        run = cg.solve_linear(
+            lambda t: [scale * (2 * t - 1) ** 8], (0, 1), [1.0, 0.0], frame=frame, h=1.0
+        )
+        exact = [np.cos(scale / 9), -np.sin(scale / 9)]
+        np.testing.assert_allclose(run.y[-1], exact, rtol=0, atol=1e-14)
+
     @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
     @pytest.mark.parametrize("skew", [False, True])
     @pytest.mark.parametrize("scale", [1e-9, 0.3, 5.0])
