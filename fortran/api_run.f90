@@ -84,6 +84,16 @@ subroutine plan_distance_bound(address, n, members, y, bound)
   end do
 end subroutine plan_distance_bound
 
+! Counts the products by flows of LinearAction so far.
+subroutine linear_products(count)
+  use, intrinsic :: iso_fortran_env, only: int64
+  use linear_action_m, only: products
+  implicit none
+  integer(int64), intent(out) :: count
+
+  count = products
+end subroutine linear_products
+
 ! Frees a plan.
 subroutine plan_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
@@ -144,6 +154,10 @@ subroutine loop_open(plan_address, record_address, address)
       atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], rtol=record%rtol, &
       in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
       max_step=record%max_step)
+    if (problem%adaptive) then
+      run%frame%blocks%action%rtol = record%rtol
+      run%frame%blocks%action%atol = minval(atol)
+    end if
     if (record%functions > 0) call set_events(run)
   end associate
   call begin_run(run, memory)

@@ -7,6 +7,7 @@
 ! entries), imaginary, or complex; a complex number is stored as its real and its imaginary part.
 module linear_action_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   implicit none
   private
@@ -30,14 +31,21 @@ module linear_action_m
     integer, allocatable :: row(:, :)        ! (n + 1, generators) the terms where rows begin
     integer, allocatable :: term_column(:)   ! (terms)
     real(wp), allocatable :: norm(:)         ! (generators) bounds, as `combine` has them
+    ! tolerances of the point, zero if steps are fixed
+    real(wp) :: rtol = 0.0_wp, atol = 0.0_wp
   end type linear_action_t
 
   ! Norms of the parts into which an exponent is divided. Terms of Taylor polynomials lose less than
   ! a digit to cancellation, those of Chebyshev polynomials none.
-  real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp, polynomial_norm = 4.0_wp
+  real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp, polynomial_norm = 6.0_wp
   real(wp), parameter :: max_parts = 1e7_wp
-  real(wp), parameter :: roundings = 16 * epsilon(1.0_wp)
+  real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
+  real(wp), parameter :: truncation = 0.1_wp           ! of Taylor polynomials, in tolerances
   integer, parameter :: max_terms = 200
+
+  ! Products of linear combinations of generators with points, for benchmarks; some are missing if
+  ! several threads count.
+  integer(int64), public :: products = 0
 
 contains
 
@@ -110,31 +118,52 @@ contains
   end subroutine separate_generators
 
   ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
-  ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose less than two digits to
-  ! cancellation: with y' = sum_m t^(m - 1) D_m y in a part, its coefficients are
-  !     y_(k + 1) = sum_m D_m y_(k + 1 - m) / (k + 1),
-  ! so that one product of each G_i with each y_k is enough. They are bounded by the same recursion
-  ! with norms in place of matrices.
+  ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose few digits to
+  ! cancellation. Skew-Hermitian matrices preserve the norm of y, as the polynomials do to their
+  ! tolerance only.
   subroutine move_polynomially(action, v, y)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
     real(wp), intent(inout) :: y(:)          ! (point_size)
-    real(wp) :: d(size(v, 1), size(v, 2)), norm
+    real(wp) :: d(size(v, 1), size(v, 2)), norm, length
     integer :: i, part, parts
 
+    length = norm2(y)
     norm = dot_product(sum(abs(v), dim=2), action%norm) / polynomial_norm
     if (.not. norm <= max_parts) then
       y = ieee_value(y, ieee_quiet_nan)
       return
     end if
     parts = max(1, ceiling(norm))
+    do while (max(bound(1), bound(parts)) > 1.5_wp * polynomial_norm)
+      parts = parts + (parts + 1) / 2
+    end do
     do part = 1, parts
-      d = shifted(v, 2 * real(part - 1, wp) / parts - 1, 2.0_wp / parts) / parts
+      d = coefficients(part)
       do i = 1, size(d, 1)                   ! rounding errors, such as those of constants
         where (abs(d(i, :)) <= roundings * maxval(abs(d(i, :)))) d(i, :) = 0.0_wp
       end do
       call apply_polynomial(action, d, y)
     end do
+    if (action%skew .and. length > 0) y = y * (length / norm2(y))
+
+  contains
+
+    ! The coefficients in a part, by powers of its own time from 0 to 1
+    pure function coefficients(part)
+      integer, intent(in) :: part
+      real(wp) :: coefficients(size(v, 1), size(v, 2))
+
+      coefficients = shifted(v, 2 * real(part - 1, wp) / parts - 1, 2.0_wp / parts) / parts
+    end function coefficients
+
+    ! The sum of their norms, largest at an end of the step
+    pure real(wp) function bound(part)
+      integer, intent(in) :: part
+
+      bound = dot_product(sum(abs(coefficients(part)), dim=2), action%norm)
+    end function bound
+
   end subroutine move_polynomially
 
   ! The coefficients of a polynomial in t, of which v has those in s = start + slope t
@@ -154,43 +183,64 @@ contains
     end do
   end function shifted
 
-  ! Applies one Taylor polynomial.
+  ! Applies a Taylor polynomial. With y' = sum_m t^(m - 1) D_m y its coefficients are
+  !     y_k = sum_i G_i sum_m d(i, m) y_(k - m) / k,
+  ! one product of each generator. It ends when the next terms, as many as lead to all later ones,
+  ! are negligible by bounds of their norms.
   subroutine apply_polynomial(action, d, y)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: d(:, :)          ! (generators, degree + 1)
     real(wp), intent(inout) :: y(action%point_size)
-    real(wp) :: term(size(y)), product(size(y)), sums(size(y), 0:size(d, 2) - 1)
-    real(wp) :: sizes(size(d, 2)), bound(0:size(d, 2) - 1), negligible
+    real(wp) :: terms(size(y), size(d, 2))   ! y_k in column 1 + modulo(k, degree + 1)
+    real(wp) :: argument(size(y)), product(size(y)), term(size(y))
+    real(wp) :: norms(size(d, 2))            ! of y_k, y_(k - 1), ...
+    real(wp) :: bounds(size(d, 2)), start, tolerance
     integer :: i, k, m, n
 
     n = size(d, 2)
-    sizes = matmul(action%norm, abs(d))
-    negligible = epsilon(1.0_wp) / 8
-    if (.not. action%skew) negligible = negligible * exp(-sum(sizes))
-    term = y
-    sums = 0.0_wp                            ! column modulo(k, n) becomes k y_k
-    bound = 0.0_wp
-    bound(0) = 1.0_wp
+    bounds = matmul(action%norm, abs(d))
+    terms(:, 1) = y
+    norms = 0.0_wp
+    norms(1) = maxval(abs(y))
+    start = norms(1) * epsilon(y) / 8
+    tolerance = truncation * (action%atol + action%rtol * norm2(y) / sqrt(real(action%n, wp)))
     do k = 1, max_terms
+      term = 0.0_wp
       do i = 1, action%generators
-        if (.not. any(abs(d(i, :)) > 0)) cycle
-        call multiply(action, action%row(:, i), action%term_column, action%value, term, product)
-        do m = 1, n
-          if (abs(d(i, m)) > 0) then
-            associate (sum_of => sums(:, modulo(k + m - 1, n)))
-              sum_of = sum_of + d(i, m) * product
-            end associate
-          end if
+        argument = 0.0_wp
+        do m = 1, min(k, n)
+          if (abs(d(i, m)) * norms(m) * action%norm(i) > truncation * max(start, tolerance)) &
+            argument = argument + d(i, m) * terms(:, 1 + modulo(k - m, n))
         end do
+        if (.not. any(abs(d(i, :)) > 0)) cycle
+        call multiply(action, action%row(:, i), action%term_column, action%value, argument, product)
+        term = term + product
       end do
-      term = sums(:, modulo(k, n)) / real(k, wp)
-      sums(:, modulo(k, n)) = 0.0_wp
+      term = term / real(k, wp)
+      terms(:, 1 + modulo(k, n)) = term
       y = y + term
-      ! bounds of y_(k - 1), y_(k - 2), ... come first
-      bound = [dot_product(sizes, bound) / k, bound(:n - 2)]
-      if (all(bound <= negligible)) exit
+      norms = [maxval(abs(term)), norms(:n - 1)]
+      if (norms(1) > max(tolerance, start)) cycle
+      if (rest(bounds, norms, k) <= max(tolerance, min(start, maxval(abs(y)) * epsilon(y) / 8))) exit
     end do
+    products = products + min(k, max_terms)
   end subroutine apply_polynomial
+
+  ! A bound of the sum of the norms of the terms after y_k, as many as have coefficients of their own
+  pure real(wp) function rest(bounds, norms, k)
+    real(wp), intent(in) :: bounds(:)        ! (degree + 1) of the norms of D_m
+    real(wp), intent(in) :: norms(:)         ! (degree + 1) of y_k, y_(k - 1), ...
+    integer, intent(in) :: k
+    real(wp) :: last(size(norms))
+    integer :: j
+
+    last = norms
+    rest = 0.0_wp
+    do j = 1, size(norms)
+      last = [dot_product(bounds, last) / (k + j), last(:size(last) - 1)]
+      rest = rest + last(1)
+    end do
+  end function rest
 
   ! Moves y along flows, the first one first; y is NaN if the norm of an exponent is too large.
   subroutine move_linearly(action, v, y)
@@ -274,6 +324,7 @@ contains
     integer :: k, last
 
     call bessel_functions(norm, bessel, last)
+    products = products + last
     allocate (old(size(y)), now(size(y)), next(size(y)))
     old = y
     call multiply(action, action%first, action%column, x, y, now)
@@ -337,6 +388,7 @@ contains
       y = y + term
       bound = bound * norm / real(k + 1, wp)
     end do
+    products = products + k
   end subroutine apply_taylor
 
   ! Computes the product of a matrix with y.

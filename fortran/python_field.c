@@ -1,10 +1,10 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
  * The user data is a tuple
- *   (f, args, shape, dtype number, result shape, check, spare)
+ *   (f, args, shape, dtype number, result shape, check, spare, of time)
  * of the function, its further arguments, the shape of its points, the type of their entries, the
  * shape of its coefficients, a function check(value, t, y) that returns them as an array, or raises
- * what is wrong with them, and a list of one entry.  The check is called for all but the plainest
+ * what is wrong with them, a list of one entry, and whether f takes no point.  The check is called for all but the plainest
  * results.  In the list is the array that f was given last, or None: if nobody else has kept it,
  * the next point goes into it.
  */
@@ -15,7 +15,7 @@
 #include "fortranobject.h"
 #include "shared_numbers.h"
 
-enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE };
+enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, OF_TIME };
 
 /* Whether an array has a shape, given as a tuple */
 static int has_shape(PyArrayObject *array, PyObject *shape)
@@ -87,13 +87,16 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
         return PyErr_NoMemory();
     }
     arguments[0] = NULL; /* the function may use this place during the call */
-    arguments[1] = time;
-    arguments[2] = point;
+    Py_ssize_t given = 0;
+    arguments[++given] = time;
+    if (PyTuple_GET_ITEM(context, OF_TIME) != Py_True) {
+        arguments[++given] = point;
+    }
     for (Py_ssize_t i = 0; i < count; i++) {
-        arguments[3 + i] = PyTuple_GET_ITEM(extra, i);
+        arguments[++given] = PyTuple_GET_ITEM(extra, i);
     }
     PyObject *value = PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
-                                          (size_t)(2 + count) | PY_VECTORCALL_ARGUMENTS_OFFSET,
+                                          (size_t)given | PY_VECTORCALL_ARGUMENTS_OFFSET,
                                           NULL);
     PyMem_Free(arguments);
     return value;

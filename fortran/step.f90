@@ -103,7 +103,8 @@ contains
         call advance_register(problem, trajectory)
       else
         x%f(:, x%stage) = x%received
-        if (x%stage == method%final_stage) then
+        if (x%stage == method%final_stage .or. (problem%of_time .and. &
+                                                .not. abs(method%c(x%stage) - 1) > 0)) then
           x%end_slope(:) = x%received
           x%end_known = .true.
         end if
@@ -298,7 +299,9 @@ contains
         if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
-        errors(i) = norm(tolerances, x%work, x%scale)
+        associate (estimate => errors(1 + 2 * (i - 1) / size(method%error, 2)))
+          estimate = hypot(estimate, norm(tolerances, x%work, x%scale))
+        end associate
       end do
       ratio = 1.0_wp
       if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &

@@ -38,14 +38,15 @@ class LinearAction(UserFrame):
     and purely imaginary generators take half the time of complex ones.
 
     `cg.solve_linear` takes one flow per step, along the polynomial in time that interpolates the
-    coefficients at the nodes of the Magnus method. With
-    :math:`y' = \sum_m t^m D_m y`, :math:`D_m = \sum_i d_{mi} G_i`, the coefficients of its Taylor
-    polynomial are
+    coefficients at the nodes of the method, nine by default. With :math:`y' = \sum_m t^m D_m y`,
+    :math:`D_m = \sum_i d_{mi} G_i`, the coefficients of its Taylor polynomial are
 
-    .. math:: y_{k+1} = \frac{1}{k + 1} \sum_m D_m y_{k-m} ,
+    .. math:: y_{k+1} = \frac{1}{k + 1} \sum_i G_i \sum_m d_{mi}\, y_{k-m} .
 
-    which takes one product of each generator with each :math:`y_k`, where a product of exponentials
-    takes one for each term of each exponential. The step is divided where norms are above four.
+    Each takes one product of each generator, where a product of exponentials takes one for each
+    term of each exponential. The step is divided where norms are above six; terms far below the
+    tolerance are left out. The norm of the vector is then restored if all generators are
+    skew-Hermitian. Linear invariants, such as the trace of a density matrix, are kept to rounding.
 
     Parameters
     ----------

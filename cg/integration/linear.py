@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from numbers import Real
+from functools import cache
 from typing import Any, Unpack
 
+import numpy as np
+from numpy.polynomial import Legendre
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
+from cg.frames.linear_action import LinearAction
 from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
 from cg.integration.ivp import solve_ivp
@@ -18,10 +21,11 @@ from cg.integration.options import Options, expand_options
 from cg.integration.results import Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
+from cg.method.magnus import MagnusMethod
 from cg.support.checks import check_flag
 
-_LOOSE = 1e-7  # from here on the second default needs fewer evaluations on the benchmarks
-_DEFAULTS = "CFM6(4)b", "CFM8(4)"
+_DEFAULT = "CFM8(4)"  # within 20 % of the fewest evaluations and the least time on the benchmarks
+_NODES = 9  # of interpolation on LinearAction; more of them save few evaluations and no products
 
 
 @expand_options
@@ -41,7 +45,7 @@ def solve_linear(
     with controls. Commutator-free Magnus methods take a step of order six with four or six flows,
     and of order eight with eight, where commutator-free Runge–Kutta methods of the catalogue need
     at least 13 and 39. On `cg.frames.LinearAction` a step is one flow, along the polynomial that
-    interpolates the coefficients at the nodes.
+    interpolates the coefficients at the nodes of the method.
 
     Parameters
     ----------
@@ -51,13 +55,14 @@ def solve_linear(
     t_span, y0, frame
         As for `cg.solve_ivp`.
     method : str or Method, optional
-        A name in ``cg.catalogue.magnus``, or a `cg.MagnusMethod`. By default ``"CFM6(4)b"``, and
-        ``"CFM8(4)"`` below a relative tolerance of 1e-7. Other methods take the steps of
-        `cg.solve_ivp`; if ``a`` is in Python without computing points of stages, so that those of
-        Munthe-Kaas need one flow per step.
+        A name in ``cg.catalogue.magnus``, or a `cg.MagnusMethod`. By default ``"CFM8(4)"``, on
+        `cg.frames.LinearAction` the nine nodes of Lobatto's formula. Other methods take the steps
+        of `cg.solve_ivp` without computing points of stages, so that those of Munthe-Kaas need one
+        flow per step.
     h, rtol, atol, t_eval, dense_output, events, breakpoints, max_step, first_step, max_steps
         As for `cg.solve_ivp`. Steps are chosen by the differences from two results of lower order,
-        or are all of size ``h``.
+        on `cg.frames.LinearAction` by the last coefficients of the interpolating polynomial, or
+        are all of size ``h``.
     args, parameters, progress
         As for `cg.solve_ivp`.
     vectorized : bool, optional
@@ -88,27 +93,40 @@ def solve_linear(
     >>> run.success, abs(run.y[-1][1, 0]).round(8)
     (True, np.float64(0.70710678))
     """
-    f: Any = compiled_rhs(a, "a")
+    compiled = compiled_rhs(a, "a")
     vectorized = check_flag("vectorized", vectorized)
     args = check_args(options.get("args"))
     options["args"] = args
-    if f is None:
-        f = TimeFunction(_checked(a, args, options.get("parameters")), vectorized)
+    if compiled is None:
+        _check_callable(a, args, options.get("parameters"))
     elif vectorized:
         raise ValueError("vectorized must be False for a compiled a, which takes one time")
-    method, rtol = options.get("method", AUTO), options.get("rtol")
+    method = options.get("method", AUTO)
     if isinstance(method, str) and method == AUTO:
-        options["method"] = _DEFAULTS[isinstance(rtol, Real) and rtol < _LOOSE]
+        options["method"] = _lobatto() if isinstance(frame, LinearAction) else _DEFAULT
+    f: Any = compiled or a
     try:
-        return solve_ivp(f, t_span, y0, frame=frame, progress=progress, **options)
+        return solve_ivp(
+            TimeFunction(f, vectorized), t_span, y0, frame=frame, progress=progress, **options
+        )
     except (TypeError, ValueError) as error:
         if str(error).startswith("f must "):
             raise type(error)(f"a{str(error)[1:]}") from None
         raise
 
 
-def _checked(a: Any, args: tuple[Any, ...], parameters: Any) -> Callable[..., ArrayLike]:
-    """Return ``a``; TypeError unless it takes a time with the further arguments."""
+@cache
+def _lobatto() -> MagnusMethod:
+    """Return the method whose only flow has the nodes and weights of Lobatto's formula."""
+    legendre = Legendre.basis(_NODES - 1)
+    x = np.array([-1.0, *legendre.deriv().roots(), 1.0])
+    weights = 1 / (_NODES * (_NODES - 1) * legendre(x) ** 2)
+    nodes, flow = ([f"{number:.16f}" for number in row] for row in ((x + 1) / 2, weights))
+    return MagnusMethod(nodes, [flow], name="Lobatto's formula")
+
+
+def _check_callable(a: Any, args: tuple[Any, ...], parameters: Any) -> None:
+    """Raise TypeError unless ``a`` takes a time with the further arguments."""
     names = ["t", *(f"args[{k}]" for k in range(len(args)))]
     names += ["parameters"] * (parameters is not None)
     call = f"a({', '.join(names)})"
@@ -117,7 +135,7 @@ def _checked(a: Any, args: tuple[Any, ...], parameters: Any) -> Callable[..., Ar
     try:
         signature = inspect.signature(a)
     except ValueError:  # some functions that are not Python's have none
-        return a  # type: ignore[no-any-return]
+        return
     try:
         signature.bind(*names)
     except TypeError:
@@ -125,4 +143,3 @@ def _checked(a: Any, args: tuple[Any, ...], parameters: Any) -> Callable[..., Ar
             f"a must be callable as {call}, got a function of {signature}; coefficients that "
             "depend on the point need cg.solve_ivp"
         ) from None
-    return a  # type: ignore[no-any-return]

@@ -42,8 +42,6 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.warnings import check_order, check_pair
 from cg.support.checks import check_flag
 
-_OF_TIME = (TimeFunction, CompiledRhs)  # `cg.solve_linear` passes these
-
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -184,12 +182,13 @@ def make_control(plan: Plan, options: Options, span: float) -> Control:
         if size > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
         return Control(h=size)
-    if method.embedded_order is None:
+    if not plan.exponent:
         raise ValueError(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
             "which has no embedded weights"
         )
-    check_pair(method, stacklevel=4)
+    if method.embedded_order is not None:
+        check_pair(method, stacklevel=4)
     tolerances = check_atol(atol)
     if tolerances.shape not in ((), plan.tolerance_shape):
         raise ValueError(
@@ -207,8 +206,8 @@ def _check_of_time(rhs: CompiledRhs, t: float, point: Points) -> None:
     nowhere = np.full_like(point, np.nan)
     if not np.array_equal(rhs.at_member(0, t, point), rhs.at_member(0, t, nowhere)):
         raise ValueError(
-            "f must not read its point: Magnus methods solve equations whose coefficients depend "
-            f"on time alone, got other coefficients for a point of NaN at t = {t:.17g}"
+            "f must not read its point, since the coefficients of a linear equation depend on "
+            f"time alone, got other coefficients for a point of NaN at t = {t:.17g}"
         )
 
 
@@ -217,7 +216,7 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
     if isinstance(method, str) and method == AUTO:
         method = choose_method(frame, rtol)
     chosen = resolve_method(method)
-    if isinstance(chosen, MagnusMethod) and not isinstance(f, _OF_TIME):
+    if isinstance(chosen, MagnusMethod) and not isinstance(f, TimeFunction):
         raise ValueError(
             f"method must be for nonlinear equations, got {chosen!r}, which is for cg.solve_linear"
         )
@@ -255,7 +254,7 @@ def make_problem(
     jacobian = None
     if jac is not None:
         jacobian = jacobian_of(jac, f, frame, chosen, rhs, start, points[0])
-    if isinstance(chosen, MagnusMethod) and isinstance(rhs, CompiledRhs):
+    if isinstance(f, TimeFunction) and isinstance(rhs, CompiledRhs):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(given["breakpoints"], start, stop)
     control = make_control(plan, given, abs(stop - start))

@@ -181,9 +181,10 @@ class TestStagesWithoutPoints:
         other = cg.solve_ivp(
             lambda t, y: self.a(t), (0, 2), np.eye(3), frame=SO3(), method=method, **options
         )
-        np.testing.assert_array_equal(linear.t, other.t)
-        np.testing.assert_array_equal(linear.y, other.y)
-        assert linear.nfev == other.nfev
+        np.testing.assert_allclose(linear.t, other.t, rtol=1e-11)
+        np.testing.assert_allclose(linear.y, other.y, rtol=0, atol=1e-11)
+        # a stage at the end of the step begins the next one, wherever its point is
+        assert linear.nfev <= other.nfev
         assert linear.nexp <= other.nexp
 
     @pytest.mark.parametrize("vectorized", [False, True])
@@ -368,3 +369,5 @@ def test_a_compiled_function_that_reads_its_point_is_refused(tmp_path, reads):
     same = cg.solve_linear(lambda t: [t, 1.0, 2 * t], (0, 1), np.eye(3), frame=SO3(), rtol=1e-9,
                            atol=1e-9)  # fmt: skip
     np.testing.assert_array_equal(solve().y, same.y)
+    kaas = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="RKMK5(4)", h=0.1)
+    assert kaas.nexp == kaas.steps  # points of stages are not computed

@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import cg
+from cg import _core_r64
 from cg.catalogue import magnus
 from cg.frames import LinearAction
 
@@ -116,6 +117,66 @@ class TestPolynomialFlows:
             errors.append(np.abs(run.y[-1] - exact).max())
             assert run.nexp == n
         assert order - 0.5 < np.log2(errors[0] / errors[1]) < order + 1
+
+    def test_the_default_has_order_sixteen(self):
+        generators = 0.5 * self.DENSE
+        exact = self.exact(generators, np.ones(5), 2.0)
+        frame, errors = LinearAction(generators), []
+        for n in (2, 4):
+            run = cg.solve_linear(self.a, (0, 2), np.ones(5), frame=frame, h=2 / n)
+            errors.append(np.abs(run.y[-1] - exact).max())
+            assert (run.nfev, run.nexp) == (8 * n + 1, n)
+        assert errors[0] < 1e-4
+        assert np.log2(errors[0] / errors[1]) > 13
+
+    @pytest.mark.parametrize("phase", [0.0, 0.5, 1.0, 1.5])
+    @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
+    def test_errors_are_below_the_tolerances(self, phase, tolerance):
+        # coefficients of Legendre's polynomials of one parity vanish at some phases
+        def a(t):
+            return [1.0, np.cos(3 * t + phase)]
+
+        frame, y0 = LinearAction(self.DENSE - self.DENSE.mT), np.eye(5)[0]
+        exact = cg.solve_linear(a, (0, 5), y0, frame=frame, h=0.05).y[-1]
+        run = cg.solve_linear(a, (0, 5), y0, frame=frame, rtol=tolerance, atol=tolerance)
+        assert 1e-3 * tolerance < np.abs(run.y[-1] - exact).max() < tolerance
+
+    @pytest.mark.parametrize("tolerance", [1e-3, 1e-9])
+    def test_norms_and_traces_are_kept_to_rounding(self, tolerance):
+        frame = LinearAction([1j * (g + g.T) for g in self.DENSE])
+        run = cg.solve_linear(
+            self.a, (0, 5), np.eye(5)[0], frame=frame, rtol=tolerance, atol=tolerance
+        )
+        np.testing.assert_allclose(np.linalg.norm(run.y, axis=1), 1.0, rtol=0, atol=1e-13)
+        stochastic = [g - np.diag(g.sum(axis=0)) for g in abs(self.DENSE)]
+        frame = LinearAction(stochastic)
+        run = cg.solve_linear(
+            self.a, (0, 5), np.eye(5)[0], frame=frame, rtol=tolerance, atol=tolerance
+        )
+        np.testing.assert_allclose(run.y.sum(axis=1), 1.0, rtol=0, atol=1e-12)
+
+    def test_few_products_suffice(self):
+        generators = self.DENSE - self.DENSE.mT
+        counts = []
+        for tolerance in (1e-4, 1e-12):
+            before = _core_r64.linear_products()
+            cg.solve_linear(
+                lambda t: [1.0, 0.5], (0, 20), np.ones(5), frame=LinearAction(generators),
+                rtol=tolerance, atol=tolerance,
+            )  # fmt: skip
+            counts.append(_core_r64.linear_products() - before)
+        norm = 20 * np.linalg.norm(generators[0] + 0.5 * generators[1], 2)
+        assert counts[0] < counts[1] < 12 * norm
+        assert counts[0] < 6 * norm
+
+    @pytest.mark.parametrize("scale", [1.0, 10.0])
+    def test_steps_whose_coefficients_vary_most_at_their_ends(self, scale):
+        frame = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]])
+        run = cg.solve_linear(
+            lambda t: [scale * (2 * t - 1) ** 8], (0, 1), [1.0, 0.0], frame=frame, h=1.0
+        )
+        exact = [np.cos(scale / 9), -np.sin(scale / 9)]
+        np.testing.assert_allclose(run.y[-1], exact, rtol=0, atol=1e-14)
 
     @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
     @pytest.mark.parametrize("skew", [False, True])

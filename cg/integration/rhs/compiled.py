@@ -12,7 +12,7 @@ from scipy import LowLevelCallable
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.support.capsules import address_in, context_of
 
 SIGNATURE = "int (double, double *, double *, void *)"
@@ -166,6 +166,8 @@ def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
     ValueError
         If ``f`` is compiled but has another signature.
     """
+    if isinstance(f, TimeFunction):
+        f = f.a
     if isinstance(f, CompiledRhs):
         return f
     if isinstance(f, CompiledFunction):

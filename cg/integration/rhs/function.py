@@ -98,13 +98,14 @@ Function = Callable[..., Any] | CompiledFunction | LowLevelCallable[Any, Any]
 class TimeFunction:
     """A function ``a(t, *args)`` of time as a right-hand side, which gets a point as well.
 
-    If ``vectorized`` it takes times of shape ``(k,)`` and returns shape ``(k, dim)``.
+    If ``vectorized`` it takes times of shape ``(k,)`` and returns shape ``(k, dim)``. It is a
+    `CompiledRhs` that doesn't read its point if it is compiled.
     """
 
-    def __init__(self, a: Callable[..., ArrayLike], vectorized: bool = False) -> None:
-        self._a = a
+    def __init__(self, a: Callable[..., Any], vectorized: bool = False) -> None:
+        self.a = a
         self.vectorized = vectorized
 
-    def __call__(self, t: float, y: Any, *args: Any) -> ArrayLike:
+    def __call__(self, t: float, y: Any, *args: Any) -> Any:
         """Return the coefficients at a time."""
-        return self._a(t, *args)
+        return self.a(t, *args)

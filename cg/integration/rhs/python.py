@@ -98,12 +98,14 @@ class PythonRhs:
     def set_args(self, args: tuple[Any, ...]) -> None:
         """Replace the further arguments."""
         self.args = args
-        frame = self.frame
-        rest = frame.point_shape, frame.dtype.num, (frame.dim,), self.check, self._spare
+        frame, of_time = self.frame, isinstance(self.f, TimeFunction)
+        f = self.f.a if isinstance(self.f, TimeFunction) else self.f
+        point = frame.point_shape, frame.dtype.num
+        rest = *point, (frame.dim,), self.check, self._spare, of_time
         if self.parameters is None or self.vectorized:
-            self._contexts = [(self.f, args, *rest)]
+            self._contexts = [(f, args, *rest)]
         else:
-            self._contexts = [(self.f, (*args, row), *rest) for row in self.parameters]
+            self._contexts = [(f, (*args, row), *rest) for row in self.parameters]
             self._pointers = np.array([id(context) for context in self._contexts])
 
     def arguments(self, member: int) -> tuple[Any, ...]:

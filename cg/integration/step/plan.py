@@ -53,7 +53,7 @@ class Plan:
     series
         Order up to which the series of dexp⁻¹ is needed.
     exponent
-        Power of an error that a step is proportional to.
+        Power of an error that a step is proportional to; 0 without an estimate of the error.
     """
 
     def __init__(self, frame: Frame, method: Method) -> None:
