@@ -3,7 +3,7 @@
 
 ! Makes a plan from a frame and a method.
 subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, &
-                     stages, c, implicit_stages, address)
+                     stages, c, address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
   use frames_m, only: make_frame
   use kinds, only: wp
@@ -15,14 +15,12 @@ subroutine plan_open(blocks, description, numbers, constants, integers, list, te
   real(wp), intent(in) :: constants(numbers)
   integer, intent(in) :: list(integers)
   real(wp), intent(in) :: weight(terms), c(stages)
-  logical, intent(in) :: implicit_stages
   integer(c_intptr_t), intent(out) :: address
   type(plan_t), pointer :: plan
 
   allocate (plan)
   call make_frame(description, constants, plan%frame)
   call make_method(list, weight, c, plan%method)
-  plan%method%implicit = implicit_stages
   address = at_address(c_loc(plan))
 end subroutine plan_open
 
@@ -131,7 +129,7 @@ subroutine loop_open(plan_address, record_address, address)
     problem%of_time = record%of_time /= 0
     problem%free = record%free /= 0
     problem%has_jacobian = record%jacobian > 0
-    problem%sparse = record%jacobian == 2
+    problem%dense = record%jacobian < 2
     call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
     problem%stops = stops
     problem%adaptive = .not. record%h > 0
@@ -258,7 +256,7 @@ end subroutine loop_interpolate
 subroutine loop_state(address, write, n, m, columns, members, reals, integers, points, slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
   use kinds, only: wp
-  use collocation_m, only: refactor
+  use implicit_m, only: refactor
   use run_m, only: run_at, run_t
   use saved_state_m, only: load_state, save_state
   implicit none

@@ -3,7 +3,7 @@
 module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv, remove_isotropy
-  use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
+  use implicit_m, only: converges_fast, correct_stages, keep_step, prepare_iteration
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size
   use error_norm_m, only: norm, point_difference, scales, tangent
   use frames_m, only: apply_flows, flow_along, restore
@@ -14,7 +14,7 @@ module step_m
   use trajectory_m, only: copy, fail, finite, problem_t, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
-                            stages_not_solved, stages_operation, step_too_long
+                            step_too_long
   implicit none
   private
   public :: store_error, store_stage, finish_step, accept_or_reject, request_stage
@@ -29,14 +29,11 @@ contains
     integer :: path
 
     associate (x => trajectory, method => problem%method)
-      if (method%implicit) then
-        call solve_stages(problem, trajectory)
-        return
-      else if (method%collocation) then
-        call request_collocation(problem, trajectory)
-        return
+      if (method%implicit .and. x%newton%iteration == 0) then
+        call prepare_iteration(problem, trajectory)
+        if (x%newton%iteration == 0) return            ! for a Jacobian, or failed
       end if
-      if (x%stage == 1 .and. .not. abs(method%c(1)) > 0) then
+      if (x%stage == 1 .and. method%stage_path(1) == 0 .and. .not. abs(method%c(1)) > 0) then
         x%f(:, 1) = x%slope
         if (method%two_registers) then
           x%y(:, 1) = x%y(:, 0)
@@ -48,13 +45,20 @@ contains
         x%phase = phase_finish_step
         return
       end if
-      if (problem%of_time .and. .not. associated(problem%field)) then
+      if (problem%of_time .and. .not. (method%implicit .or. associated(problem%field))) then
         call evaluate_nodes(problem, trajectory)
         return
       end if
       path = merge(1, method%stage_path(x%stage), method%two_registers)
       if (problem%of_time) path = 0
-      if (.not. method%two_registers) call follow_paths(problem, trajectory, path)
+      if (method%collocation) then
+        path = x%result
+        call copy(problem%frame%point_size, x%y(:, 0), x%y(:, path))
+        call flow_along(problem%frame, x%newton%z(:, x%stage - 1), x%y(:, path))
+        x%nexp = x%nexp + 1
+      else if (.not. method%two_registers) then
+        call follow_paths(problem, trajectory, path)
+      end if
       call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), &
                    phase_stage_received)
     end associate
@@ -94,21 +98,23 @@ contains
     logical :: exists
 
     associate (x => trajectory, method => problem%method)
-      if (method%collocation) then
-        call store_collocation(problem, trajectory)
-        return
-      end if
       if (method%two_registers) then
         x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%received
         call advance_register(problem, trajectory)
       else
-        x%f(:, x%stage) = x%received
+        if (method%implicit .and. .not. method%collocation) then
+          x%newton%z(:, x%stage) = x%received - x%f(:, x%stage)
+        else
+          x%f(:, x%stage) = x%received
+        end if
         if (x%stage == method%final_stage) then
           x%end_slope(:) = x%received
           x%end_known = .true.
         end if
-        if (method%on_algebra .and. method%stage_path(x%stage) > 0) then
-          if (x%path_of_u /= method%stage_path(x%stage)) then
+        if (method%on_algebra .and. (method%collocation .or. method%stage_path(x%stage) > 0)) then
+          if (method%collocation) then
+            x%u = x%newton%z(:, x%stage - 1)
+          else if (x%path_of_u /= method%stage_path(x%stage)) then
             call combine_coordinates(method, method%stage_path(x%stage), trajectory)
           end if
           call dexpinv(problem%frame, method%series, x%u, x%f(:, x%stage), exists)
@@ -120,6 +126,7 @@ contains
       end if
       x%stage = x%stage + 1
       x%phase = phase_next_stage
+      if (method%implicit .and. x%stage > size(method%c)) call correct_stages(problem, trajectory)
     end associate
   end subroutine store_stage
 
@@ -180,32 +187,6 @@ contains
       x%nexp = x%nexp + 1
     end associate
   end subroutine advance_register
-
-  ! Solves the stage equations of an implicit method in Python. The answer is the coefficients at
-  ! all stages, then nfev, nexp, njev, nlu, and 0 if they were solved.
-  subroutine solve_stages(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: answer(size(trajectory%f) + 5)
-
-    answer = -1.0_wp                                   ! stays so if Python raised an exception
-    associate (x => trajectory, n => size(trajectory%f))
-      call problem%frame%callback%apply(stages_operation, &
-                                         [x%t, x%h, real(x%member - 1, wp), x%slope], x%y(:, 0), &
-                                         answer)
-      x%phase = phase_finish_step
-      if (.not. answer(n + 5) >= 0) then
-        call fail(x, raised, x%t)
-        return
-      end if
-      x%nfev = x%nfev + int(answer(n + 1), int64)
-      x%nexp = x%nexp + int(answer(n + 2), int64)
-      x%njev = x%njev + int(answer(n + 3), int64)
-      x%nlu = x%nlu + int(answer(n + 4), int64)
-      x%f = reshape(answer(:n), shape(x%f))
-      if (answer(n + 5) > 0) call reject_stage(problem, x, stages_not_solved, x%t)
-    end associate
-  end subroutine solve_stages
 
   ! Computes the results and estimates the error.
   subroutine finish_step(problem, trajectory)
@@ -354,7 +335,7 @@ contains
                                                                          x%unshortened_size)
         x%after_rejection = .false.
       end if
-      if (collocation) call keep_step(trajectory)
+      if (problem%method%implicit) call keep_step(trajectory)
     end associate
   end subroutine accept_or_reject
 

@@ -68,7 +68,7 @@ module trajectory_m
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: first_step = 0.0_wp          ! zero to choose it
     logical :: has_jacobian = .false.        ! whether Python evaluates it
-    logical :: sparse = .false.              ! whether Python keeps it and factors it
+    logical :: dense = .true.                ! whether it is stored as a matrix here
   end type problem_t
 
   type :: trajectory_t
@@ -112,7 +112,7 @@ module trajectory_m
     real(wp), allocatable :: f(:, :)
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
-    type(newton_t) :: newton                 ! of a collocation method
+    type(newton_t) :: newton                 ! of an implicit method
     real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
     real(wp) :: norms(3) = 0.0_wp            ! of point, slope and curvature, for the first size
@@ -156,8 +156,8 @@ contains
                 stat=memory)
       if (memory /= 0) return
       trajectory%flows = method%flows
-      if (method%collocation) then
-        call reserve(frame%dimension, problem%sparse, trajectory%newton, memory)
+      if (method%implicit) then
+        call reserve(frame%dimension, problem%dense, method%matrix, trajectory%newton, memory)
       end if
       if (memory /= 0) return
       n = 0

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from cg.integration.step import plan
-from cg.integration.step.implicit import ImplicitStages
 from cg.integration.step.paths import Path, paths_of
 
 
@@ -17,9 +16,3 @@ def reversed_paths(method):
 def reverse_flows(monkeypatch):
     monkeypatch.setattr(plan, "paths_of", reversed_paths)
     monkeypatch.setattr(plan, "_plans", lambda method: {})  # none is prepared yet
-    compose = ImplicitStages.compose
-    monkeypatch.setattr(
-        ImplicitStages,
-        "compose",
-        lambda self, row, fields, point, h: compose(self, row[::-1], fields, point, h),
-    )

@@ -1,5 +1,7 @@
 """Implicit methods: their stage equations, orders, invariants and failures."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ GAUSS = Tableau(
     ["1/2", "1/2"],
     name="Gauss",
 )
-KINDS = list(STAGE_SOLVERS)
+KINDS = STAGE_SOLVERS
 IMPLICIT = {name: m for name, m in cg.methods.items() if not m.explicit}
 METHODS = [MIDPOINT, TRAPEZOIDAL, BACKWARD_EULER, GAUSS, *IMPLICIT.values()]
 INERTIA = np.array([1.0, 2.0, 3.0])
@@ -60,15 +62,17 @@ def test_stages_solve_their_equations(method, kind):
 
     solution = cg.integrate(f, (t0, t0 + h), y0, frame=frame, method=method, h=h, stage_solver=kind)
     fields = []
-    for c in method.c:
-        at_stage = [y for t, y in calls if t == t0 + c * h]
-        fields.append(problem.f(t0 + c * h, at_stage[-1]))
+    points = []
     for row, c in zip(method.a, method.c, strict=True):
+        # the last evaluations at the start are differences
+        at_stage = [y for t, y in calls if t == t0 + c * h] if any(row) else [y0]
+        points.append(at_stage[-1])
+        fields.append(problem.f(t0 + c * h, at_stage[-1]))
+    for row, at_stage in zip(method.a, points, strict=True):
         point = y0
         for a, v in zip(row, fields, strict=True):
             point = frame.flow(h * a * v, point)
-        at_stage = [y for t, y in calls if t == t0 + c * h]
-        np.testing.assert_allclose(at_stage[-1], point, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(at_stage, point, rtol=0, atol=1e-13)
     point = y0
     for b, v in zip(method.b, fields, strict=True):
         point = frame.flow(h * b * v, point)
@@ -181,14 +185,30 @@ def test_ensembles_equal_loops(kind, vectorized):
             np.testing.assert_allclose(together.sol(0.7)[k], alone.sol(0.7), rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("method", [GAUSS, "DICG4"], ids=str)
+def test_copies_of_steppers_continue_alike(method, kind):
+    problem = StateDependentRotation()
+    options = {"frame": SO3(), "method": method, "h": 0.125, "stage_solver": kind}
+    one = cg.Stepper(problem.f, 0.0, problem.y0, 2.0, **options)
+    for _ in range(5):
+        one.step()
+    other = pickle.loads(pickle.dumps(one))
+    for _ in range(10):
+        one.step()
+        other.step()
+    np.testing.assert_array_equal(one.y, other.y)
+    assert (one.nfev, one.njev, one.nlu) == (other.nfev, other.njev, other.nlu)
+
+
 def test_newton_needs_fewer_evaluations_where_steps_are_large():
     y0 = BODY.join(np.eye(3), MOMENTUM)
     nfev = [
-        cg.solve_ivp(euler, (0, 20), y0, frame=BODY, method=MIDPOINT, h=0.5, stage_solver=kind).nfev
+        cg.solve_ivp(euler, (0, 20), y0, frame=BODY, method="DICG6", h=0.5, stage_solver=kind).nfev
         for kind in KINDS
     ]
     assert KINDS[0] == "newton"
-    assert nfev[0] < 0.8 * nfev[1]
+    assert nfev[0] < 0.6 * nfev[1]
 
 
 def test_newton_takes_steps_that_are_too_large_for_fixed_points():
@@ -201,7 +221,7 @@ def test_newton_takes_steps_that_are_too_large_for_fixed_points():
     options = {"frame": BODY, "method": BACKWARD_EULER, "h": 0.1}
     solution = cg.integrate(f, (0, 2), y0, **options)
     np.testing.assert_allclose(solution.y[-1, 9:], np.cos(2.0), atol=2e-3)
-    with pytest.raises(cg.ConvergenceError, match="diverges"):
+    with pytest.raises(cg.ConvergenceError, match="did not converge"):
         cg.integrate(f, (0, 2), y0, stage_solver="fixed-point", **options)
 
 
@@ -219,7 +239,7 @@ def test_message_of_failure():
     error = caught.value
     assert error.t == 0.5
     assert error.h == 0.25
-    assert 1 < error.iterations < STAGE_SOLVERS["fixed-point"]
+    assert 1 < error.iterations < 10
     assert error.residual > 1.0
     for part in (f"after {error.iterations} iterations", "h = 0.25", "t = 0.5", "residual is"):
         assert part in str(error)

@@ -36,9 +36,9 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: P
         case Stop.JUMPS_WITHOUT_PROGRESS:
             return no_progress(t)
         case Stop.STAGES_NOT_SOLVED:
-            return run.callbacks.last_error or ConvergenceError(
-                "it diverges", int(run.flag[member]), math.nan, t, run.record.step_size
-            )
+            iterations = int(run.flag[member])
+            residual = run.record.residual if iterations else math.nan
+            return ConvergenceError(iterations, residual, t, run.record.step_size)
         case Stop.SLOPE_NOT_FINITE:
             point = run.plan.points(run.end[member], ())
             return failure(stop, 0, t, run.rhs.at_member(member, t, point))

@@ -23,9 +23,8 @@ from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.callbacks import Callbacks
 from cg.integration.step.collocation import Jacobian
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ImplicitStages
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import Plan
-from cg.method.tableau import Tableau
 from cg.support.memory import reserved
 from cg.support.parallel import raise_if_stopped
 
@@ -109,12 +108,19 @@ class Run:
         self._lanes = lanes = min(lanes, members)
         self._functions = 0 if events is None else len(events)
         plan.detect_coordinates(points[0])
-        self.callbacks = self._callbacks(events, stage_solver, jacobian, lanes)
-        self.kept = plan.kept
-        sparse = jacobian is not None and jacobian.sparse
-        if plan.collocation:
-            self.kept += plan.method.stages - 1 + (0 if sparse else plan.frame.dim)
-        self.record = self._make_record(t0, len(stops), common, keep_last, jacobian)
+        self.callbacks = Callbacks(
+            plan, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.vectorized else None,
+            None if events is None else events.value, None if events is None else events.jump,
+            None if jacobian is None else jacobian.of(rhs), lanes,
+        )  # fmt: skip
+        self.kept = plan.kept + plan.collocation * (plan.method.stages - 1)
+        self.record = self._make_record(t0, len(stops), common, keep_last)
+        if jacobian is not None:
+            self.record.jacobian = 1 + jacobian.sparse
+        elif stage_solver == "fixed-point" and not plan.collocation:
+            self.record.jacobian = 2
+        if not plan.method.explicit and self.record.jacobian < 2:
+            self.kept += plan.frame.dim
         self.record.of_time = of_time
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []
@@ -134,17 +140,15 @@ class Run:
             self._share("event_table", events.rows)
         self._open(points[0])
 
-    def _make_record(
-        self, t0: float, segments: int, common: bool, keep_last: bool, jacobian: Jacobian | None
-    ) -> Record:
+    def _make_record(self, t0: float, segments: int, common: bool, keep_last: bool) -> Record:
         plan, control, output = self.plan, self.control, self.output
         in_entries = control.h is None and not plan.in_algebra
         function, data, stride = self.rhs.addresses()
         return Record(
             members=self.members, lanes=self._lanes, common=common, keep_last=keep_last, t0=t0,
-            segments=segments, jacobian=0 if jacobian is None else 1 + jacobian.sparse,
-            context=id(self.callbacks), function=function, vectorized=self.rhs.vectorized,
-            data=data, data_stride=stride, functions=self._functions,
+            segments=segments, context=id(self.callbacks), function=function,
+            vectorized=self.rhs.vectorized, data=data, data_stride=stride,
+            functions=self._functions,
             h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
             in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
             max_step=control.max_step, first_step=control.first_step or 0.0,
@@ -185,24 +189,6 @@ class Run:
         if array.size:  # much faster than array.ctypes
             setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
         return array
-
-    def _callbacks(
-        self,
-        events: EventTable | None,
-        stage_solver: str,
-        jacobian: Jacobian | None,
-        lanes: int,
-    ) -> Callbacks:
-        plan, rhs = self.plan, self.rhs
-        method = plan.method
-        stages = None
-        if isinstance(method, Tableau) and not method.explicit:
-            stages = ImplicitStages(rhs.at_member, plan.frame, method, stage_solver, lanes)
-        return Callbacks(
-            plan, stages, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.vectorized else None,
-            None if events is None else events.value, None if events is None else events.jump,
-            None if jacobian is None else jacobian.of(rhs), lanes,
-        )  # fmt: skip
 
     def _make_buffers(self, capacity: int) -> None:
         """Share arrays for the output of some number of steps."""
@@ -335,8 +321,6 @@ class Run:
     def replace_rhs(self, rhs: CompiledRhs | PythonRhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
         self.rhs = rhs
-        if self.callbacks.stages is not None:
-            self.callbacks.stages.rhs = rhs.at_member
         if self.callbacks.jacobian is not None:
             self.callbacks.jacobian = self.callbacks.jacobian.of(rhs)
         if isinstance(rhs, PythonRhs) and rhs.vectorized:

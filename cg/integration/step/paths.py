@@ -18,7 +18,6 @@ from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
-from cg.method.tableau import Tableau
 from cg.structure.points import START
 
 Flow = tuple[tuple[int, Fraction], ...]
@@ -73,7 +72,8 @@ class MethodPaths:
         Weights on the coefficients at stages of the combinations by which errors are estimated;
         none if results are compared.
     transformation
-        Of a collocation method, the numbers of `transformation`.
+        Of a collocation method, the numbers of `transformation`; of another implicit method,
+        the entries of A by columns.
     power
         The exponent of the quotient of two error estimates, see `error_power`.
     factor
@@ -138,8 +138,8 @@ class MethodPaths:
         the flows of each path begin, and where the terms of each flow begin; the stages of the
         terms; the paths to the stages and to the three results; the final stage; 1 if the method
         has two registers, 0 if not; the order of the series, the power of the quotient of error
-        estimates, the number of those that are combinations of coefficients, 1 for a
-        collocation method, and 1 for flows along polynomials.
+        estimates, the number of those that are combinations of coefficients, 1 for an implicit
+        method, and 1 for flows along polynomials.
         """
         flows = [flow for path in self.paths for flow in path.flows]
         terms = [stage + 1 for flow in flows for stage, _ in flow]
@@ -156,9 +156,7 @@ class MethodPaths:
 
 @cached
 def paths_of(method: Method) -> MethodPaths:
-    """Return the paths of a method; an implicit one has paths to its results only."""
-    if isinstance(method, Tableau) and not method.explicit:
-        return _implicit_paths(method)
+    """Return the paths of a method."""
     series = 0
     if isinstance(method, MuntheKaas) and not method.explicit:
         flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
@@ -171,18 +169,21 @@ def paths_of(method: Method) -> MethodPaths:
         method = method.advancing
         series = max(method.order, 1)
     errors = method.error_weights
-    result, embedded = method.result, method.embedded_result
+    tree = method.tree
+    result, embedded = tree.result, tree.embedded_result
     if embedded is not None and (method.embedded_order or 0) > method.order:
         result, embedded = embedded, result
     if errors:
         embedded = None
     builder = _Builder(method, {result} if embedded is None else {result, embedded})
-    stages = tuple(builder.path_to(point) for point in method.stage_points)
+    stages = tuple(builder.path_to(point) for point in tree.stage_points)
     result_path = builder.path_to(result)
     c = _abscissae(method)
     free = isinstance(method, MagnusMethod)  # stages depend on time alone
     final = [
-        k for k, path in enumerate(stages, 1) if (free or path == result_path > 0) and c[k - 1] == 1
+        k
+        for k, path in enumerate(stages, 1)
+        if method.explicit and (free or path == result_path > 0) and c[k - 1] == 1
     ]
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
     third, factor = 0, MethodPaths.factor
@@ -201,6 +202,7 @@ def paths_of(method: Method) -> MethodPaths:
         None if series or free else two_registers(method),
         series,
         errors,
+        () if method.explicit else tuple(chain(*zip(*method.exact[0], strict=True))),
         third=third,
         power=error_power(method),
         factor=factor,
@@ -254,24 +256,13 @@ def error_power(method: Method) -> int:
     return max((method.order - second) // (second - third), 1)
 
 
-def _implicit_paths(method: Tableau) -> MethodPaths:
-    """Return the paths to the results of an implicit method."""
-    rows = [row for row in (method.exact[1], method.exact_embedded) if row is not None]
-    if (method.embedded_order or 0) > method.order:
-        rows.reverse()
-    flows = [tuple(((k, w),) for k, w in enumerate(row) if w) for row in rows]
-    c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
-    paths = tuple(Path(0, path) for path in flows)
-    return MethodPaths(paths, (0,) * method.stages, 1, len(rows) - 1 and 2, 0, c)
-
-
 class _Builder:
     """Builds the paths, merging equal points and leaving out unused ones."""
 
     def __init__(self, method: Method, results: set[int]) -> None:
-        self.points = method.points
+        self.points = method.tree.points
         self.same = method.tree.merged
-        ends = {self.same[point] for point in results.union(method.stage_points)}
+        ends = {self.same[point] for point in results.union(method.tree.stage_points)}
         used: set[int] = set()
         pending = list(ends)
         while pending:
@@ -312,6 +303,6 @@ def _abscissae(method: Method) -> tuple[Fraction, ...]:
     if isinstance(method, MagnusMethod):
         return method.abscissae
     at = {START: Fraction(0)}
-    for i, point in enumerate(method.points):
+    for i, point in enumerate(method.tree.points):
         at[i] = at[point.parent] + sum(point.weights.values(), Fraction(0))
-    return tuple(at[point] for point in method.stage_points)
+    return tuple(at[point] for point in method.tree.stage_points)

@@ -1,64 +1,83 @@
-! The stages of a collocation method on a Lie algebra, by the iteration of newton_m. The first stage
-! is the start of the step, which only the error estimate uses; all others are implicit.
-module collocation_m
+! The stages of implicit methods, by the iterations of newton_m. The first stage of a collocation
+! method on a Lie algebra is the start of the step, which only the error estimate uses; all others
+! are implicit.
+module implicit_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use controller_m, only: max_iterations
   use coordinates_m, only: sizes
   use error_norm_m, only: norm, scales, tangent
-  use frames_m, only: flow_along
-  use newton_m, only: correction, derivatives, factor, filtered, predict
+  use frames_m, only: flow_along, frame_t
+  use method_m, only: method_t
+  use newton_m, only: correction, derivatives, factor, factor_blocks, newton_t, predict, &
+                      solve_blocks
   use requests_m, only: reject_stage, request
   use phases_m
   use trajectory_m, only: copy, fail, problem_t, trajectory_t
-  use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
+  use shared_numbers, only: jacobian_operation, raised, stages_not_solved
   implicit none
   private
-  public :: converges_fast, keep_step, refactor, request_collocation, store_collocation, store_column
+  public :: converges_fast, correct_stages, keep_step, prepare_iteration, refactor, store_column
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
   ! end it, and those below `noise` that no longer decrease, both relative to the point.
   real(wp), parameter :: rounding = 4 * epsilon(1.0_wp), noise = epsilon(1.0_wp)**0.6_wp
-  integer, parameter :: max_rounds = 50
+  integer, parameter :: max_rounds = 100
   ! A Jacobian is used again if the corrections with it decreased by this factor.
   real(wp), parameter :: fast_rate = 1e-3_wp
 
 contains
 
-  ! Requests the coefficients at the next stage, or first a column of the Jacobian.
-  subroutine request_collocation(problem, trajectory)
+  ! Starts the iteration of a step, or requests the first column of the Jacobian.
+  subroutine prepare_iteration(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     logical :: singular
 
     associate (x => trajectory, newton => trajectory%newton, method => problem%method)
-      if (newton%iteration == 0) then
-        newton%member = x%member
-        x%f(:, 1) = x%slope
+      newton%member = x%member
+      if (.not. newton%fixed_point) then
         if (.not. newton%has_jacobian) then
           call request_jacobian(problem, trajectory)
           return
         end if
         if (abs(x%h - newton%factored_h) > noise * abs(x%h)) then
-          call factor(problem%frame, method%transformation, x%h, newton, singular)
-          x%nlu = x%nlu + 2
+          call factor_matrices(problem%frame, method, x%h, newton, singular)
+          x%nlu = x%nlu + 1
+          if (method%collocation) x%nlu = x%nlu + 1
           if (singular) then
             call give_up(problem, trajectory)
             return
           end if
         end if
-        call predict(problem%frame, method%series, method%transformation, method%c(2:), x%h, newton)
-        newton%rate_factor = max(newton%rate_factor, epsilon(1.0_wp))**0.8_wp
-        newton%iteration = 1
-        x%stage = 2
       end if
-      call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call flow_along(problem%frame, newton%z(:, x%stage - 1), x%y(:, x%result))
-      x%nexp = x%nexp + 1
-      call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, x%result), &
-                   phase_stage_received)
+      if (method%collocation) then
+        x%f(:, 1) = x%slope
+        call predict(problem%frame, method%series, method%transformation, method%c(2:), x%h, newton)
+      else
+        x%f = spread(x%slope, 2, size(x%f, 2))
+        newton%z = 0.0_wp
+      end if
+      newton%rate_factor = max(newton%rate_factor, epsilon(1.0_wp))**0.8_wp
+      newton%iteration = 1
+      x%stage = merge(2, 1, method%collocation)
     end associate
-  end subroutine request_collocation
+  end subroutine prepare_iteration
+
+  ! Factors the matrices of the iteration for a step size.
+  subroutine factor_matrices(frame, method, h, newton, singular)
+    type(frame_t), intent(in) :: frame
+    type(method_t), intent(in) :: method
+    real(wp), intent(in) :: h
+    type(newton_t), intent(inout) :: newton
+    logical, intent(out) :: singular
+
+    if (method%collocation) then
+      call factor(frame, method%transformation, h, newton, singular)
+    else
+      call factor_blocks(method%matrix, h, newton, singular)
+    end if
+  end subroutine factor_matrices
 
   ! Factors the matrices of a restored state again.
   subroutine refactor(problem, trajectory)
@@ -68,43 +87,35 @@ contains
 
     if (.not. abs(trajectory%newton%factored_h) > 0) return
     trajectory%newton%member = trajectory%member
-    call factor(problem%frame, problem%method%transformation, trajectory%newton%factored_h, &
-                trajectory%newton, singular)
+    call factor_matrices(problem%frame, problem%method, trajectory%newton%factored_h, &
+                         trajectory%newton, singular)
   end subroutine refactor
-
-  ! Stores the coefficients at a stage. After the last one follows a correction of all.
-  subroutine store_collocation(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    logical :: exists
-
-    associate (x => trajectory, z => trajectory%newton%z)
-      x%f(:, x%stage) = x%received
-      call dexpinv(problem%frame, problem%method%series, z(:, x%stage - 1), x%f(:, x%stage), exists)
-      if (.not. exists) then
-        call reject_stage(problem, trajectory, step_too_long, x%t)
-        return
-      end if
-      x%stage = x%stage + 1
-      x%phase = phase_next_stage
-      if (x%stage > size(problem%method%c)) call correct_stages(problem, trajectory)
-    end associate
-  end subroutine store_collocation
 
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
   subroutine correct_stages(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: dz(size(trajectory%newton%z, 1), size(trajectory%newton%z, 2)), size_of, tolerance
+    ! change and new values of the coordinates of the stages; those of tableaux are h k
+    real(wp), dimension(size(trajectory%newton%z, 1), size(trajectory%newton%z, 2)) :: dz, z
+    real(wp) :: size_of, tolerance
     integer :: remaining
     logical :: slow, solved
 
     associate (x => trajectory, newton => trajectory%newton, method => problem%method)
-      call correction(problem%frame, method%transformation, x%h, x%f(:, 2:), newton, dz)
+      if (method%collocation) then
+        call correction(problem%frame, method%transformation, x%h, x%f(:, 2:), newton, dz)
+        z = newton%z + dz
+      else
+        newton%residual = maxval(abs(newton%z))
+        call solve_blocks(method%matrix, x%h, newton, dz)
+        x%f = x%f + dz
+        dz = x%h * dz
+        z = x%h * x%f
+      end if
       remaining = merge(max_iterations, max_rounds, problem%adaptive) - newton%iteration
       tolerance = rounding
       if (problem%adaptive) tolerance = newton_tolerance(problem%tolerances%rtol)
-      size_of = correction_norm(problem, trajectory, dz)
+      size_of = correction_norm(problem, trajectory, dz, z)
       slow = .not. size_of <= huge(1.0_wp)
       solved = .not. size_of > 0
       if (newton%iteration > 1) then
@@ -116,18 +127,22 @@ contains
         end if
         if (.not. problem%adaptive .and. slow .and. size_of <= noise) solved = .true.
       end if
-      solved = solved .or. newton%rate_factor * size_of <= tolerance .and. .not. slow
       newton%norm = size_of
-      if (solved) then
-        newton%z = newton%z + dz
-        call derivatives(method%transformation, x%h, newton%z, x%f(:, 2:))
-        x%phase = phase_finish_step
-      else if (slow .or. remaining == 0) then
+      ! symmetric methods keep invariants only as accurately as their stages are solved
+      if (problem%adaptive .or. method%collocation) size_of = newton%rate_factor * size_of
+      solved = solved .or. size_of <= tolerance .and. .not. slow
+      if (.not. solved .and. (slow .or. remaining == 0)) then
         call give_up(problem, trajectory)
+        return
+      end if
+      if (method%collocation) newton%z = z
+      x%paths = 0
+      if (solved) then
+        if (method%collocation) call derivatives(method%transformation, x%h, z, x%f(:, 2:))
+        x%phase = phase_finish_step
       else
-        newton%z = newton%z + dz
         newton%iteration = newton%iteration + 1
-        x%stage = 2
+        x%stage = merge(2, 1, method%collocation)
       end if
     end associate
   end subroutine correct_stages
@@ -141,17 +156,16 @@ contains
   end function newton_tolerance
 
   ! The norm of a correction: in tolerances, or relative to the point where there are none
-  real(wp) function correction_norm(problem, trajectory, dz)
+  real(wp) function correction_norm(problem, trajectory, dz, z)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp), contiguous, intent(in) :: dz(:, :)       ! (dimension, stages)
+    real(wp), contiguous, intent(in) :: dz(:, :), z(:, :)        ! (dimension, stages)
     integer :: i
 
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances)
       if (.not. problem%adaptive) then
         call sizes(frame, x%y(:, 0), x%u)
-        correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z + dz)), &
-                                                tiny(1.0_wp))
+        correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(z)), tiny(1.0_wp))
         return
       end if
       call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%work, x%scale)
@@ -172,7 +186,7 @@ contains
     associate (x => trajectory, newton => trajectory%newton)
       newton%rate_factor = 1.0_wp
       x%flag = newton%iteration
-      if (newton%fresh) then
+      if (newton%fresh .or. newton%fixed_point) then
         call reject_stage(problem, trajectory, stages_not_solved, x%t)
       else
         newton%has_jacobian = .false.
@@ -235,7 +249,8 @@ contains
       x%u = 0.0_wp
       x%u(column) = newton%z(column, 1)
       newton%jacobian(:, column) = x%received
-      call dexpinv(problem%frame, problem%method%series, x%u, newton%jacobian(:, column), exists)
+      if (problem%method%on_algebra) call dexpinv(problem%frame, problem%method%series, x%u, &
+                                                  newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
       column = column + 1
       if (column <= size(newton%jacobian, 2)) then
@@ -289,11 +304,11 @@ contains
     type(trajectory_t), intent(inout) :: trajectory
 
     associate (x => trajectory, newton => trajectory%newton)
-      newton%last = x%f(:, 2:)
+      if (size(newton%last) > 0) newton%last = x%f(:, 2:)
       newton%last_h = x%h
       newton%fresh = .false.
       newton%has_jacobian = converges_fast(x)
     end associate
   end subroutine keep_step
 
-end module collocation_m
+end module implicit_m
