@@ -109,7 +109,7 @@ class Plan:
 
         method, polynomial = self.method, self.paths.polynomial
         nodes = method.stages if polynomial else node_count(method)
-        extension, flows = extension_of(method), ResultFlows(method, self.paths)
+        extension, flows = extension_of(method), ResultFlows(self.paths)
         flat = isinstance(method, MuntheKaas)
         columns = max(len(extension.basis), nodes + 1)
         padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty
