@@ -23,17 +23,7 @@ _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
 
 
 def find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator) -> list[str]:
-    """Return a description of each inconsistency of a frame at given points.
-
-    Parameters
-    ----------
-    frame
-        The frame.
-    points
-        Shape ``(count, *point_shape)``.
-    rng
-        Draws coefficients.
-    """
+    """Return a description of each inconsistency at points of shape ``(count, *point_shape)``."""
     errors: dict[str, float] = {}
     for y in points:
         u, v, w = (_bounded(x) for x in rng.standard_normal((3, frame.dim)))

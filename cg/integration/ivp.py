@@ -273,17 +273,7 @@ def integrate(
 def solve_one(
     problem: Problem, every: int, progress: Callable[[float, float], None] | None
 ) -> Solution:
-    """Integrate one point.
-
-    Parameters
-    ----------
-    problem
-        What to integrate.
-    every
-        Number of steps between stored steps; zero to store none.
-    progress
-        As for `solve_ivp`.
-    """
+    """Integrate one point and store every ``every``-th step, none if it is zero."""
     plan, h = problem.plan, problem.control.h
     steps = 0
     if h is not None:

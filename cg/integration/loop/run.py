@@ -221,13 +221,7 @@ class Run:
         self._share("dense_field", np.empty((capacity, plan.columns * plan.frame.dim)))
 
     def drive(self, watch: Callable[[float], None] | None = None) -> None:
-        """Advance all members to their ends.
-
-        Parameters
-        ----------
-        watch
-            Called with the time covered, summed over all members.
-        """
+        """Advance all members to their ends; ``watch`` gets the time covered by all together."""
         budget = StepBudget()
         while self.record.ended < self.members:
             given = budget.start()
@@ -327,16 +321,9 @@ class Run:
             self.callbacks.fields = rhs.at_members
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
-        """Return all events.
+        """Return all events: member and event ``(n, 2)``, times ``(n,)``, and points.
 
-        Returns
-        -------
-        of
-            Members and events, shape ``(n, 2)``.
-        t
-            Times, shape ``(n,)``.
-        y
-            Points before and after it, shape ``(n, 2, *point_shape)``.
+        The points before and after each have the shape ``(n, 2, *point_shape)``.
         """
         plan = self.plan
         if not self._events:

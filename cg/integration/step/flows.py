@@ -24,14 +24,8 @@ class Flows(Protocol):
     def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
         """Return points moved along time-1 flows, the first one first.
 
-        Parameters
-        ----------
-        v
-            Coefficients, shape ``(*batch, flows, dim)``.
-        y
-            Points, shape ``(*batch, *point_shape)``.
-        restore
-            Whether to remove rounding off the manifold, if flows don't do so.
+        Coefficients have the shape ``(*batch, flows, dim)``, points ``(*batch, *point_shape)``.
+        With ``restore`` rounding off the manifold is removed, if flows don't do so.
         """
         ...
 
