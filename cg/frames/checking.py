@@ -26,7 +26,8 @@ def find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator)
     """Return a description of each inconsistency at points of shape ``(count, *point_shape)``."""
     errors: dict[str, float] = {}
     for y in points:
-        u, v, w = (_bounded(x) for x in rng.standard_normal((3, frame.dim)))
+        normal = rng.standard_normal((3, frame.dim))
+        u, v, w = (x * (_LENGTH / max(float(np.linalg.norm(x)), _LENGTH)) for x in normal)
         for check in _CHECKS:
             for problem, size in check(frame, y, u, v, w):
                 errors[problem] = max(size, errors.get(problem, 0.0))
@@ -34,10 +35,6 @@ def find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator)
 
 
 _Problems = Iterator[tuple[str, float]]
-
-
-def _bounded(v: Array) -> Array:
-    return np.asarray(v * (_LENGTH / max(float(np.linalg.norm(v)), _LENGTH)))
 
 
 def _size(*points: Any) -> float:

@@ -201,15 +201,12 @@ class Run:
         more = min(capacity, _MAX_BUFFER)
         if self._functions:
             self.record.event_capacity = self._functions * self._lanes + more
-            self._share_events(self.record.event_capacity)
+            events = self.record.event_capacity
+            self._share("event_of", np.empty((events, 2), dtype=np.int64))
+            self._share("event_t", np.empty(events))
+            self._share("event_y", np.empty((events, 2, width)))
         if output.dense:
             self.allocate_interpolants(self._lanes + more)
-
-    def _share_events(self, capacity: int) -> None:
-        width = self.plan.width
-        self._share("event_of", np.empty((capacity, 2), dtype=np.int64))
-        self._share("event_t", np.empty(capacity))
-        self._share("event_y", np.empty((capacity, 2, width)))
 
     def allocate_interpolants(self, capacity: int) -> None:
         """Allocate memory for `capacity` interpolants."""
