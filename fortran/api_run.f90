@@ -63,6 +63,7 @@ end subroutine plan_set_scheme
 
 ! No less than the distances of points from the manifold; see distance_bound.
 subroutine plan_distance_bound(address, n, members, y, bound)
+  !f2py threadsafe
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use frames_m, only: distance_bound
   use kinds, only: wp
@@ -167,6 +168,7 @@ end subroutine loop_close
 
 ! Advances a run until all members have ended, the budget is used up, or a buffer is full.
 subroutine loop_drive(address)
+  !f2py threadsafe
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run_m, only: drive, run_at, run_t
   implicit none
@@ -286,6 +288,7 @@ end subroutine loop_state
 ! Evaluates stored interpolants.
 subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, &
                             fields, y)
+  !f2py threadsafe
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use callback_m, only: python_t
   use frames_m, only: frame_t
