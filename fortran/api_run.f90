@@ -258,7 +258,7 @@ end subroutine loop_interpolate
 subroutine loop_state(address, write, n, m, columns, members, reals, integers, points, slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
   use kinds, only: wp
-  use implicit_m, only: refactor
+  use collocation_m, only: refactor
   use run_m, only: run_at, run_t
   use saved_state_m, only: load_state, save_state
   implicit none

@@ -1,314 +1,232 @@
-! The stages of implicit methods, by the iterations of newton_m. The first stage of a collocation
-! method on a Lie algebra is the start of the step, which only the error estimate uses; all others
-! are implicit.
+! The stage equations of implicit tableaux with one weight per flow. The unknowns are the coefficients
+! at the stages, so that they live in a linear space whatever the manifold is:
+!
+!   k_i = f(t + c_i h, Y_i(k)),   Y_i(k) = exp(h a_is k_s) ... exp(h a_i1 k_1) y.
+!
+! If A is lower triangular, each stage is a block of its own, solved after those before it; otherwise
+! all stages are one block. The fixed-point iteration repeats the equation. Newton's method takes the
+! Jacobian of k - f(Y(k)) by differences along the flows, as in B. Owren, B. Welfert, "The Newton
+! iteration on Lie groups", BIT 40 (2000), 121-145, but with the derivative of the exponential inside
+! the difference, and keeps its factors, also over several steps of the same size, as long as
+! corrections decrease by a factor of ten. Both iterate down to the level of rounding, since an
+! implicit method preserves invariants only as accurately as its stages are solved.
 module implicit_m
   use kinds, only: wp
-  use algebra_m, only: dexpinv
-  use controller_m, only: max_iterations
   use coordinates_m, only: sizes
-  use error_norm_m, only: norm, scales, tangent
-  use frames_m, only: flow_along, frame_t
+  use lapack_m, only: dgetrf, dgetrs
   use method_m, only: method_t
-  use newton_m, only: correction, derivatives, factor, factor_blocks, newton_t, predict, &
-                      solve_blocks
-  use requests_m, only: reject_stage, request
   use phases_m
-  use trajectory_m, only: copy, fail, problem_t, trajectory_t
-  use shared_numbers, only: jacobian_operation, raised, stages_not_solved
+  use requests_m, only: reject_stage
+  use trajectory_m, only: problem_t, trajectory_t
+  use shared_numbers, only: stages_not_solved
   implicit none
   private
-  public :: converges_fast, correct_stages, keep_step, prepare_iteration, refactor, store_column
+  public :: prepare_stage, store_value
 
-  ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
-  ! end it, and those below `noise` that no longer decrease, both relative to the point.
-  real(wp), parameter :: rounding = 4 * epsilon(1.0_wp), noise = epsilon(1.0_wp)**0.6_wp
-  integer, parameter :: max_rounds = 100
-  ! A Jacobian is used again if the corrections with it decreased by this factor.
-  real(wp), parameter :: fast_rate = 1e-3_wp
+  integer, parameter :: max_newton = 25, max_fixed_point = 100
+  real(wp), parameter :: noise = 1e-10_wp      ! corrections below it may be rounding errors of f
+  real(wp), parameter :: slow = 0.1_wp         ! factors are replaced if corrections decrease by less
+  real(wp), parameter :: diverged = 1e3_wp     ! growth of residuals
 
 contains
 
-  ! Starts the iteration of a step, or requests the first column of the Jacobian.
-  subroutine prepare_iteration(problem, trajectory)
+  ! Starts the first block of a step.
+  subroutine prepare_stage(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    logical :: singular
 
-    associate (x => trajectory, newton => trajectory%newton, method => problem%method)
-      newton%member = x%member
-      if (.not. newton%fixed_point) then
-        if (.not. newton%has_jacobian) then
-          call request_jacobian(problem, trajectory)
+    if (trajectory%solver%first > 0) return
+    trajectory%f = spread(trajectory%slope, 2, size(trajectory%f, 2))
+    trajectory%solver%last = 0
+    call next_block(problem, trajectory)
+  end subroutine prepare_stage
+
+  ! Starts the next block whose coefficients aren't those at the start, or finishes the step.
+  subroutine next_block(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, solver => trajectory%solver, method => problem%method)
+      if (solver%last > 0) call rewind_paths(method, trajectory)
+      do
+        solver%first = solver%last + 1
+        if (solver%first > size(method%c)) exit
+        solver%last = solver%last + size(method%c) / method%blocks
+        if (solver%first < solver%last .or. method%stage_path(solver%first) > 0) exit
+      end do
+      solver%iteration = 1
+      solver%column = 0
+      solver%correction = huge(1.0_wp)
+      solver%smallest = huge(1.0_wp)
+      x%stage = solver%first
+      x%phase = merge(phase_finish_step, phase_next_stage, solver%first > size(method%c))
+    end associate
+  end subroutine next_block
+
+  ! Returns to the first stage of the block. If it is the only one, its path is the last of its flows.
+  pure subroutine rewind_paths(method, trajectory)
+    type(method_t), intent(in) :: method
+    type(trajectory_t), intent(inout) :: trajectory
+
+    trajectory%stage = trajectory%solver%first
+    trajectory%paths = 0
+    if (method%blocks > 1) trajectory%paths = max(method%stage_path(trajectory%stage) - 1, 0)
+  end subroutine rewind_paths
+
+  ! Whether the coefficients at the only stage of a block have an influence on its point
+  pure logical function is_implicit(method, stage)
+    type(method_t), intent(in) :: method
+    integer, intent(in) :: stage
+
+    associate (flow => method%path_first(method%stage_path(stage) + 1) - 1)
+      is_implicit = method%flows%stage(method%flows%first(flow)) == stage
+    end associate
+  end function is_implicit
+
+  ! Stores the coefficients at a stage. After the last one of the block its unknowns are corrected,
+  ! or the next column of the Jacobian is evaluated.
+  subroutine store_value(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer :: block, info
+
+    associate (x => trajectory, solver => trajectory%solver, method => problem%method, &
+               n => size(trajectory%f, 1))
+      block = merge(solver%first, 1, method%blocks > 1)
+      if (method%blocks > 1 .and. .not. is_implicit(method, x%stage)) then
+        x%f(:, x%stage) = x%received
+        call next_block(problem, trajectory)
+        return
+      end if
+      if (solver%column == 0) then
+        solver%value(:, x%stage) = x%received
+      else
+        associate (row => (x%stage - solver%first) * n)
+          solver%lu(row + 1:row + n, solver%column, block) = &
+            (solver%value(:, x%stage) - x%received) / solver%moved
+        end associate
+      end if
+      x%stage = x%stage + 1
+      x%phase = phase_next_stage
+      if (x%stage <= solver%last) return
+      call rewind_paths(method, trajectory)
+      if (solver%column > 0) then
+        x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%before
+        solver%column = solver%column + 1
+      else if (.not. (solver%fixed_point .or. abs(solver%factored_h(block) - x%h) <= 0)) then
+        x%njev = x%njev + 1
+        solver%column = 1
+      end if
+      if (solver%column > size(solver%lu, 1)) then
+        call factor(solver%lu(:, :, block), solver%pivot(:, block), info)
+        x%nlu = x%nlu + 1
+        solver%factored_h(block) = x%h
+        solver%column = 0
+        if (info /= 0) then
+          call give_up(problem, trajectory, block)
           return
         end if
-        if (abs(x%h - newton%factored_h) > noise * abs(x%h)) then
-          call factor_matrices(problem%frame, method, x%h, newton, singular)
-          x%nlu = x%nlu + 1
-          if (method%collocation) x%nlu = x%nlu + 1
-          if (singular) then
-            call give_up(problem, trajectory)
-            return
-          end if
-        end if
       end if
-      if (method%collocation) then
-        x%f(:, 1) = x%slope
-        call predict(problem%frame, method%series, method%transformation, method%c(2:), x%h, newton)
+      if (solver%column > 0) then
+        call move_unknown(problem, trajectory)
       else
-        x%f = spread(x%slope, 2, size(x%f, 2))
-        newton%z = 0.0_wp
-      end if
-      newton%rate_factor = max(newton%rate_factor, epsilon(1.0_wp))**0.8_wp
-      newton%iteration = 1
-      x%stage = merge(2, 1, method%collocation)
-    end associate
-  end subroutine prepare_iteration
-
-  ! Factors the matrices of the iteration for a step size.
-  subroutine factor_matrices(frame, method, h, newton, singular)
-    type(frame_t), intent(in) :: frame
-    type(method_t), intent(in) :: method
-    real(wp), intent(in) :: h
-    type(newton_t), intent(inout) :: newton
-    logical, intent(out) :: singular
-
-    if (method%collocation) then
-      call factor(frame, method%transformation, h, newton, singular)
-    else
-      call factor_blocks(method%matrix, h, newton, singular)
-    end if
-  end subroutine factor_matrices
-
-  ! Factors the matrices of a restored state again.
-  subroutine refactor(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    logical :: singular
-
-    if (.not. abs(trajectory%newton%factored_h) > 0) return
-    trajectory%newton%member = trajectory%member
-    call factor_matrices(problem%frame, problem%method, trajectory%newton%factored_h, &
-                         trajectory%newton, singular)
-  end subroutine refactor
-
-  ! Corrects the coordinates of the stages, and decides whether they are accurate.
-  subroutine correct_stages(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    ! change and new values of the coordinates of the stages; those of tableaux are h k
-    real(wp), dimension(size(trajectory%newton%z, 1), size(trajectory%newton%z, 2)) :: dz, z
-    real(wp) :: size_of, tolerance
-    integer :: remaining
-    logical :: slow, solved
-
-    associate (x => trajectory, newton => trajectory%newton, method => problem%method)
-      if (method%collocation) then
-        call correction(problem%frame, method%transformation, x%h, x%f(:, 2:), newton, dz)
-        z = newton%z + dz
-      else
-        newton%residual = maxval(abs(newton%z))
-        call solve_blocks(method%matrix, x%h, newton, dz)
-        x%f = x%f + dz
-        dz = x%h * dz
-        z = x%h * x%f
-      end if
-      remaining = merge(max_iterations, max_rounds, problem%adaptive) - newton%iteration
-      tolerance = rounding
-      if (problem%adaptive) tolerance = newton_tolerance(problem%tolerances%rtol)
-      size_of = correction_norm(problem, trajectory, dz, z)
-      slow = .not. size_of <= huge(1.0_wp)
-      solved = .not. size_of > 0
-      if (newton%iteration > 1) then
-        newton%rate = size_of / newton%norm
-        slow = slow .or. newton%rate >= 1
-        if (.not. slow) then
-          newton%rate_factor = newton%rate / (1 - newton%rate)
-          slow = newton%rate**remaining * size_of / (1 - newton%rate) > tolerance
-        end if
-        if (.not. problem%adaptive .and. slow .and. size_of <= noise) solved = .true.
-      end if
-      newton%norm = size_of
-      ! symmetric methods keep invariants only as accurately as their stages are solved
-      if (problem%adaptive .or. method%collocation) size_of = newton%rate_factor * size_of
-      solved = solved .or. size_of <= tolerance .and. .not. slow
-      if (.not. solved .and. (slow .or. remaining == 0)) then
-        call give_up(problem, trajectory)
-        return
-      end if
-      if (method%collocation) newton%z = z
-      x%paths = 0
-      if (solved) then
-        if (method%collocation) call derivatives(method%transformation, x%h, z, x%f(:, 2:))
-        x%phase = phase_finish_step
-      else
-        newton%iteration = newton%iteration + 1
-        x%stage = merge(2, 1, method%collocation)
+        call correct(problem, trajectory, block)
       end if
     end associate
-  end subroutine correct_stages
+  end subroutine store_value
 
-  ! The largest error of the iteration, in tolerances
-  pure real(wp) function newton_tolerance(rtol)
-    real(wp), intent(in) :: rtol
-
-    newton_tolerance = max(10 * epsilon(1.0_wp) / max(rtol, epsilon(1.0_wp)), &
-                           min(0.03_wp, sqrt(rtol)))
-  end function newton_tolerance
-
-  ! The norm of a correction: in tolerances, or relative to the point where there are none
-  real(wp) function correction_norm(problem, trajectory, dz, z)
+  ! Moves the unknown of a column of the Jacobian.
+  subroutine move_unknown(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp), contiguous, intent(in) :: dz(:, :), z(:, :)        ! (dimension, stages)
+    real(wp) :: scale(size(trajectory%f, 1))
+
+    associate (solver => trajectory%solver, n => size(trajectory%f, 1), &
+               i => 1 + mod(trajectory%solver%column - 1, size(trajectory%f, 1)), &
+               stage => trajectory%solver%first &
+                        + (trajectory%solver%column - 1) / size(trajectory%f, 1))
+      call scale_of(problem, trajectory, trajectory%f(:, stage), scale)
+      solver%before = trajectory%f(i, stage)
+      trajectory%f(i, stage) = solver%before + sqrt(epsilon(1.0_wp)) * scale(i)
+      solver%moved = trajectory%f(i, stage) - solver%before
+    end associate
+  end subroutine move_unknown
+
+  ! The scale of coefficients: their absolute values, but at least what moves the point by about the
+  ! size of its coordinates
+  subroutine scale_of(problem, trajectory, k, scale)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), contiguous, intent(in) :: k(:)           ! (dimension)
+    real(wp), contiguous, intent(out) :: scale(:)      ! (dimension)
+
+    call sizes(problem%frame, trajectory%y(:, 0), scale)
+    scale = max(abs(k), scale / abs(trajectory%h))
+    where (.not. scale > 0) scale = 1.0_wp
+  end subroutine scale_of
+
+  ! Adds the identity to a matrix and factors it.
+  subroutine factor(matrix, pivot, info)
+    real(wp), contiguous, intent(inout) :: matrix(:, :)
+    integer, contiguous, intent(inout) :: pivot(:)
+    integer, intent(out) :: info
     integer :: i
 
-    associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances)
-      if (.not. problem%adaptive) then
-        call sizes(frame, x%y(:, 0), x%u)
-        correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(z)), tiny(1.0_wp))
-        return
-      end if
-      call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%work, x%scale)
-      correction_norm = 0.0_wp
-      do i = 1, size(dz, 2)
-        call tangent(frame, tolerances, dz(:, i), x%y(:, 0), x%v)
-        correction_norm = hypot(correction_norm, norm(tolerances, x%v, x%scale))
-      end do
-      correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
-    end associate
-  end function correction_norm
+    info = 1
+    if (.not. all(abs(matrix) <= huge(1.0_wp))) return
+    do i = 1, size(pivot)
+      matrix(i, i) = matrix(i, i) + 1
+    end do
+    call dgetrf(size(pivot), size(pivot), matrix, size(pivot), pivot, info)
+  end subroutine factor
 
-  ! Tries again with the Jacobian of the present point, or else with a smaller step.
-  subroutine give_up(problem, trajectory)
+  ! Corrects the unknowns of a block, and goes on to the next one if the correction is rounding.
+  subroutine correct(problem, trajectory, block)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
+    integer, intent(in) :: block
+    real(wp) :: scale(size(trajectory%f, 1)), d(size(trajectory%f, 1), trajectory%solver%first: &
+                                                trajectory%solver%last)
+    real(wp) :: correction
+    integer :: i, info, limit
 
-    associate (x => trajectory, newton => trajectory%newton)
-      newton%rate_factor = 1.0_wp
-      x%flag = newton%iteration
-      if (newton%fresh .or. newton%fixed_point) then
-        call reject_stage(problem, trajectory, stages_not_solved, x%t)
-      else
-        newton%has_jacobian = .false.
-        newton%iteration = 0
-        x%phase = phase_next_stage
+    associate (x => trajectory, solver => trajectory%solver)
+      d = solver%value(:, solver%first:solver%last) - x%f(:, solver%first:solver%last)
+      solver%residual = maxval(abs(d))
+      if (.not. solver%fixed_point) call dgetrs('N', size(d), 1, solver%lu(:, :, block), size(d), &
+                                                solver%pivot(:, block), d, size(d), info)
+      correction = 0.0_wp
+      do i = solver%first, solver%last
+        x%f(:, i) = x%f(:, i) + d(:, i)
+        call scale_of(problem, trajectory, x%f(:, i), scale)
+        correction = max(correction, maxval(abs(d(:, i)) / scale))
+      end do
+      if (correction <= epsilon(1.0_wp) &
+          .or. (solver%correction <= correction .and. correction <= noise)) then
+        call next_block(problem, trajectory)
+        return
       end if
+      limit = merge(max_fixed_point, max_newton, solver%fixed_point)
+      if (.not. solver%residual <= diverged * solver%smallest .or. solver%iteration == limit) then
+        call give_up(problem, trajectory, block)
+        return
+      end if
+      if (correction > max(slow * solver%correction, noise)) solver%factored_h(block) = 0.0_wp
+      solver%correction = correction
+      solver%smallest = min(solver%smallest, solver%residual)
+      solver%iteration = solver%iteration + 1
     end associate
+  end subroutine correct
+
+  ! Discards the factors and rejects the step.
+  subroutine give_up(problem, trajectory, block)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer, intent(in) :: block
+
+    trajectory%solver%factored_h(block) = 0.0_wp
+    trajectory%flag = trajectory%solver%iteration
+    call reject_stage(problem, trajectory, stages_not_solved, trajectory%t)
   end subroutine give_up
-
-  ! Requests the Jacobian of dexp^-1_u f(exp(u) y) at u = 0, from Python or by differences.
-  subroutine request_jacobian(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: answer(max(1, size(trajectory%newton%jacobian)))
-
-    associate (x => trajectory, newton => trajectory%newton)
-      x%njev = x%njev + 1
-      if (.not. problem%has_jacobian) then
-        call sizes(problem%frame, x%y(:, 0), newton%z(:, 1))
-        newton%z(:, 1) = sqrt(epsilon(1.0_wp) * max(newton%z(:, 1), 1e-5_wp))
-        newton%column = 1
-        call request_column(problem, trajectory)
-        return
-      end if
-      answer = -huge(1.0_wp)
-      call problem%frame%callback%apply(jacobian_operation, &
-                                         [x%t, real(x%member - 1, wp), x%slope], x%y(:, 0), answer)
-      if (.not. all(abs(answer) < huge(1.0_wp))) then
-        call fail(x, raised, x%t)
-        return
-      end if
-      newton%jacobian = reshape(answer(:size(newton%jacobian)), shape(newton%jacobian))
-      if (.not. newton%sparse) call add_brackets(problem, trajectory)
-      call finish_jacobian(trajectory)
-    end associate
-  end subroutine request_jacobian
-
-  ! Requests the coefficients at a point displaced along a field of the frame.
-  subroutine request_column(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-
-    associate (x => trajectory, column => trajectory%newton%column)
-      x%u = 0.0_wp
-      x%u(column) = x%newton%z(column, 1)
-      call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call flow_along(problem%frame, x%u, x%y(:, x%result))
-      x%nexp = x%nexp + 1
-      call request(problem, trajectory, x%t, x%y(:, x%result), phase_column_received)
-    end associate
-  end subroutine request_column
-
-  ! Stores a column of the Jacobian.
-  subroutine store_column(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    logical :: exists
-
-    associate (x => trajectory, newton => trajectory%newton, column => trajectory%newton%column)
-      x%u = 0.0_wp
-      x%u(column) = newton%z(column, 1)
-      newton%jacobian(:, column) = x%received
-      if (problem%method%on_algebra) call dexpinv(problem%frame, problem%method%series, x%u, &
-                                                  newton%jacobian(:, column), exists)
-      newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
-      column = column + 1
-      if (column <= size(newton%jacobian, 2)) then
-        call request_column(problem, trajectory)
-      else
-        call finish_jacobian(trajectory)
-      end if
-    end associate
-  end subroutine store_column
-
-  ! Adds the derivative of dexp^-1_u f at u = 0, which is the only odd term of the series.
-  subroutine add_brackets(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp), dimension(size(trajectory%u)) :: ahead, behind
-    logical :: exists
-    integer :: j
-
-    associate (x => trajectory)
-      do j = 1, size(x%u)
-        x%u = 0.0_wp
-        x%u(j) = 1.0_wp
-        ahead = x%slope
-        behind = x%slope
-        call dexpinv(problem%frame, problem%method%series, x%u, ahead, exists)
-        x%u(j) = -1.0_wp
-        call dexpinv(problem%frame, problem%method%series, x%u, behind, exists)
-        x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + (ahead - behind) / 2
-      end do
-    end associate
-  end subroutine add_brackets
-
-  subroutine finish_jacobian(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
-
-    trajectory%newton%has_jacobian = .true.
-    trajectory%newton%fresh = .true.
-    trajectory%newton%factored_h = 0.0_wp
-    trajectory%phase = phase_next_stage
-  end subroutine finish_jacobian
-
-  ! Whether the Jacobian of a step serves the next one
-  pure logical function converges_fast(trajectory)
-    type(trajectory_t), intent(in) :: trajectory
-
-    converges_fast = trajectory%newton%iteration <= 2 .or. trajectory%newton%rate <= fast_rate
-  end function converges_fast
-
-  ! Keeps the polynomial of an accepted step for the next one, and its Jacobian if it served well.
-  pure subroutine keep_step(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
-
-    associate (x => trajectory, newton => trajectory%newton)
-      if (size(newton%last) > 0) newton%last = x%f(:, 2:)
-      newton%last_h = x%h
-      newton%fresh = .false.
-      newton%has_jacobian = converges_fast(x)
-    end associate
-  end subroutine keep_step
 
 end module implicit_m

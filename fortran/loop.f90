@@ -16,7 +16,7 @@ module loop_m
   use kinds, only: wp
   use output_m, only: has_room, output_t
   use record_m, only: examine_step, record_step
-  use implicit_m, only: store_column
+  use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          request_curvature

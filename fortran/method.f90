@@ -28,9 +28,9 @@ module method_m
     real(wp), allocatable :: a(:), b(:)      ! (stages)
     logical :: on_algebra = .false.
     logical :: polynomial = .false.          ! whether the flows of a path are one, see frames_m
-    logical :: implicit = .false.
-    real(wp), allocatable :: matrix(:, :)    ! (stages, stages) A of an implicit tableau
-    logical :: collocation = .false.         ! implicit on_algebra, in all stages but the first
+    logical :: implicit = .false.            ! whether it is another implicit method
+    integer :: blocks = 0                    ! of stages that an implicit method solves together
+    logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
     type(transformation_t) :: transformation ! of a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
     integer :: power = 1                     ! of the quotient of two error estimates
@@ -44,9 +44,9 @@ contains
   ! Makes a method. All its integers come as one list, as cg/integration/step/paths.py writes them:
   ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
   ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, the
-  ! power, the number of its error estimates by weights, 1 if it is implicit, and 1 if the flows of a
-  ! path are one along a polynomial. The weights are followed by a and b of registers, by those of
-  ! errors, by the entries of transformation_t or of an implicit tableau, and by the factor.
+  ! power, the number of its error estimates by weights, the number of blocks of stages of an implicit
+  ! method, and 1 if the flows of a path are one along a polynomial. The weights are followed by a and b of registers,
+  ! by those of errors, by the entries of transformation_t, and by the factor.
   subroutine make_method(list, weight, c, method)
     integer, intent(in) :: list(:)
     real(wp), intent(in) :: weight(:)        ! (terms + 1) or more
@@ -78,8 +78,9 @@ contains
       if (method%two_registers) k = k + 2 * stages
       method%error = reshape(weight(k + 1:k + stages * list(used + 8)), [stages, list(used + 8)])
       k = k + size(method%error)
-      method%implicit = list(used + 9) == 1
-      method%collocation = method%implicit .and. method%on_algebra
+      method%blocks = list(used + 9)
+      method%collocation = method%blocks > 0 .and. method%on_algebra
+      method%implicit = method%blocks > 0 .and. .not. method%on_algebra
       if (method%collocation) then
         associate (scheme => method%transformation)
           scheme%inverse = reshape(weight(k + 1:k + 9), [3, 3])
@@ -90,9 +91,6 @@ contains
           scheme%mu = weight(k + 38:k + 39)
         end associate
         k = k + 39
-      else if (method%implicit) then
-        method%matrix = reshape(weight(k + 1:k + stages**2), [stages, stages])
-        k = k + stages**2
       end if
       method%factor = weight(k + 1)
     end associate

@@ -8,15 +8,6 @@
 !
 !   (gamma / h - J) d_1 = r_1,   (mu / h - J) (d_2 + i d_3) = r_2 + i r_3,
 !   r = T^-1 (F - A^-1 z / h).
-!
-! For implicit tableaux with one weight per flow the unknowns are the coefficients k_i at the stages,
-!
-!   k_i = f(t + c_i h, Y_i),   Y_i = exp(h a_is k_s) ... exp(h a_i1 k_1) y,
-!
-! whose corrections solve (I - h A (x) J) d = r, r_i = f(t + c_i h, Y_i) - k_i, where J is the
-! Jacobian along the fields of the frame, as in B. Owren, B. Welfert, "The Newton iteration on Lie
-! groups", BIT 40 (2000), 121-145. If A is lower triangular, the stages are solved one by one. The
-! fixed-point iteration is d = r.
 module newton_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
@@ -25,10 +16,9 @@ module newton_m
   use shared_numbers, only: factor_operation, solve_operation
   implicit none
   private
-  public :: newton_t, transformation_t, correction, derivatives, factor, factor_blocks, filtered, &
-            predict, reserve, solve_blocks
+  public :: newton_t, transformation_t, correction, derivatives, factor, filtered, predict, reserve
 
-  integer, parameter :: stages = 3           ! of a collocation method that are implicit
+  integer, parameter :: stages = 3           ! that are implicit
 
   type :: transformation_t
     real(wp) :: inverse(stages, stages)      ! A^-1
@@ -49,43 +39,30 @@ module newton_m
     real(wp) :: factored_h = 0.0_wp          ! step size of the factors, 0 if there are none
     real(wp) :: rate_factor = 1.0_wp         ! rate / (1 - rate) of the last iteration
     real(wp) :: rate = 0.0_wp, norm = 0.0_wp ! of corrections
-    real(wp) :: residual = 0.0_wp            ! largest one of the last iteration
-    logical :: fixed_point = .false.         ! whether the iteration needs no Jacobian
     real(wp) :: last_h = 0.0_wp              ! of the last step, 0 if the solution jumped after it
     real(wp), allocatable :: last(:, :)      ! (dimension, stages) derivatives in the last step
-    real(wp), allocatable :: z(:, :)         ! (dimension, stages); residuals r of tableaux
-    real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column
-    real(wp), allocatable :: lu(:, :, :)     ! (unknowns, unknowns, blocks)
+    real(wp), allocatable :: z(:, :)         ! (dimension, stages)
+    real(wp), allocatable :: jacobian(:, :)  ! (dimension, dimension), or no column if it is sparse
+    real(wp), allocatable :: lu(:, :)
     complex(wp), allocatable :: complex_lu(:, :)
-    integer, allocatable :: pivot(:, :), complex_pivot(:)
+    integer, allocatable :: pivot(:), complex_pivot(:)
   end type newton_t
 
 contains
 
-  ! Allocates the memory of an iteration for an implicit tableau or, without one, a collocation
-  ! method.
-  subroutine reserve(n, dense, a, newton, memory)
+  ! Allocates the memory of an iteration.
+  subroutine reserve(n, sparse, newton, memory)
     integer, intent(in) :: n                 ! dimension
-    logical, intent(in) :: dense             ! whether matrices are stored here
-    real(wp), allocatable, intent(in) :: a(:, :)       ! (stages, stages)
+    logical, intent(in) :: sparse
     type(newton_t), intent(inout) :: newton
     integer, intent(out) :: memory           ! nonzero if there isn't enough
-    integer :: blocks, columns, s, unknowns, i
 
-    columns = merge(n, 0, dense)
-    if (.not. allocated(a)) then
-      newton%sparse = .not. dense
-      allocate (newton%last(n, stages), newton%z(n, stages), newton%jacobian(n, columns), &
-                newton%lu(columns, columns, 1), newton%complex_lu(columns, columns), &
-                newton%pivot(columns, 1), newton%complex_pivot(columns), stat=memory)
-      return
-    end if
-    newton%fixed_point = .not. dense
-    s = size(a, 1)
-    blocks = merge(s, 1, all([(.not. abs(a(:i - 1, i)) > 0, i = 1, s)]))
-    unknowns = columns * s / blocks
-    allocate (newton%last(n, 0), newton%z(n, s), newton%jacobian(n, columns), &
-              newton%lu(unknowns, unknowns, blocks), newton%pivot(unknowns, blocks), stat=memory)
+    newton%sparse = sparse
+    associate (m => merge(0, n, sparse))
+      allocate (newton%last(n, stages), newton%z(n, stages), newton%jacobian(n, m), &
+                newton%lu(m, m), newton%complex_lu(m, m), newton%pivot(m), &
+                newton%complex_pivot(m), stat=memory)
+    end associate
   end subroutine reserve
 
   ! Factors both matrices for a step size. Those that aren't finite count as singular.
@@ -109,72 +86,19 @@ contains
       end if
       singular = .not. all(abs(newton%jacobian) <= huge(1.0_wp))
       if (singular) return
-      newton%lu(:, :, 1) = -newton%jacobian
+      newton%lu = -newton%jacobian
       newton%complex_lu = cmplx(-newton%jacobian, kind=wp)
       do i = 1, size(newton%lu, 1)
-        newton%lu(i, i, 1) = newton%lu(i, i, 1) + gamma
+        newton%lu(i, i) = newton%lu(i, i) + gamma
         newton%complex_lu(i, i) = newton%complex_lu(i, i) + cmplx(mu(1), mu(2), wp)
       end do
     end associate
-    associate (n => size(newton%complex_pivot))
+    associate (n => size(newton%pivot))
       call dgetrf(n, n, newton%lu, n, newton%pivot, info)
       if (info == 0) call zgetrf(n, n, newton%complex_lu, n, newton%complex_pivot, info)
     end associate
     singular = info /= 0
   end subroutine factor
-
-  ! Factors the diagonal blocks of I - h A (x) J. A matrix that isn't finite counts as singular.
-  subroutine factor_blocks(a, h, newton, singular)
-    real(wp), intent(in) :: a(:, :), h       ! a: (stages, stages)
-    type(newton_t), intent(inout) :: newton
-    logical, intent(out) :: singular
-    integer :: block, first, i, info, j
-
-    newton%factored_h = h
-    singular = .not. all(abs(newton%jacobian) <= huge(1.0_wp))
-    associate (n => size(newton%jacobian, 1), unknowns => size(newton%lu, 1), lu => newton%lu)
-      do block = 1, size(lu, 3)
-        if (singular) return
-        first = (block - 1) * unknowns / n
-        do j = 1, unknowns / n
-          do i = 1, unknowns / n
-            lu((i - 1) * n + 1:i * n, (j - 1) * n + 1:j * n, block) = &
-              -h * a(first + i, first + j) * newton%jacobian
-          end do
-        end do
-        do i = 1, unknowns
-          lu(i, i, block) = lu(i, i, block) + 1
-        end do
-        call dgetrf(unknowns, unknowns, lu(:, :, block), unknowns, newton%pivot(:, block), info)
-        singular = info /= 0
-      end do
-    end associate
-  end subroutine factor_blocks
-
-  ! Solves (I - h A (x) J) d = r, or d = r, for the residuals r of an implicit tableau.
-  subroutine solve_blocks(a, h, newton, d)
-    real(wp), intent(in) :: a(:, :), h       ! a: (stages, stages)
-    type(newton_t), intent(in) :: newton
-    real(wp), contiguous, intent(out) :: d(:, :)       ! (dimension, stages)
-    real(wp) :: known(size(d, 1))
-    integer :: block, count, first, info, last
-
-    d = newton%z
-    if (newton%fixed_point) return
-    count = size(d, 2) / size(newton%lu, 3)
-    associate (unknowns => size(newton%lu, 1))
-      do block = 1, size(newton%lu, 3)
-        last = block * count
-        first = last - count + 1
-        if (first > 1) then                            ! with one stage in each block
-          known = matmul(newton%jacobian, matmul(d(:, :first - 1), a(first, :first - 1)))
-          d(:, first) = d(:, first) + h * known
-        end if
-        call dgetrs('N', unknowns, 1, newton%lu(:, :, block), unknowns, newton%pivot(:, block), &
-                    d(:, first:last), unknowns, info)
-      end do
-    end associate
-  end subroutine solve_blocks
 
   ! Solves (gamma / h - J) x = b or, of two columns, (mu / h - J) (x_1 + i x_2) = b_1 + i b_2.
   subroutine solve(frame, newton, n, columns, b)
@@ -206,12 +130,11 @@ contains
     type(transformation_t), intent(in) :: transformation
     real(wp), intent(in) :: h
     real(wp), intent(in) :: f(:, :)                    ! (dimension, stages)
-    type(newton_t), intent(inout) :: newton
+    type(newton_t), intent(in) :: newton
     real(wp), intent(out) :: dz(:, :)                  ! (dimension, stages)
     real(wp) :: d(size(f, 1), stages)
 
     call derivatives(transformation, h, newton%z, d)
-    newton%residual = maxval(abs(f - d))
     d = matmul(f - d, transpose(transformation%t_inverse))
     call solve(frame, newton, size(f, 1), 1, d(:, 1))
     call solve(frame, newton, size(f, 1), 2, d(:, 2:3))

@@ -3,10 +3,11 @@
 module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv, remove_isotropy
-  use implicit_m, only: converges_fast, correct_stages, keep_step, prepare_iteration
+  use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size
   use error_norm_m, only: norm, point_difference, scales, tangent
   use frames_m, only: apply_flows, flow_along, restore
+  use implicit_m, only: prepare_stage, store_value
   use method_m, only: method_t
   use newton_m, only: filtered
   use requests_m, only: before_stop, reject_stage, request
@@ -29,11 +30,13 @@ contains
     integer :: path
 
     associate (x => trajectory, method => problem%method)
-      if (method%implicit .and. x%newton%iteration == 0) then
-        call prepare_iteration(problem, trajectory)
-        if (x%newton%iteration == 0) return            ! for a Jacobian, or failed
-      end if
-      if (x%stage == 1 .and. method%stage_path(1) == 0 .and. .not. abs(method%c(1)) > 0) then
+      if (method%collocation) then
+        call request_collocation(problem, trajectory)
+        return
+      else if (method%implicit) then
+        call prepare_stage(problem, trajectory)
+        if (x%phase == phase_finish_step) return
+      else if (x%stage == 1 .and. .not. abs(method%c(1)) > 0) then
         x%f(:, 1) = x%slope
         if (method%two_registers) then
           x%y(:, 1) = x%y(:, 0)
@@ -51,14 +54,7 @@ contains
       end if
       path = merge(1, method%stage_path(x%stage), method%two_registers)
       if (problem%of_time) path = 0
-      if (method%collocation) then
-        path = x%result
-        call copy(problem%frame%point_size, x%y(:, 0), x%y(:, path))
-        call flow_along(problem%frame, x%newton%z(:, x%stage - 1), x%y(:, path))
-        x%nexp = x%nexp + 1
-      else if (.not. method%two_registers) then
-        call follow_paths(problem, trajectory, path)
-      end if
+      if (.not. method%two_registers) call follow_paths(problem, trajectory, path)
       call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), &
                    phase_stage_received)
     end associate
@@ -98,23 +94,24 @@ contains
     logical :: exists
 
     associate (x => trajectory, method => problem%method)
+      if (method%collocation) then
+        call store_collocation(problem, trajectory)
+        return
+      else if (method%implicit) then
+        call store_value(problem, trajectory)
+        return
+      end if
       if (method%two_registers) then
         x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%received
         call advance_register(problem, trajectory)
       else
-        if (method%implicit .and. .not. method%collocation) then
-          x%newton%z(:, x%stage) = x%received - x%f(:, x%stage)
-        else
-          x%f(:, x%stage) = x%received
-        end if
+        x%f(:, x%stage) = x%received
         if (x%stage == method%final_stage) then
           x%end_slope(:) = x%received
           x%end_known = .true.
         end if
-        if (method%on_algebra .and. (method%collocation .or. method%stage_path(x%stage) > 0)) then
-          if (method%collocation) then
-            x%u = x%newton%z(:, x%stage - 1)
-          else if (x%path_of_u /= method%stage_path(x%stage)) then
+        if (method%on_algebra .and. method%stage_path(x%stage) > 0) then
+          if (x%path_of_u /= method%stage_path(x%stage)) then
             call combine_coordinates(method, method%stage_path(x%stage), trajectory)
           end if
           call dexpinv(problem%frame, method%series, x%u, x%f(:, x%stage), exists)
@@ -126,7 +123,6 @@ contains
       end if
       x%stage = x%stage + 1
       x%phase = phase_next_stage
-      if (method%implicit .and. x%stage > size(method%c)) call correct_stages(problem, trajectory)
     end associate
   end subroutine store_stage
 
@@ -335,7 +331,7 @@ contains
                                                                          x%unshortened_size)
         x%after_rejection = .false.
       end if
-      if (problem%method%implicit) call keep_step(trajectory)
+      if (collocation) call keep_step(trajectory)
     end associate
   end subroutine accept_or_reject
 

@@ -21,7 +21,7 @@ GAUSS = Tableau(
     ["1/2", "1/2"],
     name="Gauss",
 )
-KINDS = STAGE_SOLVERS
+KINDS = list(STAGE_SOLVERS)
 IMPLICIT = {name: m for name, m in cg.methods.items() if not m.explicit}
 METHODS = [MIDPOINT, TRAPEZOIDAL, BACKWARD_EULER, GAUSS, *IMPLICIT.values()]
 INERTIA = np.array([1.0, 2.0, 3.0])
@@ -62,17 +62,15 @@ def test_stages_solve_their_equations(method, kind):
 
     solution = cg.integrate(f, (t0, t0 + h), y0, frame=frame, method=method, h=h, stage_solver=kind)
     fields = []
-    points = []
-    for row, c in zip(method.a, method.c, strict=True):
-        # the last evaluations at the start are differences
-        at_stage = [y for t, y in calls if t == t0 + c * h] if any(row) else [y0]
-        points.append(at_stage[-1])
+    for c in method.c:
+        at_stage = [y for t, y in calls if t == t0 + c * h]
         fields.append(problem.f(t0 + c * h, at_stage[-1]))
-    for row, at_stage in zip(method.a, points, strict=True):
+    for row, c in zip(method.a, method.c, strict=True):
         point = y0
         for a, v in zip(row, fields, strict=True):
             point = frame.flow(h * a * v, point)
-        np.testing.assert_allclose(at_stage, point, rtol=0, atol=1e-13)
+        at_stage = [y for t, y in calls if t == t0 + c * h]
+        np.testing.assert_allclose(at_stage[-1], point, rtol=0, atol=1e-13)
     point = y0
     for b, v in zip(method.b, fields, strict=True):
         point = frame.flow(h * b * v, point)
@@ -204,11 +202,11 @@ def test_copies_of_steppers_continue_alike(method, kind):
 def test_newton_needs_fewer_evaluations_where_steps_are_large():
     y0 = BODY.join(np.eye(3), MOMENTUM)
     nfev = [
-        cg.solve_ivp(euler, (0, 20), y0, frame=BODY, method="DICG6", h=0.5, stage_solver=kind).nfev
+        cg.solve_ivp(euler, (0, 20), y0, frame=BODY, method=MIDPOINT, h=0.5, stage_solver=kind).nfev
         for kind in KINDS
     ]
     assert KINDS[0] == "newton"
-    assert nfev[0] < 0.6 * nfev[1]
+    assert nfev[0] < 0.8 * nfev[1]
 
 
 def test_newton_takes_steps_that_are_too_large_for_fixed_points():
@@ -221,7 +219,7 @@ def test_newton_takes_steps_that_are_too_large_for_fixed_points():
     options = {"frame": BODY, "method": BACKWARD_EULER, "h": 0.1}
     solution = cg.integrate(f, (0, 2), y0, **options)
     np.testing.assert_allclose(solution.y[-1, 9:], np.cos(2.0), atol=2e-3)
-    with pytest.raises(cg.ConvergenceError, match="did not converge"):
+    with pytest.raises(cg.ConvergenceError, match="diverges"):
         cg.integrate(f, (0, 2), y0, stage_solver="fixed-point", **options)
 
 
@@ -239,7 +237,7 @@ def test_message_of_failure():
     error = caught.value
     assert error.t == 0.5
     assert error.h == 0.25
-    assert 1 < error.iterations < 10
+    assert 1 < error.iterations < STAGE_SOLVERS["fixed-point"]
     assert error.residual > 1.0
     for part in (f"after {error.iterations} iterations", "h = 0.25", "t = 0.5", "residual is"):
         assert part in str(error)

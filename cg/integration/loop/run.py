@@ -113,14 +113,18 @@ class Run:
             None if events is None else events.value, None if events is None else events.jump,
             None if jacobian is None else jacobian.of(rhs), lanes,
         )  # fmt: skip
-        self.kept = plan.kept + plan.collocation * (plan.method.stages - 1)
+        self.kept, stages = plan.kept, plan.method.stages
         self.record = self._make_record(t0, len(stops), common, keep_last)
         if jacobian is not None:
             self.record.jacobian = 1 + jacobian.sparse
         elif stage_solver == "fixed-point" and not plan.collocation:
             self.record.jacobian = 2
-        if not plan.method.explicit and self.record.jacobian < 2:
+        if plan.collocation:
+            self.kept += stages - 1
+        if self.record.jacobian < 2 and plan.collocation:
             self.kept += plan.frame.dim
+        elif self.record.jacobian < 2 and plan.paths.blocks:
+            self.kept += plan.frame.dim * stages**2 // plan.paths.blocks + stages
         self.record.of_time = of_time
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []

@@ -13,11 +13,13 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.conditions import Rows
 from cg.integration.step.collocation import transformation
 from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.tableau import Tableau
 from cg.structure.points import START
 
 Flow = tuple[tuple[int, Fraction], ...]
@@ -72,8 +74,7 @@ class MethodPaths:
         Weights on the coefficients at stages of the combinations by which errors are estimated;
         none if results are compared.
     transformation
-        Of a collocation method, the numbers of `transformation`; of another implicit method,
-        the entries of A by columns.
+        Of a collocation method, the numbers of `transformation`.
     power
         The exponent of the quotient of two error estimates, see `error_power`.
     factor
@@ -81,6 +82,8 @@ class MethodPaths:
     polynomial
         Whether the flows of the only path are the coefficients of a polynomial in 2θ - 1 along
         which one flow leads to the result.
+    blocks
+        Number of blocks of stages of an implicit method that are solved one after the other.
     """
 
     paths: tuple[Path, ...]
@@ -97,6 +100,7 @@ class MethodPaths:
     power: int = 1
     factor: Fraction = Fraction(1, 10)  # of DOP853
     polynomial: bool = False
+    blocks: int = 0
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -138,8 +142,8 @@ class MethodPaths:
         the flows of each path begin, and where the terms of each flow begin; the stages of the
         terms; the paths to the stages and to the three results; the final stage; 1 if the method
         has two registers, 0 if not; the order of the series, the power of the quotient of error
-        estimates, the number of those that are combinations of coefficients, 1 for an implicit
-        method, and 1 for flows along polynomials.
+        estimates, the number of those that are combinations of coefficients, `blocks`, and 1
+        for flows along polynomials.
         """
         flows = [flow for path in self.paths for flow in path.flows]
         terms = [stage + 1 for flow in flows for stage, _ in flow]
@@ -149,7 +153,7 @@ class MethodPaths:
             *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
             *self.stages, self.result, self.embedded, self.third, self.final_stage,
             int(self.registers is not None), self.series, self.power, len(self.errors),
-            int(bool(self.transformation)), int(self.polynomial),
+            self.blocks, int(self.polynomial),
         ]  # fmt: skip
         return np.array(numbers, dtype=np.intc)
 
@@ -163,7 +167,7 @@ def paths_of(method: Method) -> MethodPaths:
         c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
         return MethodPaths(
             (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, c, None, method.order,
-            method.error_weights, transformation(method),
+            method.error_weights, transformation(method), blocks=1,
         )  # fmt: skip
     if isinstance(method, MuntheKaas):
         method = method.advancing
@@ -202,10 +206,10 @@ def paths_of(method: Method) -> MethodPaths:
         None if series or free else two_registers(method),
         series,
         errors,
-        () if method.explicit else tuple(chain(*zip(*method.exact[0], strict=True))),
         third=third,
         power=error_power(method),
         factor=factor,
+        blocks=_blocks(method),
     )
 
 
@@ -256,6 +260,12 @@ def error_power(method: Method) -> int:
     return max((method.order - second) // (second - third), 1)
 
 
+def _blocks(method: Method) -> int:
+    if method.explicit:
+        return 0
+    return 1 if isinstance(method, Tableau) and method.rows is Rows.FULL else method.stages
+
+
 class _Builder:
     """Builds the paths, merging equal points and leaving out unused ones."""
 
@@ -272,6 +282,8 @@ class _Builder:
                 pending.append(self._parent(point))
         children = Counter(self._parent(point) for point in used)
         self.kept = ends | {point for point in used if children[point] > 1}
+        if not method.explicit:  # iterations repeat the last flow of a stage
+            self.kept |= {self._parent(self.same[point]) for point in method.tree.stage_points}
         self.index = {START: 0}
         self.paths: list[Path] = []
 

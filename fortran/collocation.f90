@@ -1,0 +1,299 @@
+! The stages of a collocation method on a Lie algebra, by the iteration of newton_m. The first stage
+! is the start of the step, which only the error estimate uses; all others are implicit.
+module collocation_m
+  use kinds, only: wp
+  use algebra_m, only: dexpinv
+  use controller_m, only: max_iterations
+  use coordinates_m, only: sizes
+  use error_norm_m, only: norm, scales, tangent
+  use frames_m, only: flow_along
+  use newton_m, only: correction, derivatives, factor, filtered, predict
+  use requests_m, only: reject_stage, request
+  use phases_m
+  use trajectory_m, only: copy, fail, problem_t, trajectory_t
+  use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
+  implicit none
+  private
+  public :: converges_fast, keep_step, refactor, request_collocation, store_collocation, store_column
+
+  ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
+  ! end it, and those below `noise` that no longer decrease, both relative to the point.
+  real(wp), parameter :: rounding = 4 * epsilon(1.0_wp), noise = epsilon(1.0_wp)**0.6_wp
+  integer, parameter :: max_rounds = 50
+  ! A Jacobian is used again if the corrections with it decreased by this factor.
+  real(wp), parameter :: fast_rate = 1e-3_wp
+
+contains
+
+  ! Requests the coefficients at the next stage, or first a column of the Jacobian.
+  subroutine request_collocation(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    logical :: singular
+
+    associate (x => trajectory, newton => trajectory%newton, method => problem%method)
+      if (newton%iteration == 0) then
+        newton%member = x%member
+        x%f(:, 1) = x%slope
+        if (.not. newton%has_jacobian) then
+          call request_jacobian(problem, trajectory)
+          return
+        end if
+        if (abs(x%h - newton%factored_h) > noise * abs(x%h)) then
+          call factor(problem%frame, method%transformation, x%h, newton, singular)
+          x%nlu = x%nlu + 2
+          if (singular) then
+            call give_up(problem, trajectory)
+            return
+          end if
+        end if
+        call predict(problem%frame, method%series, method%transformation, method%c(2:), x%h, newton)
+        newton%rate_factor = max(newton%rate_factor, epsilon(1.0_wp))**0.8_wp
+        newton%iteration = 1
+        x%stage = 2
+      end if
+      call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
+      call flow_along(problem%frame, newton%z(:, x%stage - 1), x%y(:, x%result))
+      x%nexp = x%nexp + 1
+      call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, x%result), &
+                   phase_stage_received)
+    end associate
+  end subroutine request_collocation
+
+  ! Factors the matrices of a restored state again.
+  subroutine refactor(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    logical :: singular
+
+    if (.not. abs(trajectory%newton%factored_h) > 0) return
+    trajectory%newton%member = trajectory%member
+    call factor(problem%frame, problem%method%transformation, trajectory%newton%factored_h, &
+                trajectory%newton, singular)
+  end subroutine refactor
+
+  ! Stores the coefficients at a stage. After the last one follows a correction of all.
+  subroutine store_collocation(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    logical :: exists
+
+    associate (x => trajectory, z => trajectory%newton%z)
+      x%f(:, x%stage) = x%received
+      call dexpinv(problem%frame, problem%method%series, z(:, x%stage - 1), x%f(:, x%stage), exists)
+      if (.not. exists) then
+        call reject_stage(problem, trajectory, step_too_long, x%t)
+        return
+      end if
+      x%stage = x%stage + 1
+      x%phase = phase_next_stage
+      if (x%stage > size(problem%method%c)) call correct_stages(problem, trajectory)
+    end associate
+  end subroutine store_collocation
+
+  ! Corrects the coordinates of the stages, and decides whether they are accurate.
+  subroutine correct_stages(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: dz(size(trajectory%newton%z, 1), size(trajectory%newton%z, 2)), size_of, tolerance
+    integer :: remaining
+    logical :: slow, solved
+
+    associate (x => trajectory, newton => trajectory%newton, method => problem%method)
+      call correction(problem%frame, method%transformation, x%h, x%f(:, 2:), newton, dz)
+      remaining = merge(max_iterations, max_rounds, problem%adaptive) - newton%iteration
+      tolerance = rounding
+      if (problem%adaptive) tolerance = newton_tolerance(problem%tolerances%rtol)
+      size_of = correction_norm(problem, trajectory, dz)
+      slow = .not. size_of <= huge(1.0_wp)
+      solved = .not. size_of > 0
+      if (newton%iteration > 1) then
+        newton%rate = size_of / newton%norm
+        slow = slow .or. newton%rate >= 1
+        if (.not. slow) then
+          newton%rate_factor = newton%rate / (1 - newton%rate)
+          slow = newton%rate**remaining * size_of / (1 - newton%rate) > tolerance
+        end if
+        if (.not. problem%adaptive .and. slow .and. size_of <= noise) solved = .true.
+      end if
+      solved = solved .or. newton%rate_factor * size_of <= tolerance .and. .not. slow
+      newton%norm = size_of
+      if (solved) then
+        newton%z = newton%z + dz
+        call derivatives(method%transformation, x%h, newton%z, x%f(:, 2:))
+        x%phase = phase_finish_step
+      else if (slow .or. remaining == 0) then
+        call give_up(problem, trajectory)
+      else
+        newton%z = newton%z + dz
+        newton%iteration = newton%iteration + 1
+        x%stage = 2
+      end if
+    end associate
+  end subroutine correct_stages
+
+  ! The largest error of the iteration, in tolerances
+  pure real(wp) function newton_tolerance(rtol)
+    real(wp), intent(in) :: rtol
+
+    newton_tolerance = max(10 * epsilon(1.0_wp) / max(rtol, epsilon(1.0_wp)), &
+                           min(0.03_wp, sqrt(rtol)))
+  end function newton_tolerance
+
+  ! The norm of a correction: in tolerances, or relative to the point where there are none
+  real(wp) function correction_norm(problem, trajectory, dz)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), contiguous, intent(in) :: dz(:, :)       ! (dimension, stages)
+    integer :: i
+
+    associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances)
+      if (.not. problem%adaptive) then
+        call sizes(frame, x%y(:, 0), x%u)
+        correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z + dz)), &
+                                                tiny(1.0_wp))
+        return
+      end if
+      call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%work, x%scale)
+      correction_norm = 0.0_wp
+      do i = 1, size(dz, 2)
+        call tangent(frame, tolerances, dz(:, i), x%y(:, 0), x%v)
+        correction_norm = hypot(correction_norm, norm(tolerances, x%v, x%scale))
+      end do
+      correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
+    end associate
+  end function correction_norm
+
+  ! Tries again with the Jacobian of the present point, or else with a smaller step.
+  subroutine give_up(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, newton => trajectory%newton)
+      newton%rate_factor = 1.0_wp
+      x%flag = newton%iteration
+      if (newton%fresh) then
+        call reject_stage(problem, trajectory, stages_not_solved, x%t)
+      else
+        newton%has_jacobian = .false.
+        newton%iteration = 0
+        x%phase = phase_next_stage
+      end if
+    end associate
+  end subroutine give_up
+
+  ! Requests the Jacobian of dexp^-1_u f(exp(u) y) at u = 0, from Python or by differences.
+  subroutine request_jacobian(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: answer(max(1, size(trajectory%newton%jacobian)))
+
+    associate (x => trajectory, newton => trajectory%newton)
+      x%njev = x%njev + 1
+      if (.not. problem%has_jacobian) then
+        call sizes(problem%frame, x%y(:, 0), newton%z(:, 1))
+        newton%z(:, 1) = sqrt(epsilon(1.0_wp) * max(newton%z(:, 1), 1e-5_wp))
+        newton%column = 1
+        call request_column(problem, trajectory)
+        return
+      end if
+      answer = -huge(1.0_wp)
+      call problem%frame%callback%apply(jacobian_operation, &
+                                         [x%t, real(x%member - 1, wp), x%slope], x%y(:, 0), answer)
+      if (.not. all(abs(answer) < huge(1.0_wp))) then
+        call fail(x, raised, x%t)
+        return
+      end if
+      newton%jacobian = reshape(answer(:size(newton%jacobian)), shape(newton%jacobian))
+      if (.not. newton%sparse) call add_brackets(problem, trajectory)
+      call finish_jacobian(trajectory)
+    end associate
+  end subroutine request_jacobian
+
+  ! Requests the coefficients at a point displaced along a field of the frame.
+  subroutine request_column(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, column => trajectory%newton%column)
+      x%u = 0.0_wp
+      x%u(column) = x%newton%z(column, 1)
+      call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
+      call flow_along(problem%frame, x%u, x%y(:, x%result))
+      x%nexp = x%nexp + 1
+      call request(problem, trajectory, x%t, x%y(:, x%result), phase_column_received)
+    end associate
+  end subroutine request_column
+
+  ! Stores a column of the Jacobian.
+  subroutine store_column(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    logical :: exists
+
+    associate (x => trajectory, newton => trajectory%newton, column => trajectory%newton%column)
+      x%u = 0.0_wp
+      x%u(column) = newton%z(column, 1)
+      newton%jacobian(:, column) = x%received
+      call dexpinv(problem%frame, problem%method%series, x%u, newton%jacobian(:, column), exists)
+      newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
+      column = column + 1
+      if (column <= size(newton%jacobian, 2)) then
+        call request_column(problem, trajectory)
+      else
+        call finish_jacobian(trajectory)
+      end if
+    end associate
+  end subroutine store_column
+
+  ! Adds the derivative of dexp^-1_u f at u = 0, which is the only odd term of the series.
+  subroutine add_brackets(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), dimension(size(trajectory%u)) :: ahead, behind
+    logical :: exists
+    integer :: j
+
+    associate (x => trajectory)
+      do j = 1, size(x%u)
+        x%u = 0.0_wp
+        x%u(j) = 1.0_wp
+        ahead = x%slope
+        behind = x%slope
+        call dexpinv(problem%frame, problem%method%series, x%u, ahead, exists)
+        x%u(j) = -1.0_wp
+        call dexpinv(problem%frame, problem%method%series, x%u, behind, exists)
+        x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + (ahead - behind) / 2
+      end do
+    end associate
+  end subroutine add_brackets
+
+  subroutine finish_jacobian(trajectory)
+    type(trajectory_t), intent(inout) :: trajectory
+
+    trajectory%newton%has_jacobian = .true.
+    trajectory%newton%fresh = .true.
+    trajectory%newton%factored_h = 0.0_wp
+    trajectory%phase = phase_next_stage
+  end subroutine finish_jacobian
+
+  ! Whether the Jacobian of a step serves the next one
+  pure logical function converges_fast(trajectory)
+    type(trajectory_t), intent(in) :: trajectory
+
+    converges_fast = trajectory%newton%iteration <= 2 .or. trajectory%newton%rate <= fast_rate
+  end function converges_fast
+
+  ! Keeps the polynomial of an accepted step for the next one, and its Jacobian if it served well.
+  pure subroutine keep_step(trajectory)
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, newton => trajectory%newton)
+      newton%last = x%f(:, 2:)
+      newton%last_h = x%h
+      newton%fresh = .false.
+      newton%has_jacobian = converges_fast(x)
+    end associate
+  end subroutine keep_step
+
+end module collocation_m
