@@ -116,6 +116,7 @@ contains
       else if (.not. (solver%fixed_point .or. abs(solver%factored_h(block) - x%h) <= 0)) then
         x%njev = x%njev + 1
         solver%column = 1
+        solver%factored_h(block) = 0.0_wp              ! its columns overwrite the factors
       end if
       if (solver%column > size(solver%lu, 1)) then
         call factor(solver%lu(:, :, block), solver%pivot(:, block), info)
@@ -141,7 +142,7 @@ contains
     type(trajectory_t), intent(inout) :: trajectory
     real(wp) :: scale(size(trajectory%f, 1))
 
-    associate (solver => trajectory%solver, n => size(trajectory%f, 1), &
+    associate (solver => trajectory%solver, &
                i => 1 + mod(trajectory%solver%column - 1, size(trajectory%f, 1)), &
                stage => trajectory%solver%first &
                         + (trajectory%solver%column - 1) / size(trajectory%f, 1))
