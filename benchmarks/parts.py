@@ -123,7 +123,7 @@ def _parts(
 
         def call() -> None:
             turn[0] = 1 - turn[0]
-            core.move(blocks, constants, count, away[turn[0]], restoring, flat)
+            core.frame_move(blocks, constants, count, away[turn[0]], restoring, flat)
 
         return call
 
@@ -134,5 +134,5 @@ def _parts(
     return (
         flows,
         lambda: core.call_field(*addresses, 0.0, rows.T, coefficients.T),
-        lambda: core.dexpinv(blocks, order, u, v.copy()),
+        lambda: core.frame_dexpinv(blocks, order, u, v.copy()),
     )

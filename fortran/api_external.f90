@@ -4,6 +4,7 @@
 ! Calls a function in C for each of some points, which it may overwrite.
 subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, &
                       flag)
+  !f2py threadsafe
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use external_field_m, only: field_at, rhs_i
@@ -67,6 +68,7 @@ end subroutine function_addresses
 
 ! The coefficients of the flows from points x to points y
 subroutine frame_difference(blocks, description, points, x, y, fields, v)
+  !f2py threadsafe
   use coordinates_m, only: difference
   use kinds, only: wp
   use frames_m, only: frame_t, make_frame
@@ -89,6 +91,7 @@ end subroutine frame_difference
 
 ! The derivatives of coordinates u that go with coefficients v, NaN where there are none
 subroutine frame_dexpinv(blocks, description, order, fields, u, v)
+  !f2py threadsafe
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use algebra_m, only: dexpinv
   use kinds, only: wp
@@ -115,6 +118,7 @@ end subroutine frame_dexpinv
 ! Points moved along the time-1 flows of as many fields each, the first one first
 subroutine frame_move(blocks, description, numbers, constants, flows, fields, v, restoring, &
                       points, y)
+  !f2py threadsafe
   use kinds, only: wp
   use blocks_m, only: flow_sequence_t
   use frames_m, only: apply_flows, frame_t, make_frame, restore

@@ -3,7 +3,7 @@
 
 ! Makes a plan from a frame and a method.
 subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, &
-                     stages, c, implicit_stages, address)
+                     stages, c, address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
   use frames_m, only: make_frame
   use kinds, only: wp
@@ -15,14 +15,12 @@ subroutine plan_open(blocks, description, numbers, constants, integers, list, te
   real(wp), intent(in) :: constants(numbers)
   integer, intent(in) :: list(integers)
   real(wp), intent(in) :: weight(terms), c(stages)
-  logical, intent(in) :: implicit_stages
   integer(c_intptr_t), intent(out) :: address
   type(plan_t), pointer :: plan
 
   allocate (plan)
   call make_frame(description, constants, plan%frame)
   call make_method(list, weight, c, plan%method)
-  plan%method%implicit = implicit_stages
   address = at_address(c_loc(plan))
 end subroutine plan_open
 
@@ -65,6 +63,7 @@ end subroutine plan_set_scheme
 
 ! No less than the distances of points from the manifold; see distance_bound.
 subroutine plan_distance_bound(address, n, members, y, bound)
+  !f2py threadsafe
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use frames_m, only: distance_bound
   use kinds, only: wp
@@ -141,7 +140,7 @@ subroutine loop_open(plan_address, record_address, address)
     problem%of_time = record%of_time /= 0
     problem%free = record%free /= 0
     problem%has_jacobian = record%jacobian > 0
-    problem%sparse = record%jacobian == 2
+    problem%dense = record%jacobian < 2
     call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
     problem%stops = stops
     problem%adaptive = .not. record%h > 0
@@ -183,6 +182,7 @@ end subroutine loop_close
 
 ! Advances a run until all members have ended, the budget is used up, or a buffer is full.
 subroutine loop_drive(address)
+  !f2py threadsafe
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run_m, only: drive, run_at, run_t
   implicit none
@@ -302,6 +302,7 @@ end subroutine loop_state
 ! Evaluates stored interpolants.
 subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, &
                             fields, y)
+  !f2py threadsafe
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use callback_m, only: python_t
   use frames_m, only: frame_t

@@ -28,7 +28,8 @@ module method_m
     real(wp), allocatable :: a(:), b(:)      ! (stages)
     logical :: on_algebra = .false.
     logical :: polynomial = .false.          ! whether the flows of a path are one, see frames_m
-    logical :: implicit = .false.            ! whether Python solves the stage equations
+    logical :: implicit = .false.            ! whether it is another implicit method
+    integer :: blocks = 0                    ! of stages that an implicit method solves together
     logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
     type(transformation_t) :: transformation ! of a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
@@ -43,8 +44,8 @@ contains
   ! Makes a method. All its integers come as one list, as cg/integration/step/paths.py writes them:
   ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
   ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, the
-  ! power, the number of its error estimates by weights, 1 if it is a collocation method, and 1 if
-  ! the flows of a path are one along a polynomial. The weights are followed by a and b of registers,
+  ! power, the number of its error estimates by weights, the number of blocks of stages of an implicit
+  ! method, and 1 if the flows of a path are one along a polynomial. The weights are followed by a and b of registers,
   ! by those of errors, by the entries of transformation_t, and by the factor.
   subroutine make_method(list, weight, c, method)
     integer, intent(in) :: list(:)
@@ -77,7 +78,9 @@ contains
       if (method%two_registers) k = k + 2 * stages
       method%error = reshape(weight(k + 1:k + stages * list(used + 8)), [stages, list(used + 8)])
       k = k + size(method%error)
-      method%collocation = list(used + 9) == 1
+      method%blocks = list(used + 9)
+      method%collocation = method%blocks > 0 .and. method%on_algebra
+      method%implicit = method%blocks > 0 .and. .not. method%on_algebra
       if (method%collocation) then
         associate (scheme => method%transformation)
           scheme%inverse = reshape(weight(k + 1:k + 9), [3, 3])

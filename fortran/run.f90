@@ -286,6 +286,7 @@ contains
     end do
     run%record%budget = max(budget, 0_int64)
     run%record%step_size = run%lanes(1)%h
+    run%record%residual = run%lanes(1)%solver%residual
     run%record%steps = run%output%steps
     run%record%interpolants = run%output%interpolants
     run%record%events = run%output%events

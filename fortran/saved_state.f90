@@ -14,8 +14,11 @@ contains
     type(trajectory_t), intent(in) :: trajectory
     real(wp), intent(out) :: reals(9)
     integer(int64), intent(out) :: integers(11)
-    ! (point_size, 2), (dimension, 2 + columns of f, then last and jacobian of newton_t)
+    ! (point_size, 2), (dimension, 2 + columns of f, then last and jacobian of newton_t or
+    ! lu and pivot of solver_t, which is zero for factors of other step sizes)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
+    integer, allocatable :: pivot(:, :)
+    integer :: i
 
     associate (x => trajectory)
       reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h, x%newton%last_h, &
@@ -35,6 +38,14 @@ contains
           slopes(:, n + 1:n + m) = x%newton%last
           slopes(:, n + m + 1:) = x%newton%jacobian
         end associate
+      else if (allocated(x%solver%lu)) then
+        associate (solver => x%solver, n => 2 + size(x%f, 2))
+          pivot = solver%pivot
+          do i = 1, size(pivot, 2)
+            if (abs(solver%factored_h(i) - x%h) > 0) pivot(:, i) = 0
+          end do
+          slopes(:, n + 1:) = reshape([solver%lu, real(pivot, wp)], shape(slopes(:, n + 1:)))
+        end associate
       end if
       if (allocated(x%y_old)) points(:, 2) = x%y_old
       if (allocated(x%slope_old)) slopes(:, 2) = x%slope_old
@@ -47,6 +58,7 @@ contains
     real(wp), intent(in) :: reals(9)
     integer(int64), intent(in) :: integers(11)
     real(wp), intent(in) :: points(:, :), slopes(:, :)
+    real(wp), allocatable :: numbers(:)
 
     associate (x => trajectory)
       x%t = reals(1)
@@ -78,6 +90,13 @@ contains
         associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
           x%newton%last = slopes(:, n + 1:n + m)
           x%newton%jacobian = slopes(:, n + m + 1:)
+        end associate
+      else if (allocated(x%solver%lu)) then
+        associate (solver => x%solver, n => 2 + size(x%f, 2))
+          numbers = reshape(slopes(:, n + 1:), [size(slopes(:, n + 1:))])
+          solver%lu = reshape(numbers, shape(solver%lu))
+          solver%pivot = reshape(nint(numbers(size(solver%lu) + 1:)), shape(solver%pivot))
+          solver%factored_h = merge(x%h, 0.0_wp, any(solver%pivot > 0, dim=1))
         end associate
       end if
       x%weighted_by = 0.0_wp

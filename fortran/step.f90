@@ -7,6 +7,7 @@ module step_m
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size
   use error_norm_m, only: norm, point_difference, scales, tangent
   use frames_m, only: apply_flows, flow_along, restore
+  use implicit_m, only: prepare_stage, store_value
   use method_m, only: method_t
   use newton_m, only: filtered
   use requests_m, only: before_stop, reject_stage, request
@@ -14,7 +15,7 @@ module step_m
   use trajectory_m, only: copy, fail, finite, problem_t, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
-                            stages_not_solved, stages_operation, step_too_long
+                            step_too_long
   implicit none
   private
   public :: store_error, store_stage, finish_step, accept_or_reject, request_stage
@@ -29,14 +30,13 @@ contains
     integer :: path
 
     associate (x => trajectory, method => problem%method)
-      if (method%implicit) then
-        call solve_stages(problem, trajectory)
-        return
-      else if (method%collocation) then
+      if (method%collocation) then
         call request_collocation(problem, trajectory)
         return
-      end if
-      if (x%stage == 1 .and. .not. abs(method%c(1)) > 0) then
+      else if (method%implicit) then
+        call prepare_stage(problem, trajectory)
+        if (x%phase == phase_finish_step) return
+      else if (x%stage == 1 .and. .not. abs(method%c(1)) > 0) then
         x%f(:, 1) = x%slope
         if (method%two_registers) then
           x%y(:, 1) = x%y(:, 0)
@@ -48,7 +48,7 @@ contains
         x%phase = phase_finish_step
         return
       end if
-      if (problem%of_time .and. .not. associated(problem%field)) then
+      if (problem%of_time .and. .not. (method%implicit .or. associated(problem%field))) then
         call evaluate_nodes(problem, trajectory)
         return
       end if
@@ -96,6 +96,9 @@ contains
     associate (x => trajectory, method => problem%method)
       if (method%collocation) then
         call store_collocation(problem, trajectory)
+        return
+      else if (method%implicit) then
+        call store_value(problem, trajectory)
         return
       end if
       if (method%two_registers) then
@@ -181,32 +184,6 @@ contains
       x%nexp = x%nexp + 1
     end associate
   end subroutine advance_register
-
-  ! Solves the stage equations of an implicit method in Python. The answer is the coefficients at
-  ! all stages, then nfev, nexp, njev, nlu, and 0 if they were solved.
-  subroutine solve_stages(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: answer(size(trajectory%f) + 5)
-
-    answer = -1.0_wp                                   ! stays so if Python raised an exception
-    associate (x => trajectory, n => size(trajectory%f))
-      call problem%frame%callback%apply(stages_operation, &
-                                         [x%t, x%h, real(x%member - 1, wp), x%slope], x%y(:, 0), &
-                                         answer)
-      x%phase = phase_finish_step
-      if (.not. answer(n + 5) >= 0) then
-        call fail(x, raised, x%t)
-        return
-      end if
-      x%nfev = x%nfev + int(answer(n + 1), int64)
-      x%nexp = x%nexp + int(answer(n + 2), int64)
-      x%njev = x%njev + int(answer(n + 3), int64)
-      x%nlu = x%nlu + int(answer(n + 4), int64)
-      x%f = reshape(answer(:n), shape(x%f))
-      if (answer(n + 5) > 0) call reject_stage(problem, x, stages_not_solved, x%t)
-    end associate
-  end subroutine solve_stages
 
   ! Computes the results and estimates the error.
   subroutine finish_step(problem, trajectory)

@@ -171,6 +171,7 @@ contains
       end if
       x%stage = 1
       x%newton%iteration = 0
+      x%solver%first = 0
       x%paths = 0
       x%path_of_u = 0
       x%end_known = .false.

@@ -68,8 +68,23 @@ module trajectory_m
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: first_step = 0.0_wp          ! zero to choose it
     logical :: has_jacobian = .false.        ! whether Python evaluates it
-    logical :: sparse = .false.              ! whether Python keeps it and factors it
+    logical :: dense = .true.                ! whether it is stored as a matrix here
   end type problem_t
+
+  ! The state of implicit_m
+  type :: solver_t
+    logical :: fixed_point = .false.         ! whether no Jacobian is used
+    integer :: first = 0, last = 0           ! stages of the block, 0 before the first one
+    integer :: iteration = 0
+    integer :: column = 0                    ! of the Jacobian, that is evaluated; 0 for residuals
+    real(wp) :: before = 0.0_wp, moved = 0.0_wp        ! value and change of its unknown
+    real(wp) :: correction = 0.0_wp          ! the last one, relative
+    real(wp) :: residual = 0.0_wp, smallest = 0.0_wp   ! the last and the smallest residual
+    real(wp), allocatable :: value(:, :)     ! (dimension, stages) coefficients at the stages
+    real(wp), allocatable :: factored_h(:)   ! (blocks) step sizes of the factors, or 0
+    real(wp), allocatable :: lu(:, :, :)     ! (unknowns, unknowns, blocks)
+    integer, allocatable :: pivot(:, :)      ! (unknowns, blocks)
+  end type solver_t
 
   type :: trajectory_t
     ! the present point
@@ -113,6 +128,7 @@ module trajectory_m
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
     type(newton_t) :: newton                 ! of a collocation method
+    type(solver_t) :: solver                 ! of another implicit method
     real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
     real(wp) :: norms(3) = 0.0_wp            ! of point, slope and curvature, for the first size
@@ -157,7 +173,14 @@ contains
       if (memory /= 0) return
       trajectory%flows = method%flows
       if (method%collocation) then
-        call reserve(frame%dimension, problem%sparse, trajectory%newton, memory)
+        call reserve(frame%dimension, .not. problem%dense, trajectory%newton, memory)
+      else if (method%implicit) then
+        trajectory%solver%fixed_point = .not. problem%dense
+        n = merge(size(trajectory%f) / method%blocks, 0, problem%dense)
+        allocate (trajectory%solver%value, mold=trajectory%f, stat=memory)
+        if (memory == 0) allocate (trajectory%solver%lu(n, n, method%blocks), &
+                                   trajectory%solver%pivot(n, method%blocks), &
+                                   trajectory%solver%factored_h(method%blocks), stat=memory)
       end if
       if (memory /= 0) return
       n = 0
@@ -212,6 +235,7 @@ contains
     trajectory%newton%fresh = .false.
     trajectory%newton%last_h = 0.0_wp
     trajectory%newton%rate_factor = 1.0_wp
+    if (allocated(trajectory%solver%factored_h)) trajectory%solver%factored_h = 0.0_wp
   end subroutine forget_step
 
   ! Makes a trajectory continue a grid of equal steps.

@@ -193,15 +193,9 @@ class Frame(Manifold, FieldAlgebra):
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         """Return the coefficients after one step of the iteration in `local_coordinates`.
 
-        Parameters
-        ----------
-        v
-            Coefficients whose flow takes ``start`` to ``y``, shape ``(count, dim)``.
-        start, y, end
-            Shape ``(count, *point_shape)``.
-        exact
-            Whether to use the derivative of the flow in place of the fields at its end point, shape
-            ``(count,)``.
+        The flow of ``v``, shape ``(count, dim)``, takes ``start`` to ``y``, shape
+        ``(count, *point_shape)``.  Where ``exact``, shape ``(count,)``, the derivative of the flow
+        is used in place of the fields at its end point.
         """
         corrected = v + self._coefficients_at(y, end - y)
         for k in np.flatnonzero(exact):
@@ -209,12 +203,9 @@ class Frame(Manifold, FieldAlgebra):
         return corrected
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        """Return the least-squares coefficients of minimum norm of a tangent at ``y``.
+        """Return the least-squares coefficients of minimum norm of tangents at ``y``.
 
-        Parameters
-        ----------
-        y, tangent
-            Shape ``(count, *point_shape)``.
+        Points and tangents have the shape ``(count, *point_shape)``.
         """
         return minimum_norm_coefficients(self.field(np.eye(self.dim), y[:, None]), tangent)
 

@@ -23,20 +23,11 @@ _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
 
 
 def find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator) -> list[str]:
-    """Return a description of each inconsistency of a frame at given points.
-
-    Parameters
-    ----------
-    frame
-        The frame.
-    points
-        Shape ``(count, *point_shape)``.
-    rng
-        Draws coefficients.
-    """
+    """Return a description of each inconsistency at points of shape ``(count, *point_shape)``."""
     errors: dict[str, float] = {}
     for y in points:
-        u, v, w = (_bounded(x) for x in rng.standard_normal((3, frame.dim)))
+        normal = rng.standard_normal((3, frame.dim))
+        u, v, w = (x * (_LENGTH / max(float(np.linalg.norm(x)), _LENGTH)) for x in normal)
         for check in _CHECKS:
             for problem, size in check(frame, y, u, v, w):
                 errors[problem] = max(size, errors.get(problem, 0.0))
@@ -44,10 +35,6 @@ def find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator)
 
 
 _Problems = Iterator[tuple[str, float]]
-
-
-def _bounded(v: Array) -> Array:
-    return np.asarray(v * (_LENGTH / max(float(np.linalg.norm(v)), _LENGTH)))
 
 
 def _size(*points: Any) -> float:

@@ -180,7 +180,7 @@ class LinearAction(UserFrame):
         if moved.size:
             block = np.array([[BlockKind.LINEAR_ACTION], self.point_shape, [0]], dtype=np.int32)
             flat = moved.reshape(-1).view(np.float64)
-            core.move(block, self._numbers, 1, vectors.reshape(-1), False, flat)
+            core.frame_move(block, self._numbers, 1, vectors.reshape(-1), False, flat)
         lost = ~np.isfinite(moved).all(axis=-1) & np.isfinite(points).all(axis=-1)
         if lost.any():
             largest = np.abs(vectors[lost]).max()

@@ -29,22 +29,10 @@ _MISSED = 1e-8  # largest relative residual of an accepted result
 
 
 def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) -> Array:
-    """Return coefficients whose flow takes one point to another near it.
+    """Return coefficients whose flow takes points to others near them, NaN where that fails.
 
-    Parameters
-    ----------
-    frame
-        The frame.
-    guess
-        Initial coefficients, replaced by zero where zero has a smaller residual; shape
-        ``(count, dim)``.
-    start, end
-        Shape ``(count, *point_shape)``.
-
-    Returns
-    -------
-    ndarray
-        Shape ``(count, dim)``, NaN where the iteration fails.
+    Points have the shape ``(count, *point_shape)``, coefficients ``(count, dim)``.  The guess is
+    replaced by zero where zero has a smaller residual.
     """
     v = np.nan_to_num(guess, posinf=0.0, neginf=0.0)
     y = start
@@ -85,14 +73,7 @@ def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) ->
 def newton_correction(frame: Frame, v: Array, start: Points, y: Points, end: Points) -> Array:
     """Return coefficients after a Newton step with finite differences of the flow.
 
-    Parameters
-    ----------
-    frame
-        The frame.
-    v
-        Shape ``(dim,)``.
-    start, y, end
-        Start and end of the flow, and the point to reach, shape ``point_shape``.
+    The flow of ``v``, shape ``(dim,)``, takes ``start`` to ``y``, and is to take it to ``end``.
     """
     step = _DIFFERENCE * max(1.0, float(np.linalg.norm(v)))
     slopes = (frame.flow(v + step * np.eye(frame.dim), start) - y) / step
@@ -114,14 +95,8 @@ def minimum_norm_coefficients(
 ) -> Array:
     """Return the least-squares coefficients of minimum norm of tangents in given fields.
 
-    Parameters
-    ----------
-    fields
-        Shape ``(count, dim, *point_shape)``.
-    tangent
-        Shape ``(count, *point_shape)``.
-    tolerance
-        Singular values below this fraction of the largest count as zero.
+    Fields have the shape ``(count, dim, *point_shape)``, tangents ``(count, *point_shape)``.
+    Singular values below ``tolerance`` times the largest one count as zero.
     """
     size = math.prod(fields.shape[2:])
     rows = np.ascontiguousarray(fields).reshape(*fields.shape[:2], size).view(np.float64)

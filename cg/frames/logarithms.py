@@ -20,20 +20,9 @@ def _log1p(difference: Points, far: Callable[[Points], Points]) -> Points:
     r"""Return logarithms of :math:`I + d`; near the identity with the relative accuracy of d.
 
     With :math:`z = d\,(2 I + d)^{-1}` it is :math:`2(z + \tfrac13 z^3 + \tfrac15 z^5 + \dots)`
-    [1]_.  Near the identity this
-    series is summed.
-
-    Parameters
-    ----------
-    difference
-        The differences d from the identity, shape ``(..., n, n)``.
-    far
-        Function that returns the logarithm of one matrix outside that neighbourhood.
-
-    Returns
-    -------
-    ndarray
-        NaN where an entry isn't finite.
+    [1]_.  Near the identity this series is summed; elsewhere ``far`` returns the logarithm of one
+    matrix.  Differences d have the shape ``(..., n, n)``; logarithms are NaN where an entry isn't
+    finite.
 
     References
     ----------
@@ -62,13 +51,7 @@ def _series(small: Points) -> Points:
 
 
 def real_log1p(difference: Points) -> Points:
-    """Return the principal logarithms of real matrices, NaN where they are not real.
-
-    Parameters
-    ----------
-    difference
-        The matrices less the identity, shape ``(..., n, n)``.
-    """
+    """Return the principal logarithms of I + ``difference``, NaN where they are not real."""
     return _log1p(difference, _real_logarithm)
 
 
@@ -94,14 +77,9 @@ def _real_logarithm(x: Points) -> Points:
 
 
 def rotation_log1p(difference: Points) -> Points:
-    r"""Return logarithms of rotation matrices, with angles of at most :math:`\pi`.
+    r"""Return logarithms of rotations I + ``difference``, with angles of at most :math:`\pi`.
 
     The results are skew up to rounding.
-
-    Parameters
-    ----------
-    difference
-        The matrices less the identity, shape ``(..., n, n)``.
     """
     return _log1p(difference, _rotation_logarithm)
 
@@ -131,15 +109,10 @@ def _rotation_logarithm(x: Points) -> Points:
 
 
 def unitary_log1p(difference: Points, *, special: bool) -> Points:
-    r"""Return logarithms of unitary matrices, skew-Hermitian up to rounding.
+    r"""Return logarithms of unitary I + ``difference``, skew-Hermitian up to rounding.
 
-    Parameters
-    ----------
-    difference
-        The matrices less the identity, shape ``(..., n, n)``.
-    special
-        Whether the determinants are 1 and the logarithms must be traceless.  Otherwise the angles
-        are in :math:`(-\pi, \pi]`.
+    They are traceless if ``special``, for determinants of 1. Otherwise the angles are in
+    :math:`(-\pi, \pi]`.
     """
     if not special:
         return _log1p(difference, _unitary_logarithm)

@@ -35,17 +35,8 @@ _ROUNDING = 1e-15
 def expm(matrix: Points, v: Array) -> Points:
     """Return the exponentials of stacked square matrices, not finite where they overflow.
 
-    Parameters
-    ----------
-    matrix
-        Shape ``(..., n, n)``.
-    v
-        The coefficients of the matrices, for the error message.
-
-    Raises
-    ------
-    FlowOverflowError
-        If a matrix has a norm greater than `MAX_EXPONENT`.
+    FlowOverflowError, with the coefficients ``v`` in its message, is raised if a matrix has a norm
+    greater than `MAX_EXPONENT`.
     """
     # A cheap sufficient test
     if not np.vdot(matrix, matrix).real <= MAX_EXPONENT**2:
@@ -293,17 +284,11 @@ def unit_step(y: Points) -> Points:
 def distance_from_unitary(y: Points, *, special: bool) -> Array:
     r"""Return the 2-norm distance to the nearest matrix with orthonormal columns.
 
-    It is NaN for matrices that aren't finite.
-
-    Parameters
-    ----------
-    y
-        Real or complex matrices, shape ``(..., n, k)`` with ``k <= n``.
-    special
-        Whether the nearest matrix must also have determinant 1 (``k == n`` only).  Where the
-        polar factor of a real matrix is a reflection, the sign of the least singular value is
-        changed, so that a reflection has distance 2; the polar factor of a complex matrix, with
-        determinant :math:`e^{i\theta}`, is multiplied by :math:`e^{-i\theta / n}`.
+    Matrices have the shape ``(..., n, k)`` with ``k <= n``; the distance is NaN for those that
+    aren't finite.  With ``special`` the nearest matrix must also have determinant 1 (``k == n``
+    only): where the polar factor of a real matrix is a reflection, the sign of the least singular
+    value is changed, so that a reflection has distance 2; the polar factor of a complex matrix,
+    with determinant :math:`e^{i\theta}`, is multiplied by :math:`e^{-i\theta / n}`.
     """
     finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))
     if not finite.all():  # np.linalg.svd may raise
@@ -324,17 +309,8 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
 def nearest_unitary(y: Points, *, special: bool) -> Points:
     r"""Return the nearest matrices with orthonormal columns, those of the polar factor.
 
-    Parameters
-    ----------
-    y
-        Real or complex matrices, shape ``(..., n, k)`` with ``k <= n``.
-    special
-        Whether they must also have determinant 1, as for `distance_from_unitary`.
-
-    Returns
-    -------
-    ndarray
-        NaN where the nearest matrix is not unique up to rounding.
+    The arguments are those of `distance_from_unitary`.  Matrices are NaN where the nearest one is
+    not unique up to rounding.
     """
     left, singular, right = np.linalg.svd(y, full_matrices=False)
     least = singular[..., -1]
@@ -370,14 +346,9 @@ def random_unitary(
 
 
 def eigh_where_finite(matrices: Points) -> tuple[Array, Points]:
-    """Return the increasing eigenvalues and the eigenvectors of symmetric matrices.
+    """Return the increasing eigenvalues and the eigenvectors of stacked symmetric matrices.
 
     They are NaN for matrices that are not finite.
-
-    Parameters
-    ----------
-    matrices
-        Shape ``(..., n, n)``.
     """
     finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
     safe = np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1]))

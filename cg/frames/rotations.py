@@ -156,18 +156,8 @@ def averaged_rotation(v: Array, columns: Array) -> Array:
 def quaternion_logarithm(vector: Array, scalar: Array) -> Array:
     r"""Return the rotation vector :math:`v` with :math:`e^{v/2}` = (vector, scalar).
 
-    Parameters
-    ----------
-    vector
-        Vector part of unit quaternions, shape ``(..., 3)``.
-    scalar
-        Scalar part, shape ``(...)``.
-
-    Returns
-    -------
-    ndarray
-        Shape ``(..., 3)``, of length at most :math:`2\pi`.  The axis of the quaternion -1, which is
-        not unique, is the first one.
+    Its length is at most :math:`2\pi`.  The axis of the quaternion -1, which is not unique, is the
+    first one.
     """
     sine = np.sqrt(np.vecdot(vector, vector))
     half = np.arctan2(sine, scalar)

@@ -52,16 +52,8 @@ class UserFrame(Frame):
     ) -> Points:
         """Call ``function`` for every entry of a batch, and stack the results.
 
-        Parameters
-        ----------
-        name
-            Name of the function in error messages.
-        function
-            Called with one array for each of ``arguments``.
-        arguments
-            Arrays, each with the number of trailing axes of one argument.
-        shape, dtype
-            Shape and type of the results of ``function``.
+        Each of ``arguments`` is an array with the number of trailing axes of one argument;
+        ``shape`` and ``dtype`` are those of one result.
         """
         leads = [a.shape[: a.ndim - axes] for a, axes in arguments]
         lead = np.broadcast_shapes(*leads)

@@ -148,18 +148,8 @@ def check_max_steps(max_steps: Any) -> int:
 def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> None:
     """Raise ValueError if the output of equal steps needs more memory than the machine has.
 
-    Parameters
-    ----------
-    plan
-        The frame and the method.
-    h
-        The step size, for the message.
-    steps
-        Number of steps.
-    every
-        Number of steps between stored steps; zero if none are stored.
-    between
-        Whether interpolants are stored as well.
+    Every ``every``-th of ``steps`` steps is stored, none if it is zero, and with ``between`` all
+    interpolants.
     """
     needed = (steps // every + 2) * (8 * plan.width + 8) if every else 0
     if between:
@@ -205,28 +195,10 @@ def check_points(
 ) -> tuple[Points, Array | None]:
     """Return initial points and their parameters as new arrays, after checking them.
 
-    Parameters
-    ----------
-    plan
-        The plan of the frame.
-    y0
-        Shape ``frame.point_shape``, or with one leading axis for ``many``.
-    parameters
-        Shape ``(k,)``, or ``(members, k)`` for ``many``, or None.
-    many
-        Whether several points are allowed; a single one is then used for all rows of parameters.
-
-    Returns
-    -------
-    points
-        Shape ``(members, *frame.point_shape)``.
-    numbers
-        Shape ``(members, k)`` or None.
-
-    Raises
-    ------
-    ValueError
-        If a point has another shape, isn't finite, lies off the manifold, or there is none.
+    With ``many`` both may have a leading axis of members; a single point is then used for all rows
+    of parameters.  The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
+    ValueError is raised if a point has another shape, isn't finite, lies off the manifold, or there
+    is none.
     """
     frame = plan.frame
     if isinstance(frame, Product):

@@ -36,14 +36,9 @@ _WITHOUT = ("CF5(4)", "CF6(5)")
 def choose_method(frame: Frame, rtol: float | None) -> str:
     """Return the name of the default method.
 
-    Parameters
-    ----------
-    frame
-        The frame.  The choice depends on whether it is compiled and has brackets.
-    rtol
-        The relative tolerance: at 1e-4 or more the pair is one of order five, below it of order
-        eight where there are brackets and six where there are none. None for fixed steps, for
-        which the pair of order five is used.
+    It depends on whether the frame is compiled and has brackets.  At relative tolerances of 1e-4 or
+    more the pair is one of order five, below it of order eight where there are brackets and six
+    where there are none.  None stands for fixed steps, for which the pair of order five is used.
     """
     try:
         pairs = _pairs(frame)

@@ -141,15 +141,7 @@ def solve_members(
     out: Any,
     progress: Callable[[float, float], None] | None,
 ) -> EnsembleSolution:
-    """Integrate the members of an ensemble.
-
-    Parameters
-    ----------
-    problem
-        What to integrate.
-    executor, workers, out, progress
-        As for `solve_ensemble`.
-    """
+    """Integrate the members of an ensemble; further arguments are those of `solve_ensemble`."""
     common, h = problem.common, problem.control.h
     if common and problem.event_table().jumps.any():
         raise ValueError("events must have no jumps with common_steps, which all members share")

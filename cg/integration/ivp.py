@@ -212,7 +212,7 @@ def integrate(
         It may also be a compiled function ``int f(double t, const double *y, double *f,
         void *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes,
         a ``numba.cfunc``, or a `cg.CompiledFunction`.  It writes the coefficients, and returns
-        zero, or else ends the call.  Explicit methods then run wholly in compiled code, without
+        zero, or else ends the call.  The integration then runs wholly in compiled code, without
         Python's lock, on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in
         space, Euclidean space and their products, isospectral orbits of real matrices up to
         n = 12, and linear actions of sparse matrices.
@@ -273,17 +273,7 @@ def integrate(
 def solve_one(
     problem: Problem, every: int, progress: Callable[[float, float], None] | None
 ) -> Solution:
-    """Integrate one point.
-
-    Parameters
-    ----------
-    problem
-        What to integrate.
-    every
-        Number of steps between stored steps; zero to store none.
-    progress
-        As for `solve_ivp`.
-    """
+    """Integrate one point and store every ``every``-th step, none if it is zero."""
     plan, h = problem.plan, problem.control.h
     steps = 0
     if h is not None:

@@ -12,7 +12,7 @@ import numpy as np
 def get_state(stepper: Any) -> dict[str, Any]:
     """Return the state of a stepper, which can be pickled."""
     run = stepper._run
-    stages, jacobian = run.callbacks.stages, run.callbacks.jacobian
+    jacobian = run.callbacks.jacobian
     state = {
         name: value
         for name, value in vars(stepper).items()
@@ -23,7 +23,6 @@ def get_state(stepper: Any) -> dict[str, Any]:
     state["problem"] = replace(stepper._problem, points=current, t0=stepper.t)
     state["trajectories"] = reals, integers, points, slopes
     state["counts"] = run.counts.copy(), run.status.copy(), run.flag.copy()
-    state["stages"] = None if stages is None else stages.state()
     kept = {} if jacobian is None else jacobian.kept
     state["matrices"] = {member: matrix for member, (matrix, *_) in kept.items()}
     return state
@@ -35,7 +34,7 @@ def set_state(stepper: Any, state: dict[str, Any]) -> None:
     problem = copy.copy(state.pop("problem"))  # with a right-hand side of its own
     reals, integers, points, slopes = state.pop("trajectories")
     counts, status, flag = state.pop("counts")
-    stages, matrices = state.pop("stages"), state.pop("matrices")
+    matrices = state.pop("matrices")
     vars(stepper).update(state)
     stepper._problem = problem
     stepper._run = run = stepper._make_run()
@@ -46,6 +45,4 @@ def set_state(stepper: Any, state: dict[str, Any]) -> None:
     )
     run.counts[...], run.status[...], run.flag[...] = counts, status, flag
     run.reached[...] = stepper.t
-    if stages is not None and run.callbacks.stages is not None:
-        run.callbacks.stages.restore(stages)
     stepper._stops_are_set = False

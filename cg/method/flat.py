@@ -54,14 +54,7 @@ def _order(
 
 
 def failing_rooted(tableau: Tableau, order: int) -> list[tuple[RootedTree, Fraction, Fraction]]:
-    """Return the trees whose conditions of one order fail, with Φ(t) and 1/γ(t).
-
-    Parameters
-    ----------
-    tableau : Tableau
-    order : int
-        Number of nodes.
-    """
+    """Return the trees with ``order`` nodes whose conditions fail, with Φ(t) and 1/γ(t)."""
     return _failing(tableau.entries, tableau.weights, Fraction(1), order)
 
 

@@ -173,7 +173,7 @@ class Method(Outputs, ABC):
         complete = check_flag("complete", complete)
         parts = [f"{self.stages} evaluation{'s' * (self.stages != 1)}"]
         parts.append(f"{self.exponentials} flow{'s' * (self.exponentials != 1)}")
-        if complete or self._order_is_cheap:
+        if complete or len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__:
             pair = "" if self.embedded_order is None else f"({self.embedded_order})"
             parts.insert(0, f"order {self.order}{pair}{' (nominal)' * self.approximate}")
         elif self.layout.pair:
@@ -181,10 +181,6 @@ class Method(Outputs, ABC):
         if not self.explicit:
             parts.append("implicit")
         return ", ".join(parts)
-
-    @property
-    def _order_is_cheap(self) -> bool:
-        return len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__
 
     @property
     def explicit(self) -> bool:

@@ -29,16 +29,7 @@ _PROBE = 2.0**-20  # step of the difference quotient in `_bound`
 def satisfies(
     tree: PointTree, layout: Layout, coefficients: Sequence[Coefficient], order: int
 ) -> bool:
-    """Return whether the conditions through an order hold, up to the rounding of coefficients.
-
-    Parameters
-    ----------
-    tree : PointTree
-    layout : Layout
-        Positions of the coefficients.
-    coefficients : sequence of Coefficient
-    order : int
-    """
+    """Return whether the conditions through an order hold, up to the rounding of coefficients."""
     x, units = to_floats(coefficients), _units(coefficients)
     rough = np.abs(conditions.residuals_at(layout, x, order, independent=True))
     sizes = conditions.weights_at(layout, np.abs(x), order, independent=True)

@@ -19,16 +19,8 @@ MIN_DIFFERENCE = 1e-6
 def check_order(method: Method, *, stacklevel: int = 2) -> None:
     """Warn if a method has order 0.
 
-    Parameters
-    ----------
-    method : Method
-    stacklevel : int, optional
-        As for `warnings.warn`, for the caller of this function.
-
-    Warns
-    -----
-    UserWarning
-        If the weights of the result don't add up to one, so that solutions don't converge.
+    Then the weights of the result don't add up to one, so that solutions don't converge.
+    ``stacklevel`` is that of `warnings.warn`, for the caller of this function.
     """
     if not _converges(method):
         warnings.warn(
@@ -37,24 +29,10 @@ def check_order(method: Method, *, stacklevel: int = 2) -> None:
 
 
 def check_pair(method: Method, *, stacklevel: int = 2) -> None:
-    """Warn if the results of a pair give no useful error estimate.
+    """Warn if one of the orders of a pair is 0, both are the same, or its results nearly coincide.
 
-    Parameters
-    ----------
-    method : Method
-        A pair.
-    stacklevel : int, optional
-        As for `warnings.warn`, for the caller of this function.
-
-    Warns
-    -----
-    UserWarning
-        If one of the orders is 0, both are the same, or both results nearly coincide.
-
-    Raises
-    ------
-    ValueError
-        If the method isn't a pair.
+    Then they give no useful error estimate.  ``stacklevel`` is that of `warnings.warn`, for the
+    caller of this function.  ValueError is raised if the method isn't a pair.
     """
     if method.embedded_order is None:
         raise ValueError(f"method must be a pair, got {method!r}")

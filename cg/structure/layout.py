@@ -113,13 +113,7 @@ class Layout:
     def tableau(
         cls, stages: int, rows: Rows | str | int = Rows.EXPLICIT, pair: bool = False
     ) -> Layout:
-        """Return the layout of a Crouch–Grossman tableau.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `stages` isn't a positive integer, or `rows` isn't a pattern.
-        """
+        """Return the layout of a Crouch–Grossman tableau; a pair has two rows of weights."""
         return _tableau(check_integer("stages", stages, 1), check_rows(rows), bool(pair))
 
     @classmethod
@@ -237,26 +231,14 @@ class Layout:
         return np.setdiff1d(np.flatnonzero(self.stage_of == stage), row)
 
     def without(self, stage: int) -> tuple[Layout, list[int]]:
-        """Return the layout of a tableau without a stage (from 0), and the remaining unknowns.
-
-        Raises
-        ------
-        ValueError
-            If the layout isn't that of a tableau.
-        """
+        """Return the layout of a tableau without a stage (from 0), and the remaining unknowns."""
         rows = self._tableau_rows
         dropped = {*self.row(stage), *np.flatnonzero(self.stage_of == stage).tolist()}
         kept = [k for k in range(self.size) if k not in dropped]
         return Layout.tableau(self.stages - 1, rows, self.pair), kept
 
     def cut(self, x: Sequence[T] | NDArray[Any]) -> list[list[T]]:
-        """Return the packed unknowns of a tableau row by row.
-
-        Raises
-        ------
-        ValueError
-            If x isn't a sequence of `size` numbers, or the layout isn't that of a tableau.
-        """
+        """Return the packed unknowns of a tableau row by row."""
         _ = self._tableau_rows
         check_length(x, self.size)
         return [[x[k] for k in self.row(r)] for r in range(len(self.ends))]

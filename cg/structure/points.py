@@ -167,12 +167,9 @@ def points_of(method: Any) -> PointTree:
 def check_tree(tree: PointTree) -> None:
     """Check that points make an explicit method.
 
-    Raises
-    ------
-    MethodError
-        If a parent or a stage isn't a point, a parent comes after its child, the first stage isn't
-        at the initial point, a weight is on a stage that is evaluated later, or a result depends
-        on no stage.
+    MethodError is raised if a parent or a stage isn't a point, a parent comes after its child, the
+    first stage isn't at the initial point, a weight is on a stage that is evaluated later, or a
+    result depends on no stage.
     """
     _check_shape(tree)
     _check_sequence(tree)
@@ -242,13 +239,8 @@ def tree_of_rows(
 ) -> PointTree:
     """Return the tree of a Crouch–Grossman tableau: each nonzero entry of a row is a point.
 
-    Rows with equal first entries share the points of these.
-
-    Parameters
-    ----------
-    a : s rows of s numbers
-        Strictly lower for an explicit method.
-    b, b_embedded : s numbers
+    Rows with equal first entries share the points of these. ``a`` is strictly lower for an explicit
+    method.
     """
     index: dict[Point, int] = {}
 
@@ -269,11 +261,6 @@ def tree_of_flat_rows(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) ->
     """Return the tree of a Munthe-Kaas method: one flow from the start to each stage and result.
 
     Equal rows share a point; a row of zeros makes none.
-
-    Parameters
-    ----------
-    a : s rows of s numbers
-    b : s numbers
     """
     index: dict[tuple[Fraction, ...], int] = {}
 

@@ -70,13 +70,12 @@ class Operation(IntEnum):
     TANGENT = 6  # the value of a field
     SHORTEST = 7  # coefficients without what leaves the point fixed
     DEXPINV = 8
-    STAGES = 9  # coefficients at the stages of an implicit method
-    FIELDS = 10  # coefficients at points of several members
-    EVENT = 11
-    JUMP = 12
-    JACOBIAN = 13  # of the right-hand side, for Newton's method
-    FACTOR = 14  # the matrices of Newton's method, if they are sparse
-    SOLVE = 15  # a linear system with one of them
+    FIELDS = 9  # coefficients at points of several members
+    EVENT = 10
+    JUMP = 11
+    JACOBIAN = 12  # of the right-hand side, for Newton's method
+    FACTOR = 13  # the matrices of Newton's method, if they are sparse
+    SOLVE = 14  # a linear system with one of them
 
 
 class BlockOption(IntEnum):
@@ -186,7 +185,7 @@ RECORD = {
     "of_time": "integer",  # whether the right-hand side doesn't depend on the point
     "keep_last": "integer",  # whether the interpolant of the last step may be requested
     "free": "integer",  # whether small coefficients determine the end of their flow
-    "jacobian": "integer",  # of f: 0 by differences, 1 a matrix, 2 a sparse matrix
+    "jacobian": "integer",  # of f: 0 by differences, 1 a matrix, 2 a sparse one or none
     "t0": "real",
     "segments": "integer",
     "stops": "address",  # ends of segments
@@ -216,6 +215,7 @@ RECORD = {
     "failed": "integer",  # those that reached neither the final time nor a terminal event
     "raised": "integer",  # whether Python raised an exception
     "step_size": "real",  # signed, of the last step of a single trajectory
+    "residual": "real",  # of the stage equations in the last iteration of a single trajectory
     # of each member
     "states": "address",  # its point (at first the initial one), its time, the time of a failure
     # its status, flag, evaluations, flows, Jacobians, factorisations, steps, rejected steps

@@ -3,23 +3,17 @@
 from dataclasses import replace
 
 from cg.integration.step import plan
-from cg.integration.step.implicit import ImplicitStages
 from cg.integration.step.paths import Path, paths_of
 
 
 def reversed_paths(method):
     paths = paths_of(method)
-    # rows that share their first flows would be cut up
-    assert len(paths.paths) == len({*paths.stages, paths.result, paths.embedded} - {0})
-    return replace(paths, paths=tuple(Path(p.origin, p.flows[::-1]) for p in paths.paths))
+    whole = []  # the flows from the start to the end of each path
+    for path in paths.paths:
+        whole.append((whole[path.origin - 1] if path.origin else ()) + path.flows)
+    return replace(paths, paths=tuple(Path(0, flows[::-1]) for flows in whole))
 
 
 def reverse_flows(monkeypatch):
     monkeypatch.setattr(plan, "paths_of", reversed_paths)
     monkeypatch.setattr(plan, "_plans", lambda method: {})  # none is prepared yet
-    compose = ImplicitStages.compose
-    monkeypatch.setattr(
-        ImplicitStages,
-        "compose",
-        lambda self, row, fields, point, h: compose(self, row[::-1], fields, point, h),
-    )

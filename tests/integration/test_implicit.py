@@ -1,5 +1,7 @@
 """Implicit methods: their stage equations, orders, invariants and failures."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -174,6 +176,22 @@ def test_ensembles_equal_loops(kind, vectorized):
             )
             np.testing.assert_allclose(together.y[:, k], alone.y, rtol=0, atol=1e-13)
             np.testing.assert_allclose(together.sol(0.7)[k], alone.sol(0.7), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("method", [GAUSS, "DICG4"], ids=str)
+def test_copies_of_steppers_continue_alike(method, kind):
+    problem = StateDependentRotation()
+    options = {"frame": SO3(), "method": method, "h": 0.125, "stage_solver": kind}
+    one = cg.Stepper(problem.f, 0.0, problem.y0, 2.0, **options)
+    for _ in range(5):
+        one.step()
+    other = pickle.loads(pickle.dumps(one))
+    for _ in range(10):
+        one.step()
+        other.step()
+    np.testing.assert_array_equal(one.y, other.y)
+    assert (one.nfev, one.njev, one.nlu) == (other.nfev, other.njev, other.nlu)
 
 
 def test_newton_needs_fewer_evaluations_where_steps_are_large():

@@ -17,7 +17,7 @@ from cg.integration.loop.record import COUNTS
 from cg.integration.loop.run import Run
 from cg.integration.loop.stiffness import is_stiff
 from cg.integration.rhs.python import StageOverflowError
-from cg.integration.step.implicit import ConvergenceError
+from cg.integration.step.implicit import STAGE_SOLVERS, ConvergenceError
 from cg.integration.step.plan import has_brackets
 from cg.method.magnus import MagnusMethod
 from cg.support.shared_numbers import Stop
@@ -36,9 +36,11 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: P
         case Stop.JUMPS_WITHOUT_PROGRESS:
             return no_progress(t)
         case Stop.STAGES_NOT_SOLVED:
-            return run.callbacks.last_error or ConvergenceError(
-                "it diverges", int(run.flag[member]), math.nan, t, run.record.step_size
-            )
+            iterations = int(run.flag[member])
+            slow = not run.plan.collocation and iterations in STAGE_SOLVERS.values()
+            residual = math.nan if run.plan.collocation else run.record.residual
+            reason = "it is too slow" if slow else "it diverges"
+            return ConvergenceError(reason, iterations, residual, t, run.record.step_size)
         case Stop.SLOPE_NOT_FINITE:
             point = run.plan.points(run.end[member], ())
             return failure(stop, 0, t, run.rhs.at_member(member, t, point))

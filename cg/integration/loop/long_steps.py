@@ -26,14 +26,8 @@ def is_too_long(frame: Frame, stages: Array) -> bool:
     """Return whether coefficients differ between stages by more than the radius of dexp⁻¹.
 
     For rotations the radius is a full turn. Coefficients that commute have none, and those that
-    the stages have in common don't matter: flows along them are exact.
-
-    Parameters
-    ----------
-    frame
-        The frame.
-    stages
-        The coefficients at the stages of a step times its size, shape ``(stages, dim)``.
+    the stages have in common don't matter: flows along them are exact. ``stages`` are the
+    coefficients at the stages of a step times its size, shape ``(stages, dim)``.
     """
     change = stages - stages[0]
     if not np.square(change).sum(axis=1).max() > _SHORT or not has_brackets(frame):

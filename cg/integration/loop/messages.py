@@ -30,20 +30,10 @@ TERMINAL_EVENT = "A terminal event ended the integration."
 def failure(
     stop: Stop, flag: int, t: float, slope: Array | None = None, name: str = "f"
 ) -> Exception:
-    """Return the exception for an integration that failed.
+    """Return the exception for an integration that failed at time ``t``.
 
-    Parameters
-    ----------
-    stop
-        The reason.
-    flag
-        The value that a compiled function returned.
-    t
-        The time.
-    slope
-        The initial coefficients, where they are the reason.
-    name
-        The function that failed.
+    ``flag`` is what the compiled function ``name`` returned, ``slope`` are the initial coefficients
+    where they are the reason.
     """
     where = f"at t = {t:.17g}"
     error: Exception = MemoryError("there is not enough memory for the stages of one step")

@@ -9,21 +9,9 @@ _SECONDS = 0.1
 
 
 class Progress:
-    """Calls a function with the time covered so far, at most ten times a second.
+    """Calls ``function(done, total)`` with the time covered so far, at most ten times a second.
 
-    Parameters
-    ----------
-    function
-        ``progress(done, total)``, or None.
-    start, stop
-        The ends of the integration.
-    members
-        Number of trajectories.
-
-    Raises
-    ------
-    TypeError
-        If the function can't be called.
+    The total is the time from ``start`` to ``stop``, times the number of members.
     """
 
     def __init__(self, function: Any, start: float, stop: float, members: int = 1) -> None:

@@ -23,9 +23,8 @@ from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.callbacks import Callbacks
 from cg.integration.step.collocation import Jacobian
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ImplicitStages
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import Plan
-from cg.method.tableau import Tableau
 from cg.support.memory import reserved
 from cg.support.parallel import raise_if_stopped
 
@@ -109,12 +108,23 @@ class Run:
         self._lanes = lanes = min(lanes, members)
         self._functions = 0 if events is None else len(events)
         plan.detect_coordinates(points[0])
-        self.callbacks = self._callbacks(events, stage_solver, jacobian, lanes)
-        self.kept = plan.kept
-        sparse = jacobian is not None and jacobian.sparse
+        self.callbacks = Callbacks(
+            plan, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.vectorized else None,
+            None if events is None else events.value, None if events is None else events.jump,
+            None if jacobian is None else jacobian.of(rhs), lanes,
+        )  # fmt: skip
+        self.kept, stages = plan.kept, plan.method.stages
+        self.record = self._make_record(t0, len(stops), common, keep_last)
+        if jacobian is not None:
+            self.record.jacobian = 1 + jacobian.sparse
+        elif stage_solver == "fixed-point" and not plan.collocation:
+            self.record.jacobian = 2
         if plan.collocation:
-            self.kept += plan.method.stages - 1 + (0 if sparse else plan.frame.dim)
-        self.record = self._make_record(t0, len(stops), common, keep_last, jacobian)
+            self.kept += stages - 1
+        if self.record.jacobian < 2 and plan.collocation:
+            self.kept += plan.frame.dim
+        elif self.record.jacobian < 2 and plan.paths.blocks:
+            self.kept += plan.frame.dim * stages**2 // plan.paths.blocks + stages
         self.record.of_time = of_time
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []
@@ -134,17 +144,15 @@ class Run:
             self._share("event_table", events.rows)
         self._open(points[0])
 
-    def _make_record(
-        self, t0: float, segments: int, common: bool, keep_last: bool, jacobian: Jacobian | None
-    ) -> Record:
+    def _make_record(self, t0: float, segments: int, common: bool, keep_last: bool) -> Record:
         plan, control, output = self.plan, self.control, self.output
         in_entries = control.h is None and not plan.in_algebra
         function, data, stride = self.rhs.addresses()
         return Record(
             members=self.members, lanes=self._lanes, common=common, keep_last=keep_last, t0=t0,
-            segments=segments, jacobian=0 if jacobian is None else 1 + jacobian.sparse,
-            context=id(self.callbacks), function=function, vectorized=self.rhs.vectorized,
-            data=data, data_stride=stride, functions=self._functions,
+            segments=segments, context=id(self.callbacks), function=function,
+            vectorized=self.rhs.vectorized, data=data, data_stride=stride,
+            functions=self._functions,
             h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
             in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
             max_step=control.max_step, first_step=control.first_step or 0.0,
@@ -186,24 +194,6 @@ class Run:
             setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
         return array
 
-    def _callbacks(
-        self,
-        events: EventTable | None,
-        stage_solver: str,
-        jacobian: Jacobian | None,
-        lanes: int,
-    ) -> Callbacks:
-        plan, rhs = self.plan, self.rhs
-        method = plan.method
-        stages = None
-        if isinstance(method, Tableau) and not method.explicit:
-            stages = ImplicitStages(rhs.at_member, plan.frame, method, stage_solver, lanes)
-        return Callbacks(
-            plan, stages, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.vectorized else None,
-            None if events is None else events.value, None if events is None else events.jump,
-            None if jacobian is None else jacobian.of(rhs), lanes,
-        )  # fmt: skip
-
     def _make_buffers(self, capacity: int) -> None:
         """Share arrays for the output of some number of steps."""
         output, width = self.output, self.plan.width
@@ -215,15 +205,12 @@ class Run:
         more = min(capacity, _MAX_BUFFER)
         if self._functions:
             self.record.event_capacity = self._functions * self._lanes + more
-            self._share_events(self.record.event_capacity)
+            events = self.record.event_capacity
+            self._share("event_of", np.empty((events, 2), dtype=np.int64))
+            self._share("event_t", np.empty(events))
+            self._share("event_y", np.empty((events, 2, width)))
         if output.dense:
             self.allocate_interpolants(self._lanes + more)
-
-    def _share_events(self, capacity: int) -> None:
-        width = self.plan.width
-        self._share("event_of", np.empty((capacity, 2), dtype=np.int64))
-        self._share("event_t", np.empty(capacity))
-        self._share("event_y", np.empty((capacity, 2, width)))
 
     def allocate_interpolants(self, capacity: int) -> None:
         """Allocate memory for `capacity` interpolants."""
@@ -235,13 +222,7 @@ class Run:
         self._share("dense_field", np.empty((capacity, plan.columns * plan.frame.dim)))
 
     def drive(self, watch: Callable[[float], None] | None = None) -> None:
-        """Advance all members to their ends.
-
-        Parameters
-        ----------
-        watch
-            Called with the time covered, summed over all members.
-        """
+        """Advance all members to their ends; ``watch`` gets the time covered by all together."""
         budget = StepBudget()
         while self.record.ended < self.members:
             given = budget.start()
@@ -335,24 +316,15 @@ class Run:
     def replace_rhs(self, rhs: CompiledRhs | PythonRhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
         self.rhs = rhs
-        if self.callbacks.stages is not None:
-            self.callbacks.stages.rhs = rhs.at_member
         if self.callbacks.jacobian is not None:
             self.callbacks.jacobian = self.callbacks.jacobian.of(rhs)
         if isinstance(rhs, PythonRhs) and rhs.vectorized:
             self.callbacks.fields = rhs.at_members
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
-        """Return all events.
+        """Return all events: member and event ``(n, 2)``, times ``(n,)``, and points.
 
-        Returns
-        -------
-        of
-            Members and events, shape ``(n, 2)``.
-        t
-            Times, shape ``(n,)``.
-        y
-            Points before and after it, shape ``(n, 2, *point_shape)``.
+        The points before and after each have the shape ``(n, 2, *point_shape)``.
         """
         plan = self.plan
         if not self._events:

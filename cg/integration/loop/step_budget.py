@@ -30,13 +30,7 @@ class StepBudget:
         return self.steps
 
     def stop(self, taken: int) -> None:
-        """Choose the next number of steps.
-
-        Parameters
-        ----------
-        taken
-            Number of steps taken, less than `steps` if the integration has ended.
-        """
+        """Choose the next number of steps after ``taken``, fewer than `steps` at the end."""
         seconds = max(time.perf_counter() - self._since, 1e-6)
         steps = int(min(taken * _SECONDS / seconds, _MAX_STEPS))
         self.steps = max(1, min(steps, _MAX_GROWTH * self.steps))

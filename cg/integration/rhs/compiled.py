@@ -55,20 +55,10 @@ class CompiledRhs:
     requires_data: bool = False
 
     def on(self, frame: Frame, parameters: Array | None) -> CompiledRhs:
-        """Return the same right-hand side for points of ``frame``.
+        """Return the right-hand side on a frame, with parameters of shape ``(members, k)``.
 
-        Parameters
-        ----------
-        frame
-            The frame of the points.
-        parameters
-            Parameters of each member, shape ``(members, k)``, or None.
-
-        Raises
-        ------
-        ValueError
-            If there are parameters and user's data; or if there are neither and the function's
-            last argument is a pointer to doubles.
+        ValueError is raised if there are parameters and user's data, or if there are neither and
+        the function's last argument is a pointer to doubles.
         """
         if parameters is None and self.requires_data and not self.user_data:
             raise ValueError(
@@ -113,19 +103,8 @@ class CompiledRhs:
     def __call__(self, t: float, y: Points) -> Array:
         """Return the coefficients, shape ``(*batch, dim)``, NaN where the function wrote nothing.
 
-        Parameters
-        ----------
-        t
-            Time.
-        y
-            Points, shape ``(*batch, *point_shape)``.
-
-        Raises
-        ------
-        ValueError
-            If the frame is unknown.
-        RuntimeError
-            If the function returns another number than zero.
+        Points have the shape ``(*batch, *point_shape)``.  RuntimeError is raised if the function
+        returns another number than zero, ValueError if the frame is unknown.
         """
         if self.frame is None:
             raise ValueError("frame must be given before a compiled f is called")
@@ -148,23 +127,9 @@ class CompiledRhs:
 def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
     """Return a compiled function as a right-hand side, None if ``f`` isn't compiled.
 
-    Parameters
-    ----------
-    f
-        A `cg.CompiledFunction`, a `scipy.LowLevelCallable`, a function pointer of ctypes with
-        its types set, or a ``numba.cfunc``, of the signature ``int (double t, const double *y,
-        double *f, void *user_data)``.
-    name
-        Its name in error messages.
-
-    Returns
-    -------
-    CompiledRhs or None
-
-    Raises
-    ------
-    ValueError
-        If ``f`` is compiled but has another signature.
+    It is a `cg.CompiledFunction`, a `scipy.LowLevelCallable`, a function pointer of ctypes with its
+    types set, or a ``numba.cfunc``.  ValueError, with ``name``, is raised unless its signature is
+    ``int (double t, const double *y, double *f, void *user_data)``.
     """
     if isinstance(f, TimeFunction):
         f = f.a
@@ -201,10 +166,7 @@ class CompiledEvent:
 def compiled_event(f: Any) -> CompiledEvent | None:
     """Return a compiled function as an event, None if ``f`` isn't compiled.
 
-    Raises
-    ------
-    ValueError
-        If ``f`` is compiled but has another signature than `EVENT_SIGNATURE`.
+    ValueError is raised unless its signature is `EVENT_SIGNATURE`.
     """
     if isinstance(f, CompiledFunction):
         return CompiledEvent(f, f.address, f.data_address)

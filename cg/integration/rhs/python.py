@@ -143,7 +143,7 @@ class PythonRhs:
         visible = y.view()
         visible.flags.writeable = False
         value = self.f(t, visible, *self.arguments(member))
-        return self.check(value, t, visible, finite_only=True)
+        return self.check(value, t, visible)
 
     def at_members(self, t: Array, members: Any, y: Points) -> Array:
         """Return the coefficients of several members, shape ``(n, dim)``, after checking them."""
@@ -152,25 +152,11 @@ class PythonRhs:
         value = self.f(t, y, *self.args, *own)
         return self.check(value, t, y)
 
-    def check(self, value: Any, t: Any, y: Points, finite_only: bool = False) -> Array:
-        """Return what ``f`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
+    def check(self, value: Any, t: Any, y: Points) -> Array:
+        """Return what ``f(t, y)`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
 
-        Parameters
-        ----------
-        value
-            The value that ``f`` returned.
-        t, y
-            Its arguments.
-        finite_only
-            Whether to raise an error also if ``y`` isn't finite.  Compiled code detects this
-            itself.
-
-        Raises
-        ------
-        ValueError
-            If it has another shape, or isn't finite numbers although ``y`` is.
-        StageOverflowError
-            If neither it nor ``y`` is finite.
+        ValueError is raised if it has another shape, or isn't finite numbers although ``y`` is;
+        compiled code detects points that aren't finite.
         """
         shape = (len(t), self.frame.dim) if self.vectorized else (self.frame.dim,)
         try:
@@ -199,8 +185,6 @@ class PythonRhs:
             ).all(axis=1)
             if wrong.any():
                 raise ValueError(f"f must return finite numbers, got {coefficients} at {when(t)}")
-            if finite_only:
-                raise StageOverflowError(f"a stage is no longer finite at {when(t)}")
         return coefficients
 
     def _hint(self, shape: tuple[int, ...]) -> str:

@@ -1,4 +1,4 @@
-"""Callbacks from compiled code: flows in Python, implicit stages, events and jumps."""
+"""Callbacks from compiled code: flows in Python, Jacobians, events and jumps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from cg.integration.step.flows import (
     difference_of,
     flows_of,
 )
-from cg.integration.step.implicit import ConvergenceError, ImplicitStages
 from cg.integration.step.plan import Plan
 from cg.support.shared_numbers import Operation
 
@@ -37,8 +36,6 @@ class Callbacks:
     ----------
     plan
         The frame and the method.
-    stages
-        Solves the stage equations of an implicit method, else None.
     fields
         ``fields(t, members, y)`` returns coefficients at points of several members.
     jacobian
@@ -57,7 +54,6 @@ class Callbacks:
     def __init__(
         self,
         plan: Plan,
-        stages: ImplicitStages | None = None,
         fields: FieldOfMembers | None = None,
         event: EventOfMember | None = None,
         jump: EventOfMember | None = None,
@@ -66,7 +62,6 @@ class Callbacks:
     ) -> None:
         self.plan = plan
         self.frame = plan.frame
-        self.stages = stages
         self.fields = fields
         self.event = event
         self.jump = jump
@@ -114,18 +109,6 @@ class Callbacks:
             return np.full(self.frame.dim, np.nan)
         return self.frame.local_coordinates(self._point(x), self._point(y))
 
-    def _solve_stages(self, a: Array, y: Array) -> Array:
-        """Return the coefficients at the stages, four counts, and 1 if the iteration failed."""
-        assert self.stages is not None
-        t, h, member = a[:3].tolist()
-        try:
-            fields, counts = self.stages(t, self._point(y), h, a[3:], int(member))
-        except ConvergenceError as error:
-            self.last_error = error
-            size = self.plan.method.stages * self.frame.dim
-            return np.concatenate([np.zeros(size), self.stages.taken(), [1.0]])
-        return np.concatenate([fields.ravel(), counts, [0.0]])
-
     def _evaluate_jacobian(self, a: Array, y: Array) -> Array:
         assert self.jacobian is not None
         t, member = a[:2].tolist()
@@ -166,7 +149,6 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.TANGENT: lambda self, v, y: self.frame.field(v, self._point(y)),
     Operation.SHORTEST: lambda self, v, y: self.frame.without_isotropy(v, self._point(y)),
     Operation.DEXPINV: lambda self, u, v: self._dexpinv(u, v),
-    Operation.STAGES: Callbacks._solve_stages,
     Operation.FIELDS: Callbacks._evaluate,
     Operation.EVENT: Callbacks._event,
     Operation.JUMP: Callbacks._jump,

@@ -24,14 +24,8 @@ class Flows(Protocol):
     def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
         """Return points moved along time-1 flows, the first one first.
 
-        Parameters
-        ----------
-        v
-            Coefficients, shape ``(*batch, flows, dim)``.
-        y
-            Points, shape ``(*batch, *point_shape)``.
-        restore
-            Whether to remove rounding off the manifold, if flows don't do so.
+        Coefficients have the shape ``(*batch, flows, dim)``, points ``(*batch, *point_shape)``.
+        With ``restore`` rounding off the manifold is removed, if flows don't do so.
         """
         ...
 
@@ -103,7 +97,7 @@ class _CompiledFlows:
         import cg._core_r64 as core
 
         self.frame = frame
-        self.move = core.move
+        self.move = core.frame_move
         self.blocks = describe_blocks(frame), block_constants(frame)
 
     def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
@@ -142,7 +136,7 @@ class _CompiledDifference:
         import cg._core_r64 as core
 
         self.frame = frame
-        self.difference = core.difference
+        self.difference = core.frame_difference
         self.description = describe_blocks(frame)
 
     def __call__(self, y0: Points, y1: Points) -> Array:
@@ -159,7 +153,7 @@ class _CompiledDexpinv:
 
         self.frame = frame
         self.order = order
-        self.dexpinv = core.dexpinv
+        self.dexpinv = core.frame_dexpinv
         self.description = describe_blocks(frame)
 
     def __call__(self, u: Array, v: Array) -> Array:

@@ -327,25 +327,18 @@ def _least_norm(known: Array, targets: Array) -> Array:
 class ResultFlows:
     """The flows from the start to the result of a method, for fields that depend on time only.
 
-    Parameters
+    Attributes
     ----------
-    method
-        Explicit or implicit.
-    paths
-        Those of an explicit method on the frame.
+    c
+        Abscissae of the stages that the flows use, shape ``(k,)``.
+    weights
+        Weights of these stages in the flows, shape ``(flows, k)``.
     """
 
-    def __init__(self, method: Method, paths: MethodPaths) -> None:
-        if method.explicit:
-            flows = [dict(flow) for flow in paths.result_flows]
-            c = np.array(paths.c, dtype=np.float64)
-        else:
-            row = method.b_embedded if advances_by_embedded(method) else method.b
-            assert row is not None
-            flows = [{k: weight} for k, weight in enumerate(row.tolist()) if weight != 0.0]
-            c = method.c
+    def __init__(self, paths: MethodPaths) -> None:
+        flows = [dict(flow) for flow in paths.result_flows]
         used = sorted({stage for flow in flows for stage in flow})
-        self.c: Array = c[used]
+        self.c: Array = paths.doubles[1][used]
         self.weights = np.array([[float(flow.get(k, 0)) for k in used] for flow in flows])
 
     def __len__(self) -> int:
@@ -355,4 +348,4 @@ class ResultFlows:
 @cached
 def result_flows(method: Method) -> ResultFlows:
     """Return the flows to the result of a method."""
-    return ResultFlows(method, paths_of(method))
+    return ResultFlows(paths_of(method))

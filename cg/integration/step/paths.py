@@ -13,6 +13,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.conditions import Rows
 from cg.integration.step.collocation import transformation
 from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
@@ -81,6 +82,8 @@ class MethodPaths:
     polynomial
         Whether the flows of the only path are the coefficients of a polynomial in 2θ - 1 along
         which one flow leads to the result.
+    blocks
+        Number of blocks of stages of an implicit method that are solved one after the other.
     """
 
     paths: tuple[Path, ...]
@@ -97,6 +100,7 @@ class MethodPaths:
     power: int = 1
     factor: Fraction = Fraction(1, 10)  # of DOP853
     polynomial: bool = False
+    blocks: int = 0
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -138,8 +142,8 @@ class MethodPaths:
         the flows of each path begin, and where the terms of each flow begin; the stages of the
         terms; the paths to the stages and to the three results; the final stage; 1 if the method
         has two registers, 0 if not; the order of the series, the power of the quotient of error
-        estimates, the number of those that are combinations of coefficients, 1 for a
-        collocation method, and 1 for flows along polynomials.
+        estimates, the number of those that are combinations of coefficients, `blocks`, and 1
+        for flows along polynomials.
         """
         flows = [flow for path in self.paths for flow in path.flows]
         terms = [stage + 1 for flow in flows for stage, _ in flow]
@@ -149,38 +153,41 @@ class MethodPaths:
             *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
             *self.stages, self.result, self.embedded, self.third, self.final_stage,
             int(self.registers is not None), self.series, self.power, len(self.errors),
-            int(bool(self.transformation)), int(self.polynomial),
+            self.blocks, int(self.polynomial),
         ]  # fmt: skip
         return np.array(numbers, dtype=np.intc)
 
 
 @cached
 def paths_of(method: Method) -> MethodPaths:
-    """Return the paths of a method; an implicit one has paths to its results only."""
-    if isinstance(method, Tableau) and not method.explicit:
-        return _implicit_paths(method)
+    """Return the paths of a method."""
     series = 0
     if isinstance(method, MuntheKaas) and not method.explicit:
         flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
         c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
         return MethodPaths(
             (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, c, None, method.order,
-            method.error_weights, transformation(method),
+            method.error_weights, transformation(method), blocks=1,
         )  # fmt: skip
     if isinstance(method, MuntheKaas):
         method = method.advancing
         series = max(method.order, 1)
     errors = method.error_weights
-    result, embedded = method.result, method.embedded_result
+    tree = method.tree
+    result, embedded = tree.result, tree.embedded_result
     if embedded is not None and (method.embedded_order or 0) > method.order:
         result, embedded = embedded, result
     if errors:
         embedded = None
     builder = _Builder(method, {result} if embedded is None else {result, embedded})
-    stages = tuple(builder.path_to(point) for point in method.stage_points)
+    stages = tuple(builder.path_to(point) for point in tree.stage_points)
     result_path = builder.path_to(result)
     c = _abscissae(method)
-    final = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
+    final = [
+        k
+        for k, path in enumerate(stages, 1)
+        if method.explicit and path == result_path > 0 and c[k - 1] == 1
+    ]
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
     third, factor = 0, MethodPaths.factor
     if isinstance(method, MagnusMethod) and method.third_weights is not None:
@@ -201,6 +208,7 @@ def paths_of(method: Method) -> MethodPaths:
         third=third,
         power=error_power(method),
         factor=factor,
+        blocks=_blocks(method),
     )
 
 
@@ -251,24 +259,19 @@ def error_power(method: Method) -> int:
     return max((method.order - second) // (second - third), 1)
 
 
-def _implicit_paths(method: Tableau) -> MethodPaths:
-    """Return the paths to the results of an implicit method."""
-    rows = [row for row in (method.exact[1], method.exact_embedded) if row is not None]
-    if (method.embedded_order or 0) > method.order:
-        rows.reverse()
-    flows = [tuple(((k, w),) for k, w in enumerate(row) if w) for row in rows]
-    c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
-    paths = tuple(Path(0, path) for path in flows)
-    return MethodPaths(paths, (0,) * method.stages, 1, len(rows) - 1 and 2, 0, c)
+def _blocks(method: Method) -> int:
+    if method.explicit:
+        return 0
+    return 1 if isinstance(method, Tableau) and method.rows is Rows.FULL else method.stages
 
 
 class _Builder:
     """Builds the paths, merging equal points and leaving out unused ones."""
 
     def __init__(self, method: Method, results: set[int]) -> None:
-        self.points = method.points
+        self.points = method.tree.points
         self.same = method.tree.merged
-        ends = {self.same[point] for point in results.union(method.stage_points)}
+        ends = {self.same[point] for point in results.union(method.tree.stage_points)}
         used: set[int] = set()
         pending = list(ends)
         while pending:
@@ -278,6 +281,8 @@ class _Builder:
                 pending.append(self._parent(point))
         children = Counter(self._parent(point) for point in used)
         self.kept = ends | {point for point in used if children[point] > 1}
+        if not method.explicit:  # iterations repeat the last flow of a stage
+            self.kept |= {self._parent(self.same[point]) for point in method.tree.stage_points}
         self.index = {START: 0}
         self.paths: list[Path] = []
 
@@ -309,6 +314,6 @@ def _abscissae(method: Method) -> tuple[Fraction, ...]:
     if isinstance(method, MagnusMethod):
         return method.abscissae
     at = {START: Fraction(0)}
-    for i, point in enumerate(method.points):
+    for i, point in enumerate(method.tree.points):
         at[i] = at[point.parent] + sum(point.weights.values(), Fraction(0))
-    return tuple(at[point] for point in method.stage_points)
+    return tuple(at[point] for point in method.tree.stage_points)

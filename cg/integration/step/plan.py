@@ -38,7 +38,7 @@ class Plan:
     frame
         Any frame; one in Python is called through callbacks.
     method
-        Any method; implicit stages are solved through callbacks.
+        Any method.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Plan:
     kept
         Number of vectors of coefficients stored for a step: its stages, or one register.
     collocation
-        Whether compiled code solves the stages by Newton's method.
+        Whether the method is a collocation method on a Lie algebra.
     series
         Order up to which the series of dexp⁻¹ is needed.
     exponent
@@ -73,7 +73,7 @@ class Plan:
         self._free: bool | None = None
         self.series = series_order(method)
         self.collocation = is_collocation(method)
-        if self.collocation:
+        if not method.explicit:
             provide_lapack()
         if self.compiled:
             blocks = describe_blocks(frame)
@@ -90,7 +90,6 @@ class Plan:
             block_constants(frame),
             paths.integers,
             *paths.doubles,
-            not (method.explicit or self.collocation),
         )
         weakref.finalize(self, core.plan_close, self.address)
 
@@ -110,7 +109,7 @@ class Plan:
 
         method, polynomial = self.method, self.paths.polynomial
         nodes = method.stages if polynomial else node_count(method)
-        extension, flows = extension_of(method), ResultFlows(method, self.paths)
+        extension, flows = extension_of(method), ResultFlows(self.paths)
         flat = isinstance(method, MuntheKaas)
         columns = max(len(extension.basis), nodes + 1)
         padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty

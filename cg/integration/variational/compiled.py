@@ -131,16 +131,9 @@ def compiled_variation(
 ) -> CompiledVariation | None:
     """Return the right-hand side in compiled code, or None.
 
-    It is None for vectorized functions, and for differences on frames that aren't compiled.
-
-    Parameters
-    ----------
-    variational
-        The functions.
-    plan
-        The plan of the frame without derivatives.
-    args
-        Further arguments of functions in Python.
+    It is None for vectorized functions, and for differences on frames that aren't compiled.  The
+    plan is that of the frame without derivatives; ``args`` are further arguments of functions in
+    Python.
     """
     import cg._core_r64 as core
 

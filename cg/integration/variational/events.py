@@ -95,16 +95,9 @@ class VariationalEvents(EventTable):
         return field.product.join(after, moved.ravel())
 
     def time_derivatives(self, index: int, member: int, t: float, z: Array) -> Array:
-        """Return derivatives of an event's time, shape ``(dim + k,)``.
+        """Return derivatives of an event's time, shape ``(dim + k,)``; z is the point before.
 
         They aren't finite where the solution touches the event without crossing it.
-
-        Parameters
-        ----------
-        index, member
-            Which event of which member.
-        t, z
-            When, and the point with derivatives before its jump.
         """
         y, x = self._field.split(z)
         return self._time_derivative(index, t, y, x, self.arguments(member))[1]

@@ -266,12 +266,8 @@ class VariationalField:
 def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
     """Return for each parameter a function that shifts it by some steps, and the step size.
 
-    Parameters
-    ----------
-    row
-        Parameters, shape ``(..., k)``.
-    step
-        Step size relative to the parameter, or to one if it is zero.
+    Parameters have the shape ``(..., k)``.  ``step`` is relative to the parameter, or to one if it
+    is zero.
     """
     steps_of = []
     for i in range(row.shape[-1]):

@@ -49,12 +49,7 @@ def add_derivatives(
 ) -> VariationalProblem:
     """Return the problem of points with derivatives, after checking the arguments.
 
-    Parameters
-    ----------
-    problem
-        The problem of the points without derivatives.
-    f, jac, df_dp, control_derivatives
-        As for `cg.solve_variational`.
+    Further arguments are those of `cg.solve_variational`.
     """
     frame, rhs = problem.plan.frame, problem.rhs
     control_derivatives = check_flag("control_derivatives", control_derivatives)

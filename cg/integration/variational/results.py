@@ -17,17 +17,10 @@ from cg.integration.variational.field import VariationalField
 def split_results(
     z: Array, variational: VariationalField, covariance: Array | None
 ) -> dict[str, Any]:
-    """Return the fields of a result that come from points with derivatives.
+    """Return the fields of a result that come from points with derivatives ``z``.
 
-    Parameters
-    ----------
-    z
-        Shape ``(..., *product shape)``.
-    variational
-        The right-hand side.
-    covariance
-        That of the initial coordinates, shape ``(n, n)``, or ``(members, n, n)`` if the members
-        are the last of the leading axes; or None.
+    The covariance of the initial coordinates is None or has shape ``(n, n)``, or
+    ``(members, n, n)`` if the members are the last of the leading axes of ``z``.
     """
     y, x = variational.split(z)
     n = variational.frame.dim

@@ -1,0 +1,233 @@
+! The stage equations of implicit tableaux with one weight per flow. The unknowns are the coefficients
+! at the stages, so that they live in a linear space whatever the manifold is:
+!
+!   k_i = f(t + c_i h, Y_i(k)),   Y_i(k) = exp(h a_is k_s) ... exp(h a_i1 k_1) y.
+!
+! If A is lower triangular, each stage is a block of its own, solved after those before it; otherwise
+! all stages are one block. The fixed-point iteration repeats the equation. Newton's method takes the
+! Jacobian of k - f(Y(k)) by differences along the flows, as in B. Owren, B. Welfert, "The Newton
+! iteration on Lie groups", BIT 40 (2000), 121-145, but with the derivative of the exponential inside
+! the difference, and keeps its factors, also over several steps of the same size, as long as
+! corrections decrease by a factor of ten. Both iterate down to the level of rounding, since an
+! implicit method preserves invariants only as accurately as its stages are solved.
+module implicit_m
+  use kinds, only: wp
+  use coordinates_m, only: sizes
+  use lapack_m, only: dgetrf, dgetrs
+  use method_m, only: method_t
+  use phases_m
+  use requests_m, only: reject_stage
+  use trajectory_m, only: problem_t, trajectory_t
+  use shared_numbers, only: stages_not_solved
+  implicit none
+  private
+  public :: prepare_stage, store_value
+
+  integer, parameter :: max_newton = 25, max_fixed_point = 100
+  real(wp), parameter :: noise = 1e-10_wp      ! corrections below it may be rounding errors of f
+  real(wp), parameter :: slow = 0.1_wp         ! factors are replaced if corrections decrease by less
+  real(wp), parameter :: diverged = 1e3_wp     ! growth of residuals
+
+contains
+
+  ! Starts the first block of a step.
+  subroutine prepare_stage(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    if (trajectory%solver%first > 0) return
+    trajectory%f = spread(trajectory%slope, 2, size(trajectory%f, 2))
+    trajectory%solver%last = 0
+    call next_block(problem, trajectory)
+  end subroutine prepare_stage
+
+  ! Starts the next block whose coefficients aren't those at the start, or finishes the step.
+  subroutine next_block(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, solver => trajectory%solver, method => problem%method)
+      if (solver%last > 0) call rewind_paths(method, trajectory)
+      do
+        solver%first = solver%last + 1
+        if (solver%first > size(method%c)) exit
+        solver%last = solver%last + size(method%c) / method%blocks
+        if (solver%first < solver%last .or. method%stage_path(solver%first) > 0) exit
+      end do
+      solver%iteration = 1
+      solver%column = 0
+      solver%correction = huge(1.0_wp)
+      solver%smallest = huge(1.0_wp)
+      x%stage = solver%first
+      x%phase = merge(phase_finish_step, phase_next_stage, solver%first > size(method%c))
+    end associate
+  end subroutine next_block
+
+  ! Returns to the first stage of the block. If it is the only one, its path is the last of its flows.
+  pure subroutine rewind_paths(method, trajectory)
+    type(method_t), intent(in) :: method
+    type(trajectory_t), intent(inout) :: trajectory
+
+    trajectory%stage = trajectory%solver%first
+    trajectory%paths = 0
+    if (method%blocks > 1) trajectory%paths = max(method%stage_path(trajectory%stage) - 1, 0)
+  end subroutine rewind_paths
+
+  ! Whether the coefficients at the only stage of a block have an influence on its point
+  pure logical function is_implicit(method, stage)
+    type(method_t), intent(in) :: method
+    integer, intent(in) :: stage
+
+    associate (flow => method%path_first(method%stage_path(stage) + 1) - 1)
+      is_implicit = method%flows%stage(method%flows%first(flow)) == stage
+    end associate
+  end function is_implicit
+
+  ! Stores the coefficients at a stage. After the last one of the block its unknowns are corrected,
+  ! or the next column of the Jacobian is evaluated.
+  subroutine store_value(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer :: block, info
+
+    associate (x => trajectory, solver => trajectory%solver, method => problem%method, &
+               n => size(trajectory%f, 1))
+      block = merge(solver%first, 1, method%blocks > 1)
+      if (method%blocks > 1 .and. .not. is_implicit(method, x%stage)) then
+        x%f(:, x%stage) = x%received
+        call next_block(problem, trajectory)
+        return
+      end if
+      if (solver%column == 0) then
+        solver%value(:, x%stage) = x%received
+      else
+        associate (row => (x%stage - solver%first) * n)
+          solver%lu(row + 1:row + n, solver%column, block) = &
+            (solver%value(:, x%stage) - x%received) / solver%moved
+        end associate
+      end if
+      x%stage = x%stage + 1
+      x%phase = phase_next_stage
+      if (x%stage <= solver%last) return
+      call rewind_paths(method, trajectory)
+      if (solver%column > 0) then
+        x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%before
+        solver%column = solver%column + 1
+      else if (.not. (solver%fixed_point .or. abs(solver%factored_h(block) - x%h) <= 0)) then
+        x%njev = x%njev + 1
+        solver%column = 1
+        solver%factored_h(block) = 0.0_wp              ! its columns overwrite the factors
+      end if
+      if (solver%column > size(solver%lu, 1)) then
+        call factor(solver%lu(:, :, block), solver%pivot(:, block), info)
+        x%nlu = x%nlu + 1
+        solver%factored_h(block) = x%h
+        solver%column = 0
+        if (info /= 0) then
+          call give_up(problem, trajectory, block)
+          return
+        end if
+      end if
+      if (solver%column > 0) then
+        call move_unknown(problem, trajectory)
+      else
+        call correct(problem, trajectory, block)
+      end if
+    end associate
+  end subroutine store_value
+
+  ! Moves the unknown of a column of the Jacobian.
+  subroutine move_unknown(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: scale(size(trajectory%f, 1))
+
+    associate (solver => trajectory%solver, &
+               i => 1 + mod(trajectory%solver%column - 1, size(trajectory%f, 1)), &
+               stage => trajectory%solver%first &
+                        + (trajectory%solver%column - 1) / size(trajectory%f, 1))
+      call scale_of(problem, trajectory, trajectory%f(:, stage), scale)
+      solver%before = trajectory%f(i, stage)
+      trajectory%f(i, stage) = solver%before + sqrt(epsilon(1.0_wp)) * scale(i)
+      solver%moved = trajectory%f(i, stage) - solver%before
+    end associate
+  end subroutine move_unknown
+
+  ! The scale of coefficients: their absolute values, but at least what moves the point by about the
+  ! size of its coordinates
+  subroutine scale_of(problem, trajectory, k, scale)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), contiguous, intent(in) :: k(:)           ! (dimension)
+    real(wp), contiguous, intent(out) :: scale(:)      ! (dimension)
+
+    call sizes(problem%frame, trajectory%y(:, 0), scale)
+    scale = max(abs(k), scale / abs(trajectory%h))
+    where (.not. scale > 0) scale = 1.0_wp
+  end subroutine scale_of
+
+  ! Adds the identity to a matrix and factors it.
+  subroutine factor(matrix, pivot, info)
+    real(wp), contiguous, intent(inout) :: matrix(:, :)
+    integer, contiguous, intent(inout) :: pivot(:)
+    integer, intent(out) :: info
+    integer :: i
+
+    info = 1
+    if (.not. all(abs(matrix) <= huge(1.0_wp))) return
+    do i = 1, size(pivot)
+      matrix(i, i) = matrix(i, i) + 1
+    end do
+    call dgetrf(size(pivot), size(pivot), matrix, size(pivot), pivot, info)
+  end subroutine factor
+
+  ! Corrects the unknowns of a block, and goes on to the next one if the correction is rounding.
+  subroutine correct(problem, trajectory, block)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer, intent(in) :: block
+    real(wp) :: scale(size(trajectory%f, 1)), d(size(trajectory%f, 1), trajectory%solver%first: &
+                                                trajectory%solver%last)
+    real(wp) :: correction
+    integer :: i, info, limit
+
+    associate (x => trajectory, solver => trajectory%solver)
+      d = solver%value(:, solver%first:solver%last) - x%f(:, solver%first:solver%last)
+      solver%residual = maxval(abs(d))
+      if (.not. solver%fixed_point) call dgetrs('N', size(d), 1, solver%lu(:, :, block), size(d), &
+                                                solver%pivot(:, block), d, size(d), info)
+      correction = 0.0_wp
+      do i = solver%first, solver%last
+        x%f(:, i) = x%f(:, i) + d(:, i)
+        call scale_of(problem, trajectory, x%f(:, i), scale)
+        correction = max(correction, maxval(abs(d(:, i)) / scale))
+      end do
+      if (correction <= epsilon(1.0_wp) &
+          .or. (solver%correction <= correction .and. correction <= noise)) then
+        call next_block(problem, trajectory)
+        return
+      end if
+      limit = merge(max_fixed_point, max_newton, solver%fixed_point)
+      if (.not. solver%residual <= diverged * solver%smallest .or. solver%iteration == limit) then
+        call give_up(problem, trajectory, block)
+        return
+      end if
+      if (correction > max(slow * solver%correction, noise)) solver%factored_h(block) = 0.0_wp
+      solver%correction = correction
+      solver%smallest = min(solver%smallest, solver%residual)
+      solver%iteration = solver%iteration + 1
+    end associate
+  end subroutine correct
+
+  ! Discards the factors and rejects the step.
+  subroutine give_up(problem, trajectory, block)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer, intent(in) :: block
+
+    trajectory%solver%factored_h(block) = 0.0_wp
+    trajectory%flag = trajectory%solver%iteration
+    call reject_stage(problem, trajectory, stages_not_solved, trajectory%t)
+  end subroutine give_up
+
+end module implicit_m
