@@ -109,8 +109,8 @@ def interpolant(
     stages
         Those at stages; of a method of Munthe-Kaas the derivatives of coordinates.
     accurate
-        Whether it is as accurate as the step, or the flows of the step itself with weights that
-        grow in proportion to time.
+        Whether it is as accurate as the step; otherwise it consists of the flows of the step, with
+        weights proportional to time.
     """
     if not accurate:
         return _Interpolant(y0, h * stages, rules, _straight(method))

@@ -47,6 +47,24 @@ class TestSteps:
         np.testing.assert_allclose(y, expected, rtol=0.0, atol=1e-13)
 
     @pytest.mark.parametrize(
+        "method",
+        [
+            cg.Tableau([["0", "0"], ["2/3", "0"]], ["1/4", "3/4"]),
+            cg.MuntheKaas(cg.Tableau([["0", "0"], ["2/3", "0"]], ["1/4", "3/4"])),
+        ],
+        ids=["tableau", "Munthe-Kaas"],
+    )
+    def test_methods_of_users(self, method):
+        frame = UnitQuaternion()
+        ours, f = term(frame)
+        y0, h = jnp.asarray(point(frame)), 0.1
+        solver = cg.jax.Solver(method, dense="steps")
+        state = solver.init(ours, 0.0, h, y0, 1.0)
+        y, *_ = solver.step(ours, 0.0, h, y0, 1.0, state, False)
+        expected = cg.integrate(f, (0.0, h), point(frame), frame=frame, method=method, h=h).y[-1]
+        np.testing.assert_allclose(y, expected, rtol=0.0, atol=1e-13)
+
+    @pytest.mark.parametrize(
         "frame",
         [
             *(SE3(), Sphere(2), Stiefel(3, 2), Product(SU(2), Euclidean(2))),
@@ -246,6 +264,24 @@ class TestOutput:
             f, (0.0, 2.0), y0, frame=frame, method=name, rtol=1e-6, atol=1e-6, t_eval=ts
         )
         np.testing.assert_allclose(solution.ys, expected.y, rtol=0.0, atol=1e-12)
+
+    def test_output_at_steps_and_of_functions(self):
+        frame = UnitQuaternion()
+        ours, f = term(frame)
+        y0, ts = point(frame), np.array([0.05, 0.37])
+        saveat = diffrax.SaveAt(
+            subs=[
+                diffrax.SubSaveAt(t0=True, steps=True),
+                diffrax.SubSaveAt(ts=ts, fn=lambda t, y, args: y[0]),
+            ]
+        )
+        options = {"h": 0.1, "end": 0.4, "max_steps": 8, "saveat": saveat}
+        steps, values = solve(ours, cg.jax.Solver("CF3"), y0, **options).ys
+        expected = cg.solve_ivp(
+            f, (0.0, 0.4), y0, frame=frame, method="CF3", h=0.1, dense_output=True
+        )
+        np.testing.assert_allclose(steps[:5], expected.y, rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(values, expected.sol(ts)[:, 0], rtol=0.0, atol=1e-13)
 
     def test_dense_output_and_events(self):
         frame = UnitQuaternion()
