@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.catalogue import resolve_method
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_algebra
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.integration.step.plan import error_exponent
 from cg.jax.entire import JaxArray
+from cg.jax.points import membership_error
 from cg.jax.rules import Rules
 from cg.jax.term import rules_in
 from cg.jax.within import Within, interpolant
@@ -131,6 +133,12 @@ class Solver(diffrax.AbstractAdaptiveSolver):
     def __init__(
         self, method: str | Method, *, dense: str = "accurate", unroll: bool = False
     ) -> None:
+        if isinstance(method, str) and method == "auto":
+            raise ValueError(
+                'method must be named in JAX, which has no "auto"; of the pairs "RKMK8(5,3)" takes '
+                'the least time in the benchmarks, and "CF5(4)" needs no brackets; "CF4" is for '
+                "fixed steps"
+            )
         found = resolve_method(method)
         if not found.explicit:
             raise ValueError(f"method must be explicit in JAX, got {found!r}")
@@ -172,11 +180,18 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         return terms.vf(t0, y0, args)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> JaxArray:
-        """Return the coefficients at the start, after checking the term."""
-        rules = rules_in(terms)
+        """Return the coefficients at the start, after checking the term and the point."""
+        frame = rules_in(terms).frame
         if self.steps.on_algebra:
-            check_algebra(rules.frame, self.method)
-        return terms.vf(t0, y0, args)
+            check_algebra(frame, self.method)
+        first = terms.vf(t0, y0, args)
+        tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
+        return eqx.error_if(
+            first,
+            ~(membership_error(frame, y0) <= tolerance),
+            f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
+            "returns the nearest point",
+        )
 
     def step(
         self,
