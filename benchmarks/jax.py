@@ -30,6 +30,7 @@ _DEFAULT = "RKMK8(5,3)"
 _AIMS = {1e-6: 1.0, 1e-8: 1.3, 1e-10: 1.5}
 _MEMBERS = 1000
 _SIZES = (1_000, 100_000)
+_KEPT = 10_000  # steps
 _ERROR = 1e-6  # of a gradient, and of members
 
 TITLE = "In JAX"
@@ -38,9 +39,10 @@ METHOD = (
     "in float64 on the CPU, jitted, storing the end only. Competitors are diffrax's Dopri8 and "
     "Tsit5 on the seven numbers, with or without normalising the quaternion after each step. Times "
     f"are for a given error at the end, medians of rounds in turn. The {_MEMBERS} members differ "
-    "in inertia. georax has methods of orders 2 and 4 for matrices of SO(3), with fixed steps but "
-    "for one; there the equation is one of a driven attitude up to t = 10, the gradient is with "
-    "respect to three parameters, and each method has the largest steps that reach the error. "
+    "in inertia. georax has methods for matrices of SO(3): of Crouch and Grossman and of low "
+    "storage with fixed steps, one of the latter and those of Munthe-Kaas with chosen ones; the "
+    "equation is one of a driven attitude up to t = 10, the gradient is with respect to three "
+    "parameters, and each method has the largest steps that reach the error. "
     "Compiling includes tracing, in processor time."
 )
 
@@ -58,7 +60,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         with tempfile.TemporaryDirectory() as folder:
             case = tumbling(Path(folder))
             rows = (*_equal_errors(case, rounds), *_gradients(case, rounds))
-        rows = (*rows, *_batches(rounds), *_ensembles(3, quick), *_compiling(3))
+        rows = (*rows, *_batches(rounds), *_ensembles(3, quick), *_memory(), *_compiling(3))
         try:
             rows = (*rows, *_against_georax(rounds))
         except ImportError as error:
@@ -243,17 +245,53 @@ def _batches(rounds: int) -> list[Row]:
 
     inertias = _INERTIA * np.random.default_rng(0).uniform(0.8, 1.2, (_MEMBERS, 3))
 
-    def batch(solve: Solve) -> Callable[[float], Any]:
-        def member(inertia: Any, tolerance: Any) -> Any:
-            return solve(tolerance, _start(), inertia, 10.0, diffrax.ForwardMode())
+    def batch(solve: Solve, derivative: bool) -> Callable[[float], Any]:
+        kept = diffrax.RecursiveCheckpointAdjoint(checkpoints=256)
 
-        together = jax.jit(jax.vmap(member, (0, None)))
+        def end(inertia: Any, tolerance: Any) -> Any:
+            adjoint = kept if derivative else diffrax.ForwardMode()
+            y = solve(tolerance, _start(), inertia, 10.0, adjoint)
+            return y[0] if derivative else y
+
+        together = jax.jit(jax.vmap(jax.grad(end) if derivative else end, (0, None)))
         return lambda tolerance: together(inertias, tolerance)
 
-    functions = {name: batch(solve) for name, (solve, _) in _solvers().items() if name != "Tsit5"}
-    exact = np.asarray(functions["RKMK8(5,3)"](1e-12))
-    title = f"one of {_MEMBERS} members, to t = 10"
-    return [_compare(title, functions, exact, rounds, pieces=_MEMBERS)]
+    rows = []
+    for title, derivative in (("one", False), ("gradient of one", True)):
+        functions = {
+            name: batch(solve, derivative)
+            for name, (solve, _) in _solvers().items()
+            if name != "Tsit5"
+        }
+        exact = np.asarray(functions["RKMK8(5,3)"](1e-12))
+        batch_title = f"{title} of {_MEMBERS} members, to t = 10"
+        rows.append(_compare(batch_title, functions, exact, rounds, pieces=_MEMBERS))
+    return rows
+
+
+def _memory() -> list[Row]:
+    """Compare the memory that compiled gradients allocate for the steps they keep."""
+    import diffrax
+    import jax
+
+    solvers = _solvers()
+
+    def megabytes(name: str, adjoint: Any) -> float:
+        def end(inertia: Any) -> Any:
+            return solvers[name][0](1e-6, _start(), inertia, 10.0, adjoint)[0]
+
+        compiled = jax.jit(jax.grad(end)).lower(_INERTIA).compile()
+        return float(compiled.memory_analysis().temp_size_in_bytes) / 1e6
+
+    rows = []
+    for title, adjoint in (
+        (f"{_KEPT} steps kept", diffrax.RecursiveCheckpointAdjoint(checkpoints=_KEPT)),
+        ("default adjoint, at most 100000 steps", diffrax.RecursiveCheckpointAdjoint()),
+    ):
+        here, there = megabytes(_DEFAULT, adjoint), megabytes("Dopri8", adjoint)
+        quantity = f"memory of a gradient, {title}, {_DEFAULT}"
+        rows.append(Row(quantity, here, "MB", "Dopri8", there, here / there))
+    return rows
 
 
 def _ensembles(rounds: int, quick: bool) -> list[Row]:
@@ -382,9 +420,13 @@ def _attitudes() -> dict[str, Solve]:
         name: solving(cg.jax.FrameTerm(velocity, frame), cg.jax.Solver(name, dense="steps"), ours)
         for name in _METHODS
     }
-    fixed = georax.CG2(), georax.CG4(), georax.CFEES25(), georax.CFEES27()
-    for solver, control in (*((solver, None) for solver in fixed), (georax.CFEES25(), theirs)):
-        term = georax.GeometricTerm(entries, georax.SO(3))
-        name = f"georax {type(solver).__name__}{', chosen steps' if control else ''}"
-        ends[name] = solving(term, solver, control)
+    term = georax.GeometricTerm(entries, georax.SO(3))
+    for solver in (georax.CG2(), georax.CG4(), georax.CFEES25(), georax.CFEES27()):
+        ends[f"georax {type(solver).__name__}"] = solving(term, solver, None)
+    chosen = {"CFEES25": georax.CFEES25()}
+    if hasattr(diffrax.Tsit5, "disable_fsal"):  # which its RKMK needs of diffrax
+        for tableau in (diffrax.Bosh3(), diffrax.Tsit5(), diffrax.Dopri8()):
+            chosen[f"RKMK({type(tableau).__name__})"] = georax.RKMK(tableau)
+    for name, solver in chosen.items():
+        ends[f"georax {name}, chosen steps"] = solving(term, solver, theirs)
     return ends

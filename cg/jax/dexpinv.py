@@ -100,9 +100,9 @@ def _where_it_converges(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxAr
         def multiply(power: JaxArray, _: Any) -> tuple[JaxArray, JaxArray]:
             power = power @ matrix
             factor = jnp.sqrt(power @ power)
-            kept = factor > rounding
-            power = jnp.where(kept, power / jnp.where(kept, factor, 1.0), 0.0)
-            return power, jnp.where(kept, factor, 0.0)
+            significant = factor > rounding
+            power = jnp.where(significant, power / jnp.where(significant, factor, 1.0), 0.0)
+            return power, jnp.where(significant, factor, 0.0)
 
         size = jnp.sqrt(fixed @ fixed)
         unit = fixed / jnp.where(size > 0.0, size, 1.0)

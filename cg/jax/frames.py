@@ -46,12 +46,7 @@ def rules_of(frame: Frame) -> Rules:
     """
     if not isinstance(frame, Frame):
         raise TypeError(f"frame must be a cg.frames.Frame, got {frame!r}")
-    try:
-        return _rules(frame)
-    except TypeError as error:
-        if "unhashable" not in str(error):
-            raise
-        return _rules.__wrapped__(frame)
+    return _rules(frame)
 
 
 @lru_cache(maxsize=256)

@@ -39,7 +39,7 @@ class Rules:
     sizes
         ``sizes(y)`` as `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``.
     free
-        Whether small coefficients are known from the two points that they lead between.
+        Whether two points determine the coefficients of the short flow between them.
     """
 
     frame: Frame

@@ -83,38 +83,36 @@ def _steps_of(method: Method) -> _Steps:
 class Solver(diffrax.AbstractAdaptiveSolver):
     r"""An explicit method of the catalogue, or of the user, as a solver of `diffrax.diffeqsolve`.
 
-    It goes with a `FrameTerm`.  A pair gives an estimate of the error: a tangent at the end of
-    the step, so that a plain ``diffrax.PIDController`` can compare it with the entries of points,
-    and `controller` with coordinates, as `cg.solve_ivp` does.
+    Its term is a `FrameTerm`.  The error estimate of a pair is a tangent at the end of the step:
+    a plain ``diffrax.PIDController`` compares it with the entries of points, and `controller`
+    with coordinates, as `cg.solve_ivp` does.
 
     Parameters
     ----------
     method : str or cg.Method
         The name of a method, or a method.
     dense : {"accurate", "steps"}, optional
-        What the solution between the ends of steps is.  ``"accurate"`` (default) is the
-        interpolant of `cg.solve_ivp`, as accurate as the steps; where output between steps or an
-        event asks for it, it takes the further evaluations of ``f`` that are told there, in every
-        step.  ``"steps"`` takes none, and compiles faster, for those who need the ends of steps
-        alone: between them it has an error of the second order.
+        The interpolant.  ``"accurate"`` (default) is that of `cg.solve_ivp`, as accurate as the
+        steps; if output between steps or an event needs it, it calls ``f`` some more times in
+        every step.  ``"steps"`` is exact at the ends of steps and has an error of second order
+        between them; it calls ``f`` no more times and compiles faster.
     unroll : bool, optional
-        Whether `XLA` compiles the stages of a method of Munthe-Kaas one after the other, or as a
-        loop (default).  A loop compiles faster, and batches by ``jax.vmap`` take less time with
-        it; a single solution takes a little more.  Other methods have no such loop.
+        Whether `XLA` compiles the stages of a Munthe-Kaas method one after the other instead of
+        as a loop.  The loop compiles faster and takes less time in batches by ``jax.vmap``, but a
+        little more for a single solution.  Stages of other methods are never a loop.
 
     Raises
     ------
     TypeError
-        If ``method`` is neither a name nor a method, or ``unroll`` no bool.
+        If ``method`` is neither a name nor a method, or ``unroll`` is not a bool.
     ValueError
-        If no method has that name, the method is implicit or ``dense`` is neither of the two.
+        If no method has that name, the method is implicit or ``dense`` has another value.
 
     Notes
     -----
-    Coefficients are those that are stored, rounded to the precision of the points.  Weighted sums
-    of coefficients are products with a matrix: `XLA` makes one kernel of each.  Of
-    ``diffrax``'s adjoints, ``BacksolveAdjoint`` is refused, which adds to the state what is no
-    point of the frame.
+    The stored coefficients of the method are rounded to the precision of the points.  Weighted
+    sums of stages are products with a matrix, each one kernel of `XLA`.  ``BacksolveAdjoint`` is
+    refused, because its state is no point of the frame.
 
     Examples
     --------
@@ -139,16 +137,16 @@ class Solver(diffrax.AbstractAdaptiveSolver):
                 'the least time in the benchmarks, and "CF5(4)" needs no brackets; "CF4" is for '
                 "fixed steps"
             )
-        found = resolve_method(method)
-        if not found.explicit:
-            raise ValueError(f"method must be explicit in JAX, got {found!r}")
-        if isinstance(found, MagnusMethod):
-            raise ValueError(f"method must be one for nonlinear equations, got {found!r}")
+        method = resolve_method(method)
+        if not method.explicit:
+            raise ValueError(f"method must be explicit in JAX, got {method!r}")
+        if isinstance(method, MagnusMethod):
+            raise ValueError(f"method must be one for nonlinear equations, got {method!r}")
         if dense not in _DENSE:
             raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
-        self.steps = _steps_of(found)
         if not isinstance(unroll, bool):
             raise TypeError(f"unroll must be a bool, got {unroll!r}")
+        self.steps = _steps_of(method)
         self.dense = dense
         self.unroll = unroll
 
@@ -290,7 +288,7 @@ def _take_stages(
                 # Without the barrier XLA compiles a flow once for each of its consumers.  Then
                 # rounding errors, and with them sizes of steps, differ between the forward pass
                 # and its repetition by an adjoint.
-                y = jax.lax.optimization_barrier(rules.flow(combined(h, row, stages), y))
+                y = jax.lax.optimization_barrier(rules.flow(_combined(h, row, stages), y))
             ends.append(rules.restore(y) if k in results else y)
 
     for c, k in zip(paths.doubles[1].tolist(), paths.stages, strict=True):
@@ -355,13 +353,16 @@ def _take_stages_on_algebra(
     if final < count:
         last = f(1.0, result)
         value = dexpinv(u, last, paths.series)
-        sums, after = loop(added(sums, weights[:, final], value), final + 1, count)
-        values += [value[None], after]
+        sums = added(sums, weights[:, final], value)
+        values.append(value[None])
+    if final + 1 < count:
+        sums, after = loop(sums, final + 1, count)
+        values.append(after)
     errors = sums[len(steps.flows) + 1 :]
     return _Stages(jnp.concatenate(values), result, None, errors, last)
 
 
-def combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
+def _combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
     """Return h times a weighted sum of coefficients at stages, as one product."""
     used = np.flatnonzero(row)
     if len(used) == 1:
@@ -383,11 +384,11 @@ def _error(
     """
     y1, other = stages.result, stages.embedded
     if steps.paths.errors:
-        found = h * stages.errors
-        error = found[0]
-        if len(found) == 2:
+        estimates = h * stages.errors
+        error = estimates[0]
+        if len(estimates) == 2:
             size = rules.extent(y0, y1)
-            squares = [(jnp.abs(rules.measured(e, y1) / size) ** 2).sum() for e in found]
+            squares = [(jnp.abs(rules.measured(e, y1) / size) ** 2).sum() for e in estimates]
             total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
             error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
         return rules.field(error, y1)

@@ -36,6 +36,8 @@ class FrameTerm(diffrax.AbstractTerm):
     ValueError
         When it is used: if ``f`` returns another shape or numbers that aren't real, or ``y0`` isn't
         an array of the shape and kind of a point.
+    NotImplementedError
+        When it is used with a solver other than `Solver`, or with ``BacksolveAdjoint``.
 
     Examples
     --------
@@ -67,15 +69,15 @@ class FrameTerm(diffrax.AbstractTerm):
         except jax.errors.JAXTypeError as error:
             error.add_note("f must be written in jax.numpy, with jnp.where or lax.cond for if")
             raise
-        wanted = f"f must return {self.frame.dim} real numbers, shape ({self.frame.dim},)"
+        expected = f"f must return {self.frame.dim} real numbers, shape ({self.frame.dim},)"
         try:
             coefficients = jnp.asarray(value)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{wanted}, got {value!r}") from error
+            raise ValueError(f"{expected}, got {value!r}") from error
         if coefficients.shape != (self.frame.dim,):
-            raise ValueError(f"{wanted}, got shape {coefficients.shape}")
+            raise ValueError(f"{expected}, got shape {coefficients.shape}")
         if jnp.iscomplexobj(coefficients):
-            raise ValueError(f"{wanted}, got {coefficients.dtype}")
+            raise ValueError(f"{expected}, got {coefficients.dtype}")
         return coefficients.astype(jnp.finfo(y.dtype).dtype)
 
     def contr(self, t0: JaxArray, t1: JaxArray, **kwargs: Any) -> JaxArray:
@@ -83,15 +85,11 @@ class FrameTerm(diffrax.AbstractTerm):
         return t1 - t0
 
     def prod(self, vf: JaxArray, control: JaxArray) -> JaxArray:
-        """Return the coefficients times the time."""
-        return control * vf
-
-    def vf_prod(self, t: JaxArray, y: JaxArray, args: Any, control: JaxArray) -> JaxArray:
-        """Refuse what isn't done by flows: other solvers, and the adjoint that augments points."""
+        """Refuse solvers and adjoints that add tangents to points instead of following flows."""
         raise NotImplementedError(
-            "adjoint must not be BacksolveAdjoint, which adds the adjoint to the state, so that it "
-            "is no point of the frame; RecursiveCheckpointAdjoint gives the gradient without the "
-            "error of solving backwards. And solver must be a cg.jax.Solver"
+            "solver must be a cg.jax.Solver for a FrameTerm, and adjoint must not be "
+            "BacksolveAdjoint, whose state is no point of the frame; RecursiveCheckpointAdjoint "
+            "gives the gradient without the error of solving backwards"
         )
 
 
@@ -123,5 +121,5 @@ def _check_point(frame: Frame, y: Any) -> None:
         hint = "; jax.vmap takes a batch" if y.shape[1:] == frame.point_shape else ""
         raise ValueError(f"y0 must have shape {frame.point_shape}, got {y.shape}{hint}")
     if jnp.iscomplexobj(y) != (frame.dtype.kind == "c"):
-        wanted = "complex" if frame.dtype.kind == "c" else "real"
-        raise ValueError(f"y0 must be {wanted} for {frame!r}, got {y.dtype}")
+        kind = "complex" if frame.dtype.kind == "c" else "real"
+        raise ValueError(f"y0 must be {kind} for {frame!r}, got {y.dtype}")

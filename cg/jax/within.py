@@ -22,6 +22,7 @@ from cg.integration.step.interpolant import (
     result_flows,
     series_order,
 )
+from cg.integration.step.paths import paths_of
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
 from cg.method.method import Method, cached
@@ -108,8 +109,8 @@ def interpolant(
     stages
         Those at stages; of a method of Munthe-Kaas the derivatives of coordinates.
     accurate
-        Whether it is as accurate as the step, or the flows of the step itself with weights that
-        grow in proportion to time.
+        Whether it is as accurate as the step; otherwise it consists of the flows of the step, with
+        weights proportional to time.
     """
     if not accurate:
         return _Interpolant(y0, h * stages, rules, _straight(method))
@@ -121,17 +122,12 @@ def interpolant(
 
 @cached
 def _straight(method: Method) -> _Scheme:
-    from cg.integration.step.paths import paths_of
-
     flows = paths_of(method).result_flows
     weights = np.zeros((len(flows), method.stages, 1))
     for row, flow in zip(weights, flows, strict=True):
         for stage, weight in flow:
             row[stage] = float(weight)
     return _Scheme(weights)
-
-
-# In coordinates
 
 
 def _on_algebra(
@@ -200,9 +196,6 @@ def _algebra_scheme(method: Method) -> _Scheme:
     return _Scheme(weights)
 
 
-# By the flows of the method
-
-
 def _by_flows(
     method: Method,
     rules: Rules,
@@ -217,22 +210,21 @@ def _by_flows(
 
     def close(fields: JaxArray, scheme: _Scheme) -> _Interpolant:
         """Add the last flow, which leads to the end of the step."""
-        open_ = _Interpolant(y0, jnp.pad(fields, ((0, 1), (0, 0))), rules, scheme)
-        left = rules.nearby(open_(jnp.ones((), h.dtype)), y1)
+        before = _Interpolant(y0, jnp.pad(fields, ((0, 1), (0, 0))), rules, scheme)
+        left = rules.nearby(before(jnp.ones((), h.dtype)), y1)
         return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)
 
     ends = h * jnp.stack([first, last])
-    found = close(ends, schemes[0])
+    level = close(ends, schemes[0])
     for count, scheme in enumerate(schemes[1:], 3):
-        before = found
         theta = jnp.asarray(nodes_of(count).nodes[1:-1], h.dtype)
 
-        def evaluate(node: JaxArray, level: _Interpolant = before) -> JaxArray:
+        def evaluate(node: JaxArray, level: _Interpolant = level) -> JaxArray:
             return h * f(node, level(node))
 
         inner = jax.lax.map(evaluate, theta)
-        found = close(jnp.concatenate([ends[:1], inner, ends[1:]]), scheme)
-    return found
+        level = close(jnp.concatenate([ends[:1], inner, ends[1:]]), scheme)
+    return level
 
 
 @cached

@@ -102,12 +102,25 @@ class TestValues:
         close(frame.flow(v, y), end)
 
     def test_single_precision(self, frame, example):
-        y, v, _ = example
+        """Flows, and their derivatives at coefficients zero in both modes."""
+        y, v, w = example
         rules = rules_of(frame)
         kind = np.complex64 if frame.dtype.kind == "c" else np.float32
-        low = jax.jit(rules.flow)(jnp.asarray(v, np.float32), jnp.asarray(y, kind))
-        assert low.dtype == kind
-        np.testing.assert_allclose(low, frame.flow(v, y), rtol=0.0, atol=2e-6)
+
+        @jax.jit
+        def compute(v, w, y):
+            zero = jnp.zeros_like(v)
+            slope = jax.grad(lambda v: jnp.vdot(w[0] * y, rules.flow(v, y)).real)(zero)
+            return rules.flow(v, y), rules.field(w, y), slope
+
+        low = jnp.asarray(v, np.float32), jnp.asarray(w, np.float32), jnp.asarray(y, kind)
+        moved, tangent, slope = compute(*low)
+        assert (moved.dtype, slope.dtype) == (kind, np.float32)
+        fields = np.stack([frame.field(unit, y) for unit in np.eye(frame.dim)])
+        expected = [np.vdot(w[0] * y, field).real for field in fields]
+        np.testing.assert_allclose(moved, frame.flow(v, y), rtol=0.0, atol=2e-6)
+        np.testing.assert_allclose(tangent, frame.field(w, y), rtol=0.0, atol=2e-6)
+        np.testing.assert_allclose(slope, expected, rtol=0.0, atol=2e-6)
 
 
 class TestSeriesOfDexpinv:

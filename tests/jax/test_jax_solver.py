@@ -47,6 +47,24 @@ class TestSteps:
         np.testing.assert_allclose(y, expected, rtol=0.0, atol=1e-13)
 
     @pytest.mark.parametrize(
+        "method",
+        [
+            cg.Tableau([["0", "0"], ["2/3", "0"]], ["1/4", "3/4"]),
+            cg.MuntheKaas(cg.Tableau([["0", "0"], ["2/3", "0"]], ["1/4", "3/4"])),
+        ],
+        ids=["tableau", "Munthe-Kaas"],
+    )
+    def test_methods_of_users(self, method):
+        frame = UnitQuaternion()
+        ours, f = term(frame)
+        y0, h = jnp.asarray(point(frame)), 0.1
+        solver = cg.jax.Solver(method, dense="steps")
+        state = solver.init(ours, 0.0, h, y0, 1.0)
+        y, *_ = solver.step(ours, 0.0, h, y0, 1.0, state, False)
+        expected = cg.integrate(f, (0.0, h), point(frame), frame=frame, method=method, h=h).y[-1]
+        np.testing.assert_allclose(y, expected, rtol=0.0, atol=1e-13)
+
+    @pytest.mark.parametrize(
         "frame",
         [
             *(SE3(), Sphere(2), Stiefel(3, 2), Product(SU(2), Euclidean(2))),
@@ -59,12 +77,22 @@ class TestSteps:
     @pytest.mark.parametrize("name", ["CF4(3)", *slow("RKMK5(4)")])
     def test_all_frames_between_steps_too(self, frame, name):
         ours, f = term(frame)
-        ts = np.linspace(0.0, 0.5, 7)
-        y0 = point(frame)
+        y0, h, inner = point(frame), 0.1, np.array([0.0, 0.3, 0.8, 1.0])
         solver = cg.jax.Solver(name)
-        solution = solve(ours, solver, y0, h=0.1, end=0.5, saveat=diffrax.SaveAt(ts=ts))
-        expected = cg.solve_ivp(f, (0.0, 0.5), y0, frame=frame, method=name, h=0.1, t_eval=ts)
-        np.testing.assert_allclose(solution.ys, expected.y, rtol=0.0, atol=1e-13)
+
+        @jax.jit  # compiles in a fraction of the time of diffeqsolve
+        def step(t, y, state):
+            y1, _, dense, state, _ = solver.step(ours, t, t + h, y, 1.0, state, False)
+            within = solver.interpolation_cls(t0=t, t1=t + h, **dense)
+            return y1, state, jax.vmap(within.evaluate)(t + h * inner)
+
+        y = jnp.asarray(y0)
+        state = solver.init(ours, 0.0, h, y, 1.0)
+        for k in range(2):
+            y, state, points = step(k * h, y, state)
+            ts = (k + inner) * h
+            expected = cg.solve_ivp(f, (0.0, 2 * h), y0, frame=frame, method=name, h=h, t_eval=ts)
+            np.testing.assert_allclose(points, expected.y, rtol=0.0, atol=1e-13)
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", EXPLICIT)
@@ -112,6 +140,17 @@ class TestSteps:
             np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-15)
         sizes = [len(f.lower(y0).compile().as_text()) for f in (unrolled, loop)]
         assert sizes[1] < 0.7 * sizes[0]
+
+    def test_without_jit(self):
+        """As with JAX_DISABLE_JIT, where loops may not be empty."""
+        frame = UnitQuaternion()
+        ours, _ = term(frame)
+        y0, first = jnp.asarray(point(frame)), jnp.ones(3)
+        solver = cg.jax.Solver("RKMK5(4)", dense="steps")
+        expected = solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[0]
+        with jax.disable_jit():
+            actual = solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[0]
+        np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-15)
 
     def test_single_precision_stays(self):
         frame = UnitQuaternion()
@@ -225,6 +264,24 @@ class TestOutput:
             f, (0.0, 2.0), y0, frame=frame, method=name, rtol=1e-6, atol=1e-6, t_eval=ts
         )
         np.testing.assert_allclose(solution.ys, expected.y, rtol=0.0, atol=1e-12)
+
+    def test_output_at_steps_and_of_functions(self):
+        frame = UnitQuaternion()
+        ours, f = term(frame)
+        y0, ts = point(frame), np.array([0.05, 0.37])
+        saveat = diffrax.SaveAt(
+            subs=[
+                diffrax.SubSaveAt(t0=True, steps=True),
+                diffrax.SubSaveAt(ts=ts, fn=lambda t, y, args: y[0]),
+            ]
+        )
+        options = {"h": 0.1, "end": 0.4, "max_steps": 8, "saveat": saveat}
+        steps, values = solve(ours, cg.jax.Solver("CF3"), y0, **options).ys
+        expected = cg.solve_ivp(
+            f, (0.0, 0.4), y0, frame=frame, method="CF3", h=0.1, dense_output=True
+        )
+        np.testing.assert_allclose(steps[:5], expected.y, rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(values, expected.sol(ts)[:, 0], rtol=0.0, atol=1e-13)
 
     def test_dense_output_and_events(self):
         frame = UnitQuaternion()
@@ -360,6 +417,13 @@ class TestRefusals:
 
         with pytest.raises(NotImplementedError, match="must not be BacksolveAdjoint"):
             jax.grad(cost)(jnp.asarray(point(UnitQuaternion())))
+
+    @pytest.mark.parametrize("frame", [UnitQuaternion(), Sphere(2)], ids=repr)
+    @pytest.mark.parametrize("solver", [diffrax.Dopri5(), diffrax.Euler()])
+    def test_solvers_of_diffrax(self, solver, frame):
+        """On a sphere coefficients and points have the same shape, and adding them is possible."""
+        with pytest.raises(NotImplementedError, match=r"solver must be a cg\.jax\.Solver"):
+            solve(term(frame)[0], solver, point(frame), h=0.1)
 
     def test_controllers(self):
         frame = UnitQuaternion()

@@ -15,8 +15,15 @@ from cg.frames import SE3, SO3, SU, Euclidean, Power, Product, Sphere, Stiefel, 
 
 jnp = jax.numpy
 SLOW = pytest.mark.slow
+SHIFTS = 5e-3 * np.arange(-3, 4)
+WEIGHTS = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 0.3  # of differences of order six
 
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
+
+
+def quotient(function):
+    """Return the derivative at zero by differences."""
+    return WEIGHTS @ np.stack([function(shift) for shift in SHIFTS])
 
 
 class TestTransforms:
@@ -39,19 +46,23 @@ class TestTransforms:
         np.testing.assert_allclose(by_inertia, forward(inertia), rtol=0.0, atol=1e-11)
         frame = ATTITUDE_AND_VELOCITY
 
-        def exact(inertia, y0):
+        def exact(inertia):
             solution = cg.solve_ivp(
-                body(np), (0.0, 2.0), y0, frame=frame, rtol=1e-13, atol=1e-13, args=(inertia,)
+                body(np), (0.0, 2.0), START, frame=frame, rtol=1e-13, atol=1e-13, args=(inertia,)
             )
             return solution.y[-1, 0]
 
         for k, unit in enumerate(np.eye(3)):
-            quotient = self.quotient(lambda s, u=unit: exact(INERTIA + s * u, START))
-            assert float(by_inertia[k]) == pytest.approx(quotient, abs=1e-9)
-        numbers = cg.jax.cotangent(frame, y0, by_point)
-        for k, unit in enumerate(np.eye(6)):
-            quotient = self.quotient(lambda s, u=unit: exact(INERTIA, frame.flow(s * u, START)))
-            assert float(numbers[k]) == pytest.approx(quotient, abs=1e-9)
+            slope = quotient(lambda s, u=unit: exact(INERTIA + s * u))
+            assert float(by_inertia[k]) == pytest.approx(slope, abs=1e-9)
+        numbers = np.concatenate([cg.jax.cotangent(frame, y0, by_point), by_inertia])
+        variational = cg.solve_variational(
+            body(np), (0.0, 2.0), START, frame=frame, rtol=1e-12, atol=1e-12, parameters=INERTIA,
+            control_derivatives=True,
+        )  # fmt: skip
+        tangents = np.hstack([variational.transition[-1], variational.sensitivity[-1]]).T
+        expected = [frame.field(tangent, variational.y[-1])[0] for tangent in tangents]
+        np.testing.assert_allclose(numbers, expected, rtol=0.0, atol=1e-9)
 
     @pytest.mark.parametrize(
         ("frame", "name"),
@@ -79,7 +90,7 @@ class TestTransforms:
         values = jax.jit(energy)
         slope = jax.jit(jax.jacrev(energy))(0.8)
         assert 0.1 < float(values(0.8)[0]) < 3.9
-        expected = self.quotient(lambda s: np.asarray(values(0.8 + s)), 5e-3)
+        expected = quotient(lambda s: np.asarray(values(0.8 + s)))
         np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-7)
 
     def test_flows_are_compiled_once(self):
@@ -107,17 +118,6 @@ class TestTransforms:
         done = subprocess.run(command, env=environment, capture_output=True, check=True, text=True)
         assert abs(float(done.stdout)) < 1e-12
 
-    @staticmethod
-    def quotient(function, step=5e-3):
-        """Return a derivative by differences of order six."""
-        weights = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}
-        return (
-            sum(
-                weight * (function(k * step) - function(-k * step)) for k, weight in weights.items()
-            )
-            / step
-        )
-
     def test_tolerances_may_be_traced(self):
         frame = UnitQuaternion()
         ours, _ = term(frame)
@@ -128,11 +128,40 @@ class TestTransforms:
         np.testing.assert_allclose(jax.jit(end)(1e-4), end(1e-4), rtol=0.0, atol=1e-13)
 
     def test_members_are_single_runs(self):
+        """Batches of solutions and of gradients are those of their members."""
         inertias = jnp.asarray(INERTIA) * jnp.array([[1.0], [2.0], [0.5]]) + jnp.eye(3)
-        together = jax.jit(jax.vmap(self.end))(inertias)
-        alone = jax.jit(self.end)
-        for inertia, actual in zip(inertias, together, strict=True):
-            np.testing.assert_allclose(actual, alone(inertia), rtol=0.0, atol=1e-11)
+
+        def cost(inertia):
+            y = self.end(inertia)
+            return y[0], y
+
+        compute = jax.value_and_grad(cost, has_aux=True)
+        (_, ends), gradients = jax.jit(jax.vmap(compute))(inertias)
+        alone = jax.jit(compute)
+        for inertia, y, gradient in zip(inertias, ends, gradients, strict=True):
+            (_, expected_y), expected_gradient = alone(inertia)
+            np.testing.assert_allclose(y, expected_y, rtol=0.0, atol=1e-11)
+            np.testing.assert_allclose(gradient, expected_gradient, rtol=0.0, atol=1e-11)
+
+    @pytest.mark.slow
+    def test_memory_of_reverse_mode(self):
+        """With 10^4 steps: some hundred bytes for each step that is kept, little by default."""
+        frame, steps = ATTITUDE_AND_VELOCITY, 10_000
+        ours = cg.jax.FrameTerm(body(jnp), frame)
+        solver = cg.jax.Solver("RKMK5(4)", dense="steps")
+
+        def memory(adjoint):
+            def end(inertia):
+                h = 10.0 / steps
+                options = {"max_steps": steps + 1, "adjoint": adjoint, "args": inertia}
+                return solve(ours, solver, START, h=h, end=10.0, **options).ys[-1, 0]
+
+            compiled = jax.jit(jax.grad(end)).lower(jnp.asarray(INERTIA)).compile()
+            return compiled.memory_analysis().temp_size_in_bytes
+
+        assert memory(diffrax.RecursiveCheckpointAdjoint()) < 200_000
+        kept = memory(diffrax.RecursiveCheckpointAdjoint(checkpoints=steps))
+        assert 100 * steps < kept < 500 * steps
 
     @pytest.mark.parametrize(
         "frame",
@@ -148,22 +177,38 @@ class TestTransforms:
         ],
         ids=repr,
     )
-    def test_second_derivatives(self, frame):
+    @pytest.mark.parametrize("name", ["CF3", pytest.param("RKMK4", marks=SLOW)])
+    def test_all_transforms(self, frame, name):
+        """Derivatives of steps, in both modes, of two orders and batched."""
         ours, _ = term(frame)
-        y0 = point(frame)
-        adjoint = diffrax.DirectAdjoint()
+        solver, h = cg.jax.Solver(name, dense="steps"), 0.25
+        y0 = jnp.asarray(point(frame))
+
+        def cost(factor):
+            state = solver.init(ours, 0.0, h, y0, factor)
+            y, _, _, state, _ = solver.step(ours, 0.0, h, y0, factor, state, False)
+            y, *_ = solver.step(ours, h, 2.0 * h, y, factor, state, False)
+            return jnp.abs(y.reshape(-1)[0] - 0.3) ** 2
+
+        transforms = jax.value_and_grad(cost), jax.jacfwd(cost), jax.hessian(cost)
+        batch = jax.jit(jax.vmap(lambda factor: [transform(factor) for transform in transforms]))
+        (values, slopes), forward, curvatures = jax.tree.map(np.asarray, batch(0.8 + SHIFTS))
+        np.testing.assert_allclose(forward, slopes, rtol=1e-11)
+        assert slopes[3] == pytest.approx(WEIGHTS @ values, rel=1e-8)
+        assert curvatures[3] == pytest.approx(WEIGHTS @ slopes, rel=1e-8)
+
+    @pytest.mark.slow
+    def test_hessians_of_solutions(self):
+        ours, _ = term(UnitQuaternion())
 
         def cost(factor):
             solver = cg.jax.Solver("CF3", dense="steps")
-            run = solve(ours, solver, y0, h=0.25, args=factor, max_steps=4, adjoint=adjoint)
-            return jnp.abs(run.ys[-1].reshape(-1)[0] - 0.3) ** 2
+            options = {"max_steps": 4, "adjoint": diffrax.DirectAdjoint(), "args": factor}
+            return solve(ours, solver, point(UnitQuaternion()), h=0.25, **options).ys[-1, 0]
 
-        values = jax.jit(lambda x: (cost(x), jax.grad(cost)(x), jax.hessian(cost)(x)))
-        _, slope, curvature = values(0.8)
-        by_values = self.quotient(lambda s: float(values(0.8 + s)[0]), 0.05)
-        by_slopes = self.quotient(lambda s: float(values(0.8 + s)[1]), 0.05)
-        assert float(slope) == pytest.approx(by_values, abs=1e-6)
-        assert float(curvature) == pytest.approx(by_slopes, abs=1e-5)
+        slopes = jax.jit(jax.vmap(jax.grad(cost)))(0.8 + SHIFTS)
+        curvature = float(jax.jit(jax.hessian(cost))(0.8))
+        assert curvature == pytest.approx(WEIGHTS @ np.asarray(slopes), rel=1e-8)
 
     def test_errors_in_gradients_of_solve_ivp_name_cg_jax(self):
         def end(inertia):
