@@ -1,5 +1,8 @@
 """Wrong points, functions, tolerances and names of methods in JAX."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from jax_problems import point, solve, term
@@ -7,6 +10,7 @@ from jax_setup import jax
 
 import cg
 from cg.frames import SE3, SO3, SU, Euclidean, Power, Product, Sphere, Stiefel, UnitQuaternion
+from cg.jax.frames import _MAKERS
 from cg.jax.points import membership_error
 
 jnp = jax.numpy
@@ -72,3 +76,11 @@ def test_names_of_methods():
         cg.jax.Solver("auto")
     with pytest.raises(ValueError, match=r"RKMK5\(4\) and CF5\(4\) have its orders$"):
         cg.jax.Solver("Tsit5")
+
+
+def test_page_of_frames_marks_those_in_jax():
+    text = (Path(__file__).parents[2] / "docs" / "frames.md").read_text("utf-8")
+    rows = re.findall(r"^\| `(\w+).* \|(.*)\|$", text.partition("\n\n## ")[0], re.MULTILINE)
+    kinds = {kind.__name__ for kind in _MAKERS}
+    assert len(rows) > 15
+    assert all((name in kinds) == (mark.strip() == "yes") for name, mark in rows)
