@@ -152,7 +152,7 @@ def in_jax():
     bodies = [row for row in measured("jax")["rows"] if row["quantity"].startswith("body that")]
     assert {row["against"] for row in bodies} >= {"Tsit5", "Dopri8"}
     assert all(row["ratio"] > 1.0 for row in bodies)
-    yield "takes less time than the faster of diffrax's `Tsit5` and `Dopri8` at [errors of 1e-6 to"
+    yield "less time than the faster of diffrax's `Tsit5` and `Dopri8` at [errors of 1e-6 to"
 
 
 def measured(section):
