@@ -95,7 +95,8 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         The interpolant.  ``"accurate"`` (default) is that of `cg.solve_ivp`, as accurate as the
         steps; if output between steps or an event needs it, it calls ``f`` some more times in
         every step.  ``"steps"`` is exact at the ends of steps and has an error of second order
-        between them; it calls ``f`` no more times and compiles faster.
+        between them, at any tolerance, which ``SaveAt(ts=...)`` and events would use; it calls
+        ``f`` no more times and compiles faster.
     unroll : bool, optional
         Whether `XLA` compiles the stages of a Munthe-Kaas method one after the other instead of
         as a loop.  The loop compiles faster and takes less time in batches by ``jax.vmap``, but a
@@ -107,6 +108,9 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         If ``method`` is neither a name nor a method, or ``unroll`` is not a bool.
     ValueError
         If no method has that name, the method is implicit or ``dense`` has another value.
+    RuntimeError
+        When it is used: if ``y0`` is farther from the manifold than 1e-8, or 1e-5 in single
+        precision.  ``EQX_ON_ERROR=off`` in the environment turns this check of `equinox` off.
 
     Notes
     -----
