@@ -87,7 +87,7 @@ def controller(
     Examples
     --------
     >>> import cg
-    >>> steps = cg.jax.controller(cg.frames.SO3(), rtol=1e-8, atol=1e-8)
+    >>> steps = cg.jax.controller(cg.frames.SO3(), rtol=1e-5, atol=1e-6)
     """
     rules = rules_of(frame)
     shape = (frame.dim,) if rules.log is not None else frame.point_shape
