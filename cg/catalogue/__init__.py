@@ -118,9 +118,12 @@ catalogues = {"methods": methods, "munthe_kaas": munthe_kaas, "magnus": magnus}
 """All catalogues, by their names in `cg.catalogue`; no two methods have the same name."""
 
 _STIFF = "RadauIIA5 is the one here for stiff equations"
-_IN_SCIPY = {
+_ELSEWHERE = {
     "RK45": "SciPy has a method of that name; DP5(4) has its coefficients",
     "RK23": "SciPy has a method of that name; BS3(2) has its coefficients",
+    "Tsit5": "diffrax has a method of that name; RKMK5(4) and CF5(4) have its orders",
+    "Dopri5": "diffrax has a method of that name; RKMK5(4) and DP5(4) have its coefficients",
+    "Dopri8": "diffrax has a method of that name; RKMK8(5,3) has its order",
 } | dict.fromkeys(("Radau", "BDF", "LSODA"), f"SciPy has a method of that name; {_STIFF}")
 
 
@@ -137,18 +140,20 @@ def similar_names(name: object) -> str:
     """Return a part of an error message: the names most similar to `name`, after a semicolon."""
     if not isinstance(name, str):
         return ""
-    if name in _IN_SCIPY:
-        return f"; {_IN_SCIPY[name]}"
+    if name in _ELSEWHERE:
+        return f"; {_ELSEWHERE[name]}"
     known = {given.upper(): given for own in catalogues.values() for given in own}
-    similar = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
+    pairs = [own for key, own in known.items() if key.startswith(f"{name.upper()}(")]
+    close = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
+    similar = dict.fromkeys(pairs + close)
     return f"; similar names are {', '.join(similar)}" if similar else ""
 
 
 def resolve_method(method: str | PathLike[str] | Method) -> Method:
     """Return a method given as an object, by its name in the catalogue, or as a TOML or JSON file.
 
-    A file is read again in each call. ValueError, which lists the names of the catalogue and the
-    most similar ones, if no method has that name; MethodError if the file holds no method;
+    A file is read again in each call. ValueError, which lists the most similar names, or all,
+    if no method has that name; MethodError if the file holds no method;
     TypeError if `method` is neither a name, nor a path, nor a method; OSError if the file can't be
     read.
     """
@@ -160,7 +165,5 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
         raise TypeError(f"method must be a name or a Method, got {method!r}")
     if (stored := find_method(method)) is not None:
         return stored
-    rest = "" if method in _IN_SCIPY else f"; {_all(methods, munthe_kaas)}"
-    raise ValueError(
-        f"method must be the name of a method, got {method!r}{similar_names(method)}{rest}"
-    )
+    hint = similar_names(method) or f"; {_all(methods, munthe_kaas)}"
+    raise ValueError(f"method must be the name of a method, got {method!r}{hint}")

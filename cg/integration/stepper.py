@@ -58,7 +58,7 @@ class Stepper:
     t, y
         Present time and point; ``y`` is a read-only copy.
     t_old
-        Start of the last step, None before the first one.
+        Start of the last step, None before the first one and after a restart.
     step_size
         Absolute size of the last step, None before the first one.
     direction
@@ -74,6 +74,21 @@ class Stepper:
     ------
     TypeError, ValueError
         As `cg.solve_ivp` does.
+
+    Notes
+    -----
+    ``step()`` takes one step, ``advance(t)`` as many as lead to a time; the last one is shortened
+    to end there, and the next one has the size that it would have had.  Both return None, or a
+    message if the error estimate could not be met; then ``status`` is ``"failed"``.  An exception
+    of ``f`` is propagated and leaves ``t`` and ``y`` as they were.
+
+    ``restart(t=, y=, args=, parameters=)`` changes what it is given, also after a failure, and
+    keeps the rest, the counts included.  It calls ``f`` at no time, but the next step starts anew:
+    it calls ``f`` at the present point, and without ``h`` it chooses its size anew, which takes
+    another call, unless ``first_step`` is given.
+
+    A pickle contains the present state and ``f``, which has to be a function of a module or a
+    `CompiledFunction`; the copy goes on bit for bit.  ``copy.copy`` takes any ``f``.
 
     Examples
     --------
@@ -284,7 +299,8 @@ class Stepper:
     ) -> None:
         """Continue from another time or point, or with other arguments of ``f``.
 
-        Arguments that are None stay as they are.
+        Arguments that are None stay as they are, and so do the counts.  ``f`` isn't called before
+        the next step, which uses no slope of earlier ones.
 
         Parameters
         ----------
@@ -293,7 +309,8 @@ class Stepper:
         args, parameters
             Arguments of ``f``.
         first_step
-            Size of the next step, chosen by default.
+            Size of the next step.  By default it is ``h``, the ``first_step`` of the constructor,
+            or chosen anew, which takes one call of ``f``; the last size isn't kept.
 
         Raises
         ------
@@ -306,6 +323,7 @@ class Stepper:
             if self.direction * (self.t_bound - time) < 0.0:
                 raise ValueError(f"t must not be beyond t_bound = {self.t_bound:g}, got {t!r}")
             self.t = time
+        self.t_old = None
         rows = run.end
         if y is not None:
             rows = run.plan.doubles(self._check_points(y))

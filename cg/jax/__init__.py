@@ -10,7 +10,7 @@ try:
     import diffrax as _diffrax  # noqa: F401
 except ImportError as error:
     raise ImportError(
-        "cg.jax needs jax and diffrax: python -m pip install crouch-grossman[jax]"
+        "cg.jax needs jax and diffrax: python -m pip install '.[jax]' in the source tree"
     ) from error
 
 from cg.jax.control import controller

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -69,6 +70,12 @@ def controller(
         If a tolerance is negative, both are zero, or a shape doesn't fit; or ``max_step`` isn't
         positive.
 
+    Warns
+    -----
+    UserWarning
+        If the tolerances together are less than four spacings of floats of JAX at 1, as 1e-8 is
+        without ``jax_enable_x64``.
+
     Notes
     -----
     Derivatives are those of the steps that are taken, with their sizes held fixed.  The default
@@ -80,7 +87,7 @@ def controller(
     Examples
     --------
     >>> import cg
-    >>> steps = cg.jax.controller(cg.frames.SO3(), rtol=1e-8, atol=1e-8)
+    >>> steps = cg.jax.controller(cg.frames.SO3(), rtol=1e-5, atol=1e-6)
     """
     rules = rules_of(frame)
     shape = (frame.dim,) if rules.log is not None else frame.point_shape
@@ -94,6 +101,7 @@ def controller(
         raise ValueError(f"rtol must be a number, got shape {relative.shape}")
     if absolute.shape not in ((), shape):
         raise ValueError(f"atol must be a number or have shape {shape}, got {absolute.shape}")
+    least = 4.0 * jnp.finfo(relative.dtype).eps
     traced = isinstance(relative + absolute, jax.core.Tracer)  # whose values aren't known yet
     if not traced and not (
         relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()
@@ -101,6 +109,13 @@ def controller(
         raise ValueError(
             "rtol and atol must not be negative, nor both be zero, got "
             f"rtol = {rtol!r}, atol = {atol!r}"
+        )
+    if not traced and relative + absolute.max() < least:
+        warnings.warn(
+            f"rtol = {rtol!r} with atol = {atol!r} is too small to be attained in "
+            f"{relative.dtype}, whose spacing is {least / 4.0:.2g}"
+            + ("" if jax.config.jax_enable_x64 else "; set jax_enable_x64 for double precision"),
+            stacklevel=2,
         )
     if max_step is not None and not max_step > 0.0:
         raise ValueError(f"max_step must be positive, got {max_step!r}")

@@ -99,7 +99,7 @@ def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
     Raises
     ------
     TypeError
-        If ``frame`` is none of those of `from_jaxlie`.
+        If ``frame`` is none of those of `from_jaxlie`, or ``kind`` is the other type of jaxlie.
     ValueError
         If ``y`` has another shape.
 
@@ -109,7 +109,12 @@ def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
     >>> cg.jax.to_jaxlie(cg.frames.SE3(), jnp.eye(4), list)[0].tolist()
     1.0
     """
-    _attribute(frame)
+    _, size = _attribute(frame)
+    given = getattr(kind, "parameters_dim", size)
+    if given != size:
+        raise TypeError(
+            f"kind must have {size} parameters for {frame!r}, got {kind!r}, with {given}"
+        )
     y = read_point(frame, y)
     if isinstance(frame, Product):
         quaternion, position = split(frame, y)
@@ -131,9 +136,10 @@ def _attribute(frame: Frame) -> tuple[str, int]:
     )
     if isinstance(frame, SE3) or pose:
         return "wxyz_xyz", 7
+    hint = "; cg.jax.join makes its point of the parts" if isinstance(frame, Product) else ""
     raise TypeError(
         "frame must be UnitQuaternion, SO3, SE3 or Product(UnitQuaternion(), Euclidean(3)), "
-        f"got {frame!r}"
+        f"got {frame!r}{hint}"
     )
 
 

@@ -5,10 +5,22 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from cg.frames import Frame
+from cg.frames import (
+    SO,
+    SU,
+    Frame,
+    Power,
+    Product,
+    Semidirect,
+    Sphere,
+    Stiefel,
+    U,
+    UnitQuaternion,
+)
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
-from cg.jax.rules import read_point, real_dtype
+from cg.jax.products import split
+from cg.jax.rules import adjoint, read_point, real_dtype
 
 
 def flow(frame: Frame, v: JaxArray, y: JaxArray) -> JaxArray:
@@ -132,3 +144,27 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
     zero = jnp.zeros(frame.dim, real_dtype(y))
     _, pull = jax.vjp(lambda v: rules.flow(v, y), zero)
     return pull(g.astype(y.dtype))[0]
+
+
+def membership_error(frame: Frame, y: JaxArray) -> JaxArray:
+    """Return the size of the residuals of the equations of a manifold.
+
+    To first order it is `cg.frames.Frame.membership_error`; it is zero for frames of the user.
+    """
+    if isinstance(frame, Product):
+        parts = zip(frame.factors, split(frame, y), strict=True)
+        return jnp.stack([membership_error(factor, part) for factor, part in parts]).max()
+    if isinstance(frame, Power):
+        return jax.vmap(lambda part: membership_error(frame.factor, part))(y).max()
+    if isinstance(frame, Semidirect):
+        n = frame.group.size
+        lower = jnp.abs(y[n:] - jnp.eye(len(y))[n:]).max()
+        return jnp.maximum(membership_error(frame.group, y[:n, :n]), lower)
+    if isinstance(frame, UnitQuaternion | Sphere):
+        return jnp.abs(jnp.sqrt(y @ y) - 1.0)
+    if isinstance(frame, SO | SU | U | Stiefel):
+        error = 0.5 * jnp.abs(adjoint(y) @ y - jnp.eye(y.shape[1])).max()
+        if isinstance(frame, SO | SU):
+            error = jnp.maximum(error, jnp.abs(jnp.linalg.det(y) - 1.0))
+        return error
+    return jnp.zeros((), real_dtype(y))

@@ -64,7 +64,11 @@ class FrameTerm(diffrax.AbstractTerm):
     def vf(self, t: JaxArray, y: JaxArray, args: Any) -> JaxArray:
         """Return the coefficients, shape ``(dim,)``, in the precision of ``y``."""
         _check_point(self.frame, y)
-        value = self.f(t, y, args)
+        try:
+            value = self.f(t, y, args)
+        except jax.errors.JAXTypeError as error:
+            error.add_note("f must be written in jax.numpy, with jnp.where or lax.cond for if")
+            raise
         expected = f"f must return {self.frame.dim} real numbers, shape ({self.frame.dim},)"
         try:
             coefficients = jnp.asarray(value)

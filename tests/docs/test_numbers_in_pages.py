@@ -143,6 +143,18 @@ def readme():
     assert all(1.0 < row["value"] < 10.0 for row in constructed)
 
 
+def in_jax():
+    rows = {row["quantity"]: row for row in measured("jax")["rows"]}
+    loop, unrolled = (rows[f"compiling RKMK8(5,3){more}"] for more in ("", ", unroll=True"))
+    yield f"`RKMK8(5,3)` takes {loop['value'] / 1e3:.1f} s, `Dopri8` of diffrax "
+    yield f"{loop['other'] / 1e3:.1f} s."
+    yield f"unroll=True)`, {unrolled['value'] / 1e3:.1f} s,"
+    bodies = [row for row in measured("jax")["rows"] if row["quantity"].startswith("body that")]
+    assert {row["against"] for row in bodies} >= {"Tsit5", "Dopri8"}
+    assert all(row["ratio"] > 1.0 for row in bodies)
+    yield "less time than the faster of diffrax's `Tsit5` and `Dopri8` at [errors of 1e-6 to"
+
+
 def measured(section):
     results = json.loads((ROOT / "benchmarks" / "results.json").read_text("utf-8"))["results"]
     return results[section]
@@ -159,11 +171,22 @@ def tableaux(order):
 
 @pytest.mark.parametrize(
     "page",
-    [catalogue, certificates, compared, implicit, impossible, lifting, readme, reproduction],
+    [
+        catalogue,
+        certificates,
+        compared,
+        implicit,
+        impossible,
+        in_jax,
+        lifting,
+        readme,
+        reproduction,
+    ],
     ids=lambda page: page.__name__,
 )
 def test_numbers_in_page_match_stored_data(page):
-    text = words_of("README.md" if page is readme else f"docs/{page.__name__}.md")
+    places = {readme: "README.md", in_jax: "docs/howto/jax.md"}
+    text = words_of(places.get(page, f"docs/{page.__name__}.md"))
     for sentence in page():
         assert sentence in text
 

@@ -157,6 +157,8 @@ def test_restart_takes_points_times_and_parameters():
     stepper.advance(1.0)
     y = stepper.y
     stepper.restart(t=5.0, y=np.eye(3), parameters=[2.0])
+    with pytest.raises(RuntimeError, match="dense_output must come after a step"):
+        stepper.dense_output()
     assert (stepper.t, stepper.status) == (5.0, "running")
     stepper.advance(6.0)
     alone = cg.solve_ivp(f, (5, 6), np.eye(3), frame=SO3(), parameters=[2.0], **OPTIONS)

@@ -83,5 +83,9 @@ def test_bad_input():
         cg.jax.from_jaxlie(SE3(), SimpleNamespace(wxyz=np.ones(4)))
     with pytest.raises(ValueError, match=r"wxyz must have shape \(4,\), got \(2, 4\)"):
         cg.jax.from_jaxlie(SO3(), SimpleNamespace(wxyz=np.ones((2, 4))))
+    with pytest.raises(TypeError, match=r"got Product.*; cg\.jax\.join makes its point"):
+        cg.jax.from_jaxlie(Product(SE3(), Euclidean(6)), SimpleNamespace(wxyz_xyz=np.ones(7)))
+    with pytest.raises(TypeError, match=r"kind must have 7 parameters for SE3.*, with 4"):
+        cg.jax.to_jaxlie(SE3(), np.eye(4), type("SO3", (), {"parameters_dim": 4}))
     with pytest.raises(ValueError, match=r"y must have shape \(4, 4\), got \(3, 3\)"):
         cg.jax.to_jaxlie(SE3(), np.eye(3), list)

@@ -5,7 +5,7 @@ import pytest
 
 import cg
 from cg import conditions
-from cg.catalogue import dumps, load, loads, save
+from cg.catalogue import dumps, load, loads, resolve_method, save
 from cg.conditions import Rows, check_rows, count, count_classical, residuals_exact, unknowns
 from cg.construction import (
     Goals,
@@ -17,6 +17,7 @@ from cg.construction import (
     to_method,
 )
 from cg.construction.solvers.system import ConditionSystem
+from cg.frames import SO3
 from cg.method.packed import make_method
 from cg.problems import FreeRigidBody
 from cg.proofs import certificate_of
@@ -172,6 +173,18 @@ def test_method_names_must_be_strings(name):
 def test_similar_names_of_methods_are_suggested():
     with pytest.raises(KeyError, match=r"no method is named 'CG4A'; similar names are CG4a"):
         cg.methods["CG4A"]
+
+
+@pytest.mark.parametrize("refused", [cg.solve_ivp, lambda *_, method, **__: resolve_method(method)])
+def test_all_names_are_listed_only_if_none_is_similar(refused):
+    def message(name):
+        with pytest.raises(ValueError, match="method must be the name of a method") as error:
+            refused(lambda t, y: [0, 0, 0], (0, 1), np.eye(3), frame=SO3(), method=name)
+        return str(error.value).partition("; ")[2]
+
+    assert message("cf5") == "similar names are CF5(4), CF5r, CF5e, CF5d"
+    assert message("Tsit5").startswith("diffrax has a method of that name; RKMK5(4)")
+    assert all(name in message("?") for name in cg.methods)
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,9 @@ def test_missing_jax_error_names_the_package():
     )
     command = [sys.executable, "-W", "error", "-c", code]
     out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert out == "cg.jax needs jax and diffrax: python -m pip install crouch-grossman[jax]\n"
+    assert (
+        out == "cg.jax needs jax and diffrax: python -m pip install '.[jax]' in the source tree\n"
+    )
 
 
 def test_star_import_gives_the_public_names():
