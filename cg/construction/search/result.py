@@ -122,7 +122,8 @@ class SearchResult:
 
         Tableaux, or `cg.CommutatorFree` methods of trees, sorted by what was minimised, by default
         by their largest coefficient. Coefficients have 36 digits, corrected in rational arithmetic
-        beyond the accuracy of real(16).
+        beyond the accuracy of real(16). Of methods that were moved to one minimum only the best
+        is listed.
         """
         methods: list[tuple[float, Method]] = []
         seen: set[tuple[Layout, tuple[float, ...]]] = set()
