@@ -1,4 +1,6 @@
-"""Print by how much a gradient of repeated steps differs from one of kept steps."""
+"""Print by how much gradients of repeated and of stored steps by a method differ."""
+
+import sys
 
 import diffrax
 import jax
@@ -23,7 +25,7 @@ def gradient(checkpoints):
     def end(inertia):
         solution = diffrax.diffeqsolve(
             cg.jax.FrameTerm(coefficients, FRAME),
-            cg.jax.Solver("CF4(3)", dense="steps"),
+            cg.jax.Solver(sys.argv[1], dense="steps"),
             t0=0.0,
             t1=10.0,
             dt0=0.01,

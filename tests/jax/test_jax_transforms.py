@@ -108,13 +108,15 @@ class TestTransforms:
         assert text.count("= optimization_barrier ") == flows
 
     @pytest.mark.slow
-    def test_repeated_steps_are_the_same(self):
+    @pytest.mark.parametrize("name", ["CF4(3)", "RKMK5(4)"])
+    def test_repeated_steps_are_the_same(self, name):
         """The default adjoint repeats steps; their sizes follow from differences near rounding.
 
         Only XLA with its usual optimisations, which tests do without, shows whether they differ.
         """
         environment = {name: text for name, text in os.environ.items() if name != "XLA_FLAGS"}
-        command = [sys.executable, Path(__file__).parents[1] / "helpers/jax_repetition.py"]
+        helper = Path(__file__).parents[1] / "helpers/jax_repetition.py"
+        command = [sys.executable, helper, name]
         done = subprocess.run(command, env=environment, capture_output=True, check=True, text=True)
         assert abs(float(done.stdout)) < 1e-12
 
