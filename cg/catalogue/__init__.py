@@ -87,7 +87,7 @@ class Catalogue(Mapping[str, Method]):
         for place, other in catalogues.items():
             if name in other:
                 return f"; cg.catalogue.{place} has it, and method={name!r} finds it"
-        return f"{similar_names(name)}; {_all(self)}"
+        return f"{similar_names(name)}; {_ALL}"
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and name in self._files
@@ -127,13 +127,12 @@ _ELSEWHERE = {
 } | dict.fromkeys(("Radau", "BDF", "LSODA"), f"SciPy has a method of that name; {_STIFF}")
 
 
+_ALL = "all names are in list(cg.methods) and list(cg.catalogue.munthe_kaas)"
+
+
 def find_method(name: str) -> Method | None:
     """Return the method with a name in one of the catalogues, None without one."""
     return next((own[name] for own in catalogues.values() if name in own), None)
-
-
-def _all(*catalogues: Catalogue) -> str:
-    return f"all names are {', '.join(name for names in catalogues for name in names)}"
 
 
 def similar_names(name: object) -> str:
@@ -165,5 +164,5 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
         raise TypeError(f"method must be a name or a Method, got {method!r}")
     if (stored := find_method(method)) is not None:
         return stored
-    hint = similar_names(method) or f"; {_all(methods, munthe_kaas)}"
+    hint = similar_names(method) or f"; {_ALL}"
     raise ValueError(f"method must be the name of a method, got {method!r}{hint}")

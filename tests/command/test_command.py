@@ -357,7 +357,7 @@ class TestPlot:
     [
         (["show", "CG44a"], "NAME|FILE"),
         (["show", "missing.toml"], "NAME|FILE"),
-        (["check", "cf5"], "similar names are CF5r, CF5e, CF5d"),
+        (["check", "cf5"], "similar names are CF5(4), CF5r, CF5e"),
         (["list", "--order", "x"], "--order"),
         (["list", "--order", "0"], "--order"),
         (["list", "--kind", "x"], "--kind"),

@@ -67,7 +67,7 @@ def masked(x):
         (lambda: lmdif(x0=masked(0)), TypeError, "x0 must hold real numbers"),
         (lambda: lmdif(x0=[True]), TypeError, r"x0 must hold real numbers, got \[True\]"),
         (lambda: lmdif(masked), TypeError, "f must return real numbers, got masked"),
-        (lambda: cg.certify("CG9z"), ValueError, r"got 'CG9z'.* CG4a, "),
+        (lambda: cg.certify("CG9z"), ValueError, r"got 'CG9z'; similar names are CG4"),
         (
             lambda: cg.certify(cg.Tableau([[0]], [2])),
             cg.CertificationError,
@@ -176,7 +176,7 @@ def test_similar_names_of_methods_are_suggested():
 
 
 @pytest.mark.parametrize("refused", [cg.solve_ivp, lambda *_, method, **__: resolve_method(method)])
-def test_all_names_are_listed_only_if_none_is_similar(refused):
+def test_unknown_methods_get_similar_names(refused):
     def message(name):
         with pytest.raises(ValueError, match="method must be the name of a method") as error:
             refused(lambda t, y: [0, 0, 0], (0, 1), np.eye(3), frame=SO3(), method=name)
@@ -184,7 +184,7 @@ def test_all_names_are_listed_only_if_none_is_similar(refused):
 
     assert message("cf5") == "similar names are CF5(4), CF5r, CF5e, CF5d"
     assert message("Tsit5").startswith("diffrax has a method of that name; RKMK5(4)")
-    assert all(name in message("?") for name in cg.methods)
+    assert message("?").startswith("all names are in list(cg.methods)")
 
 
 @pytest.mark.parametrize(
