@@ -19,7 +19,11 @@ _UNLIMITED = 2**62  # the event never ends the integration
 
 @dataclass(frozen=True)
 class Event:
-    """An event: a zero of a function along the solution.
+    """An event: a zero of a function along the solution, where its sign changes.
+
+    In each step the sign of the function is compared at five points at least, no more than 30° of
+    a rotation apart, and where a parabola through three values comes near to zero.  A function
+    that changes much faster than the solution, such as ``sin(100 t)``, needs a ``max_step``.
 
     Functions with SciPy's attributes ``terminal`` and ``direction`` serve as well.
 
@@ -162,6 +166,8 @@ class EventTable:
         """Return the value of a function in Python with other further arguments."""
         y.flags.writeable = False
         raw = self.events[index].function(t, y, *arguments)
+        if isinstance(raw, float) and math.isfinite(raw):
+            return raw
         name = f"events[{index}]"
         if isinstance(raw, bool | np.bool_) or getattr(raw, "dtype", None) == np.bool_:
             raise ValueError(
