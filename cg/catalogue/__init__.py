@@ -15,13 +15,13 @@ A file with ``kind = "Magnus"`` has ``nodes``, ``weights`` and, for pairs, ``emb
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping
-from difflib import get_close_matches
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
 
 from ..method.method import Method
 from ..structure.points import MethodError
+from ..support import checks
 from .entries import dumps, dumps_json, is_file, load, loads, read, save
 
 __all__ = [
@@ -87,7 +87,7 @@ class Catalogue(Mapping[str, Method]):
         for place, other in catalogues.items():
             if name in other:
                 return f"; cg.catalogue.{place} has it, and method={name!r} finds it"
-        return f"{similar_names(name)}; {_all(self)}"
+        return f"{similar_names(name)}; {_ALL}"
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and name in self._files
@@ -124,13 +124,12 @@ _IN_SCIPY = {
 } | dict.fromkeys(("Radau", "BDF", "LSODA"), f"SciPy has a method of that name; {_STIFF}")
 
 
+_ALL = "all names are in list(cg.methods) and list(cg.catalogue.munthe_kaas)"
+
+
 def find_method(name: str) -> Method | None:
     """Return the method with a name in one of the catalogues, None without one."""
     return next((own[name] for own in catalogues.values() if name in own), None)
-
-
-def _all(*catalogues: Catalogue) -> str:
-    return f"all names are {', '.join(name for names in catalogues for name in names)}"
 
 
 def similar_names(name: object) -> str:
@@ -139,9 +138,7 @@ def similar_names(name: object) -> str:
         return ""
     if name in _IN_SCIPY:
         return f"; {_IN_SCIPY[name]}"
-    known = {given.upper(): given for own in catalogues.values() for given in own}
-    similar = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
-    return f"; similar names are {', '.join(similar)}" if similar else ""
+    return checks.similar_names(name, (given for own in catalogues.values() for given in own))
 
 
 def resolve_method(method: str | PathLike[str] | Method) -> Method:
@@ -156,8 +153,8 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
     Raises
     ------
     ValueError
-        If no method has that name; the message lists the names of the catalogue and the most
-        similar ones. Or a `MethodError` if the file holds no method.
+        If no method has that name; the message has the most similar ones. Or a `MethodError` if
+        the file holds no method.
     TypeError
         If `method` is neither a name, nor a path, nor a method.
     OSError
@@ -168,10 +165,11 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
     if isinstance(method, PathLike) or (isinstance(method, str) and is_file(method)):
         return load(method)
     if not isinstance(method, str):
-        raise TypeError(f"method must be a name or a Method, got {method!r}")
+        hint = similar_names(getattr(method, "__name__", None))
+        raise TypeError(f"method must be a name or a Method, got {method!r}{hint}")
     if (stored := find_method(method)) is not None:
         return stored
-    rest = "" if method in _IN_SCIPY else f"; {_all(methods, munthe_kaas)}"
+    rest = "" if method in _IN_SCIPY else f"; {_ALL}"
     raise ValueError(
         f"method must be the name of a method, got {method!r}{similar_names(method)}{rest}"
     )
