@@ -420,22 +420,23 @@ class TestDetection:
 
     def test_warning_while_it_runs(self):
         with pytest.warns(UserWarning, match="many steps, since .* stiff.*RadauIIA5") as caught:
-            run = solve(method="auto", max_steps=10_000, t1=2000.0)
+            run = solve(method="auto", max_steps=12_000, t1=2000.0)
         assert len(caught) == 1
-        assert run.steps + run.nrejected == 10_000
+        assert run.steps + run.nrejected == 12_000
 
     @pytest.mark.parametrize("rtol", [1e-3, 1e-8])
     def test_no_warning_if_it_is_not_stiff(self, rtol, recwarn):
-        assert solve(pendulum, 1e4, method="auto", rtol=rtol, max_steps=10_000).steps > 5000
+        run = solve(pendulum, 1e5, method="auto", rtol=rtol, max_steps=12_000)
+        assert run.steps + run.nrejected == 12_000
         assert not recwarn
 
     @pytest.mark.parametrize("workers", [None, 2])
     def test_one_warning_for_an_ensemble(self, workers):
-        starts = [START, [1.0, 0.0], [-1.0, 0.0]]
+        starts = [START, [1.0, 0.0]]
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("default")
             cg.solve_ensemble(
-                van_der_pol, (0, 2000), starts, frame=PLANE, max_steps=5000, workers=workers
+                van_der_pol, (0, 2000), starts, frame=PLANE, max_steps=25_000, workers=workers
             )
         assert sum("many steps, since" in str(w.message) for w in caught) == 1
 
@@ -445,7 +446,7 @@ class TestDetection:
             return [y[1], force * np.sin(t) - np.sign(y[1])]
 
         with pytest.warns(UserWarning, match="many steps, since f is discontinuous"):
-            run = solve(friction, 20.0, [0.0, 1.0], method="auto", max_steps=10_000)
+            run = solve(friction, 20.0, [0.0, 1.0], method="auto", max_steps=12_000)
         assert f"{run.nrejected} of them were rejected; f is discontinuous" in run.message
         assert "event" in run.message
         assert "stiff" not in run.message

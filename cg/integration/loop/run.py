@@ -251,7 +251,7 @@ class Run:
             self.call()
             raise_if_stopped()
             budget.stop(max(given - self.record.budget, 1))
-            check.update()
+            check.update(given - self.record.budget)
             if watch is not None:
                 watch(float(np.abs(self.reached - self.t0).sum()))
 

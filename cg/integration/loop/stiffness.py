@@ -29,7 +29,8 @@ _NEAR_LIMIT = 0.5
 # least damping of an eigenvalue, relative to its size
 _DAMPED = 0.05
 _COUNTS = [COUNTS.index("steps"), COUNTS.index("nrejected")]
-_FIRST_CHECK = 1000  # steps, rejected ones included
+_FIRST_CHECK = 10_000  # steps, rejected ones included; a check takes as long as some hundred
+_CONFIRMED = 1000  # steps after which the check is repeated
 _MANY_REJECTED = 0.05  # of all steps, where f may be discontinuous
 # A change of f is a jump if most of it remains between points that lie a millionth as far apart.
 _BISECTIONS = 20
@@ -39,7 +40,7 @@ _ROUNDING = 1e-6
 class StepCheck:
     """Warns once while a run takes many steps, if its equation is stiff or discontinuous.
 
-    It looks after 1000, 2000, 4000, ... steps of a member, and warns if it sees the same twice.
+    It looks after 10,000, 20,000, 40,000, ... steps of a member, and again 1000 steps later.
 
     Parameters
     ----------
@@ -49,27 +50,33 @@ class StepCheck:
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        self._next = _FIRST_CHECK if run.control.h is None else 2**62
+        self._taken = 0  # by all members
+        self._next = self._first = _FIRST_CHECK if run.control.h is None else 2**62
         self._last: str | None = None
 
     def steps_left(self) -> int:
         """Return the number of steps of a single trajectory until the next check."""
-        if self._run.members > 1:
-            return 2**62
-        return max(self._next - int(self._run.counts[0, _COUNTS].sum()), 1)
+        return self._next - self._taken if self._run.members == 1 else 2**62
 
-    def update(self) -> None:
-        """Check the member that has taken most steps, if it is time."""
+    def update(self, taken: int) -> None:
+        """Check the member that has taken most steps, if it is time, after some more steps."""
         run = self._run
+        self._taken += taken
+        if self._taken < self._next:
+            return
         active = np.where(run.status == Stop.PAUSED, run.counts[:, _COUNTS].sum(axis=1), 0)
         member = int(active.argmax())
         if active[member] < self._next:
             return
-        self._next *= 2
         difficulty = find_difficulty(run, member, float(run.reached[member]))
         if difficulty and difficulty == self._last:
             warnings.warn(MANY_STEPS.format(reason=difficulty), stacklevel=5)
             self._next = 2**62
+        elif difficulty and self._last is None:
+            self._next = int(active[member]) + _CONFIRMED
+        else:
+            self._first *= 2
+            self._next, difficulty = max(self._first, self._next + 1), None
         self._last = difficulty
 
 

@@ -158,9 +158,9 @@ class EventTable:
         columns = *self.functions.T, self.direction, self.max_counts, self.jumps
         return np.stack(columns, axis=-1, dtype=np.int64)
 
-    def value(self, index: int, member: int, t: float, y: Points) -> list[float]:
+    def value(self, index: int, member: int, t: float, y: Points) -> float:
         """Return the value of an event's function, after checking it."""
-        return [self.value_with(index, t, y, self.arguments(member))]
+        return self.value_with(index, t, y, self.arguments(member))
 
     def value_with(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function in Python with other further arguments."""
