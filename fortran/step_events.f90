@@ -1,7 +1,8 @@
 ! Events within a step.
 ! An event is a zero of a function along the solution. The signs of the function are compared at the
 ! ends of parts of the step, and where a parabola through three of these values comes near to zero,
-! since a function may return to its sign within a part. Brent's method finds the zeros.
+! since a function may return to its sign within a part. In a short step without large rotations the
+! middle is enough if the functions change little. Brent's method finds the zeros.
 module step_events_m
   use kinds, only: wp
   use frames_m, only: turn
@@ -49,7 +50,7 @@ contains
     logical, intent(out) :: stopped
     type(event_function_t) :: g
     real(wp), allocatable :: x(:), values(:, :)        ! (0:parts), (events, 0:parts)
-    integer :: i, k, n
+    integer :: first, i, k, n
 
     n = parts(problem, trajectory)
     allocate (x(0:n), values(size(trajectory%event_before), 0:n))
@@ -63,11 +64,14 @@ contains
     trajectory%zero = [real(wp) ::]
     trajectory%zero_of = [integer ::]
     stopped = .false.
-    do k = 1, n - 1
-      call point_at(problem, trajectory, x(k), g%y)
-      call evaluate_events(problem, trajectory, time_at(trajectory, x(k)), g%y, values(:, k), &
-                           stopped)
-      if (stopped) return
+    do first = 2, 1, -1
+      do k = first, n - 1, 2
+        call point_at(problem, trajectory, x(k), g%y)
+        call evaluate_events(problem, trajectory, time_at(trajectory, x(k)), g%y, values(:, k), &
+                             stopped)
+        if (stopped) return
+      end do
+      if (first == 2 .and. n == min_parts .and. all(are_far(values(:, ::2)))) return
     end do
     do i = 1, size(values, 1)
       g%event = i
@@ -76,6 +80,16 @@ contains
       if (stopped) return
     end do
   end subroutine find_zeros
+
+  ! Whether functions are farther from zero than their values are from each other
+  pure function are_far(values) result(far)
+    real(wp), intent(in) :: values(:, :)               ! (events, points)
+    logical :: far(size(values, 1))
+
+    associate (low => minval(values, 2), high => maxval(values, 2))
+      far = max(low, -high) > high - low
+    end associate
+  end function are_far
 
   ! The number of parts whose ends are compared
   pure integer function parts(problem, trajectory)
@@ -116,14 +130,16 @@ contains
   end subroutine find_zeros_of
 
   ! Finds a point between three of the same sign where the function is zero or has the other one, by
-  ! parabolas. The search ends when a parabola doesn't come nearer to zero by half.
+  ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. For detection
+  ! along the cubic, which isn't accurate, it is enough to come near to zero.
   subroutine find_turning_point(g, ends, values, turning, value, exists, stopped)
     type(event_function_t), intent(inout) :: g
     real(wp), intent(in) :: ends(3), values(3)
     real(wp), intent(out) :: turning, value            ! the point, and the function there
     logical, intent(out) :: exists, stopped
     integer, parameter :: max_iterations = 8
-    real(wp) :: x(3), v(3), first, second, inner(2), at_inner(2)
+    real(wp), parameter :: margin = 0.02_wp            ! relative to differences of values
+    real(wp) :: x(3), v(3), first, second, nearest, inner(2), at_inner(2)
     integer :: i
 
     x = ends
@@ -139,7 +155,10 @@ contains
       if (.not. second > 0) return
       turning = (x(1) + x(2) - first / second) / 2
       if (turning <= x(1) .or. turning >= x(3)) return
-      if (v(1) + (turning - x(1)) * (first + second * (turning - x(2))) > minval(v) / 2) return
+      nearest = v(1) + (turning - x(1)) * (first + second * (turning - x(2)))
+      exists = g%detects .and. min(nearest, minval(v)) < margin * (maxval(v) - minval(v))
+      value = -values(1)
+      if (exists .or. nearest > minval(v) / 2) return
       call g%value(turning, value, stopped)
       if (stopped) return
       exists = value * sign(1.0_wp, values(1)) <= 0

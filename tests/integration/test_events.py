@@ -327,3 +327,12 @@ def test_pairs_of_zeros_far_narrower_than_a_step(method, rtol):
     assert crossings.sum() >= 20
     found = cg.solve_ivp(f, span, y0, events=events, **options)
     assert [len(t) for t in found.t_events] == crossings.tolist()
+
+
+@pytest.mark.parametrize("depth", [1e-5, 1e-6])
+def test_pairs_of_zeros_nearer_than_the_error_of_the_cubic(depth):
+    run = solve(lambda t, y: y[1] - (1 - depth), (0.1, 100.0))
+    tops = math.pi / 2 + 2 * math.pi * np.arange(16)
+    width = math.acos(1 - depth)
+    expected = np.sort(np.concatenate([tops - width, tops + width]))
+    np.testing.assert_allclose(run.t_events[0], expected, atol=1e-3)

@@ -75,7 +75,7 @@ def masked(x):
         (lambda: lmdif(x0=masked(0)), TypeError, "x0 must hold real numbers"),
         (lambda: lmdif(x0=[True]), TypeError, r"x0 must hold real numbers, got \[True\]"),
         (lambda: lmdif(masked), TypeError, "f must return real numbers, got masked"),
-        (lambda: cg.certify("CG9z"), ValueError, r"got 'CG9z'.* CG4a, "),
+        (lambda: cg.certify("CG9z"), ValueError, r"got 'CG9z'; similar names are CG4"),
         (
             lambda: cg.certify(cg.Tableau([[0]], [2])),
             cg.CertificationError,

@@ -21,9 +21,10 @@ _UNLIMITED = 2**62  # the event never ends the integration
 class Event:
     """An event: a zero of a function along the solution, where its sign changes.
 
-    In each step the sign of the function is compared at five points at least, no more than 30° of
-    a rotation apart, and where a parabola through three values comes near to zero.  A function
-    that changes much faster than the solution, such as ``sin(100 t)``, needs a ``max_step``.
+    In each step signs of the function are compared at both ends, in the middle, and, unless these
+    values differ by less than they are from zero, at two more points, all at most 30° of a
+    rotation apart; and where a parabola through three values comes near to zero.  A function that
+    changes much faster than the solution, such as ``sin(100 t)``, needs a ``max_step``.
 
     Functions with SciPy's attributes ``terminal`` and ``direction`` serve as well.
 
