@@ -116,10 +116,12 @@ contains
   end subroutine make_frame
 
   ! An angle that the time-1 flow of the field with coefficients v doesn't exceed. Blocks that don't
-  ! rotate, or whose flow is in Python, don't count.
+  ! rotate don't count. Those whose flow is in Python may rotate; up to two turns of them count.
   pure real(wp) function turn(frame, v)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: v(:)           ! (dimension)
+    real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
+    real(wp) :: angle
     integer :: i, n
 
     turn = 0.0_wp
@@ -127,12 +129,14 @@ contains
       associate (block => frame%blocks(i))
         n = block%dimension
         select case (block%kind)
-        case (euclidean_block, linear_action_block, callback_block)
+        case (euclidean_block, linear_action_block)
           cycle
         case (se3_block)
           n = 3
         end select
-        turn = max(turn, norm2(v(block%vectors + 1:block%vectors + n)))
+        angle = norm2(v(block%vectors + 1:block%vectors + n))
+        if (block%kind == callback_block) angle = min(angle, two_turns)
+        turn = max(turn, angle)
       end associate
     end do
   end function turn

@@ -98,7 +98,7 @@ contains
     real(wp) :: angle
 
     associate (x => trajectory)
-      angle = abs(x%h) * max(turn(problem%frame, x%slope), turn(problem%frame, x%end_slope))
+      angle = max(turn(problem%frame, x%h * x%slope), turn(problem%frame, x%h * x%end_slope))
     end associate
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
   end function parts

@@ -260,6 +260,14 @@ class TestManyZerosInOneStep:
         np.testing.assert_allclose(run.t_events[0], self.times(200.0), atol=1e-8)
         assert abs(np.abs(run.y_events[0][:, 3]) - self.LEVEL).max() < 1e-14
 
+    def test_on_a_frame_in_python(self):
+        run = cg.solve_ivp(
+            lambda t, y: [self.RATE, 0.0, 0.0], (0, 100), [[0], [1.0], [0]], frame=Stiefel(3, 1),
+            events=lambda t, y: abs(y[1, 0]) - 0.999, rtol=1e-9, max_step=40.0,
+        )  # fmt: skip
+        assert run.steps < 12
+        assert len(run.t_events[0]) == 19
+
     def test_more_than_a_buffer_holds(self):
         run = self.run(end=4000.0)
         assert run.steps < 20
