@@ -88,5 +88,8 @@ def expand_options(function: _Function) -> _Function:
         for name, annotation in kind.__annotations__.items()
     ]
     cast(Any, function).__signature__ = signature.replace(parameters=parameters)
+    # without it, a misspelt keyword gets a better message than that frame is missing
+    defaults = cast(Any, function).__kwdefaults__
+    cast(Any, function).__kwdefaults__ = {"frame": None, **(defaults or {})}
     _EXPANDED[cast(Any, function).__code__] = function
     return function

@@ -91,8 +91,22 @@ def test_misspelt_argument(function, valid, name, similar):
         function(**arguments, **{name: 1})
 
 
+@pytest.mark.parametrize(("function", "valid"), CALLS)
+def test_misspelt_or_missing_frame(function, valid):
+    if function is cg.integrate:
+        return  # Python itself raises the error
+    names = inspect.signature(function).parameters
+    assert names["frame"].default is inspect.Parameter.empty
+    arguments = {name: value for name, value in valid.items() if name in names}
+    frame = arguments.pop("frame")
+    with pytest.raises(TypeError, match=r"unexpected .* 'frames'; similar names are frame"):
+        function(**arguments, frames=frame)
+    with pytest.raises(TypeError, match=r"frame must be a Frame such as .*, got None"):
+        function(**arguments)
+
+
 def test_output_options_of_a_stepper():
-    with pytest.raises(TypeError, match="unexpected keyword argument 't_eval'; the options are"):
+    with pytest.raises(TypeError, match=r"unexpected keyword argument 't_eval'; the options are"):
         cg.Stepper(never, 0.0, np.eye(3), frame=SO3(), t_eval=[0.0])
 
 
