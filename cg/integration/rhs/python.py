@@ -136,7 +136,7 @@ class PythonRhs:
         """Return the right-hand side of some of the members."""
         own = None if self.parameters is None else self.parameters[members]
         part = PythonRhs(self.f, self.frame, self.args, own, self.vectorized)
-        part.first = self.first + members.start
+        part.first = (self.first or 0) + members.start
         return part
 
     def note(self, t: float, member: int = 0) -> str:
