@@ -45,7 +45,7 @@ contains
       if (stopped) return
       x%event_after = values
       if (x%seeks_events) x%needs_interpolant = x%needs_interpolant .or. x%jump_event > 0 &
-          .or. any(crosses(x%event_before, values, problem%events%direction))
+          .or. any(crosses(x%event_before, values, problem%events%direction) .and. abs(values) > 0)
       x%phase = phase_record_step
       if (.not. (x%needs_interpolant .or. x%seeks_events)) return
       if (x%end_known) then
@@ -56,7 +56,8 @@ contains
     end associate
   end subroutine examine_step
 
-  ! Completes the interpolant of a step if a function changes its sign along the cubic.
+  ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just at
+  ! the end of the step don't need it.
   subroutine detect_events(problem, trajectory)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), target, intent(inout) :: trajectory
@@ -65,14 +66,11 @@ contains
     associate (x => trajectory)
       call find_zeros(problem, trajectory, .true., stopped)
       x%phase = phase_record_step
+      if (stopped) call fail(x, raised, x%t_end)
+      x%needs_interpolant = any(x%zero < 1 .or. abs(x%event_after(x%zero_of)) > 0)
       x%seeks_events = size(x%zero) > 0
-      deallocate (x%zero, x%zero_of)
-      if (stopped) then
-        call fail(x, raised, x%t_end)
-      else if (x%seeks_events) then
-        x%needs_interpolant = .true.
-        call interpolate(problem, trajectory)
-      end if
+      if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zero, x%zero_of)
+      if (x%needs_interpolant .and. .not. stopped) call interpolate(problem, trajectory)
     end associate
   end subroutine detect_events
 
