@@ -16,7 +16,7 @@ module frames_m
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, callback_t, make_frame, apply_flows, flow_along, restore, distance_bound
+  public :: frame_t, callback_t, make_frame, apply_flows, flow_along, restore, distance_bound, turn
 
   ! Functions outside of compiled code, by their Operation
   type, abstract :: callback_t
@@ -114,6 +114,32 @@ contains
       end associate
     end do
   end subroutine make_frame
+
+  ! An angle that the time-1 flow of the field with coefficients v doesn't exceed. Blocks that don't
+  ! rotate don't count. Those whose flow is in Python may rotate; up to two turns of them count.
+  pure real(wp) function turn(frame, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: v(:)           ! (dimension)
+    real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
+    real(wp) :: angle
+    integer :: i, n
+
+    turn = 0.0_wp
+    do i = 1, size(frame%blocks)
+      associate (block => frame%blocks(i))
+        n = block%dimension
+        select case (block%kind)
+        case (euclidean_block, linear_action_block)
+          cycle
+        case (se3_block)
+          n = 3
+        end select
+        angle = norm2(v(block%vectors + 1:block%vectors + n))
+        if (block%kind == callback_block) angle = min(angle, two_turns)
+        turn = max(turn, angle)
+      end associate
+    end do
+  end function turn
 
   ! Moves y along the time-1 flow of the field with coefficients v.
   subroutine flow_along(frame, v, y)

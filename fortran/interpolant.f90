@@ -32,7 +32,7 @@ module interpolant_m
   implicit none
   private
   public :: scheme_t, interpolant_t, add_node, begin_interpolant, evaluate_interpolant, &
-            flows_of_evaluation, next_node, reserve_interpolant, set_ends
+            flows_of_evaluation, make_cubic, next_node, reserve_interpolant, set_ends
 
   ! The coefficients of the interpolants of a method
   type :: scheme_t
@@ -167,7 +167,9 @@ contains
     logical, intent(inout) :: exists
 
     if (exists) then
-      if (interpolant%known == size(scheme%basis, 1)) call finish_on_algebra(scheme, interpolant)
+      if (interpolant%known < size(scheme%basis, 1)) return
+      call sum_terms(scheme, size(scheme%basis, 2), interpolant)
+      interpolant%complete = .true.
     else if (.not. scheme%flat) then
       exists = .true.
       interpolant%on_algebra = .false.
@@ -212,21 +214,33 @@ contains
     end if
   end subroutine difference_nearby
 
-  ! Computes the coefficients of the polynomial from all derivatives.
-  subroutine finish_on_algebra(scheme, interpolant)
+  ! Lets an interpolant that has begun be evaluated before it is complete. Coordinates are then the
+  ! cubic of Hermite, or a multiple of those of y1 where the derivative at the end doesn't exist.
+  subroutine make_cubic(scheme, exists, interpolant)
     type(scheme_t), intent(in) :: scheme
+    logical, intent(in) :: exists            ! as from begin_interpolant
+    type(interpolant_t), intent(inout) :: interpolant
+
+    if (.not. interpolant%on_algebra) return           ! it has two nodes already
+    interpolant%field = 0.0_wp
+    call sum_terms(scheme, merge(3, 1, exists), interpolant)
+  end subroutine make_cubic
+
+  ! Computes the first coefficients of the polynomial from the derivatives.
+  subroutine sum_terms(scheme, terms, interpolant)
+    type(scheme_t), intent(in) :: scheme
+    integer, intent(in) :: terms
     type(interpolant_t), intent(inout) :: interpolant
     integer :: d
 
     associate (n => interpolant%known)
-      do d = 1, size(scheme%basis, 2)
-        interpolant%weight(:n) = interpolant%h * scheme%basis(:, d)
+      do d = 1, terms
+        interpolant%weight(:n) = interpolant%h * scheme%basis(:n, d)
         call combine(size(interpolant%u), n, interpolant%weight, interpolant%next, &
                      interpolant%field(:, d))
       end do
     end associate
-    interpolant%complete = .true.
-  end subroutine finish_on_algebra
+  end subroutine sum_terms
 
   ! A weighted sum of vectors. Shapes are explicit, since array descriptors take as long as the sum.
   pure subroutine combine(m, n, weight, k, sum)

@@ -9,13 +9,13 @@
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
 !        |                               '------------- rejected --------------'          v
-!        '-------------- [jump] <- record step <- [events] <- [interpolant] <-------------'
+!        '-------- [jump] <- record step <- [interpolant] <- [detect events] <------------'
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
   use kinds, only: wp
   use output_m, only: has_room, output_t
-  use record_m, only: examine_step, record_step
+  use record_m, only: detect_events, examine_step, record_step
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
@@ -96,6 +96,8 @@ contains
         call request_node(problem, trajectory)
       case (phase_node_received)
         call store_node(problem, trajectory)
+      case (phase_detect_events)
+        call detect_events(problem, trajectory)
       case (phase_record_step)
         call record_step(problem, trajectory, output)
       end select

@@ -10,7 +10,8 @@ module phases_m
                   phase_start_received, phase_next_stage, phase_stage_received, &
                   phase_finish_step, phase_decide_step, phase_accepted, phase_request_end, &
                   phase_end_received, phase_next_node, phase_node_received, phase_record_step, &
-                  phase_column_received, phase_error_received, phase_ended
+                  phase_column_received, phase_error_received, phase_detect_events, &
+                  phase_ended
   end enum
 
 end module phases_m

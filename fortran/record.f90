@@ -5,16 +5,16 @@ module record_m
   use controller_m, only: smallest_size
   use interpolant_m, only: flows_of_evaluation
   use output_m, only: store_interpolant, store_step, output_t
-  use step_events_m, only: crosses, record_events, locate_events
+  use step_events_m, only: crosses, find_zeros, record_zeros
   use requests_m, only: evaluate_events, request
   use phases_m
   use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
   use within_step_m, only: interpolate, point_at
   use iso_fortran_env, only: int64
-  use shared_numbers, only: jumps_without_progress, paused, raised, terminal_event
+  use shared_numbers, only: buffer_full, jumps_without_progress, paused, raised, terminal_event
   implicit none
   private
-  public :: examine_step, record_step
+  public :: detect_events, examine_step, record_step
 
   integer, parameter :: max_stuck = 20
   ! of an event's function, relative to its values at both ends
@@ -22,15 +22,15 @@ module record_m
 
 contains
 
-  ! Detects output times and events within an accepted step, and starts its interpolant if there are
-  ! any.
+  ! Starts the interpolant of an accepted step if there are output times in it, or functions whose
+  ! zeros are events. Where such a function has another sign at the end of the step, or the step
+  ! starts from its jump, the accurate interpolant is needed in any case.
   subroutine examine_step(problem, trajectory, output)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     type(output_t), intent(in) :: output
     real(wp) :: values(size(trajectory%event_before))
     logical :: stopped
-    integer :: i
 
     associate (x => trajectory)
       x%steps = x%steps + 1
@@ -40,20 +40,14 @@ contains
         if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) &
           x%needs_interpolant = .true.
       end if
-      x%event_found = .false.
+      x%seeks_events = size(values) > 0
       call evaluate_events(problem, trajectory, x%t_end, x%y(:, x%result), values, stopped)
       if (stopped) return
       x%event_after = values
-      do i = 1, size(x%event_before)
-        if (crosses(problem, x, i)) x%event_found = .true.
-        if (crosses(problem, x, i) .and. abs(x%event_after(i)) > 0) x%needs_interpolant = .true.
-      end do
-      if (x%jump_event > 0) then
-        x%needs_interpolant = .true.
-        x%event_found = .true.
-      end if
+      if (x%seeks_events) x%needs_interpolant = x%needs_interpolant .or. x%jump_event > 0 &
+          .or. any(crosses(x%event_before, values, problem%events%direction) .and. abs(values) > 0)
       x%phase = phase_record_step
-      if (.not. x%needs_interpolant) return
+      if (.not. (x%needs_interpolant .or. x%seeks_events)) return
       if (x%end_known) then
         call interpolate(problem, trajectory)
       else
@@ -61,6 +55,24 @@ contains
       end if
     end associate
   end subroutine examine_step
+
+  ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just at
+  ! the end of the step don't need it.
+  subroutine detect_events(problem, trajectory)
+    type(problem_t), target, intent(in) :: problem
+    type(trajectory_t), target, intent(inout) :: trajectory
+    logical :: stopped
+
+    associate (x => trajectory)
+      call find_zeros(problem, trajectory, .true., stopped)
+      x%phase = phase_record_step
+      if (stopped) call fail(x, raised, x%t_end)
+      x%needs_interpolant = any(x%zero < 1 .or. abs(x%event_after(x%zero_of)) > 0)
+      x%seeks_events = size(x%zero) > 0
+      if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zero, x%zero_of)
+      if (x%needs_interpolant .and. .not. stopped) call interpolate(problem, trajectory)
+    end associate
+  end subroutine detect_events
 
   ! Records the output of a step, up to the first event that ends it, and starts the next step.
   subroutine record_step(problem, trajectory, output)
@@ -75,7 +87,7 @@ contains
       trajectory%status = paused
       return
     end if
-    if (trajectory%event_found) then
+    if (trajectory%seeks_events) then
       call record_with_events(problem, trajectory, output)
     else
       call record_until(problem, trajectory, trajectory%t_end, &
@@ -83,24 +95,30 @@ contains
     end if
   end subroutine record_step
 
-  ! Locates the events of a step and records its output up to the one that ends it.
+  ! Locates the events of a step and records its output up to the one that ends it. While there is
+  ! no room for them, the phase remains.
   subroutine record_with_events(problem, trajectory, output)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), target, intent(inout) :: trajectory
     type(output_t), intent(inout) :: output
-    real(wp), allocatable :: theta(:)
     real(wp) :: until, t, y(problem%frame%point_size), after(problem%frame%point_size)
     integer :: event
-    logical :: stopped
+    logical :: full, stopped
 
     associate (x => trajectory)
-      call locate_events(problem, trajectory, theta, stopped)
-      if (.not. stopped) call record_events(problem, trajectory, theta, output, until, event, &
-                                            after, stopped)
+      stopped = .false.
+      if (.not. allocated(x%zero)) call find_zeros(problem, trajectory, .false., stopped)
+      if (.not. stopped) call record_zeros(problem, trajectory, output, until, event, after, full, &
+                                           stopped)
       if (stopped) then
         call fail(x, raised, x%t_end)
         return
       end if
+      if (full) then
+        x%status = buffer_full
+        return
+      end if
+      deallocate (x%zero, x%zero_of)
       t = x%t_end
       if (until < 1) t = x%t + until * (x%t_end - x%t)
       if (event > 0) then

@@ -1,14 +1,23 @@
 ! Events within a step.
-! An event is a zero of a function along the interpolant, which Brent's method finds.
+! An event is a zero of a function along the solution. The signs of the function are compared at the
+! ends of parts of the step, and where a parabola through three of these values comes near to zero,
+! since a function may return to its sign within a part. In a short step without large rotations the
+! middle is enough if the functions change little. Brent's method finds the zeros.
 module step_events_m
   use kinds, only: wp
+  use frames_m, only: turn
   use output_m, only: store_event, output_t
+  use requests_m, only: evaluate_events
   use root_m, only: find_root, function_t
   use trajectory_m, only: problem_t, trajectory_t
   use within_step_m, only: point_at
   implicit none
   private
-  public :: crosses, record_events, locate_events
+  public :: crosses, find_zeros, record_zeros
+
+  ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
+  integer, parameter :: min_parts = 4, max_parts = 10000
+  real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
 
   ! The function of an event along the interpolant
   type, extends(function_t) :: event_function_t
@@ -16,84 +25,211 @@ module step_events_m
     type(trajectory_t), pointer :: trajectory => null()
     integer :: event = 0
     real(wp), allocatable :: y(:)
+    logical :: detects = .false.             ! whether any number serves as the zero of an interval
   contains
     procedure :: value => event_along_step
   end type event_function_t
 
 contains
 
-  ! Whether an event's function changes sign in a step. A zero at the start doesn't count: it was
-  ! found at the end of the step before, or it is the initial point.
-  pure logical function crosses(problem, trajectory, event)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
-    integer, intent(in) :: event
+  ! Whether a function changes sign in an interval. A zero at the start doesn't count: it was found
+  ! at the end of the interval before, or it is the initial point.
+  pure elemental logical function crosses(before, after, direction)
+    real(wp), intent(in) :: before, after
+    integer, intent(in) :: direction
 
-    associate (before => trajectory%event_before(event), after => trajectory%event_after(event), &
-               direction => problem%events%direction(event))
-      crosses = (before < 0 .and. after >= 0 .and. direction >= 0) &
-                .or. (before > 0 .and. after <= 0 .and. direction <= 0)
-    end associate
+    crosses = (before < 0 .and. after >= 0 .and. direction >= 0) &
+              .or. (before > 0 .and. after <= 0 .and. direction <= 0)
   end function crosses
 
-  ! Locates the first zero of each event as a fraction of the step, 2 if there is none.
-  subroutine locate_events(problem, trajectory, theta, stopped)
+  ! Finds the zeros of all events in a step. To detect them, the times of zeros aren't computed.
+  subroutine find_zeros(problem, trajectory, detects, stopped)
     type(problem_t), target, intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: trajectory
-    real(wp), allocatable, intent(out) :: theta(:)     ! (events)
+    type(trajectory_t), target, intent(inout) :: trajectory  ! its zeros are set
+    logical, intent(in) :: detects
     logical, intent(out) :: stopped
     type(event_function_t) :: g
-    integer :: i
+    real(wp), allocatable :: x(:), values(:, :)        ! (0:parts), (events, 0:parts)
+    integer :: first, i, k, n
 
-    allocate (theta(size(trajectory%event_before)), source=2.0_wp)
-    stopped = .false.
+    n = parts(problem, trajectory)
+    allocate (x(0:n), values(size(trajectory%event_before), 0:n))
+    x = [(real(k, wp) / real(n, wp), k=0, n)]
+    values(:, 0) = trajectory%event_before
+    values(:, n) = trajectory%event_after
+    allocate (g%y(problem%frame%point_size))
     g%problem => problem
     g%trajectory => trajectory
-    allocate (g%y(problem%frame%point_size))
-    g%event = trajectory%jump_event
-    if (g%event > 0) call locate_after_jump(problem, trajectory, g, theta(g%event), stopped)
-    if (stopped) return
-    do i = 1, size(theta)
-      if (.not. crosses(problem, trajectory, i)) cycle
-      theta(i) = 1.0_wp
-      if (.not. abs(trajectory%event_after(i)) > 0) cycle
+    g%detects = detects
+    trajectory%zero = [real(wp) ::]
+    trajectory%zero_of = [integer ::]
+    stopped = .false.
+    do first = 2, 1, -1
+      do k = first, n - 1, 2
+        call point_at(problem, trajectory, x(k), g%y)
+        call evaluate_events(problem, trajectory, time_at(trajectory, x(k)), g%y, values(:, k), &
+                             stopped)
+        if (stopped) return
+      end do
+      if (first == 2 .and. n == min_parts .and. all(are_far(values(:, ::2)))) return
+    end do
+    do i = 1, size(values, 1)
       g%event = i
-      call find_root(g, 0.0_wp, 1.0_wp, trajectory%event_before(i), trajectory%event_after(i), &
-                     theta(i), stopped)
+      if (i == trajectory%jump_event) call find_after_jump(g, x(1), values(i, 1), stopped)
+      if (.not. stopped) call find_zeros_of(g, x, values(i, :), stopped)
       if (stopped) return
     end do
-  end subroutine locate_events
+  end subroutine find_zeros
 
-  ! Locates an event in a step that starts from its own jump, where its function is zero up to
-  ! rounding. If the function returns to zero within the step, as for a ball that hardly bounces, it
-  ! has the other sign somewhere before the end; the step is searched by halving.
-  subroutine locate_after_jump(problem, trajectory, g, theta, stopped)
+  ! Whether functions are farther from zero than their values are from each other
+  pure function are_far(values) result(far)
+    real(wp), intent(in) :: values(:, :)               ! (events, points)
+    logical :: far(size(values, 1))
+
+    associate (low => minval(values, 2), high => maxval(values, 2))
+      far = max(low, -high) > high - low
+    end associate
+  end function are_far
+
+  ! The number of parts whose ends are compared
+  pure integer function parts(problem, trajectory)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp) :: angle
+
+    associate (x => trajectory)
+      angle = max(turn(problem%frame, x%h * x%slope), turn(problem%frame, x%h * x%end_slope))
+    end associate
+    parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
+  end function parts
+
+  ! Finds the zeros of one event, given its values at the ends of parts.
+  subroutine find_zeros_of(g, x, values, stopped)
     type(event_function_t), intent(inout) :: g
-    real(wp), intent(inout) :: theta                   ! fraction of the step, 2 if there is none
+    real(wp), contiguous, intent(in) :: x(0:), values(0:)    ! (0:parts)
+    logical, intent(out) :: stopped
+    real(wp) :: turning, value
+    integer :: k, last
+    logical :: exists
+
+    stopped = .false.
+    last = 0                                           ! part with a pair of zeros
+    do k = 1, ubound(x, 1)
+      call add_zero(g, x(k - 1:k), values(k - 1:k), stopped)
+      if (stopped) return
+      if (k == ubound(x, 1)) exit
+      call find_turning_point(g, x(k - 1:k + 1), values(k - 1:k + 1), turning, value, exists, &
+                              stopped)
+      if (stopped) return
+      if (.not. exists .or. (turning < x(k) .and. last == k)) cycle
+      last = merge(k, k + 1, turning < x(k))
+      call add_zero(g, [x(last - 1), turning], [values(last - 1), value], stopped)
+      if (.not. stopped) call add_zero(g, [turning, x(last)], [value, values(last)], stopped)
+      if (stopped) return
+    end do
+  end subroutine find_zeros_of
+
+  ! Finds a point between three of the same sign where the function is zero or has the other one, by
+  ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. For detection
+  ! along the cubic, which isn't accurate, it is enough to come near to zero.
+  subroutine find_turning_point(g, ends, values, turning, value, exists, stopped)
+    type(event_function_t), intent(inout) :: g
+    real(wp), intent(in) :: ends(3), values(3)
+    real(wp), intent(out) :: turning, value            ! the point, and the function there
+    logical, intent(out) :: exists, stopped
+    integer, parameter :: max_iterations = 8
+    real(wp), parameter :: margin = 0.02_wp            ! relative to differences of values
+    real(wp) :: x(3), v(3), first, second, nearest, inner(2), at_inner(2)
+    integer :: i
+
+    x = ends
+    v = abs(values)
+    turning = 0.0_wp
+    value = 0.0_wp
+    exists = .false.
+    stopped = .false.
+    if (.not. minval(values * sign(1.0_wp, values(1))) > 0) return
+    do i = 1, max_iterations
+      first = (v(2) - v(1)) / (x(2) - x(1))
+      second = ((v(3) - v(2)) / (x(3) - x(2)) - first) / (x(3) - x(1))
+      if (.not. second > 0) return
+      turning = (x(1) + x(2) - first / second) / 2
+      if (turning <= x(1) .or. turning >= x(3)) return
+      nearest = v(1) + (turning - x(1)) * (first + second * (turning - x(2)))
+      exists = g%detects .and. min(nearest, minval(v)) < margin * (maxval(v) - minval(v))
+      value = -values(1)
+      if (exists .or. nearest > minval(v) / 2) return
+      call g%value(turning, value, stopped)
+      if (stopped) return
+      exists = value * sign(1.0_wp, values(1)) <= 0
+      if (exists) return
+      inner = [x(2), turning]
+      at_inner = [v(2), abs(value)]
+      if (turning < x(2)) then
+        inner = inner(2:1:-1)
+        at_inner = at_inner(2:1:-1)
+      end if
+      if (at_inner(1) < at_inner(2)) then
+        x = [x(1), inner]
+        v = [v(1), at_inner]
+      else
+        x = [inner, x(3)]
+        v = [at_inner, v(3)]
+      end if
+    end do
+  end subroutine find_turning_point
+
+  ! Adds the zero of an event between two points if there is one.
+  subroutine add_zero(g, ends, values, stopped)
+    type(event_function_t), intent(inout) :: g
+    real(wp), intent(in) :: ends(2), values(2)
+    logical, intent(out) :: stopped
+    real(wp) :: zero
+
+    stopped = .false.
+    if (.not. crosses(values(1), values(2), g%problem%events%direction(g%event))) return
+    zero = ends(2)
+    if (abs(values(2)) > 0 .and. .not. g%detects) &
+      call find_root(g, ends(1), ends(2), values(1), values(2), zero, stopped)
+    g%trajectory%zero = [g%trajectory%zero, zero]
+    g%trajectory%zero_of = [g%trajectory%zero_of, g%event]
+  end subroutine add_zero
+
+  ! Finds a zero in the first part of a step that starts from the event's own jump, where its
+  ! function is zero up to rounding. If the function returns to zero within this part, as for a ball
+  ! that hardly bounces, it has the other sign somewhere before; the part is searched by halving.
+  subroutine find_after_jump(g, end, after, stopped)
+    type(event_function_t), intent(inout) :: g
+    real(wp), intent(in) :: end, after                 ! of the part, and the function there
     logical, intent(out) :: stopped
     integer, parameter :: halvings = 60
     real(wp) :: x, value, rounding
     integer :: k
 
     stopped = .false.
-    rounding = 8 * max(abs(trajectory%value_after_jump), &
-                       epsilon(1.0_wp) * maxval(abs(trajectory%y(:, 0))))
-    associate (after => trajectory%event_after(g%event), &
-               direction => problem%events%direction(g%event))
-      if (.not. abs(after) > 0 .or. real(direction, wp) * after < 0) return
-      do k = 1, halvings
-        x = 0.5_wp**k
-        call g%value(x, value, stopped)
-        if (stopped) return
-        if (value * sign(1.0_wp, after) < -rounding) then
-          call find_root(g, x, 1.0_wp, value, after, theta, stopped)
-          return
-        end if
-      end do
-    end associate
-  end subroutine locate_after_jump
+    rounding = 8 * max(abs(g%trajectory%value_after_jump), &
+                       epsilon(1.0_wp) * maxval(abs(g%trajectory%y(:, 0))))
+    if (.not. abs(after) > 0 &
+        .or. real(g%problem%events%direction(g%event), wp) * after < 0) return
+    do k = 1, halvings
+      x = end * 0.5_wp**k
+      call g%value(x, value, stopped)
+      if (stopped) return
+      if (value * sign(1.0_wp, after) < -rounding) then
+        call add_zero(g, [x, end], [value, after], stopped)
+        return
+      end if
+    end do
+  end subroutine find_after_jump
+
+  ! The time at a fraction of the step
+  pure real(wp) function time_at(trajectory, x)
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), intent(in) :: x
+
+    time_at = trajectory%t_end
+    if (x < 1) time_at = trajectory%t + x * (trajectory%t_end - trajectory%t)
+  end function time_at
 
   ! Evaluates the function of an event at a fraction of the step.
   subroutine event_along_step(self, x, y, stop)
@@ -102,51 +238,51 @@ contains
     real(wp), intent(out) :: y
     logical, intent(out) :: stop
 
-    associate (trajectory => self%trajectory)
-      call point_at(self%problem, trajectory, x, self%y)
-      call self%problem%events%value(trajectory%member, self%event, &
-                                     trajectory%t + x * (trajectory%t_end - trajectory%t), &
-                                       self%y, y, stop)
-    end associate
+    call point_at(self%problem, self%trajectory, x, self%y)
+    call self%problem%events%value(self%trajectory%member, self%event, &
+                                   time_at(self%trajectory, x), self%y, y, stop)
   end subroutine event_along_step
 
-  ! Records events in the order of their times, up to the first one that ends the step.
-  subroutine record_events(problem, trajectory, theta, output, until, event, after, stopped)
+  ! Records zeros in the order of their times, up to the first one that ends the step.
+  subroutine record_zeros(problem, trajectory, output, until, event, after, full, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp), intent(inout) :: theta(:)                ! (events) overwritten
+    type(trajectory_t), intent(inout) :: trajectory    ! its zeros become 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
     integer, intent(out) :: event                      ! that ends it, 0 for none
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after its jump
+    logical, intent(out) :: full                       ! whether there is no room for one
     logical, intent(out) :: stopped
-    real(wp) :: t, y(size(after))
-    integer :: i
+    real(wp) :: y(size(after))
+    integer :: k
 
     until = 1.0_wp
     event = 0
     stopped = .false.
+    full = .false.
     associate (x => trajectory, events => problem%events)
-      do while (minval(theta) < 2)
-        i = minloc(theta, 1)
-        t = x%t_end
-        if (theta(i) < 1) t = x%t + theta(i) * (x%t_end - x%t)
-        call point_at(problem, trajectory, theta(i), y)
-        x%event_count(i) = x%event_count(i) + 1
-        after = y
-        if (x%event_count(i) < events%most(i) .and. events%jumps(i)) then
-          call events%jump(x%member, i, t, y, after, stopped)
-          if (stopped) return
-        end if
-        call store_event(output, x%member, i, t, y, after)
-        if (x%event_count(i) >= events%most(i) .or. events%jumps(i)) then
-          until = theta(i)
-          event = i
-          return
-        end if
-        theta(i) = 2.0_wp
+      do while (any(x%zero < 2))
+        full = output%events == output%event_capacity
+        if (full) return
+        k = minloc(x%zero, 1)
+        associate (i => x%zero_of(k))
+          call point_at(problem, trajectory, x%zero(k), y)
+          x%event_count(i) = x%event_count(i) + 1
+          after = y
+          if (x%event_count(i) < events%most(i) .and. events%jumps(i)) then
+            call events%jump(x%member, i, time_at(x, x%zero(k)), y, after, stopped)
+            if (stopped) return
+          end if
+          call store_event(output, x%member, i, time_at(x, x%zero(k)), y, after)
+          if (x%event_count(i) >= events%most(i) .or. events%jumps(i)) then
+            until = x%zero(k)
+            event = i
+            return
+          end if
+        end associate
+        x%zero(k) = 2.0_wp
       end do
     end associate
-  end subroutine record_events
+  end subroutine record_zeros
 
 end module step_events_m

@@ -136,11 +136,14 @@ module trajectory_m
     ! output
     type(interpolant_t) :: interpolant
     logical :: needs_interpolant = .false.
-    logical :: event_found = .false.
+    logical :: seeks_events = .false.        ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
     real(wp), allocatable :: event_before(:), event_after(:)   ! (events) values at both ends
     integer(int64), allocatable :: event_count(:)      ! (events) how often each happened
+    ! (zeros) those within the step that aren't recorded yet: fractions of it, or 2, and events
+    real(wp), allocatable :: zero(:)
+    integer, allocatable :: zero_of(:)
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
     integer :: jump_event = 0                ! event whose jump the step starts from, 0 for none
     real(wp) :: value_after_jump = 0.0_wp    ! of its function

@@ -3,7 +3,8 @@
 module within_step_m
   use kinds, only: wp
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
-                               flows_of_evaluation, next_node, reserve_interpolant, set_ends
+                               flows_of_evaluation, make_cubic, next_node, reserve_interpolant, &
+                               set_ends
   use requests_m, only: reject_stage, request
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
@@ -50,7 +51,8 @@ contains
     end associate
   end subroutine store_end
 
-  ! Starts the interpolant of the present step.
+  ! Starts the interpolant of the present step. If only events may need it, they are sought first
+  ! along what is known of it from the ends of the step.
   subroutine interpolate(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -61,7 +63,12 @@ contains
                     x%end_slope)
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
                              exists)
-      call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp)
+      if (x%needs_interpolant .or. x%interpolant%complete) then
+        call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp)
+      else
+        call make_cubic(problem%scheme, exists, x%interpolant)
+        x%phase = phase_detect_events
+      end if
     end associate
   end subroutine interpolate
 

@@ -15,13 +15,13 @@ A file with ``kind = "Magnus"`` has ``nodes``, ``weights`` and, for pairs, ``emb
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping
-from difflib import get_close_matches
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
 
 from ..method.method import Method
 from ..structure.points import MethodError
+from ..support import checks
 from .entries import dumps, dumps_json, is_file, load, loads, read, save
 
 __all__ = [
@@ -141,11 +141,7 @@ def similar_names(name: object) -> str:
         return ""
     if name in _ELSEWHERE:
         return f"; {_ELSEWHERE[name]}"
-    known = {given.upper(): given for own in catalogues.values() for given in own}
-    pairs = [own for key, own in known.items() if key.startswith(f"{name.upper()}(")]
-    close = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
-    similar = dict.fromkeys(pairs + close)
-    return f"; similar names are {', '.join(similar)}" if similar else ""
+    return checks.similar_names(name, (given for own in catalogues.values() for given in own))
 
 
 def resolve_method(method: str | PathLike[str] | Method) -> Method:
@@ -161,7 +157,8 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
     if isinstance(method, PathLike) or (isinstance(method, str) and is_file(method)):
         return load(method)
     if not isinstance(method, str):
-        raise TypeError(f"method must be a name or a Method, got {method!r}")
+        hint = similar_names(getattr(method, "__name__", None))
+        raise TypeError(f"method must be a name or a Method, got {method!r}{hint}")
     if (stored := find_method(method)) is not None:
         return stored
     hint = similar_names(method) or f"; {_ALL}"

@@ -58,8 +58,8 @@ def check_args(args: Any) -> tuple[Any, ...]:
     if args is None:
         return ()
     try:
-        # a set has no order, and a string is probably a single argument
-        if isinstance(args, str | bytes | bytearray | Set | Mapping):
+        # a set has no order; a string or an array is probably a single argument
+        if isinstance(args, str | bytes | bytearray | Set | Mapping | np.ndarray):
             raise TypeError
         return tuple(args)
     except TypeError:

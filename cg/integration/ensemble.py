@@ -26,7 +26,7 @@ from cg.integration.options import Options, expand_options
 from cg.integration.problem import Problem, make_problem, make_rhs
 from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.function import CompiledFunction, Function
-from cg.integration.rhs.python import Coefficients
+from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.runs import ExecutorLike, check_executor, completed
 from cg.support.checks import check_flag
@@ -111,7 +111,8 @@ def solve_ensemble(
     Warns
     -----
     UserWarning
-        If members failed; it names their number and the first one.
+        If members failed; it names their number and the first one.  Or, while members take
+        thousands of steps, for the reasons of `cg.solve_ivp`.
 
     Examples
     --------
@@ -155,6 +156,8 @@ def solve_members(
     executor, workers = check_executor(executor, workers)
     if distributed and common:
         raise ValueError("executor and workers must be None with common_steps")
+    if isinstance(problem.rhs, PythonRhs):
+        problem.rhs.first = 0
     result = EnsembleResults(problem, out)
     watch = Progress(progress, problem.t0, problem.t1, len(problem.points))
     if distributed:
@@ -207,14 +210,16 @@ class _MemberTask:
 
     problem: Problem
 
-    def __call__(self, data: tuple[Points, Array | None]) -> MemberResults:
-        """Integrate some members, given their points and parameters."""
-        points, numbers = data
+    def __call__(self, data: tuple[int, Points, Array | None]) -> MemberResults:
+        """Integrate some members, given the first one's place, their points and parameters."""
+        first, points, numbers = data
         problem = self.problem
         rhs, _ = make_rhs(
             problem.f, problem.plan.frame, problem.args or None, numbers, problem.rhs.vectorized,
             len(points),
         )  # fmt: skip
+        if isinstance(rhs, PythonRhs):
+            rhs.first = first
         return _integrate(replace(problem, points=points, rhs=rhs), None)
 
 
@@ -232,7 +237,7 @@ def _distribute(
         len(points),
         workers,
         executor,
-        data=lambda chunk: (points[chunk], None if numbers is None else numbers[chunk]),
+        data=lambda chunk: (chunk[0], points[chunk], None if numbers is None else numbers[chunk]),
     )
     with closing(run) as running:
         for finished in running:

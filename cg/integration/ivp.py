@@ -149,10 +149,11 @@ def solve_ivp(
     Warns
     -----
     UserWarning
-        If ``rtol`` is too small to be attained, and is raised; or if thousands of steps are
-        rejected, as happens where ``f`` has kinks that aren't named as ``breakpoints``; or if the
-        last point is off the manifold, as may happen with a frame of your own; or if ``h`` is far
-        too large, as for `integrate`.
+        If ``rtol`` is too small to be attained, and is raised; or, during the integration, after
+        thousands of steps, if the equation is stiff or ``f`` is discontinuous near the solution; or
+        if most of thousands of steps are rejected, as happens where ``f`` has kinks that aren't
+        named as ``breakpoints``; or if the last point is off the manifold, as may happen with a
+        frame of your own; or if ``h`` is far too large, as for `integrate`.
 
     Examples
     --------

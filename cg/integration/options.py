@@ -5,12 +5,14 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable
+from types import CodeType
 from typing import Any, TypedDict, TypeVar, cast
 
 from numpy.typing import ArrayLike
 
 from cg.integration.default_method import AUTO
 from cg.method.method import Method
+from cg.support.checks import similar_names
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -45,13 +47,29 @@ _DEFAULTS: dict[str, Any] = dict.fromkeys(Options.__annotations__) | {
 }
 
 
+_EXPANDED: dict[CodeType, Any] = {}  # functions with options, by their code
+
+
 def complete_options(options: StepOptions, kind: type = Options) -> Options:
     """Return options with the defaults of those that aren't given; TypeError for another name."""
-    names = kind.__annotations__
     for name in options:
-        if name not in names:
-            raise TypeError(f"unexpected keyword argument {name!r}; the options are {[*names]}")
+        if name not in kind.__annotations__:
+            caller, names = _caller()
+            hint = similar_names(name, names) or f"; the options are {', '.join(names)}"
+            raise TypeError(f"{caller}() got an unexpected keyword argument {name!r}{hint}")
     return cast(Options, {**_DEFAULTS, **options})
+
+
+def _caller() -> tuple[str, list[str]]:
+    """Return the name of the function with options that the user called, and its keywords."""
+    frame, function = inspect.currentframe(), None
+    while frame is not None:
+        function = _EXPANDED.get(frame.f_code, function)
+        frame = frame.f_back
+    assert function is not None
+    parameters = inspect.signature(function).parameters.values()
+    names = [each.name for each in parameters if each.kind == each.KEYWORD_ONLY]
+    return function.__qualname__.removesuffix(".__init__"), names
 
 
 def expand_options(function: _Function) -> _Function:
@@ -70,4 +88,8 @@ def expand_options(function: _Function) -> _Function:
         for name, annotation in kind.__annotations__.items()
     ]
     cast(Any, function).__signature__ = signature.replace(parameters=parameters)
+    # without it, a misspelt keyword gets a better message than that frame is missing
+    defaults = cast(Any, function).__kwdefaults__
+    cast(Any, function).__kwdefaults__ = {"frame": None, **(defaults or {})}
+    _EXPANDED[cast(Any, function).__code__] = function
     return function

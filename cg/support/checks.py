@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import operator
 import os
+from collections.abc import Iterable
+from difflib import get_close_matches
 from numbers import Real
 from typing import Any
 
@@ -19,6 +21,18 @@ memory."""
 
 MAX_HALF_WIDTH = 1e300
 """Largest half-width of initial guesses; twice this must not overflow."""
+
+
+def similar_names(name: str, names: Iterable[str]) -> str:
+    """Return a part of an error message: the names most similar to `name`, after a semicolon.
+
+    Names of pairs such as CF5(4) come first if `name` is CF5.
+    """
+    known = {each.upper(): each for each in names}
+    pairs = [each for key, each in known.items() if key.startswith(f"{name.upper()}(")]
+    close = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
+    similar = dict.fromkeys(pairs + close)
+    return f"; similar names are {', '.join(similar)}" if similar else ""
 
 
 def check_flag(name: str, value: Any) -> bool:

@@ -7,11 +7,12 @@ import pytest
 import scipy.integrate
 
 import cg
-from cg.frames import SO3, Euclidean, Stiefel
+from cg.frames import SO3, Euclidean, Stiefel, UnitQuaternion
 from cg.integration.step.interpolant import extra_evaluations
 
 pytestmark = pytest.mark.sanitize
 
+SPIN = {"frame": UnitQuaternion(), "rtol": 1e-9}
 CIRCLE = {"frame": Euclidean(2), "rtol": 1e-8, "atol": 1e-8}
 
 
@@ -154,8 +155,9 @@ def test_events_do_not_change_the_steps():
     np.testing.assert_array_equal(plain.t, watched.t)
     np.testing.assert_array_equal(plain.y, watched.y)
     assert plain.t_events is None
-    # only steps with an event in them take more, and the coefficients at their ends are used again
-    extra = extra_evaluations(plain.method) * len(watched.t_events[0])
+    # only steps with an event in them take more; those at the ends of steps are used again, except
+    # at the end of the last step
+    extra = extra_evaluations(plain.method) * len(watched.t_events[0]) + 1
     assert watched.nfev == plain.nfev + extra
 
 
@@ -227,3 +229,118 @@ def test_an_event_of_odd_multiplicity_is_found(multiplicity, zero, h):
     )  # fmt: skip
     # such a function is zero in floating point within 1e-324 ** (1 / 9) of its zero
     assert solution.t_events[0] == pytest.approx([zero], abs=1e-9)
+
+
+class TestManyZerosInOneStep:
+    """A body that turns at a constant rate, whose steps grow to many turns."""
+
+    RATE, LEVEL = 0.3, 0.9995
+    START = (0.0, 0.0, 0.0, 1.0)
+
+    def aligned(self, t, q):
+        return abs(q[3]) - self.LEVEL
+
+    def times(self, end):
+        """|cos(rate t / 2)| passes the level shortly before and after each half turn."""
+        width = 2 * math.acos(self.LEVEL) / self.RATE
+        turns = 2 * math.pi * np.arange(1 + end * self.RATE / 6) / self.RATE
+        times = np.sort(np.concatenate([turns - width, turns + width]))
+        return times[(times > 0) & (times < end)]
+
+    def run(self, event=None, end=200.0, **options):
+        event = self.aligned if event is None else event
+        options = SPIN | {"events": event} | options
+        return cg.solve_ivp(lambda t, q: [self.RATE, 0.0, 0.0], (0, end), self.START, **options)
+
+    @pytest.mark.parametrize("method", ["auto", "CF5(4)", "CG4(3)"])
+    def test_all_are_found(self, method):
+        run = self.run(method=method)
+        assert len(self.times(200.0)) == 19
+        assert run.steps < 15
+        np.testing.assert_allclose(run.t_events[0], self.times(200.0), atol=1e-8)
+        assert abs(np.abs(run.y_events[0][:, 3]) - self.LEVEL).max() < 1e-14
+
+    def test_on_a_frame_in_python(self):
+        run = cg.solve_ivp(
+            lambda t, y: [self.RATE, 0.0, 0.0], (0, 100), [[0], [1.0], [0]], frame=Stiefel(3, 1),
+            events=lambda t, y: abs(y[1, 0]) - 0.999, rtol=1e-9, max_step=40.0,
+        )  # fmt: skip
+        assert run.steps < 12
+        assert len(run.t_events[0]) == 19
+
+    def test_more_than_a_buffer_holds(self):
+        run = self.run(end=4000.0)
+        assert run.steps < 20
+        np.testing.assert_allclose(run.t_events[0], self.times(4000.0), atol=1e-6)
+
+    @pytest.mark.parametrize(
+        ("direction", "part"), [(-1, slice(0, None, 2)), (1, slice(1, None, 2))]
+    )
+    def test_in_one_direction(self, direction, part):
+        run = self.run(cg.Event(self.aligned, direction=direction))
+        np.testing.assert_allclose(run.t_events[0], self.times(200.0)[part], atol=1e-8)
+
+    def test_a_terminal_one_after_others(self):
+        run = self.run([cg.Event(self.aligned, terminal=6), lambda t, q: t - 150.0])
+        assert run.status == 1
+        np.testing.assert_allclose(run.t_events[0], self.times(200.0)[:6], atol=1e-8)
+        assert run.t[-1] == run.t_events[0][-1]
+        assert len(run.t_events[1]) == 0
+
+    def test_jumps(self):
+        # each time it turns back by a right angle
+        back = cg.frames.UnitQuaternion().flow
+        jump = cg.Event(
+            lambda t, q: q[0] - math.sin(1.0), direction=1,
+            jump=lambda t, q: back(np.array([-1.0, 0.0, 0.0]), q),
+        )  # fmt: skip
+        run = self.run(jump, end=60.0)
+        first, period = 2.0 / self.RATE, 1.0 / self.RATE
+        np.testing.assert_allclose(run.t_events[0], np.arange(first, 60.0, period), atol=1e-8)
+
+    def test_the_same_in_an_ensemble(self):
+        rates = np.linspace(0.1, 0.5, 7)[:, None]
+        options = SPIN | {"events": lambda t, q, rate: self.aligned(t, q)}
+        runs = [
+            cg.solve_ensemble(
+                lambda t, q, rate: np.stack(np.broadcast_arrays(rate[..., 0], 0.0, 0.0), axis=-1),
+                (0, 100), self.START, parameters=rates, vectorized=vectorized, workers=workers,
+                **options,
+            )
+            for vectorized, workers in [(False, None), (False, 2), (True, None)]
+        ]  # fmt: skip
+        for member, rate in enumerate(rates):
+            alone = cg.solve_ivp(
+                lambda t, q, rate: [rate[0], 0, 0], (0, 100), self.START, parameters=rate, **options
+            )
+            assert len(alone.t_events[0]) >= 100 * rate[0] / math.pi - 2
+            for run in runs:
+                np.testing.assert_array_equal(run.t_events[0][member], alone.t_events[0])
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("method", ["auto", "CF5(4)"])
+def test_pairs_of_zeros_far_narrower_than_a_step(method, rtol):
+    def f(t, y):
+        return [math.cos(t), 0.5 * y[0, 0], 0.3 + math.sin(0.7 * t)]
+
+    options = {"frame": SO3(), "rtol": rtol, "atol": rtol, "method": method}
+    span, y0 = (0, 30), np.eye(3)
+    run = cg.solve_ivp(f, span, y0, dense_output=True, **options)
+    y = run.sol(np.linspace(*span, 30001)).reshape(-1, 9)
+    levels = np.quantile(y, 0.99, axis=0)
+    events = [lambda t, y, k=k, level=level: y.ravel()[k] - level for k, level in enumerate(levels)]
+    above = y > levels
+    crossings = (above[1:] != above[:-1]).sum(axis=0)
+    assert crossings.sum() >= 20
+    found = cg.solve_ivp(f, span, y0, events=events, **options)
+    assert [len(t) for t in found.t_events] == crossings.tolist()
+
+
+@pytest.mark.parametrize("depth", [1e-5, 1e-6])
+def test_pairs_of_zeros_nearer_than_the_error_of_the_cubic(depth):
+    run = solve(lambda t, y: y[1] - (1 - depth), (0.1, 100.0))
+    tops = math.pi / 2 + 2 * math.pi * np.arange(16)
+    width = math.acos(1 - depth)
+    expected = np.sort(np.concatenate([tops - width, tops + width]))
+    np.testing.assert_allclose(run.t_events[0], expected, atol=1e-3)

@@ -184,3 +184,74 @@ def test_any_number_of_further_arguments(frame, method, count):
     )
     assert solution.success
     np.testing.assert_allclose(solution.y[-1], point, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("frame", "y0", "value", "hint"),
+    [
+        (SO3(), np.eye(3), np.zeros(9), r"got shape \(9,\).*frame.coefficients\(matrix\)"),
+        (FRAME, Y0, (np.zeros(3), np.zeros(3)), r"got shape \(2, 3\).*np.concatenate"),
+        (
+            Product(SO3(), Euclidean(1)),
+            [*np.eye(3).ravel(), 0],
+            (np.zeros(3), [0.0]),
+            "concatenate",
+        ),
+    ],
+)
+def test_hints(frame, y0, value, hint):
+    with pytest.raises(ValueError, match=hint):
+        cg.solve_ivp(lambda t, y: value, (0, 1), y0, frame=frame)
+
+
+NUMBERED = {"frame": SO3(), "parameters": np.arange(5.0)[:, None]}
+
+
+class TestNotes:
+    """Notes to exceptions of f say when they happened, and how f is called."""
+
+    @pytest.mark.parametrize("f", [lambda t: 0, lambda y, t: [y[0], 0, 0]])
+    def test_how_it_is_called(self, f):
+        with pytest.raises(TypeError) as caught:
+            cg.solve_ivp(f, (0, 1), np.eye(3), frame=SO3())
+        note = "at t = 0; f is given (t, y, ...) with y of shape (3, 3)"
+        assert caught.value.__notes__ == [note]
+
+    def test_vectorized(self):
+        with pytest.raises(ValueError, match="broadcast") as caught:
+            cg.solve_ensemble(
+                lambda t, y: y[:2] * np.ones(7), (0, 1), [np.eye(3)] * 4, frame=SO3(),
+                vectorized=True,
+            )  # fmt: skip
+        note = "at t = 0; f is given (t, y, ...) with y of shape (k, 3, 3), and t of shape (k,)"
+        assert caught.value.__notes__ == [note]
+
+    @pytest.mark.parametrize("workers", [None, 2])
+    def test_member(self, workers):
+        def f(t, y, row):
+            return [0, 0, np.nan if row[0] == 3 and t > 0.5 else 1]
+
+        with pytest.raises(ValueError, match=r"finite numbers, got .* at t = 0") as caught:
+            cg.solve_ensemble(f, (0, 1), np.eye(3), workers=workers, **NUMBERED)
+        assert "in member 3; f is given" in caught.value.__notes__[0]
+
+    @pytest.mark.parametrize("workers", [None, 2])
+    def test_member_of_a_vectorized_function(self, workers):
+        def f(t, y, rows):
+            bad = (rows[:, 0] == 3) & (t > 0.5)
+            return np.stack([0 * t, 0 * t, np.where(bad, np.nan, 1.0)], axis=-1)
+
+        message = r"got \[ 0\.  0\. nan\] at t = 0\.\d+ for member 3$"
+        with pytest.raises(ValueError, match=message):
+            cg.solve_ensemble(f, (0, 1), np.eye(3), vectorized=True, workers=workers, **NUMBERED)
+
+    def test_event(self):
+        def event(t, y, row):
+            return 1 / (int(row[0]) - 2)
+
+        with pytest.raises(ZeroDivisionError) as caught:
+            cg.solve_ensemble(
+                lambda t, y, row: [0, 0, 1], (0, 1), np.eye(3), events=event, frame=SO3(),
+                parameters=[[0.0], [2]],
+            )  # fmt: skip
+        assert "in member 1; f is given" in caught.value.__notes__[0]

@@ -15,11 +15,9 @@ from cg.integration.loop.messages import (
 )
 from cg.integration.loop.record import COUNTS
 from cg.integration.loop.run import Run
-from cg.integration.loop.stiffness import is_stiff
+from cg.integration.loop.stiffness import find_difficulty
 from cg.integration.rhs.python import StageOverflowError
 from cg.integration.step.implicit import STAGE_SOLVERS, ConvergenceError
-from cg.integration.step.plan import has_brackets
-from cg.method.magnus import MagnusMethod
 from cg.support.shared_numbers import Stop
 
 
@@ -32,7 +30,9 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: P
         case Stop.STEP_TOO_SMALL:
             return _explain_step_failure(run, member, t)
         case Stop.TOO_MANY_STEPS:
-            return too_many_steps(run.control.max_steps, t, _is_stiff(run, member, t))
+            rejected = int(run.counts[member, COUNTS.index("nrejected")])
+            reason = find_difficulty(run, member, t)
+            return too_many_steps(run.control.max_steps, t, rejected, reason)
         case Stop.JUMPS_WITHOUT_PROGRESS:
             return no_progress(t)
         case Stop.STAGES_NOT_SOLVED:
@@ -47,16 +47,6 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: P
         case Stop.STAGE_NOT_FINITE if run.callbacks.last_error is not None:
             return StageOverflowError(str(run.callbacks.last_error))
     return failure(stop, int(run.flag[member]), t, name=run.rhs.name)
-
-
-def _is_stiff(run: Run, member: int, t: float) -> bool:
-    plan, h = run.plan, run.record.step_size
-    if run.members > 1:
-        h = (t - run.t0) / max(run.counts[member, COUNTS.index("steps")], 1)
-    if not has_brackets(plan.frame) or isinstance(plan.method, MagnusMethod):
-        return False
-    point = plan.points(run.end[member].copy(), ())
-    return is_stiff(plan.frame, plan.method, run.rhs, member, t, point, h)
 
 
 def _explain_step_failure(run: Run, member: int, t: float) -> str:

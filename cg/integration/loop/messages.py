@@ -23,6 +23,12 @@ MANY_REJECTIONS = (
     "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at "
     "known times, name them as breakpoints"
 )
+MANY_STEPS = "the integration takes many steps, since {reason}"
+STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'
+DISCONTINUOUS = (
+    "f is discontinuous near the solution: name known times of jumps as breakpoints; where the "
+    "solution meets a jump, end it by a terminal event, and continue with f of the other side"
+)
 DERIVATIVES = "derivatives of the solution"
 TERMINAL_EVENT = "A terminal event ended the integration."
 
@@ -71,12 +77,12 @@ def no_progress(t: float) -> str:
     return f"jumps of events follow each other without progress at t = {t:.17g}"
 
 
-def too_many_steps(max_steps: int, t: float, stiff: bool = False) -> str:
-    """Return the message for ``max_steps`` steps that reached only ``t``."""
+def too_many_steps(max_steps: int, t: float, rejected: int, reason: str | None) -> str:
+    """Return the message for ``max_steps`` steps that reached only ``t``, with a known reason."""
     text = f"max_steps = {max_steps} steps, rejected ones included, led only to t = {t:.17g}"
-    if not stiff:
-        return text
-    return f'{text}; the equation is stiff there, for which method="RadauIIA5" takes larger steps'
+    if 2 * rejected > max_steps // 10:
+        text += f"; {rejected} of them were rejected"
+    return text if reason is None else f"{text}; {reason}"
 
 
 def failed_members(failures: dict[int, str], total: int) -> str:

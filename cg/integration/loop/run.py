@@ -18,6 +18,7 @@ from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import Steps
 from cg.integration.loop.record import COUNTS, Control, Output, Record
 from cg.integration.loop.step_budget import StepBudget
+from cg.integration.loop.stiffness import StepCheck
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs
@@ -27,6 +28,7 @@ from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import Plan
 from cg.support.memory import reserved
 from cg.support.parallel import raise_if_stopped
+from cg.support.shared_numbers import Stop
 
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
@@ -223,24 +225,29 @@ class Run:
 
     def drive(self, watch: Callable[[float], None] | None = None) -> None:
         """Advance all members to their ends; ``watch`` gets the time covered by all together."""
-        budget = StepBudget()
+        budget, check = StepBudget(), StepCheck(self)
         while self.record.ended < self.members:
-            given = budget.start()
+            given = min(budget.start(), check.steps_left())
             self.record.budget = given
             self.call()
             raise_if_stopped()
             budget.stop(max(given - self.record.budget, 1))
+            check.update(given - self.record.budget)
             if watch is not None:
                 watch(float(np.abs(self.reached - self.t0).sum()))
 
     def call(self) -> None:
         """Call compiled code once and collect its output."""
-        if self._lanes == 1:
-            self._core.loop_drive(self.address)
-        else:
-            needed = 32 * self._lanes * (self.plan.width + self.plan.frame.dim + 2)
-            with reserved(needed, f"a step of {self._lanes} members"):
+        try:
+            if self._lanes == 1:
                 self._core.loop_drive(self.address)
+            else:
+                needed = 32 * self._lanes * (self.plan.width + self.plan.frame.dim + 2)
+                with reserved(needed, f"a step of {self._lanes} members"):
+                    self._core.loop_drive(self.address)
+        except Exception as error:
+            self._add_note(error)
+            raise
         record = self.record
         if record.raised:
             raise ValueError(
@@ -262,6 +269,13 @@ class Run:
             self._capacity = min(4 * self._capacity, _MAX_BUFFER)
             self._make_buffers(self._capacity)
             self._core.loop_set_output(self.address)
+
+    def _add_note(self, error: Exception) -> None:
+        """Add to an exception of a function of the user when it happened, and in which member."""
+        raised = np.flatnonzero(self.status == Stop.RAISED)
+        if isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
+            member = int(raised[0])
+            error.add_note(self.rhs.note(float(self.failed_at[member]), member))
 
     def _collect(self, taken: list[tuple[Array, ...]], count: int, *names: str) -> None:
         """Collect the used parts of buffers, as copies if the buffers are used again."""

@@ -1,15 +1,26 @@
-"""Detection of stiff equations, for the message of an integration that takes too many steps."""
+"""Detection of stiff equations and of discontinuities, where an integration takes many steps."""
 
 from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cg.catalogue.summary import summary_of
-from cg.frames.arrays import Points
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
+from cg.integration.loop.messages import DISCONTINUOUS, MANY_STEPS, STIFF
+from cg.integration.loop.record import COUNTS
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
+from cg.integration.step.plan import has_brackets
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
+from cg.support.shared_numbers import Stop
+
+if TYPE_CHECKING:
+    from cg.integration.loop.run import Run
 
 _MAX_DIM = 300
 _STEP = float(np.sqrt(np.finfo(np.float64).eps))
@@ -17,6 +28,99 @@ _STEP = float(np.sqrt(np.finfo(np.float64).eps))
 _NEAR_LIMIT = 0.5
 # least damping of an eigenvalue, relative to its size
 _DAMPED = 0.05
+_COUNTS = [COUNTS.index("steps"), COUNTS.index("nrejected")]
+_FIRST_CHECK = 10_000  # steps, rejected ones included; a check takes as long as some hundred
+_CONFIRMED = 1000  # steps after which the check is repeated
+_MANY_REJECTED = 0.05  # of all steps, where f may be discontinuous
+# A change of f is a jump if most of it remains between points that lie a millionth as far apart.
+_BISECTIONS = 20
+_ROUNDING = 1e-6
+
+
+class StepCheck:
+    """Warns once while a run takes many steps, if its equation is stiff or discontinuous.
+
+    It looks after 10,000, 20,000, 40,000, ... steps of a member, and again 1000 steps later.
+
+    Parameters
+    ----------
+    run
+        The run.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._taken = 0  # by all members
+        self._next = self._first = _FIRST_CHECK if run.control.h is None else 2**62
+        self._last: str | None = None
+
+    def steps_left(self) -> int:
+        """Return the number of steps of a single trajectory until the next check."""
+        return self._next - self._taken if self._run.members == 1 else 2**62
+
+    def update(self, taken: int) -> None:
+        """Check the member that has taken most steps, if it is time, after some more steps."""
+        run = self._run
+        self._taken += taken
+        if self._taken < self._next:
+            return
+        active = np.where(run.status == Stop.PAUSED, run.counts[:, _COUNTS].sum(axis=1), 0)
+        member = int(active.argmax())
+        if active[member] < self._next:
+            return
+        difficulty = find_difficulty(run, member, float(run.reached[member]))
+        if difficulty and difficulty == self._last:
+            warnings.warn(MANY_STEPS.format(reason=difficulty), stacklevel=5)
+            self._next = 2**62
+        elif difficulty and self._last is None:
+            self._next = int(active[member]) + _CONFIRMED
+        else:
+            self._first *= 2
+            self._next, difficulty = max(self._first, self._next + 1), None
+        self._last = difficulty
+
+
+def find_difficulty(run: Run, member: int, t: float) -> str | None:
+    """Return why a member takes many steps near ``t``, if it is a known reason."""
+    plan, h = run.plan, run.record.step_size
+    steps, rejected = run.counts[member, _COUNTS].tolist()
+    if run.members > 1:
+        h = (t - run.t0) / max(steps, 1)
+    if not has_brackets(plan.frame) or isinstance(plan.method, MagnusMethod):
+        return None
+    point = plan.points(run.end[member].copy(), ())
+    arguments = run.rhs, member, t, point, h
+    try:
+        if rejected > _MANY_REJECTED * steps and is_discontinuous(plan.frame, *arguments):
+            return DISCONTINUOUS
+        return STIFF if is_stiff(plan.frame, plan.method, *arguments) else None
+    except Exception:  # f needn't exist at points that the integration doesn't evaluate it at
+        return None
+
+
+def is_discontinuous(
+    frame: Frame, rhs: CompiledRhs | PythonRhs, member: int, t: float, y: Points, h: float
+) -> bool:
+    """Return whether the right-hand side jumps near a point, along the flow of its coefficients."""
+    slope = rhs.at_member(member, t, y)
+
+    def value(x: float) -> Array:
+        return rhs.at_member(member, t + x * h, frame.flow(x * h * slope, y))
+
+    x = np.linspace(-2.0, 2.0, 17).tolist()
+    values = [value(each) for each in x]
+    changes = np.linalg.norm(np.diff(values, axis=0), axis=1)
+    k = int(changes.argmax())
+    low, high, at_low, at_high = x[k], x[k + 1], values[k], values[k + 1]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        at_middle = value(middle)
+        if np.linalg.norm(at_middle - at_low) > np.linalg.norm(at_high - at_middle):
+            high, at_high = middle, at_middle
+        else:
+            low, at_low = middle, at_middle
+    jump = float(np.linalg.norm(at_high - at_low))
+    return bool(jump > max(0.5 * changes[k], _ROUNDING * np.abs(values).max()))
 
 
 def is_stiff(
@@ -37,11 +141,8 @@ def is_stiff(
     if limit is None or frame.dim > _MAX_DIM or not method.explicit:
         return False
     steps = _STEP * np.maximum(frame.coordinate_sizes(y), 1.0)
-    try:
-        start = rhs.at_member(member, t, y)
-        moved = [rhs.at_member(member, t, frame.flow(v, y)) for v in np.diag(steps)]
-        values = np.linalg.eigvals((np.array(moved) - start).T / steps)
-    except (ValueError, ArithmeticError, RuntimeError):
-        return False
+    start = rhs.at_member(member, t, y)
+    moved = [rhs.at_member(member, t, frame.flow(v, y)) for v in np.diag(steps)]
+    values = np.linalg.eigvals((np.array(moved) - start).T / steps)
     damped = values[values.real <= -_DAMPED * np.abs(values)]
     return bool(abs(h) * np.abs(damped).max(initial=0.0) >= _NEAR_LIMIT * limit)

@@ -19,7 +19,12 @@ _UNLIMITED = 2**62  # the event never ends the integration
 
 @dataclass(frozen=True)
 class Event:
-    """An event: a zero of a function along the solution.
+    """An event: a zero of a function along the solution, where its sign changes.
+
+    In each step signs of the function are compared at both ends, in the middle, and, unless these
+    values differ by less than they are from zero, at two more points, all at most 30° of a
+    rotation apart; and where a parabola through three values comes near to zero.  A function that
+    changes much faster than the solution, such as ``sin(100 t)``, needs a ``max_step``.
 
     Functions with SciPy's attributes ``terminal`` and ``direction`` serve as well.
 
@@ -154,14 +159,16 @@ class EventTable:
         columns = *self.functions.T, self.direction, self.max_counts, self.jumps
         return np.stack(columns, axis=-1, dtype=np.int64)
 
-    def value(self, index: int, member: int, t: float, y: Points) -> list[float]:
+    def value(self, index: int, member: int, t: float, y: Points) -> float:
         """Return the value of an event's function, after checking it."""
-        return [self.value_with(index, t, y, self.arguments(member))]
+        return self.value_with(index, t, y, self.arguments(member))
 
     def value_with(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of a function in Python with other further arguments."""
         y.flags.writeable = False
         raw = self.events[index].function(t, y, *arguments)
+        if isinstance(raw, float) and math.isfinite(raw):
+            return raw
         name = f"events[{index}]"
         if isinstance(raw, bool | np.bool_) or getattr(raw, "dtype", None) == np.bool_:
             raise ValueError(

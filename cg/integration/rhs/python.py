@@ -16,6 +16,7 @@ from cg.frames.matrix_group import MatrixGroup
 from cg.integration.rhs.function import TimeFunction
 
 Coefficients = Callable[..., ArrayLike]
+_JOIN = "; join parts by np.concatenate"
 
 
 class StageOverflowError(OverflowError):
@@ -92,6 +93,9 @@ class PythonRhs:
         self._spare = [None]
         self.set_args(args)
 
+    first: int | None = None
+    """The place of the first member in the ensemble for error messages, None without one."""
+
     name = "f"
     """Its name in error messages."""
 
@@ -133,7 +137,20 @@ class PythonRhs:
     def part(self, members: slice) -> PythonRhs:
         """Return the right-hand side of some of the members."""
         own = None if self.parameters is None else self.parameters[members]
-        return PythonRhs(self.f, self.frame, self.args, own, self.vectorized)
+        part = PythonRhs(self.f, self.frame, self.args, own, self.vectorized)
+        part.first = (self.first or 0) + members.start
+        return part
+
+    def note(self, t: float, member: int = 0) -> str:
+        """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
+        count = len(self.args) + (self.parameters is not None)
+        which, shape = "", str(self.frame.point_shape)
+        if self.vectorized:
+            shape = f"{('k', *self.frame.point_shape)}, and t of shape (k,)".replace("'", "")
+        elif self.first is not None:
+            which = f" in member {self.first + member}"
+        extra = f", and {count} further arguments" if count else ""
+        return f"at t = {t:.17g}{which}; f is given (t, y, ...) with y of shape {shape}{extra}"
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member as a new array, after checking them."""
@@ -149,14 +166,19 @@ class PythonRhs:
         """Return the coefficients of several members, shape ``(n, dim)``, after checking them."""
         t.flags.writeable = y.flags.writeable = False
         own = () if self.parameters is None else (self.parameters[members],)
-        value = self.f(t, y, *self.args, *own)
-        return self.check(value, t, y)
+        try:
+            value = self.f(t, y, *self.args, *own)
+        except Exception as error:
+            error.add_note(self.note(float(t[0])))
+            raise
+        return self.check(value, t, y, members=members)
 
-    def check(self, value: Any, t: Any, y: Points) -> Array:
+    def check(self, value: Any, t: Any, y: Points, members: Any = None) -> Array:
         """Return what ``f(t, y)`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
 
         ValueError is raised if it has another shape, or isn't finite numbers although ``y`` is;
-        compiled code detects points that aren't finite.
+        compiled code detects points that aren't finite. ``members`` of a vectorized function are
+        named in errors.
         """
         shape = (len(t), self.frame.dim) if self.vectorized else (self.frame.dim,)
         try:
@@ -166,8 +188,10 @@ class PythonRhs:
             expected = (
                 f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
             )
+            join = isinstance(value, list | tuple) and any(map(np.ndim, value))
+            hint = _JOIN if join else traced_hint(error)
             raise ValueError(
-                f"f must return {expected}, got {value!r} at {when(t)}{traced_hint(error)}"
+                f"f must return {expected}, got {value!r} at {when(t)}{hint}"
             ) from error
         if coefficients.shape != shape:
             got = "None" if value is None else f"shape {coefficients.shape}"
@@ -184,15 +208,23 @@ class PythonRhs:
                 coefficients.reshape(-1, self.frame.dim)
             ).all(axis=1)
             if wrong.any():
-                raise ValueError(f"f must return finite numbers, got {coefficients} at {when(t)}")
+                got = f"{coefficients} at {when(t)}"
+                if self.vectorized:
+                    worst, *others = np.flatnonzero(wrong).tolist()
+                    got = f"{coefficients[worst]} at {when(t[worst])}"
+                    if members is not None:
+                        got += f" for member {(self.first or 0) + members[worst]}"
+                        got += f" and {len(others)} more" if others else ""
+                raise ValueError(f"f must return finite numbers, got {got}")
         return coefficients
 
     def _hint(self, shape: tuple[int, ...]) -> str:
         """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
         group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
-        if not isinstance(group, MatrixGroup) or shape != group.point_shape:
+        flat = isinstance(group, MatrixGroup) and shape == (math.prod(group.point_shape),)
+        if not isinstance(group, MatrixGroup) or not (flat or shape == group.point_shape):
             if shape != self.frame.point_shape:
-                return ""
+                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.dim else ""
             return "; f returns coefficients of the frame's fields, not the derivative of y"
         name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
         return f"; {name}(matrix) are those of a matrix in the Lie algebra"

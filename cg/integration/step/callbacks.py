@@ -81,9 +81,12 @@ class Callbacks:
     def _dexpinv(self) -> Dexpinv:
         return dexpinv_of(self.frame, self.plan.series)
 
-    def __call__(self, operation: int, a: Array, b: Array) -> Array:
-        """Return the result of an operation on two vectors, as a vector of doubles."""
-        answer = np.ascontiguousarray(_HANDLERS[operation](self, a, b))
+    def __call__(self, operation: int, a: Array, b: Array) -> Array | float:
+        """Return the result of an operation on two vectors, as a vector of doubles or a float."""
+        answer = _HANDLERS[operation](self, a, b)
+        if isinstance(answer, float):
+            return answer
+        answer = np.ascontiguousarray(answer)
         return answer.reshape(-1).view(np.float64) if answer.dtype.kind == "c" else answer.ravel()
 
     def _point(self, y: Array) -> Points:

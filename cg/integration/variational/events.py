@@ -68,7 +68,7 @@ class VariationalEvents(EventTable):
             for event, address in zip(self.events, self.functions[:, 0], strict=True)
         ]
 
-    def value(self, index: int, member: int, t: float, y: Points) -> list[float]:
+    def value(self, index: int, member: int, t: float, y: Points) -> float:
         """Return the value of a function at a point with derivatives."""
         return super().value(index, member, t, self._field.split(y)[0])
 
