@@ -1,5 +1,7 @@
 """Steps, errors and output in JAX equal those of compiled code."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
@@ -106,10 +108,15 @@ class TestSteps:
         ("name", "frame"),
         [
             ("CF3", Sphere(2)),
-            *slow(("CG4", SO3())),
             ("CF5(4)", UnitQuaternion()),
-            *slow(("CF6a", SE3()), ("RKMK8(5,3)", SU(2))),
+            *slow(
+                *product(
+                    ["LieEuler", "CG2", "CG3", "CG4", "CF5(4)", "CF6a", "CF7(6)", "RKMK8(5,3)"],
+                    [SO3(), UnitQuaternion(), SE3(), Sphere(2), SU(2)],
+                )
+            ),
         ],
+        ids=repr,
     )
     def test_orders(self, name, frame):
         ours, _ = term(frame)
