@@ -115,18 +115,8 @@ class Run:
             None if events is None else events.value, None if events is None else events.jump,
             None if jacobian is None else jacobian.of(rhs), lanes,
         )  # fmt: skip
-        self.kept, stages = plan.kept, plan.method.stages
         self.record = self._make_record(t0, len(stops), common, keep_last)
-        if jacobian is not None:
-            self.record.jacobian = 1 + jacobian.sparse
-        elif stage_solver == "fixed-point" and not plan.collocation:
-            self.record.jacobian = 2
-        if plan.collocation:
-            self.kept += stages - 1
-        if self.record.jacobian < 2 and plan.collocation:
-            self.kept += plan.frame.dim
-        elif self.record.jacobian < 2 and plan.paths.blocks:
-            self.kept += plan.frame.dim * stages**2 // plan.paths.blocks + stages
+        self.kept = plan.kept + self._choose_stage_solver(stage_solver, jacobian)
         self.record.of_time = of_time
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []
@@ -160,6 +150,19 @@ class Run:
             max_step=control.max_step, first_step=control.first_step or 0.0,
             max_steps=control.max_steps, every=max(output.every, 1), dense=output.dense,
         )  # fmt: skip
+
+    def _choose_stage_solver(self, solver: str, jacobian: Jacobian | None) -> int:
+        """Record how implicit stages are solved; return how many vectors are kept for it."""
+        plan, stages = self.plan, self.plan.method.stages
+        if jacobian is not None:
+            self.record.jacobian = 1 + jacobian.sparse
+        elif solver == "fixed-point" and not plan.collocation:
+            self.record.jacobian = 2
+        factors = plan.frame.dim if self.record.jacobian < 2 else 0
+        if plan.collocation:
+            return stages - 1 + factors
+        blocks = plan.paths.blocks
+        return factors * stages**2 // blocks + stages if factors and blocks else 0
 
     def _open(self, point: Points) -> None:
         """Open the run in compiled code, which allocates memory for the members in its lanes."""
