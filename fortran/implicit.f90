@@ -1,5 +1,5 @@
-! The stage equations of implicit tableaux with one weight per flow. The unknowns are the coefficients
-! at the stages, so that they live in a linear space whatever the manifold is:
+! The stage equations of implicit Crouch-Grossman methods (one weight per flow). The unknowns are the
+! coefficients at the stages, which lie in a linear space whatever the manifold is:
 !
 !   k_i = f(t + c_i h, Y_i(k)),   Y_i(k) = exp(h a_is k_s) ... exp(h a_i1 k_1) y.
 !

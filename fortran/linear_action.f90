@@ -1,9 +1,9 @@
 ! Flows of linear vector fields y' = X y, X = sum_i v_i G_i with given sparse matrices G_i. The
 ! exponential of X is applied by Chebyshev polynomials if all G_i are skew-Hermitian (H. Tal-Ezer,
-! R. Kosloff, J. Chem. Phys. 81 (1984) 3967-3971), else by Taylor polynomials. Coefficients v that
-! are polynomials in time have Taylor polynomials too.
+! R. Kosloff, J. Chem. Phys. 81 (1984) 3967-3971), else by Taylor polynomials. If the
+! coefficients v are polynomials in time, the solution is computed by Taylor polynomials too.
 !
-! Entries of X are on one sparsity pattern, row by row. Those of X are real (of points with real
+! All G_i share one sparsity pattern, stored by rows. Entries of X are real (of points with real
 ! entries), imaginary, or complex; a complex number is stored as its real and its imaginary part.
 module linear_action_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -25,7 +25,7 @@ module linear_action_m
     integer, allocatable :: first(:)         ! (n + 1) where rows of X begin
     integer, allocatable :: column(:)        ! (entries of X)
     integer, allocatable :: first_term(:)    ! (generators + 1) where those of a G_i begin
-    integer, allocatable :: place(:)         ! (parts, terms) the number of X
+    integer, allocatable :: place(:)         ! (parts, terms) number in X to which it adds
     real(wp), allocatable :: value(:)        ! (parts, terms) its coefficient
     ! the generators one by one
     integer, allocatable :: row(:, :)        ! (n + 1, generators) the terms where rows begin
@@ -35,8 +35,9 @@ module linear_action_m
     real(wp) :: rtol = 0.0_wp, atol = 0.0_wp
   end type linear_action_t
 
-  ! Norms of the parts into which an exponent is divided. Terms of Taylor polynomials lose less than
-  ! a digit to cancellation, those of Chebyshev polynomials none.
+  ! Bounds of norms of the parts into which an exponent is divided. Taylor polynomials lose less than
+  ! a digit to cancellation at `taylor_norm`, and up to three at 1.5 `polynomial_norm`; Chebyshev
+  ! polynomials lose none.
   real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp, polynomial_norm = 6.0_wp
   real(wp), parameter :: max_parts = 1e7_wp
   real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)

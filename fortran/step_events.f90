@@ -1,8 +1,10 @@
 ! Events within a step.
 ! An event is a zero of a function along the solution. The signs of the function are compared at the
 ! ends of parts of the step, and where a parabola through three of these values comes near to zero,
-! since a function may return to its sign within a part. In a short step without large rotations the
-! middle is enough if the functions change little. Brent's method finds the zeros.
+! since a function may change sign twice within a part. A step has at least four parts, and more if
+! it rotates by more than 120 degrees. With four parts only the middle is evaluated if the values of
+! each function there and at the ends differ by less than their distance from zero. Brent's method
+! finds the zeros.
 module step_events_m
   use kinds, only: wp
   use frames_m, only: turn
@@ -42,7 +44,7 @@ contains
               .or. (before > 0 .and. after <= 0 .and. direction <= 0)
   end function crosses
 
-  ! Finds the zeros of all events in a step. To detect them, the times of zeros aren't computed.
+  ! Finds the zeros of all events in a step. If `detects` is true, the times of zeros aren't computed.
   subroutine find_zeros(problem, trajectory, detects, stopped)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), target, intent(inout) :: trajectory  ! its zeros are set

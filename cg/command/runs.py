@@ -81,7 +81,7 @@ def _row(run: RunSummary) -> tuple[str, ...]:
 @json_option
 @_of_run
 def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
-    """Show one run: settings, rate, distribution of f, number of distinct solutions."""
+    """Show one run: settings, rate, distribution of residuals, number of distinct solutions."""
     (summary,) = (each for each in store.runs() if each.number == run.number)
     distinct = list(solutions(run))
     groups = families(distinct[:_MAX_FOR_FAMILIES])

@@ -178,7 +178,7 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         func: Callable[..., Any],
         error_order: float,
     ) -> JaxArray:
-        """Return a first size from the norms of the point, its derivative and its curvature."""
+        """Return a first step size from the norms of the point, its derivative and curvature."""
         rules = rules_of(self.frame)
         time = jnp.result_type(t0)
 

@@ -73,7 +73,7 @@ class Rules:
         return tangent if self.log is None else self.coefficients(y, tangent)
 
     def measured_sizes(self, y: JaxArray) -> JaxArray:
-        """Return the sizes that `measured` numbers are relative to, which have their shape."""
+        """Return the sizes to which errors in `measured` are relative, in the same shape."""
         if self.log is not None:
             return self.sizes(y)
         return jnp.full(y.shape, jnp.sqrt((jnp.abs(y) ** 2).mean()))

@@ -216,11 +216,11 @@ def paths_of(method: Method) -> MethodPaths:
 def polynomial_paths(method: Method) -> MethodPaths | None:
     """Return the flow along the polynomial that interpolates coefficients at the nodes of a method.
 
-    It has the order of the method at least, or is exact for polynomials through the nodes.  The
-    highest coefficients by Legendre polynomials, two and two since those of one parity may vanish,
-    estimate the next one as in a geometric sequence.  The effect of that one on a step is far
-    smaller; with the factor, measured on eight equations, errors at the end are below the
-    tolerances.  None if there are less than three nodes, or some are equal.
+    The order of a step is at least that of the method. The error is estimated from the highest
+    coefficients of the polynomial in Legendre polynomials, extrapolated to the next one as a
+    geometric sequence; they are taken in pairs, since those of one parity may vanish. ``factor``
+    was measured on eight equations, so that errors at the end are below the tolerances. Return
+    None if there are fewer than three nodes, or two are equal.
     """
     nodes = _abscissae(method)
     if not 3 <= len(set(nodes)) == len(nodes):

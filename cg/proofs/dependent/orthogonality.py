@@ -323,7 +323,7 @@ class _Relations:
 
     @cached_property
     def _reductions(self) -> list[Reduction]:
-        """For each row of weights, with the weights that balls of coefficients have."""
+        """Return the `Reduction` of each row of weights; elementary weights are balls."""
         reductions = []
         for row, order in enumerate(self._orders):
             words = condition_words(order - 1, False, self._layout.of_time) if order > 1 else ()
