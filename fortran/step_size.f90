@@ -3,7 +3,7 @@
 ! "Solving Ordinary Differential Equations I", section II.4.
 module step_size_m
   use kinds, only: wp
-  use controller_m, only: first_guess, first_size, tried_size
+  use controller_m, only: first_guess, first_size, smallest_size, tried_size
   use error_norm_m, only: norm, point_sizes, scales, tangent
   use frames_m, only: flow_along, restore
   use time_grid_m, only: make_grid
@@ -161,7 +161,8 @@ contains
         x%unshortened_size = x%step_size
         x%h = sign(x%step_size, stop - x%t)
         x%t_end = x%t + x%h
-        x%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= 0
+        ! A rest that is smaller than the smallest step belongs to this step.
+        x%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -smallest_size(x%t)
         if (x%shortened) x%t_end = stop
         x%h = x%t_end - x%t
       end if

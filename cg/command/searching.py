@@ -112,7 +112,7 @@ def _run(
         as_json([json.loads(export(method, "json")) for method in methods])
     elif not methods:
         exact = result.exact_starts if isinstance(result, SearchResult) else 0
-        required = f" of {exact} solutions has {result.requirements}" if exact else " found"
+        required = f": {exact} found, but none with {result.requirements}" if exact else " found"
         say(f"no method{required}")
     elif plain:
         click.echo(dumps(methods[0]), nl=False)

@@ -133,7 +133,7 @@ def test_solutions_beyond_a_bound_are_counted(run_command):
     command = "search --order 3 --stages 3 --starts 4 --seed 1 --bound 0.1"
     exact = cg.search(3, 3, 4, 1).exact_starts
     assert exact > 0
-    message = f"no method of {exact} solutions has coefficients of at most 0.1\n"
+    message = f"no method: {exact} found, but none with coefficients of at most 0.1\n"
     assert run_command(*command.split())[:2] == (1, message)
     result = cg.search(3, 3, 4, 1, abscissae=(0, 1), minimise="principal_error")
     assert "required to have abscissae from 0.0 to 1.0 and a small principal error>" in repr(result)

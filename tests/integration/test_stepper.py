@@ -135,6 +135,19 @@ def spun(t, y, torque):
     return np.concatenate([y[4:], torque])
 
 
+@pytest.mark.parametrize("options", [{"first_step": 0.01}, {"max_step": 0.01}])
+def test_a_step_that_ends_within_rounding_of_a_time_ends_there(options):
+    stepper = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3(), method="CF5(4)", **options)
+    counts = []
+    for k in range(1, 201):
+        stepper.restart(y=stepper.y)
+        before = stepper.nfev
+        stepper.advance(k * 0.01)
+        counts.append(stepper.nfev - before)
+    assert stepper.t == 2.0
+    assert len(set(counts[1:])) == 1
+
+
 def test_a_sampled_control_law_is_a_sequence_of_integrations():
     frame = Product(UnitQuaternion(), Euclidean(3))
     y0 = np.array([0, 0, 0, 1, 0.3, 0, 0.1])

@@ -28,6 +28,7 @@ from cg.frames import (
 
 jnp = jax.numpy
 METHODS = {**cg.methods, **munthe_kaas}
+FRAMES = [SO3(), UnitQuaternion(), Sphere(2), SU(2)]
 EXPLICIT = [name for name, method in METHODS.items() if method.explicit]
 
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
@@ -111,9 +112,11 @@ class TestSteps:
             ("CF5(4)", UnitQuaternion()),
             *slow(
                 *product(
-                    ["LieEuler", "CG2", "CG3", "CG4", "CF5(4)", "CF6a", "CF7(6)", "RKMK8(5,3)"],
-                    [SO3(), UnitQuaternion(), SE3(), Sphere(2), SU(2)],
-                )
+                    ["LieEuler", "CG2", "CG3", "CG4", "CF5(4)", "CF6a", "CF7(6)"],
+                    [*FRAMES, SE3()],
+                ),
+                # on SE3 rounding errors come before the slope settles
+                *product(["RKMK8(5,3)"], [*FRAMES, SO(4)]),
             ),
         ],
         ids=repr,
@@ -128,7 +131,7 @@ class TestSteps:
 
         exact = end(1.0 / 512)
         order = METHODS[name].order
-        steps = {8: (4, 8)}.get(order, (16, 32))
+        steps = {7: (8, 16), 8: (4, 8)}.get(order, (16, 32))
         errors = [float(jnp.abs(end(1.0 / n) - exact).max()) for n in steps]
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
 

@@ -27,7 +27,8 @@ MANY_STEPS = "the integration takes many steps, since {reason}"
 STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'
 DISCONTINUOUS = (
     "f is discontinuous near the solution: name known times of jumps as breakpoints; where the "
-    "solution meets a jump, end it by a terminal event, and continue with f of the other side"
+    "solution meets a jump, end it by a terminal event, and continue with f of the other side; "
+    "where it would stay on the jump, as in static friction, use a smooth f and method='RadauIIA5'"
 )
 DERIVATIVES = "derivatives of the solution"
 TERMINAL_EVENT = "A terminal event ended the integration."
