@@ -9,7 +9,8 @@ module frames_m
                             u_block
   use blocks_m, only: block_t, flow_sequence_t
   use isospectral_m, only: move_isospectral, restore_isospectral
-  use linear_action_m, only: make_linear_action, move_linearly, move_polynomially
+  use linear_action_m, only: make_linear_action, move_linearly
+  use linear_polynomial_m, only: move_polynomially
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion

@@ -1,7 +1,6 @@
 ! Flows of linear vector fields y' = X y, X = sum_i v_i G_i with given sparse matrices G_i. The
 ! exponential of X is applied by Chebyshev polynomials if all G_i are skew-Hermitian (H. Tal-Ezer,
-! R. Kosloff, J. Chem. Phys. 81 (1984) 3967-3971), else by Taylor polynomials. If the
-! coefficients v are polynomials in time, the solution is computed by Taylor polynomials too.
+! R. Kosloff, J. Chem. Phys. 81 (1984) 3967-3971), else by Taylor polynomials.
 !
 ! All G_i share one sparsity pattern, stored by rows. Entries of X are real (of points with real
 ! entries), imaginary, or complex; a complex number is stored as its real and its imaginary part.
@@ -11,7 +10,7 @@ module linear_action_m
   use kinds, only: wp
   implicit none
   private
-  public :: linear_action_t, make_linear_action, move_linearly, move_polynomially, linear_tangent
+  public :: linear_action_t, make_linear_action, move_linearly, linear_tangent, multiply
 
   integer, parameter :: real_entries = 0, imaginary_entries = 1, complex_entries = 2
 
@@ -36,13 +35,10 @@ module linear_action_m
   end type linear_action_t
 
   ! Bounds of norms of the parts into which an exponent is divided. Taylor polynomials lose less than
-  ! a digit to cancellation at `taylor_norm`, and up to three at 1.5 `polynomial_norm`; Chebyshev
-  ! polynomials lose none.
-  real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp, polynomial_norm = 6.0_wp
-  real(wp), parameter :: max_parts = 1e7_wp
-  real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
-  real(wp), parameter :: truncation = 0.1_wp           ! of Taylor polynomials, in tolerances
-  integer, parameter :: max_terms = 200
+  ! a digit to cancellation, Chebyshev polynomials none.
+  real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
+  real(wp), parameter, public :: max_parts = 1e7_wp
+  integer, parameter, public :: max_terms = 200
 
   ! Products of linear combinations of generators with points, for benchmarks; some are missing if
   ! several threads count.
@@ -117,131 +113,6 @@ contains
       action%row(action%n + 1, i) = k
     end do
   end subroutine separate_generators
-
-  ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
-  ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose few digits to
-  ! cancellation. Skew-Hermitian matrices preserve the norm of y, as the polynomials do to their
-  ! tolerance only.
-  subroutine move_polynomially(action, v, y)
-    type(linear_action_t), intent(in) :: action
-    real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
-    real(wp), intent(inout) :: y(:)          ! (point_size)
-    real(wp) :: d(size(v, 1), size(v, 2)), norm, length
-    integer :: i, part, parts
-
-    length = norm2(y)
-    norm = dot_product(sum(abs(v), dim=2), action%norm) / polynomial_norm
-    if (.not. norm <= max_parts) then
-      y = ieee_value(y, ieee_quiet_nan)
-      return
-    end if
-    parts = max(1, ceiling(norm))
-    do while (max(bound(1), bound(parts)) > 1.5_wp * polynomial_norm)
-      parts = parts + (parts + 1) / 2
-    end do
-    do part = 1, parts
-      d = coefficients(part)
-      do i = 1, size(d, 1)                   ! rounding errors, such as those of constants
-        where (abs(d(i, :)) <= roundings * maxval(abs(d(i, :)))) d(i, :) = 0.0_wp
-      end do
-      call apply_polynomial(action, d, y)
-    end do
-    if (action%skew .and. length > 0) y = y * (length / norm2(y))
-
-  contains
-
-    ! The coefficients in a part, by powers of its own time from 0 to 1
-    pure function coefficients(part)
-      integer, intent(in) :: part
-      real(wp) :: coefficients(size(v, 1), size(v, 2))
-
-      coefficients = shifted(v, 2 * real(part - 1, wp) / parts - 1, 2.0_wp / parts) / parts
-    end function coefficients
-
-    ! The sum of their norms, largest at an end of the step
-    pure real(wp) function bound(part)
-      integer, intent(in) :: part
-
-      bound = dot_product(sum(abs(coefficients(part)), dim=2), action%norm)
-    end function bound
-
-  end subroutine move_polynomially
-
-  ! The coefficients of a polynomial in t, of which v has those in s = start + slope t
-  pure function shifted(v, start, slope) result(d)
-    real(wp), intent(in) :: v(:, :), start, slope
-    real(wp) :: d(size(v, 1), size(v, 2))
-    integer :: j, k
-
-    d = v
-    do j = 1, size(v, 2) - 1                           ! synthetic division by s - start
-      do k = size(v, 2) - 1, j, -1
-        d(:, k) = d(:, k) + start * d(:, k + 1)
-      end do
-    end do
-    do j = 2, size(v, 2)
-      d(:, j) = d(:, j) * slope**(j - 1)
-    end do
-  end function shifted
-
-  ! Applies a Taylor polynomial. With y' = sum_m t^(m - 1) D_m y its coefficients are
-  !     y_k = sum_i G_i sum_m d(i, m) y_(k - m) / k,
-  ! one product of each generator. It ends when the next terms, as many as lead to all later ones,
-  ! are negligible by bounds of their norms.
-  subroutine apply_polynomial(action, d, y)
-    type(linear_action_t), intent(in) :: action
-    real(wp), intent(in) :: d(:, :)          ! (generators, degree + 1)
-    real(wp), intent(inout) :: y(action%point_size)
-    real(wp) :: terms(size(y), size(d, 2))   ! y_k in column 1 + modulo(k, degree + 1)
-    real(wp) :: argument(size(y)), product(size(y)), term(size(y))
-    real(wp) :: norms(size(d, 2))            ! of y_k, y_(k - 1), ...
-    real(wp) :: bounds(size(d, 2)), start, tolerance
-    integer :: i, k, m, n
-
-    n = size(d, 2)
-    bounds = matmul(action%norm, abs(d))
-    terms(:, 1) = y
-    norms = 0.0_wp
-    norms(1) = maxval(abs(y))
-    start = norms(1) * epsilon(y) / 8
-    tolerance = truncation * (action%atol + action%rtol * norm2(y) / sqrt(real(action%n, wp)))
-    do k = 1, max_terms
-      term = 0.0_wp
-      do i = 1, action%generators
-        argument = 0.0_wp
-        do m = 1, min(k, n)
-          if (abs(d(i, m)) * norms(m) * action%norm(i) > truncation * max(start, tolerance)) &
-            argument = argument + d(i, m) * terms(:, 1 + modulo(k - m, n))
-        end do
-        if (.not. any(abs(d(i, :)) > 0)) cycle
-        call multiply(action, action%row(:, i), action%term_column, action%value, argument, product)
-        term = term + product
-      end do
-      term = term / real(k, wp)
-      terms(:, 1 + modulo(k, n)) = term
-      y = y + term
-      norms = [maxval(abs(term)), norms(:n - 1)]
-      if (norms(1) > max(tolerance, start)) cycle
-      if (rest(bounds, norms, k) <= max(tolerance, min(start, maxval(abs(y)) * epsilon(y) / 8))) exit
-    end do
-    products = products + min(k, max_terms)
-  end subroutine apply_polynomial
-
-  ! A bound of the sum of the norms of the terms after y_k, as many as have coefficients of their own
-  pure real(wp) function rest(bounds, norms, k)
-    real(wp), intent(in) :: bounds(:)        ! (degree + 1) of the norms of D_m
-    real(wp), intent(in) :: norms(:)         ! (degree + 1) of y_k, y_(k - 1), ...
-    integer, intent(in) :: k
-    real(wp) :: last(size(norms))
-    integer :: j
-
-    last = norms
-    rest = 0.0_wp
-    do j = 1, size(norms)
-      last = [dot_product(bounds, last) / (k + j), last(:size(last) - 1)]
-      rest = rest + last(1)
-    end do
-  end function rest
 
   ! Moves y along flows, the first one first; y is NaN if the norm of an exponent is too large.
   subroutine move_linearly(action, v, y)
