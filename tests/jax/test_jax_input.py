@@ -1,12 +1,12 @@
-"""Wrong points, functions, tolerances and names of methods in JAX."""
+"""Wrong points, functions, tolerances, methods and combinations with diffrax in JAX."""
 
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from jax_problems import point, solve, term
-from jax_setup import jax
+from jax_problems import ATTITUDE_AND_VELOCITY, point, solve, term
+from jax_setup import diffrax, jax
 
 import cg
 from cg.frames import SE3, SO3, SU, Euclidean, Power, Product, Sphere, Stiefel, UnitQuaternion
@@ -14,6 +14,9 @@ from cg.jax.frames import _MAKERS
 from cg.jax.points import membership_error
 
 jnp = jax.numpy
+
+pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
+
 FRAMES = [
     *(SO3(), SE3(), SU(2), Sphere(2), UnitQuaternion(), Stiefel(3, 2), Power(Sphere(2), 2)),
     Product(SE3(), Euclidean(6)),
@@ -84,3 +87,88 @@ def test_page_of_frames_marks_those_in_jax():
     kinds = {kind.__name__ for kind in _MAKERS}
     assert len(rows) > 15
     assert all((name in kinds) == (mark.strip() == "yes") for name, mark in rows)
+
+
+class TestRefusals:
+    def ours(self):
+        return term(UnitQuaternion())[0]
+
+    def test_methods(self):
+        with pytest.raises(ValueError, match="method must be the name of a method"):
+            cg.jax.Solver("CF99")
+        with pytest.raises(ValueError, match="method must be explicit in JAX, got"):
+            cg.jax.Solver("DICG3")
+        with pytest.raises(ValueError, match='dense must be "accurate" or "steps", got 1'):
+            cg.jax.Solver("CF4", dense=1)
+        with pytest.raises(TypeError, match="unroll must be a bool, got 2"):
+            cg.jax.Solver("RKMK4", unroll=2)
+        with pytest.raises(ValueError, match="solver must be a pair for steps to be chosen"):
+            solve(self.ours(), cg.jax.Solver("CF4"), point(UnitQuaternion()))
+
+    def test_terms(self):
+        y0 = point(UnitQuaternion())
+        ode = diffrax.ODETerm(lambda t, y, args: y)
+        with pytest.raises(TypeError, match=r"terms must be one cg.jax.FrameTerm, got ODETerm"):
+            diffrax.diffeqsolve(ode, cg.jax.Solver("CF4"), 0.0, 1.0, 0.1, y0)
+        both = diffrax.MultiTerm(self.ours(), self.ours())
+        with pytest.raises(TypeError, match="got MultiTerm; f is one function"):
+            diffrax.diffeqsolve(both, cg.jax.Solver("CF4"), 0.0, 1.0, 0.1, y0, 1.0)
+        with pytest.raises(TypeError, match="f must be a function, got 3"):
+            cg.jax.FrameTerm(3, UnitQuaternion())
+
+    def test_right_hand_sides_and_points(self):
+        frame = UnitQuaternion()
+        y0 = point(frame)
+
+        def run(f=None, y0=y0):
+            return solve(term(frame, f)[0], cg.jax.Solver("CF4"), y0, h=0.1)
+
+        expected = r"f must return 3 real numbers, shape \(3,\), got "
+        with pytest.raises(ValueError, match=expected + r"shape \(4,\)"):
+            run(lambda t, y, args: y)
+        with pytest.raises(ValueError, match=expected + "complex128"):
+            run(lambda t, y, args: 1j * y[:3])
+        with pytest.raises(ValueError, match=expected + "None"):
+            run(lambda t, y, args: None)
+        with pytest.raises(ValueError, match=r"y0 must have shape \(4,\), got \(3,\)"):
+            run(y0=y0[:3])
+        with pytest.raises(ValueError, match=r"got \(2, 4\); jax.vmap takes a batch"):
+            run(y0=np.stack([y0, y0]))
+        with pytest.raises(ValueError, match="y0 must be real for UnitQuaternion"):
+            run(y0=y0 + 0j)
+        ours, both = term(ATTITUDE_AND_VELOCITY)[0], (y0, np.ones(3))
+        with pytest.raises(ValueError, match=r"got a tuple; cg.jax.join makes one of its parts"):
+            solve(ours, cg.jax.Solver("CF4"), both, h=0.1)
+
+    def test_adjoints(self):
+        def cost(y0):
+            return solve(
+                self.ours(), cg.jax.Solver("CF4"), y0, h=0.1, adjoint=diffrax.BacksolveAdjoint()
+            ).ys[-1, 0]
+
+        with pytest.raises(NotImplementedError, match="must not be BacksolveAdjoint"):
+            jax.grad(cost)(jnp.asarray(point(UnitQuaternion())))
+
+    @pytest.mark.parametrize("frame", [UnitQuaternion(), Sphere(2)], ids=repr)
+    @pytest.mark.parametrize("solver", [diffrax.Dopri5(), diffrax.Euler()])
+    def test_solvers_of_diffrax(self, solver, frame):
+        """On a sphere coefficients and points have the same shape, and adding them is possible."""
+        with pytest.raises(NotImplementedError, match=r"solver must be a cg\.jax\.Solver"):
+            solve(term(frame)[0], solver, point(frame), h=0.1)
+
+    def test_controllers(self):
+        frame = UnitQuaternion()
+        with pytest.raises(ValueError, match=r"atol must be a number or have shape \(3,\)"):
+            cg.jax.controller(frame, 1e-6, np.ones(4))
+        with pytest.raises(ValueError, match="must not be negative, nor both be zero"):
+            cg.jax.controller(frame, 0.0, 0.0)
+        with pytest.raises(ValueError, match="rtol and atol must be numbers, got rtol = 'a'"):
+            cg.jax.controller(frame, "a", 0.0)
+        with pytest.raises(ValueError, match="max_step must be positive, got 0"):
+            cg.jax.controller(frame, 1e-6, 1e-6, max_step=0)
+        other = cg.jax.controller(ATTITUDE_AND_VELOCITY, 1e-6, 1e-6)
+        with pytest.raises(ValueError, match="controller must be one for the frame UnitQuat"):
+            diffrax.diffeqsolve(
+                self.ours(), cg.jax.Solver("CF5(4)"), 0.0, 1.0, None, point(frame), 1.0,
+                stepsize_controller=other,
+            )  # fmt: skip

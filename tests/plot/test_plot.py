@@ -260,15 +260,6 @@ class TestTrajectories:
         legend = [text.get_text() for text in spatial.get_legend().get_texts()]
         assert legend == ["x axis", "y axis", "z axis"]
 
-    def test_of_axes_between_steps(self, spatial):
-        frame, spin = cg.frames.SO3(), lambda t, y: [0.0, 0.0, 2.0]
-        run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame)
-        with pytest.warns(UserWarning, match="the attitude turns by 1.. degrees between two times"):
-            cg.plot.trajectory_of_axes(run, spatial)
-        run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame, dense_output=True)
-        cg.plot.trajectory_of_axes(run, spatial)
-        assert len(spatial.get_lines()[9].get_data_3d()[0]) > 100 > len(run.t)
-
     def test_rejects(self, ax, spatial):
         with pytest.raises(ValueError, match="ax must be three-dimensional, made with projection="):
             cg.plot.trajectory_on_sphere(np.eye(3), ax)
@@ -356,15 +347,17 @@ class TestAttitude:
         with pytest.raises(ValueError, match=message):
             cg.plot.attitude(**{"y": self.turns, "ax": ax, **arguments})
 
-    def test_long_steps(self, ax):
+    def test_long_steps(self, ax, spatial):
         """A turn by several radians in a step is drawn if there is dense output, else warned of."""
         frame, spin = cg.frames.SO3(), lambda t, y: [0.0, 0.0, 2.0]
         run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame)
-        with pytest.warns(UserWarning, match="the attitude turns by 1.. degrees between two times"):
-            cg.plot.attitude(run, ax)
-        run = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame, dense_output=True)
-        cg.plot.attitude(run, ax)
+        dense = cg.solve_ivp(spin, (0, 100), np.eye(3), frame=frame, dense_output=True)
+        for draw, axes in ((cg.plot.attitude, ax), (cg.plot.trajectory_of_axes, spatial)):
+            with pytest.warns(UserWarning, match="attitude turns by 1.. degrees between two times"):
+                draw(run, axes)
+            draw(dense, axes)
         assert ax.lines[3].get_ydata()[-1] == pytest.approx(np.rad2deg(200.0))
+        assert len(spatial.get_lines()[9].get_data_3d()[0]) > 100 > len(run.t)
 
     def test_error_to_a_constant_attitude(self, ax):
         run = cg.solve_ivp(

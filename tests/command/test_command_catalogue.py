@@ -1,0 +1,235 @@
+"""The subcommands list, show and check."""
+
+import json
+from fractions import Fraction
+from importlib.resources import files
+
+import pytest
+
+import cg
+from cg.catalogue import dumps, loads, magnus, munthe_kaas
+from cg.catalogue.summary import compute_summary, summary_of
+from cg.proofs import certificate_of
+
+pytestmark = pytest.mark.no_core
+
+SLIP = dumps(cg.methods["CG4a"]).replace(
+    "-1.1092979392113465105841772499254356", "-1.1092979392113565"
+)
+QUICK = ["CG2(3)", "CG4a", "CG5a", "CF4b", "CF5(4)", "DP5(4)", "DICG4", "LieEuler", "RKMK5(4)"]
+
+
+@pytest.fixture
+def run(run_command):
+    return run_command
+
+
+class TestList:
+    def test_filters_and_sorting(self, run):
+        code, output, _ = run("list", "--json")
+        every = json.loads(output)
+        assert code == 0
+        assert [m["name"] for m in every if m["kind"] != "Munthe-Kaas"] != sorted(cg.methods)
+        assert {m["name"] for m in every} == {*cg.methods, *munthe_kaas, *magnus}
+        assert [m["order"] for m in every] == sorted(m["order"] for m in every)
+        proved = {m["name"]: m["proved"] for m in every}
+        assert (proved["CG4a"], proved["CF8a"], proved["CG6a"]) == ("yes", "in part", "no")
+        assert proved["RKMK4"] == "classical"
+        _, output, _ = run(
+            "list", "--json", "--min-order", "5", "--pair", "--max-flows", "20", "--sort", "flows"
+        )
+        entries = json.loads(output)
+        expected = [
+            m for m in every
+            if m["order"] >= 5 and m["embedded_order"] is not None and m["flows"] <= 20
+        ]  # fmt: skip
+        assert len(entries) == len(expected) > 3
+        assert [m["flows"] for m in entries] == sorted(m["flows"] for m in expected)
+        _, output, _ = run("list", "--order", "4", "--no-pair", "--kind", "implicit", "--json")
+        assert {m["name"] for m in json.loads(output)} == {"DICG4", "DICG4b"}
+
+    def test_the_table(self, run):
+        _, output, _ = run("list", "--order", "6", "--max-evaluations", "7", "--sort", "name")
+        heads, *rows = [line.split() for line in output.splitlines()]
+        assert heads == ["name", "kind", "proved", "order", "evaluations", "flows", "error"]
+        assert [row[0] for row in rows] == ["CF6a", "CF6b", "CFM6(4)", "CFM6(4)b", "DICG6"]
+        assert rows[1][2:6] == ["yes", "6", "7", "14"]
+        options = ("--pair", "--kind", "commutator-free", "--json")
+        lower = json.loads(run("list", "--min-order", "4", "--max-order", "5", *options)[1])
+        assert [m["name"] for m in lower] == ["CF4(3)", "CF5(4)", "DP5(4)"]
+        assert [m["flows"] for m in lower] != [m["pair_flows"] for m in lower]
+        options = ("--pair", "--order", "5", "--kind", "Crouch-Grossman")
+        (row,) = run("list", *options)[1].splitlines()[1:]
+        method = cg.methods["CG5(4)"]
+        assert row.split()[5] == f"{method.exponentials}({method.pair_exponentials})" == "55(64)"
+
+    def test_proved_methods_only(self, run):
+        every = json.loads(run("list", "--min-order", "6", "--json")[1])
+        code, shown, _ = run("list", "--min-order", "6", "--proved")
+        rows = [line.split() for line in shown.splitlines()[1:]]
+        assert code == 0
+        assert [row[0] for row in rows] == [m["name"] for m in every if m["proved"] == "yes"]
+        assert 3 < len(rows) < len(every)
+
+    def test_no_match_is_a_negative_result(self, run):
+        message = "no method of the catalogue matches these options\n"
+        assert run("list", "--order", "99") == (1, message, "")
+        assert run("list", "--order", "99", "--json") == (1, "[]\n", "")
+
+    @pytest.mark.parametrize("name", QUICK)
+    def test_stored_facts_equal_computed(self, name):
+        method = {**cg.methods, **munthe_kaas}[name]
+        text = (files("cg.catalogue") / "summaries.json").read_text("utf-8")
+        (stored,) = (entry for entry in json.loads(text) if entry["name"] == name)
+        assert stored == summary_of(method).as_dict() == compute_summary(method).as_dict()
+
+    @pytest.mark.parametrize(
+        ("name", "counts", "error", "limits"),
+        [
+            ("LieEuler", (1, 1, 1), 0.5, (2.0, 0.0)),  # |1 + z|
+            ("CF4", (4, 4, 5), 0.02252, (2.785, 2.828)),  # as all of order four with four stages
+            ("DP5(4)", (5, 7, 12), 0.001885, (3.307, 0.9972)),  # as RK45 in flat space
+        ],
+    )
+    def test_facts(self, name, counts, error, limits):
+        facts = summary_of(cg.methods[name])
+        assert (facts.order, facts.evaluations, facts.flows) == counts
+        assert facts.principal_error == pytest.approx(error, rel=1e-3)
+        assert (facts.real_stability, facts.imaginary_stability) == pytest.approx(limits, rel=1e-3)
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("name", [*cg.methods, *munthe_kaas])
+    def test_stored_facts_of_all(self, name):
+        self.test_stored_facts_equal_computed(name)
+
+
+class TestShow:
+    def test_a_tableau(self, run):
+        code, output, _ = run("show", "CG2(3)")
+        lines = output.splitlines()
+        assert code == 0
+        assert lines[0] == "CG2(3), Crouch-Grossman"
+        assert "  order                         3, of the second result 2" in lines
+        assert lines[-5].split() == ["3/4", "│", "3/4"]
+        assert lines[-2].split() == ["b", "│", "13/51", "-2/3", "24/17"]
+        assert lines[-1].split() == ["b^", "│", "17/54", "19/54", "1/3"]
+
+    def test_points(self, run):
+        _, output, _ = run("show", "CF3", "--digits", "3")
+        assert "│   └── point 3: -0.0833 F1 + 0.75 F3; result" in output
+
+    def test_points_with_the_tableau_where_flows_commute(self, run):
+        flat = run("show", "CF4")[1].partition("where flows commute:\n")[2].splitlines()
+        assert [line.split("│")[0].strip() for line in flat if "│" in line][:4] == [
+            "0", "1/2", "1/2", "1"
+        ]  # fmt: skip
+        assert flat[-1].split()[2:] == ["1/6", "1/3", "1/3", "1/6"]
+
+    @pytest.mark.parametrize(("name", "count"), [("CG3", 22), ("RKMK4", 8)])
+    def test_conditions(self, run, name, count):
+        listed = json.loads(run("show", name, "--conditions", "4", "--json")[1])["conditions"]
+        method = {**cg.methods, **munthe_kaas}[name]
+        assert len(listed) == count == len(method.residuals(4))
+        assert [one["residual"] for one in listed] == list(map(float, method.residuals(4)))
+        for one in listed:
+            tree = cg.trees.OrderedTree.parse(one["tree"])
+            assert tree.nodes == one["order"] + (name == "CG3")
+            if name == "CG3":
+                assert one["right_side"] == str(Fraction(1, tree.density))
+        shown = run("show", name, "--conditions", "4")[1].splitlines()
+        assert shown[-count].split() == ["1", listed[0]["tree"], "1", "0"]
+
+    def test_conditions_of_words(self, run):
+        code, _, error = run("show", "CFM4", "--conditions", "2")
+        assert (code, "--conditions: CFM4 has conditions of words" in error) == (2, True)
+
+    @pytest.mark.parametrize("name", ["CG4a", "CF5(4)"])
+    def test_digits_beyond_the_stored_ones(self, run, name):
+        method = cg.methods[name]
+        code, shown, _ = run("show", name, "--digits", "60")
+        assert code == 0
+        texts = (
+            [x for row in method.digits(60)[0] for x in row]
+            if name == "CG4a"
+            else [x.lstrip("-") for row in method.digits(60) for x in row.values()]
+        )
+        assert max(map(len, texts)) > 60
+        assert all(text in shown for text in texts if text != "0")
+
+    def test_stored_digits(self, run):
+        shown = run("show", "CG4a", "--digits", "30")[1]
+        assert "0.817722798812485183864383415847" in shown  # not those of a double
+
+    def test_digits_that_nothing_proves(self, run):
+        code, shown, error = run("show", "CF8a", "--digits", "60")
+        assert (code, shown) == (2, "")
+        assert "digits must be at most 34, which are stored" in error
+        assert run("show", "CG6a")[0] == 0
+
+    def test_proof_in_part(self, run):
+        """The command words a proof as the certificate does."""
+        (line,) = [x for x in run("show", "CF8a")[1].splitlines() if "certificate" in x]
+        certificate = certificate_of(cg.methods["CF8a"])
+        assert line.split(maxsplit=1)[1] == str(certificate)
+        assert "order 8 is proved in part: coefficients within 1.7e-35 of the stored ones" in line
+        assert certificate.statement in str(certificate)
+
+    @pytest.mark.parametrize("name", ["CG4a", "CF5(4)", "RKMK8(5,3)", "DICG3(2)", "CG6a"])
+    def test_json_has_the_whole_method(self, run, name):
+        method = {**cg.methods, **munthe_kaas}[name]
+        data = json.loads(run("show", name, "--json")[1])
+        assert loads(json.dumps(data["method"])) == method
+        assert data["order"] == method.order
+        assert data["source"] == method.source
+        assert (data["certificate"] is None) == (name in {"CG6a", "RKMK8(5,3)"})
+
+    def test_files_written_by_hand(self, run, tmp_path):
+        """All commands read what check reads, and a method without name has that of its file."""
+        file = tmp_path / "heun.toml"
+        file.write_text('a = [[], [1]]\nb = ["1/2", "1/2"]\nc = [0, 1]\n')
+        for command in ("show", "check", "certify"):
+            code, output, _ = run(command, str(file))
+            assert (code, "heun" in output) == (0, True)
+        cg.Tableau([[], [1]], ["1/2", "1/2"]).save(file)
+        assert cg.Method.load(file).name == "heun"
+        file.write_text('a = [[], [1]]\nb = ["1/2", "1/2"]\nc = [0, "1/2"]\n')
+        code, _, error = run("show", str(file))
+        assert (code, "row 2 of a sums to 1, not to c_2 = 1/2" in error) == (2, True)
+        assert "mistake: row 2 of a sums to 1" in run("check", str(file))[1]
+
+    def test_a_file(self, run, tmp_path):
+        file = tmp_path / "mine.toml"
+        file.write_text(dumps(cg.Tableau([[], [1]], ["1/2", "1/2"], name="Heun")))
+        code, output, _ = run("show", str(file))
+        assert (code, output.splitlines()[0]) == (0, "Heun, Crouch-Grossman")
+
+
+class TestCheck:
+    def test_magnus_methods_are_rejected_in_a_line(self, run):
+        code, output, error = run("check", "CFM6(4)")
+        assert (code, output) == (2, "")
+        assert "method must be for nonlinear equations" in error
+        assert len(error.splitlines()) == 1
+
+    def test_a_method_without_mistake(self, run):
+        code, output, _ = run("check", "CG4a", "--order", "4")
+        assert code == 0
+        assert "order: 4 on manifolds" in output
+        assert "    └── ●\n        └── ●\n" in output
+
+    def test_order_too_low(self, run):
+        code, output, _ = run("check", "CG4a", "--order", "5")
+        assert code == 1
+        assert output.endswith("the order is 4, less than 5\n")
+
+    @pytest.mark.parametrize("suffix", ["toml", "json"])
+    def test_misprint_of_cg4a(self, run, tmp_path, suffix):
+        file = tmp_path / f"mine.{suffix}"
+        text = SLIP if suffix == "toml" else loads(SLIP).export("json")
+        file.write_text(text)
+        code, output, _ = run("check", str(file))
+        assert code == 1
+        assert "mistake: it is CG4a with a misprint" in output
+        code, output, _ = run("check", str(file), "--json")
+        assert code == 1
+        assert [f["kind"] for f in json.loads(output)["findings"]] == ["slip"]
