@@ -55,7 +55,7 @@ contains
   ! Replaces v by dexp_u^-1 v.
   subroutine dexpinv(frame, order, u, v, exists)
     type(frame_t), intent(in) :: frame
-    integer, intent(in) :: order                     ! of the method; truncates the series
+    integer, intent(in) :: order                     ! of the method, where the series ends
     real(wp), contiguous, intent(in) :: u(:)         ! (dimension)
     real(wp), contiguous, intent(inout) :: v(:)      ! (dimension)
     ! whether the whole series converges; if not, v is undefined
@@ -112,7 +112,8 @@ contains
     v = v - (sign / 2) * once + factor * cross(u, once)
   end subroutine dexpinv_rotation
 
-  ! For unitary matrices: the series up to the power order - 2 of u. Beyond the radius of
+  ! For unitary matrices: the series up to the power `order` of u. The order of a step needs two
+  ! powers less, but then errors of long steps exceed their estimates by far. Beyond the radius of
   ! convergence it is used only if the brackets of this v don't grow.
   subroutine dexpinv_unitary(block, sign, order, u, v, exists)
     type(block_t), intent(in) :: block
@@ -125,7 +126,6 @@ contains
     real(wp) :: bound
     integer :: j
 
-    if (order < 3) return
     call algebra_matrix(block%kind, block%n, u, x)
     call algebra_matrix(block%kind, block%n, v, power)
     bound = sqrt(2.0_wp) * length(x)             ! no difference of eigenvalues is larger
@@ -141,7 +141,7 @@ contains
     total = power
     call apply_bracket(power)
     total = total + times_real(-0.5_wp, power)
-    do j = 1, min((order - 2) / 2, size(b23))
+    do j = 1, min(order / 2, size(b23))
       if (j > 1) call apply_bracket(power)
       call apply_bracket(power)
       total = total + times_real(merge(b23(j), -b23(j), modulo(j, 2) == 1), power)
@@ -197,7 +197,6 @@ contains
     real(wp) :: bound
     integer :: j
 
-    if (order < 3) return
     call skew_matrix(n, sign * u, x)
     call skew_matrix(n, v, power)
     bound = norm2(x)                                 ! no sum of two angles is larger
@@ -213,7 +212,7 @@ contains
     total = power
     call apply_bracket(power)
     total = total - power / 2
-    do j = 1, min((order - 2) / 2, size(b23))
+    do j = 1, min(order / 2, size(b23))
       if (j > 1) call apply_bracket(power)
       call apply_bracket(power)
       total = total + merge(b23(j), -b23(j), modulo(j, 2) == 1) * power

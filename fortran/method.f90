@@ -28,6 +28,8 @@ module method_m
     real(wp), allocatable :: a(:), b(:)      ! (stages)
     logical :: on_algebra = .false.
     logical :: polynomial = .false.          ! whether the flows of a path are one, see frames_m
+    ! whether coefficients depend on time alone, at three nodes or more, of a Magnus method
+    logical :: has_nodes = .false.
     logical :: implicit = .false.            ! whether it is another implicit method
     integer :: blocks = 0                    ! of stages that an implicit method solves together
     logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
@@ -96,6 +98,7 @@ contains
     end associate
     method%c = c
     method%polynomial = list(used + 10) == 1
+    method%has_nodes = method%blocks == 0 .and. size(c) > 2 .and. all(method%stage_path == 0)
     allocate (method%leads(0:size(method%origin)), source=.false.)
     method%leads([method%result, method%embedded, method%third]) = .true.
     do k = size(method%origin), 1, -1

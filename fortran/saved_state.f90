@@ -12,17 +12,17 @@ contains
   ! Copies the state that a trajectory needs between steps to continue bit for bit.
   pure subroutine save_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(in) :: trajectory
-    real(wp), intent(out) :: reals(9)
+    real(wp), intent(out) :: reals(10)
     integer(int64), intent(out) :: integers(11)
-    ! (point_size, 2), (dimension, 2 + columns of f, then last and jacobian of newton_t or
-    ! lu and pivot of solver_t, which is zero for factors of other step sizes)
+    ! (point_size, 2), (dimension, 2 + columns of f, then f_before, last and jacobian of newton_t,
+    ! or lu and pivot of solver_t, which is zero for factors of other step sizes)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
     integer, allocatable :: pivot(:, :)
     integer :: i
 
     associate (x => trajectory)
       reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h, x%newton%last_h, &
-               x%newton%rate_factor, x%newton%factored_h]
+               x%newton%rate_factor, x%newton%factored_h, x%h_before]
       integers = [merge(1_int64, 0_int64, x%slope_known), merge(1_int64, 0_int64, &
                                                                 x%after_rejection), &
                   x%nfev, x%nexp, x%njev, x%nlu, x%steps, x%rejected, x%attempts, &
@@ -33,7 +33,9 @@ contains
       points(:, 2) = x%y(:, 0)
       slopes(:, 2) = x%slope
       slopes(:, 3:2 + size(x%f, 2)) = x%f
-      if (allocated(x%newton%last)) then
+      if (allocated(x%f_before)) then
+        slopes(:, 3 + size(x%f, 2):) = x%f_before
+      else if (allocated(x%newton%last)) then
         associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
           slopes(:, n + 1:n + m) = x%newton%last
           slopes(:, n + m + 1:) = x%newton%jacobian
@@ -55,7 +57,7 @@ contains
   ! Restores what save_state has copied.
   pure subroutine load_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp), intent(in) :: reals(9)
+    real(wp), intent(in) :: reals(10)
     integer(int64), intent(in) :: integers(11)
     real(wp), intent(in) :: points(:, :), slopes(:, :)
     real(wp), allocatable :: numbers(:)
@@ -86,7 +88,10 @@ contains
       x%slope_old = slopes(:, 2)
       x%f = slopes(:, 3:2 + size(x%f, 2))
       x%newton%factored_h = reals(9)
-      if (allocated(x%newton%last)) then
+      x%h_before = reals(10)
+      if (allocated(x%f_before)) then
+        x%f_before = slopes(:, 3 + size(x%f, 2):)
+      else if (allocated(x%newton%last)) then
         associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
           x%newton%last = slopes(:, n + 1:n + m)
           x%newton%jacobian = slopes(:, n + m + 1:)

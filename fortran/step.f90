@@ -10,6 +10,7 @@ module step_m
   use implicit_m, only: prepare_stage, store_value
   use method_m, only: method_t
   use newton_m, only: filtered
+  use node_difference_m, only: node_difference
   use requests_m, only: before_stop, reject_stage, request
   use phases_m
   use trajectory_m, only: copy, fail, finite, problem_t, trajectory_t
@@ -249,26 +250,27 @@ contains
     if (problem%common) trajectory%status = needs_maximum
   end subroutine share_error
 
-  ! Estimates the error in tolerances: from differences of results, or from weighted sums of stages.
+  ! Estimates the error in tolerances: from differences of results and from weighted sums of stages.
   ! Two estimates with norms e1 and e2 are combined to e1 (e1 / hypot(e1, factor e2))^power, which
   ! has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1.
   subroutine estimate_error(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp) :: errors(2), ratio
-    integer :: i, k
+    integer :: i, k, sums
 
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
                method => problem%method, v => trajectory%u)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%work, x%scale)
       errors = 0.0_wp
-      if (size(method%error, 2) == 0) then
+      sums = size(method%error, 2)
+      if (method%embedded > 0) then
         if (.not. finite(x%y(:, method%embedded))) return
         errors(1) = distance(problem, trajectory, method%embedded)
         if (method%third > 0) errors(2) = distance(problem, trajectory, method%third)
       end if
       x%path_of_u = 0
-      do i = 1, size(method%error, 2)
+      do i = 1, sums
         v = x%h * method%error(1, i) * x%f(:, 1)
         do k = 2, size(x%f, 2)
           v = v + x%h * method%error(k, i) * x%f(:, k)
@@ -276,7 +278,7 @@ contains
         if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
-        associate (estimate => errors(1 + 2 * (i - 1) / size(method%error, 2)))
+        associate (estimate => errors(merge(2, 1 + 2 * (i - 1) / sums, method%embedded > 0)))
           estimate = hypot(estimate, norm(tolerances, x%work, x%scale))
         end associate
       end do
@@ -284,6 +286,13 @@ contains
       if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &
         ratio = errors(1) / hypot(errors(1), method%factor * errors(2))
       x%error = errors(1) * ratio**method%power
+      if (method%has_nodes .and. abs(x%h_before) > 0) then
+        call node_difference(method%c, x%f, x%h_before / x%h, x%f_before, v)
+        v = x%h * v
+        call remove_isotropy(frame, x%y(:, x%result), v)
+        call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
+        x%error = max(x%error, norm(tolerances, x%work, x%scale))
+      end if
     end associate
   end subroutine estimate_error
 
@@ -333,6 +342,10 @@ contains
         if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, &
                                                                          x%unshortened_size)
         x%after_rejection = .false.
+        if (problem%method%has_nodes) then
+          x%f_before(:, :) = x%f
+          x%h_before = x%h
+        end if
       end if
       if (collocation) call keep_step(trajectory)
     end associate

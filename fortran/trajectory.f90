@@ -125,6 +125,9 @@ module trajectory_m
     real(wp) :: weighted_by = 0.0_wp         ! step size that these weights are multiplied by
     ! (dimension, stages) coefficients at the stages; of a two-register method the register Z
     real(wp), allocatable :: f(:, :)
+    ! of a Magnus method, those of the step before with its size, zero where it isn't to be used
+    real(wp), allocatable :: f_before(:, :)
+    real(wp) :: h_before = 0.0_wp
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
     type(newton_t) :: newton                 ! of a collocation method
@@ -173,6 +176,8 @@ contains
                 trajectory%received(frame%dimension), trajectory%slope(frame%dimension), &
                 trajectory%end_slope(frame%dimension), trajectory%u(frame%dimension), &
                 stat=memory)
+      if (memory == 0 .and. method%has_nodes) &
+        allocate (trajectory%f_before, mold=trajectory%f, stat=memory)
       if (memory /= 0) return
       trajectory%flows = method%flows
       if (method%collocation) then
@@ -229,11 +234,12 @@ contains
     trajectory%event_count = 0
   end subroutine set_start
 
-  ! Forgets the polynomial and the Jacobian of the step before, where the right-hand side or the
+  ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or the
   ! solution may jump.
   pure subroutine forget_step(trajectory)
     type(trajectory_t), intent(inout) :: trajectory
 
+    trajectory%h_before = 0.0_wp
     trajectory%newton%has_jacobian = .false.
     trajectory%newton%fresh = .false.
     trajectory%newton%last_h = 0.0_wp

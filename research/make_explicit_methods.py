@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from recipes import merit, run
 
-from cg.conditions import count, residuals
 from cg.construction import (
     Candidate,
     ConditionSystem,
@@ -35,6 +34,7 @@ from cg.construction.drop import solve_start
 from cg.construction.search.start import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.start import default_start, random_candidate
+from cg.method.estimate import MAX_RATIO, estimate_ratio
 from cg.method.tableau import Tableau
 from cg.proofs import CertificationError, certify
 from cg.runs import as_finished
@@ -42,7 +42,6 @@ from cg.support.parallel import available_cores
 
 SEED = 1
 LARGEST = 4.0  # largest coefficient of candidates for optimisation
-CLEARLY = 2e-3  # least norm of the residuals of order q of a pair's second weights
 SINGLE = Goals(bound_weight=0.05)
 STRUCTURED = Goals(coefficients=1e-4, abscissae=0.2, bound_weight=0.05)
 PAIR = Goals(coefficients=0.02, abscissae=0.2)
@@ -145,7 +144,7 @@ def candidates(recipe: Recipe) -> Iterator[Candidate]:
     if recipe.system.embedded:  # the tools along the set want all conditions independent
         candidates = [p for p in candidates if p.rank == len(p.system.conditions(True)[0])]
         moved = [optimise(p, PAIR, tolerance=1e-5) for p in candidates]
-        moved = [p for p in moved if second_residual(p) >= CLEARLY]
+        moved = [p for p in moved if ratio(p) <= MAX_RATIO]
     else:
         goals = STRUCTURED if recipe.system.structure else SINGLE
         moved = [optimise(p, goals) for p in candidates]
@@ -155,11 +154,10 @@ def candidates(recipe: Recipe) -> Iterator[Candidate]:
     yield from sorted(moved, key=KEYS[recipe.aim])
 
 
-def second_residual(candidate: Candidate) -> float:
-    """Return the norm of the residuals of order q of a pair's second weights."""
-    order = candidate.system.order
-    *a, _, second = candidate.system.layout.full_rows(candidate.x)
-    return float(np.linalg.norm(residuals(a, second, order)[count(order - 1) :]))
+def ratio(candidate: Candidate) -> float:
+    """Return the largest ratio of the error of a pair to its estimate."""
+    layout = candidate.system.layout
+    return estimate_ratio(Tableau.from_layout(layout, candidate.x.tolist())) or np.inf
 
 
 def flows(candidate: Candidate) -> int:

@@ -9,10 +9,11 @@ and towards small weights.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from make_second_results import RECIPES, flat_estimate
 from recipes import run
 
 import cg
@@ -91,7 +92,7 @@ def walked(walk: Walk) -> Candidate:
     start = cg.methods[walk.start]
     assert isinstance(start, cg.CommutatorFree)
     # an estimate that is one frozen combination leaves a walk more room
-    candidate = pack_method(flat_estimate(start) if walk.start in RECIPES else start)
+    candidate = pack_method(start if start.embedded is None else flat_estimate(start))
     if walk.wide:
         candidate = widened(candidate)
     held = _held(candidate)
@@ -107,8 +108,21 @@ def walked(walk: Walk) -> Candidate:
     return cleaned(candidate)
 
 
+def flat_estimate(pair: cg.CommutatorFree) -> cg.CommutatorFree:
+    """Return a pair whose second result is one flow from the first, with the same row b̂."""
+    assert pair.exact_embedded is not None
+    count = 1 + max(*pair.stage_points, pair.result)
+    rows = zip(pair.points[:count], pair.point_coefficients, strict=False)
+    points: list[tuple[int, Mapping[int, Any]]] = [(point.parent, row) for point, row in rows]
+    weights = zip(pair.exact_embedded, pair.exact[1], strict=True)
+    points.append((pair.result, {k: second - b for k, (second, b) in enumerate(weights)}))
+    return cg.CommutatorFree(
+        points, pair.stage_points, pair.result, embedded_result=count, name=pair.name
+    )
+
+
 def make(name: str) -> Method:
-    """Return a method of `WALKS`."""
+    """Return a method of `WALKS`; `research/make_second_results.py` makes its second result."""
     (walk,) = (walk for walk in WALKS if walk.name == name)
     source = (
         f"{walk.start}, moved along the solution set with its tableau to a small principal error "

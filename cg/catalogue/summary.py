@@ -11,6 +11,7 @@ from typing import Any
 
 from ..conditions import MAX_ORDER
 from ..method.commutator_free import CommutatorFree
+from ..method.estimate import estimate_ratio
 from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
@@ -37,6 +38,8 @@ class MethodSummary:
         Whether the order is only nominal.
     evaluations, flows, pair_flows : int
         Evaluations and flows of a step, and flows of a step of a pair with its error estimate.
+    estimate_ratio : float or None
+        `cg.method.estimate.estimate_ratio`, to three digits; None without an error estimate.
     principal_error : float or None
         `Method.principal_error`, to four digits; None if the order is `conditions.MAX_ORDER`.
     real_stability, imaginary_stability : float or None
@@ -53,6 +56,7 @@ class MethodSummary:
     evaluations: int
     flows: int
     pair_flows: int
+    estimate_ratio: float | None
     principal_error: float | None
     real_stability: float | None
     imaginary_stability: float | None
@@ -74,6 +78,7 @@ def compute_summary(method: Method) -> MethodSummary:
     magnus = isinstance(method, MagnusMethod)
     not_computed = None if magnus else too_large(method)
     real = imaginary = principal = None
+    ratio = estimate_ratio(method)
     if not_computed is None and not magnus:
         limits = stability_limits(method)
         real, imaginary = _finite(limits.real), _finite(limits.imaginary)
@@ -88,6 +93,7 @@ def compute_summary(method: Method) -> MethodSummary:
         evaluations=method.stages,
         flows=method.exponentials,
         pair_flows=method.pair_exponentials,
+        estimate_ratio=None if ratio is None else float(f"{ratio:.3g}"),
         principal_error=principal,
         real_stability=real,
         imaginary_stability=imaginary,

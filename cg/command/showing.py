@@ -119,6 +119,11 @@ def _numbers(summary: MethodSummary) -> list[tuple[str, str]]:
         ("evaluations", str(summary.evaluations)),
         ("flows", flows),
         ("principal error", _number(summary.principal_error, "unknown")),
+        *(
+            []
+            if summary.estimate_ratio is None
+            else [("error / estimate", f"at most {_number(summary.estimate_ratio, '')}")]
+        ),
         *([("not computed", summary.not_computed)] if summary.not_computed else stability),
     ]
 

@@ -173,15 +173,7 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
     result, second = tree.result, tree.embedded_result
     if better and second is not None:
         result, second = second, result
-    if not method.error_weights:
-        return PointTree(tree.points, tree.stage_points, result, second), []
-    assert tree.embedded_result is not None
-    flow = tree.points[tree.embedded_result].weights
-    errors = [[-flow.get(k, Fraction(0)) for k in range(method.stages)]]
-    if third is not None:
-        sums = tree.flat_row(tree.result)
-        errors.append([x - weight.value for x, weight in zip(sums, third, strict=True)])
-    return PointTree(tree.points, tree.stage_points, result), errors
+    return PointTree(tree.points, tree.stage_points, result, second), []
 
 
 def _without_repetitions(tree: PointTree) -> PointTree:

@@ -87,7 +87,7 @@ class FieldAlgebra(ABC):
             Coefficients, shape ``(..., dim)``; leading axes broadcast.
         order
             Order of the Runge-Kutta method that uses the result.  Other frames sum the series up to
-            the power ``order - 2`` of u.
+            the power ``order`` of u.
 
         Returns
         -------

@@ -71,8 +71,9 @@ def series_dexpinv(
     v
         Coefficients, shape ``(..., dim)``, or other elements of a linear space.
     order
-        Order of the method.  Powers up to ``order - 2`` are needed: the coefficients of stages
-        differ from multiples of u by the square of the step.
+        Order of the method, up to which powers are taken.  The order of a step needs powers up to
+        ``order - 2``, since the coefficients of stages differ from multiples of u by the square of
+        the step; but then errors of long steps exceed their estimates by far.
     bound
         Upper bound of the eigenvalues of `adjoint`, shape ``(...)``.  If None, divergence is not
         checked.
@@ -123,7 +124,7 @@ def _growth(
 @cache
 def _series_terms(order: int) -> tuple[float, ...]:
     """Return the coefficients of the powers 1, 2, ... up to the last nonzero one."""
-    terms = [float(term) for term in bernoulli_terms(max(order - 2, 0))[1:]]
+    terms = [float(term) for term in bernoulli_terms(max(order, 0))[1:]]
     while terms and not terms[-1]:
         terms.pop()
     return tuple(terms)

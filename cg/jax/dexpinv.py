@@ -74,7 +74,7 @@ def series_dexpinv(frame: Frame) -> Callable[[JaxArray, JaxArray, int], JaxArray
     constants = frame._adjoint_basis
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
-        terms = [float(term) for term in bernoulli_terms(max(order - 2, 0))[1:]]
+        terms = [float(term) for term in bernoulli_terms(max(order, 0))[1:]]
         while terms and not terms[-1]:
             terms.pop()
         if not terms:

@@ -225,8 +225,8 @@ class _Stages:
     result, embedded
         The points that the step leads to; the second is None where no pair compares two points.
     errors
-        Weighted sums of the values, the error estimates divided by the step, shape ``(0, 1 or 2,
-        dim)``.
+        Weighted sums of the values, further error estimates divided by the step, shape ``(0, 1 or
+        2, dim)``.
     last
         The coefficients at the result, None if no stage is there.
     """
@@ -387,15 +387,22 @@ def _error(
     its tolerances are equal.
     """
     y1, other = stages.result, stages.embedded
-    if steps.paths.errors:
-        estimates = h * stages.errors
-        error = estimates[0]
-        if len(estimates) == 2:
-            size = rules.extent(y0, y1)
-            squares = [(jnp.abs(rules.measured(e, y1) / size) ** 2).sum() for e in estimates]
-            total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
-            error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
-        return rules.field(error, y1)
-    if other is None:
+    if other is None and not steps.paths.errors:
         return None
-    return y1 - other if rules.log is None else rules.field(rules.log(other, y1), y1)
+    estimates = list(h * stages.errors)
+    if other is not None and rules.log is None:
+        error = y1 - other
+        measured = [error]
+    else:
+        if other is not None:
+            assert rules.log is not None
+            estimates.insert(0, rules.log(other, y1))
+        error = rules.field(estimates[0], y1)
+        measured = []
+    measured += [rules.measured(each, y1) for each in estimates]
+    if len(measured) == 2:
+        size = rules.extent(y0, y1)
+        squares = [(jnp.abs(each / size) ** 2).sum() for each in measured]
+        total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
+        error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
+    return error

@@ -39,10 +39,10 @@ class CommutatorFree(Method):
     result : int, optional
         The point that the step leads to, by default the last.
     embedded_result : int, optional
-        The point of the second result of a pair. If a single flow leads to it from the result, the
-        error estimate is the combination of frozen fields of this flow, and needs no flow itself.
+        The point of the second result of a pair. The flows to it should differ from those to the
+        result: errors that both results have in common aren't seen.
     third : sequence of s numbers, optional
-        Third weights of such a pair, of lower order than the second. The estimate is then
+        Third weights of a pair, of lower order than the second. The estimate is then
         :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_. The weights of :math:`e_3`
         are the row of the result in the flat tableau minus the third weights.
     name, source : str, optional
@@ -56,8 +56,8 @@ class CommutatorFree(Method):
         If a parent or a stage isn't a point, a parent comes after its child, the first stage
         isn't at the initial point, a weight is on a stage that is evaluated later, a result
         depends on no stage, both results are the same, a number isn't finite, or residuals
-        exceed `nominal_residual`; if third weights have a wrong length, or the second result
-        isn't one flow from the first.
+        exceed `nominal_residual`; if third weights have a wrong length, or there is no second
+        result.
 
     References
     ----------
@@ -164,15 +164,11 @@ class CommutatorFree(Method):
 
     @cached_property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
-        """Weights of error estimates that are combinations of frozen fields; otherwise empty."""
-        flow = self.tree.flow_between
-        if flow is None:
+        """The weights of :math:`e_3`; empty without third weights."""
+        if self.third_weights is None:
             return ()
-        rows = [tuple(-flow.get(k, Fraction(0)) for k in range(self.stages))]
-        if self.third_weights is not None:
-            sums = self.tree.flat_row(self.tree.result)
-            rows.append(tuple(b - w.value for b, w in zip(sums, self.third_weights, strict=True)))
-        return tuple(rows)
+        sums = self.tree.flat_row(self.tree.result)
+        return (tuple(b - w.value for b, w in zip(sums, self.third_weights, strict=True)),)
 
     @cached_property
     def third_order(self) -> int | None:
@@ -185,9 +181,9 @@ class CommutatorFree(Method):
 
 
 def _read_third(third: Iterable[Any], tree: PointTree) -> tuple[Coefficient, ...]:
-    """Return the third weights; MethodError if the second result isn't one flow from the first."""
-    if tree.flow_between is None:
-        raise MethodError("third must be None unless embedded_result is one flow from the result")
+    """Return the third weights; MethodError without a second result."""
+    if tree.embedded_result is None:
+        raise MethodError("third must be None unless there is an embedded_result")
     return read_third(third, len(tree.stage_points))
 
 

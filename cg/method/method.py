@@ -229,7 +229,7 @@ class Method(Outputs, ABC):
 
     @property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
-        """Weights of error estimates that are combinations of frozen fields; otherwise empty."""
+        """Weights of error estimates that are combinations of values at stages."""
         return ()
 
     @property
@@ -241,12 +241,9 @@ class Method(Outputs, ABC):
     def pair_exponentials(self) -> int:
         """Number of flows of a step with its error estimate.
 
-        These are `exponentials` and the flows to the second result. A second result that is one
-        flow from the first is not computed: the estimate is the combination of fields of that flow.
+        These are `exponentials` and the flows to the second result.
         """
         tree = self.tree
-        if self.error_weights and not (self.embedded_order or 0) > self.order:
-            return self.exponentials
         if not self.explicit:
             return self.exponentials + sum(entry != 0 for entry in self.exact_embedded or ())
         second = [] if tree.embedded_result is None else [tree.embedded_result]

@@ -199,6 +199,11 @@ class MuntheKaas(Method):
         others = [row for row in (self.exact_embedded, self.exact_third) if row is not None]
         return tuple(tuple(x - y for x, y in zip(b, row, strict=True)) for row in others)
 
+    @property
+    def pair_exponentials(self) -> int:  # type: ignore[override]
+        """Number of flows of a step; the error estimate needs none."""
+        return self.exponentials
+
     def satisfies(self, order: int) -> bool:
         """Return whether the classical conditions hold through an order."""
         return self.exact_order >= check_integer("order", order, 1)

@@ -120,16 +120,6 @@ class PointTree:
         """
         return len({self.merged[m] for end in ends for m in self.path(end)} - {START})
 
-    @property
-    def flow_between(self) -> Mapping[int, Fraction] | None:
-        """The weights of the flow between both results; None unless it is a single flow."""
-        if self.embedded_result is None:
-            return None
-        second = self.merged[self.embedded_result]
-        if second == START or not self.same(self.points[second].parent, self.result):
-            return None
-        return self.points[second].weights
-
     def same(self, one: int, other: int) -> bool:
         """Return whether the same flows lead to two points."""
         return self.merged[one] == self.merged[other]

@@ -24,19 +24,17 @@ class Step:
 
     def pair(self, t, y, h):
         """Return both results, the one that advances first."""
-        paths = self.paths
-        if not paths.errors or paths.series:
-            return tuple(self._take(t, y, h, [paths.result, paths.embedded]))
-        y1 = self(t, y, h)
-        return y1, self.frame.flow(-self._differences(h)[0], y1)
+        return tuple(self._take(t, y, h, [self.paths.result, self.paths.embedded]))
 
     def trial(self, t, y, h, rtol, atol):
         """Return the result and its error in tolerances."""
-        if not self.paths.errors:
+        errors = []
+        if self.paths.embedded:
             y1, other = self.pair(t, y, h)
-            return y1, error(self.frame, other, y1, y, rtol, atol)
-        y1 = self(t, y, h)
-        errors = self.estimates(y, h, y1, rtol, atol)
+            errors.append(error(self.frame, other, y1, y, rtol, atol))
+        else:
+            y1 = self(t, y, h)
+        errors += self.estimates(y, h, y1, rtol, atol)
         if len(errors) == 1 or errors[0] == 0.0:
             return y1, errors[0]
         return y1, errors[0] ** 2 / np.hypot(errors[0], 0.1 * errors[1])
@@ -52,7 +50,7 @@ class Step:
         return errors
 
     def _differences(self, h):
-        weights = np.array(self.paths.errors, dtype=float)
+        weights = np.array(self.paths.errors, dtype=float).reshape(-1, len(self.fields))
         return h * weights @ np.array(self.fields)
 
     def _take(self, t, y, h, results):

@@ -119,7 +119,7 @@ def test_coefficients_are_evaluated_at_the_nodes_alone():
 
     solution = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="CFM6(4)", h=0.5)
     nodes = magnus["CFM6(4)"].c
-    assert solution.nfev == len(times) == 7
+    assert solution.nfev == len(times) == 9
     assert solution.nexp == 8
     expected = sorted({*(0.5 * nodes), *(0.5 + 0.5 * nodes)})
     np.testing.assert_allclose(sorted(times), expected, rtol=0, atol=1e-15)

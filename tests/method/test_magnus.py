@@ -15,7 +15,7 @@ from cg.structure.points import MethodError
 
 ORDERS = {
     "CFM4": (4, None, None, 2, 2, 3),
-    "CFM6(4)": (6, 4, 2, 4, 7, 4),
+    "CFM6(4)": (6, 4, 2, 4, 7, 5),
     "CFM6(4)b": (6, 4, 2, 6, 9, 5),
     "CFM8(4)": (8, 4, 2, 8, 11, 5),
 }

@@ -116,7 +116,7 @@ class Run:
             None if jacobian is None else jacobian.of(rhs), lanes,
         )  # fmt: skip
         self.record = self._make_record(t0, len(stops), common, keep_last)
-        self.kept = plan.kept + self._choose_stage_solver(stage_solver, jacobian)
+        self.kept = plan.kept + plan.kept_nodes + self._choose_stage_solver(stage_solver, jacobian)
         self.record.of_time = of_time
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []
@@ -313,7 +313,7 @@ class Run:
     def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
         lanes = self._lanes
-        reals, integers = np.empty((lanes, 9)), np.empty((lanes, 11), dtype=np.int64)
+        reals, integers = np.empty((lanes, 10)), np.empty((lanes, 11), dtype=np.int64)
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.frame.dim))
         self._core.loop_state(

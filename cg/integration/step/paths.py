@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cg.conditions import Rows
 from cg.integration.step.collocation import transformation
+from cg.method.estimate import error_power
 from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
@@ -57,7 +58,7 @@ class MethodPaths:
         The path to each stage.
     result, embedded
         The paths to the result of the step, and to the second result of a pair (0 if there
-        is none or the estimate takes no flow).  The one of higher order is the result.
+        is none).  The one of higher order is the result.
     third
         The path to a third result, for a second estimate of the error, or 0.
     final_stage
@@ -71,8 +72,8 @@ class MethodPaths:
         For a method on a Lie algebra, the order up to which the series of dexp⁻¹ is needed, else
         0.  Coefficients at stages become derivatives of coordinates.
     errors
-        Weights on the coefficients at stages of the combinations by which errors are estimated;
-        none if results are compared.
+        Weights on the coefficients at stages of the combinations by which errors are estimated.
+        With a second result they are those of the second estimate.
     transformation
         Of a collocation method, the numbers of `transformation`.
     power
@@ -177,8 +178,6 @@ def paths_of(method: Method) -> MethodPaths:
     result, embedded = tree.result, tree.embedded_result
     if embedded is not None and (method.embedded_order or 0) > method.order:
         result, embedded = embedded, result
-    if errors:
-        embedded = None
     builder = _Builder(method, {result} if embedded is None else {result, embedded})
     stages = tuple(builder.path_to(point) for point in tree.stage_points)
     result_path = builder.path_to(result)
@@ -244,19 +243,6 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
         (Path(0, tuple(by_power)),), (0,) * len(nodes), 1, 0, 0, nodes, errors=errors,
         factor=Fraction(100), power=1, polynomial=True,
     )  # fmt: skip
-
-
-def error_power(method: Method) -> int:
-    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ.
-
-    With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)).  This n leads to
-    the order of the error of the step, O(h^(p + 1)), or one below.
-    """
-    third = method.third_order
-    second = None if third is None else method.embedded_order
-    if second is None or third is None or third >= second:
-        return 1
-    return max((method.order - second) // (second - third), 1)
 
 
 def _blocks(method: Method) -> int:

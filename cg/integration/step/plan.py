@@ -22,7 +22,8 @@ from cg.integration.step.interpolant import (
     nodes_of,
     series_order,
 )
-from cg.integration.step.paths import MethodPaths, error_power, paths_of, polynomial_paths
+from cg.integration.step.paths import MethodPaths, paths_of, polynomial_paths
+from cg.method.estimate import error_power
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
@@ -48,6 +49,8 @@ class Plan:
         Number of doubles of a point.
     kept
         Number of vectors of coefficients stored for a step: its stages, or one register.
+    kept_nodes
+        Number of vectors of coefficients kept of the step before, those of a Magnus method.
     collocation
         Whether the method is a collocation method on a Lie algebra.
     series
@@ -85,6 +88,8 @@ class Plan:
             blocks[2] |= BlockOption.POLYNOMIAL
             self.exponent = 1.0 / (method.stages + paths.power)
         self.kept = method.stages if paths.registers is None else 1
+        of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
+        self.kept_nodes = method.stages if of_nodes else 0
         self.address: int = core.plan_open(
             blocks,
             block_constants(frame),

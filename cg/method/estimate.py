@@ -1,0 +1,189 @@
+r"""How well the error estimate of a pair sees the error of its step.
+
+The test problem is a constant generator X with a perturbation, :math:`F(t) = X + ε (t/h)^j V` with
+:math:`\operatorname{ad}_X V = iφ V`: the step turns by φ radians. To first order in ε, a result
+that follows flows m with weights :math:`α_{mk}` ends at
+
+.. math::
+
+    T_j(φ) = \sum_m e^{-iφ W_m} φ_1(-i w_m φ) \sum_k α_{mk} c_k^j, \qquad
+    w_m = \sum_k α_{mk}, \quad W_m = \sum_{n<m} w_n, \quad φ_1(x) = (e^x - 1) / x,
+
+and the solution at :math:`\int_0^1 e^{-iφ s} s^j ds`. A result of a Munthe-Kaas method ends at
+:math:`φ_1(-iφ) \sum_i b_i κ_i` with
+
+.. math::
+
+    κ_i = c_i^j D(iφ c_i) - \frac{D(iφ c_i) - 1}{c_i} \sum_k a_{ik} κ_k, \qquad
+    D(x) = \sum_n B_n x^n / n! .
+
+Errors at :math:`φ = 0` are those of the quadrature, others also those of commutators. Two results
+that share nodes or flows share errors that their difference doesn't see, on any problem. So the
+ratio of error to estimate is a property of the coefficients, as the order is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames.dexpinv import bernoulli_terms
+from .magnus import MagnusMethod
+from .method import Method, cached
+from .munthe_kaas import MuntheKaas
+
+Vector = NDArray[Any]
+Flow = Mapping[int, Any]
+Response = Callable[[int, Vector], tuple[Vector, Vector, Vector]]
+"""The result, and its differences from the second and the third result, by j and φ."""
+
+MAX_RATIO = 10.0
+"""Largest ratio of error to estimate of a pair whose estimate can be relied on."""
+
+MAX_ANGLE = 20.0
+"""Longest step for which ratios are computed, in radians: more than three turns."""
+
+_MAX_ALGEBRA_ANGLE = 6.0  # dexp⁻¹ exists below 2π
+_POWERS = range(1, 5)  # of the perturbation
+_STEP = 0.025  # of angles
+_NEARBY = 1.25  # the estimate may vanish at isolated angles, not over this range
+_ROUNDING = 1e-11
+_DOP853_FACTOR = 0.1
+
+
+@cached
+def estimate_ratio(method: Method) -> float | None:
+    """Return the largest ratio of the error of a step to its estimate.
+
+    Of all steps of up to `MAX_ANGLE` radians, of Munthe-Kaas methods less than a turn, and of
+    perturbations by the powers 1 to 4 of time; and of the powers of time up to the order plus 4
+    that the quadrature of the result misses.
+
+    Parameters
+    ----------
+    method : Method
+
+    Returns
+    -------
+    float or None
+        None without an error estimate.
+    """
+    if method.embedded_order is None:
+        return None
+    order = max(method.order, method.embedded_order)
+    if not isinstance(method, MuntheKaas):
+        return _largest_ratio(method, partial(_flow_response, method), order, MAX_ANGLE)
+    ratios = [
+        _largest_ratio(method, partial(_algebra_response, method, powers), order, _MAX_ALGEBRA_ANGLE)
+        for powers in (method.advancing.order, None)
+    ]
+    return max(ratios)
+
+
+def error_power(method: Method) -> int:
+    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ.
+
+    With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)).  This n leads to
+    the order of the error of the step, O(h^(p + 1)), or one below.
+    """
+    third = method.third_order
+    second = None if third is None else method.embedded_order
+    if second is None or third is None or third >= second:
+        return 1
+    return max((method.order - second) // (second - third), 1)
+
+
+def _largest_ratio(method: Method, response: Response, order: int, max_angle: float) -> float:
+    power, factor = error_power(method), _DOP853_FACTOR
+    if isinstance(method, MagnusMethod):
+        factor = float(method.third_factor.value)
+
+    def compare(j: int, angles: Vector) -> tuple[Vector, Vector]:
+        result, second, third = response(j, angles)
+        error, e, e3 = abs(result - _exact_response(j, angles)), abs(second), abs(third)
+        return error, e * (e / np.maximum(np.hypot(e, factor * e3), 1e-300)) ** power
+
+    ratios = [0.0]
+    angles = np.arange(_STEP, _NEARBY * max_angle, _STEP)
+    first, last = (np.searchsorted(angles, angles * x) for x in (1 / _NEARBY, _NEARBY))
+    for j in _POWERS:
+        error, estimate = compare(j, angles)
+        for k in np.flatnonzero((error > _ROUNDING) & (angles <= max_angle)).tolist():
+            nearby = estimate[first[k] : last[k] + 1].max()
+            ratios.append(error[k] / max(nearby, _ROUNDING * error[k]))
+    for j in range(order + 5):
+        (error,), (estimate,) = compare(j, np.zeros(1))
+        if error > _ROUNDING:
+            ratios.append(error / max(estimate, _ROUNDING * error))
+    return float(max(ratios))
+
+
+def _exact_response(j: int, angles: Vector) -> Vector:
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    s = (nodes + 1) / 2
+    return np.asarray(np.exp(-1j * np.outer(angles, s)) @ (weights / 2 * s**j))
+
+
+def _phi1(x: Vector) -> Vector:
+    small = abs(x) < 1e-5
+    safe = np.where(small, 1.0, x)
+    return np.where(small, 1 + x / 2, (np.exp(safe) - 1) / safe)
+
+
+def _flow_response(method: Method, j: int, angles: Vector) -> tuple[Vector, Vector, Vector]:
+    tree = method.tree
+    powers = method.c**j
+    ends = [tree.result, tree.embedded_result]
+    if (method.embedded_order or 0) > method.order:
+        ends.reverse()
+    results = [
+        _at_end((tree.points[m].weights for m in tree.path(end)), method.c, powers, angles)
+        for end in ends
+        if end is not None
+    ]
+    third = np.zeros(len(angles))
+    if isinstance(method, MagnusMethod) and method.third_weights is not None:
+        flow = dict(enumerate(weight.value for weight in method.third_weights))
+        third = results[0] - _at_end([flow], method.c, powers, angles)
+    elif method.third_order is not None:
+        third = third + np.array(method.error_weights[-1], np.float64) @ powers
+    return results[0], results[0] - results[1], third
+
+
+def _at_end(flows: Iterable[Flow], c: Vector, powers: Vector, angles: Vector) -> Vector:
+    total, end = 0.0, np.zeros(len(angles), np.complex128)
+    for flow in flows:
+        weights = {k: float(weight) for k, weight in flow.items()}
+        length = sum(weights.values())
+        value = sum(weight * powers[k] for k, weight in weights.items())
+        end += np.exp(-1j * angles * total) * _phi1(-1j * length * angles) * value
+        total += length
+    return end
+
+
+def _algebra_response(
+    method: MuntheKaas, powers: int | None, j: int, angles: Vector
+) -> tuple[Vector, Vector, Vector]:
+    """With the series of dexp⁻¹ up to a power of σ, or the closed form."""
+    method = method.advancing
+    stages = method.stages
+    a, c = method.tableau.a, method.tableau.c
+    weights = np.array([method.tableau.b, *np.array(method.error_weights, np.float64)])
+    scale = (_dexpinv(1j * np.outer(angles, c), powers) - 1) / np.where(c == 0, 1.0, c)
+    system = np.eye(stages) + scale[..., None] * a
+    sources = c**j * (1 + scale * c)
+    kappa = np.linalg.solve(system, sources[..., None])[..., 0]
+    result, second, *third = weights @ kappa.T
+    third = third[0] if third else np.zeros(len(angles))
+    return _phi1(-1j * angles) * result, second, third
+
+
+def _dexpinv(x: Vector, powers: int | None) -> Vector:
+    if powers is None:
+        return np.asarray(1 / _phi1(x))
+    terms = [float(term) for term in bernoulli_terms(powers)]
+    return np.polynomial.polynomial.polyval(x, terms)
