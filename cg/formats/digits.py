@@ -110,17 +110,23 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     if known is None or digits <= known:
         return Numbers(method, stored, digits)
     from ..proofs import CertificationError, certificate_of, refined_digits
+    from ..proofs.digits import max_digits
 
     try:
         if certificate is None:
             certificate = certificate_of(method)
-            if not certificate.complete:
-                raise CertificationError("some conditions are only shown to be small")
+        if digits > max_digits(certificate):
+            raise CertificationError(
+                f"its certificate proves {max_digits(certificate)}, as some conditions are only "
+                "shown to be small"
+            )
     except CertificationError as problem:
         raise ValueError(
             f"digits must be at most {known}, which are stored, since {problem}; got {digits}"
         ) from None
-    texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, MAX_DIGITS))
+    texts = refined_digits(
+        method, certificate, min(digits + _GUARD_DIGITS, max_digits(certificate))
+    )
     return Numbers(method, tuple(map(Fraction, texts)), digits)
 
 

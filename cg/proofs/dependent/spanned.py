@@ -12,8 +12,8 @@ from flint import arb, fmpq, fmpq_mat
 from numpy.typing import NDArray
 
 from ...support.balls import to_flint
+from ..words import Word, reciprocal_density
 from .pairings import Pairing
-from .words import Word, reciprocal_density
 
 _DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others
 
