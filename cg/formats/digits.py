@@ -115,18 +115,17 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     try:
         if certificate is None:
             certificate = certificate_of(method)
-        if digits > max_digits(certificate):
-            raise CertificationError(
-                f"its certificate proves {max_digits(certificate)}, as some conditions are only "
-                "shown to be small"
-            )
     except CertificationError as problem:
         raise ValueError(
             f"digits must be at most {known}, which are stored, since {problem}; got {digits}"
         ) from None
-    texts = refined_digits(
-        method, certificate, min(digits + _GUARD_DIGITS, max_digits(certificate))
-    )
+    most = max_digits(certificate)
+    if digits > most:
+        raise ValueError(
+            f"digits must be at most {max(known, most)}, since some conditions are only shown to be "
+            f"small; got {digits}"
+        )
+    texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, most))
     return Numbers(method, tuple(map(Fraction, texts)), digits)
 
 
