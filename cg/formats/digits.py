@@ -122,8 +122,8 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     most = max_digits(certificate)
     if digits > most:
         raise ValueError(
-            f"digits must be at most {max(known, most)}, since some conditions are only shown to be "
-            f"small; got {digits}"
+            f"digits must be at most {max(known, most)}, since some conditions are only shown to "
+            f"be small; got {digits}"
         )
     texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, most))
     return Numbers(method, tuple(map(Fraction, texts)), digits)
