@@ -17,13 +17,11 @@ from .statement import Packed
 from .zero import check_left_out, check_places, largest_residual
 
 SMALL_PLACES = 300
-"""Conditions that are only shown to be small are evaluated to this many places, and some more."""
-
-_GUARD_PLACES = 12
+"""Conditions that are only shown to be small are evaluated to this many places."""
 
 
 class _Proved(NamedTuple):
-    """A box, the bound of what is left out being open, and its Krawczyk test."""
+    """A box and its Krawczyk test; what the box says of conditions left out isn't proved yet."""
 
     box: Box
     attempt: KrawczykTest
@@ -49,7 +47,9 @@ def find_box(packed: Packed, bits: int, small: bool = False) -> Box:
         if isinstance(outcome, _Proved):
             return _bounded(packed, *outcome, bits)
         raise CertificationError(f"{packed.name}: no zero of independent conditions", **outcome)
-    relations = find_relations(packed.layout, packed.orders, packed.balls(), dependent)
+    relations = np.zeros((0, len(jacobian)))
+    if dependent:
+        relations = find_relations(packed.layout, packed.orders, packed.balls(), dependent)
     if dependent and len(relations) == dependent:
         pivots = linalg.qr(relations, mode="r", pivoting=True)[1][:dependent]
         again = _try(packed, pivots, jacobian)
@@ -61,15 +61,14 @@ def find_box(packed: Packed, bits: int, small: bool = False) -> Box:
     if dependent:
         message += (
             f", their derivatives are dependent and orthogonality explains {len(relations)} of "
-            f"{dependent} dependences; with small=True it is proved in part"
+            f"{dependent} dependences; small=True accepts a proof in part"
         )
     raise CertificationError(message, **outcome)
 
 
 def _bounded(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -> Box:
     """Return a box with a bound of the conditions that are left out, a power of ten."""
-    places = SMALL_PLACES + _GUARD_PLACES
-    largest = float(largest_residual(packed, box, attempt, places, bits))
+    largest = float(largest_residual(packed, box, attempt, SMALL_PLACES, bits))
     exponent = max(math.ceil(math.log10(max(largest, 1e-307))), -SMALL_PLACES)
     return Box(box.radius, box.fixed, box.left_out, Decimal((0, (1,), exponent)))
 

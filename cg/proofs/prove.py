@@ -34,9 +34,10 @@ def certify(method: Method | str, order: int | None = None, *, small: bool = Fal
     order : int, optional
         By default the order of the method. It must be the order exactly.
     small : bool, optional
-        Accept less: as many conditions as are independent have a zero close to the stored
-        coefficients, and the others are below a bound there, which the certificate names.
-        That is no proof of the order; `Certificate.complete` is false then.
+        Accept less where conditions depend on others for unknown reasons: as many as are
+        independent have a zero close to the stored coefficients, and the others are below a
+        bound there, mostly 1e-300, which the certificate names. That is no proof of the
+        order; `Certificate.complete` is false then.
 
     Returns
     -------

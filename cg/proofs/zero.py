@@ -22,7 +22,7 @@ from .words import Condition, text
 SHARP_PLACES = 45
 """Decimal places of balls around a zero, in which relations between residuals are evaluated."""
 
-_GUARD_PLACES = 12
+_GUARD_PLACES = 12  # beyond those to which residuals are shown to be small
 
 
 def prove_box(packed: Packed, box: Box, bits: int) -> None:
@@ -60,8 +60,7 @@ def check_left_out(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -
                 left_out=len(box.left_out),
             )
         return
-    places = -box.bound.adjusted() + _GUARD_PLACES
-    largest = largest_residual(packed, box, attempt, places, bits)
+    largest = largest_residual(packed, box, attempt, -box.bound.adjusted(), bits)
     if not largest < to_ball(Fraction(box.bound)):
         raise CertificationError(
             f"{packed.name}: that conditions are small is not proved", residual=float(largest)
@@ -77,7 +76,11 @@ def zero_of(packed: Packed, box: Box, attempt: KrawczykTest, places: int) -> lis
 def largest_residual(
     packed: Packed, box: Box, attempt: KrawczykTest, places: int, bits: int
 ) -> arb:
-    """Return an upper bound of the residuals that are left out, at the zero of the others."""
+    """Return an upper bound of the residuals that are left out, at the zero of the others.
+
+    The zero is known to some more than the given decimal places.
+    """
+    places += _GUARD_PLACES
     with precision(precise(places, bits)):
         zero = zero_of(packed, box, attempt, places)
         values = EquationSystem(packed.layout, box.left_out).residuals(zero)

@@ -196,7 +196,7 @@ class _Relations:
                     columns.tolist(),
                     second=[int(columns[k]) for k in second],
                 )
-                if frame.complete() and len(frame.first) < len(frame.shares):
+                if frame.complete and len(frame.first) < len(frame.shares):
                     yield frame
 
     def _cuts(
