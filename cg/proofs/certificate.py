@@ -201,7 +201,8 @@ class Certificate:
             return f"{exact} order conditions exactly"
         left, bound = len(self.box.left_out), _plain(self.box.bound)
         return (
-            f"{exact} but {left} of the independent conditions exactly, and those are below {bound}"
+            f"{exact} but {left} of the independent conditions exactly; the residuals of the rest "
+            f"are below {bound}"
         )
 
     def __str__(self) -> str:

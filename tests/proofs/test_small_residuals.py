@@ -29,7 +29,7 @@ def test_dependent_conditions_are_below_a_bound():
     assert not certificate.complete
     assert certificate_of(method).complete
     assert "all but 8 of the independent conditions" in str(certificate)
-    assert "those are below 1e-300" in str(certificate)
+    assert "the residuals of the rest are below 1e-300" in str(certificate)
     assert Certificate.loads(certificate.dumps()) == certificate
     check(certificate, method)
     left_out = certificate.left_out
