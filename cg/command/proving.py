@@ -48,6 +48,7 @@ def certify_command(method: Method, output: Path | None, small: bool, in_json: b
         return NO
     if output is not None:
         certificate.save(output)
+    bound = certificate.box.bound
     if in_json:
         as_json(
             {
@@ -55,8 +56,9 @@ def certify_command(method: Method, output: Path | None, small: bool, in_json: b
                 "proved": certificate.proved,
                 "order": certificate.order,
                 "embedded_order": certificate.embedded_order,
-                "radius": certificate.radius,
-                "identities": list(certificate.identities),
+                "radius": str(certificate.radius).lower(),
+                "left_out": len(certificate.left_out),
+                "bound": None if bound is None else str(bound).lower(),
                 "fixed": list(certificate.fixed),
                 "message": str(certificate),
             }

@@ -110,17 +110,22 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     if known is None or digits <= known:
         return Numbers(method, stored, digits)
     from ..proofs import CertificationError, certificate_of, refined_digits
+    from ..proofs.digits import max_digits
 
     try:
         if certificate is None:
             certificate = certificate_of(method)
-            if not certificate.complete:
-                raise CertificationError("some conditions are only shown to be small")
     except CertificationError as problem:
         raise ValueError(
             f"digits must be at most {known}, which are stored, since {problem}; got {digits}"
         ) from None
-    texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, MAX_DIGITS))
+    most = max_digits(certificate)
+    if digits > most:
+        raise ValueError(
+            f"digits must be at most {max(known, most)}, since some conditions are only shown to "
+            f"be small; got {digits}"
+        )
+    texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, most))
     return Numbers(method, tuple(map(Fraction, texts)), digits)
 
 

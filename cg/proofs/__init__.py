@@ -6,12 +6,13 @@
 
 from __future__ import annotations
 
-from .certificate import Certificate, CertificationError, ViolatedCondition
+from .certificate import Box, Certificate, CertificationError, ViolatedCondition
 from .digits import refined_digits
 from .files import certificate_of, check_file, proved
 from .prove import certify, check
 
 __all__ = [
+    "Box",
     "Certificate",
     "CertificationError",
     "ViolatedCondition",

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
+from decimal import Decimal
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ..support.parsing import quoted, read_fraction, read_toml, write_file
+from ..support.parsing import quoted, read_toml, write_file
+from .words import Condition, Word, parse, text
 
-_LARGEST = Fraction(10) ** 4000  # more digits of an integer Python doesn't write by default
+MAX_SMALL = Decimal("1e-40")
+"""Larger bounds don't tell conditions that hold from coefficients that are rounded."""
+
+_LARGEST = Decimal("1e4000")  # more digits of an integer Python doesn't write by default
 
 
 class CertificationError(ArithmeticError):
@@ -54,26 +59,62 @@ class ViolatedCondition:
 
     Attributes
     ----------
-    tree : str
-        In brackets.
-    bound : str
-        Decimal; ``|Φ(t) - 1/γ(t)|`` is at least this for the exact solution.
+    word : tuple
+        The children of its tree.
+    bound : Decimal
+        ``|Φ(t) - 1/γ(t)|`` is at least this for the exact solution.
     """
 
-    tree: str
-    bound: str
+    word: Word
+    bound: Decimal
 
     def __post_init__(self) -> None:
-        _decimal(self.bound)
+        _check_decimal(self.bound)
+
+    @property
+    def tree(self) -> str:
+        """The tree in brackets."""
+        return text(self.word)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box around the stored coefficients in which conditions have exactly one zero.
+
+    Attributes
+    ----------
+    radius : Decimal
+        0 for rational methods, which satisfy the conditions themselves.
+    fixed : tuple of str
+        The coefficients that are held, such as ``a_3,1``, ``b_2`` and ``b_embedded_2``.
+    left_out : tuple of (int, word)
+        The independent conditions that are no equations, with their rows of weights.
+    bound : Decimal or None
+        What the residuals of these are below, at the zero; None if they follow by orthogonality.
+    """
+
+    radius: Decimal
+    fixed: tuple[str, ...]
+    left_out: tuple[Condition, ...] = ()
+    bound: Decimal | None = None
+
+    def __post_init__(self) -> None:
+        _check_decimal(self.radius)
+        if self.bound is not None:
+            _check_decimal(self.bound)
+            if not self.left_out or not 0 < self.bound <= MAX_SMALL:
+                raise CertificationError(
+                    f"the bound of conditions that are left out must be at most {MAX_SMALL:e}, "
+                    f"got {_plain(self.bound)} for {len(self.left_out)} conditions"
+                )
 
 
 @dataclass(frozen=True)
 class Certificate:
     """A proved statement about a method, with the data to prove it again.
 
-    In the box of this radius around the stored coefficients, with the fixed ones held at
-    their stored values, there is exactly one solution of the equations, and it satisfies
-    all conditions through the order.
+    In the box there is exactly one solution of the equations, and it satisfies all conditions
+    through the order, or all but some that are tiny there.
 
     Attributes
     ----------
@@ -82,15 +123,9 @@ class Certificate:
     order : int
     embedded_order : int or None
         Of the second weights of a pair, together with the same stages.
-    radius : str
-        Decimal; "0" for rational methods, which satisfy the conditions themselves.
     bits : int
         Precision of the arithmetic.
-    identities : tuple of str
-        Identities, structures and left-out conditions; or conditions that are only shown to be
-        small, with a bound.
-    fixed : tuple of str
-        The coefficients that are held, such as ``a_3,1``, ``b_2`` and ``b_embedded_2``.
+    box : Box
     beyond : ViolatedCondition
         Why the order isn't higher.
     embedded_beyond : ViolatedCondition or None
@@ -109,22 +144,41 @@ class Certificate:
     name: str
     order: int
     embedded_order: int | None
-    radius: str
     bits: int
-    identities: tuple[str, ...]
-    fixed: tuple[str, ...]
+    box: Box
     beyond: ViolatedCondition
     embedded_beyond: ViolatedCondition | None
 
     def __post_init__(self) -> None:
-        _decimal(self.radius)
         if not isinstance(self.bits, int) or isinstance(self.bits, bool):
             raise CertificationError(f"bits must be an integer, got {self.bits!r}")
 
     @property
+    def orders(self) -> tuple[int, ...]:
+        """The orders of all rows of weights."""
+        if self.embedded_order is None:
+            return (self.order,)
+        return self.order, self.embedded_order
+
+    @property
+    def left_out(self) -> tuple[Condition, ...]:
+        """The independent conditions that are no equations; see `Box`."""
+        return self.box.left_out
+
+    @property
+    def radius(self) -> Decimal:
+        """The radius of the box; see `Box`."""
+        return self.box.radius
+
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """The names of the coefficients that are held."""
+        return self.box.fixed
+
+    @property
     def complete(self) -> bool:
         """Whether all conditions are proved; otherwise some are only shown to be small."""
-        return not any(name.startswith("only small") for name in self.identities)
+        return self.box.bound is None
 
     @property
     def proved(self) -> str:
@@ -140,24 +194,26 @@ class Certificate:
     @property
     def statement(self) -> str:
         """What is proved, in a clause."""
-        if Fraction(self.radius) == 0:
+        if not self.radius:
             return "the stored coefficients satisfy all order conditions exactly"
-        exact = f"coefficients within {self.radius} of the stored ones satisfy all"
-        if self.complete:
+        exact = f"coefficients within {_plain(self.radius)} of the stored ones satisfy all"
+        if self.box.bound is None:
             return f"{exact} order conditions exactly"
-        bound, _, trees = self.identities[0].removeprefix("only small, ").partition(":")
-        left = len(trees.split())
-        return f"{exact} but {left} of the independent conditions exactly, and those are {bound}"
+        left, bound = len(self.box.left_out), _plain(self.box.bound)
+        return (
+            f"{exact} but {left} of the independent conditions exactly; the residuals of the rest "
+            f"are below {bound}"
+        )
 
     def __str__(self) -> str:
-        names = [name.partition(":")[0] for name in self.identities] if self.complete else []
-        identities = f", with {' and '.join(names)}" if names else ""
+        follows = ", with orthogonality" if self.box.left_out and self.complete else ""
         number = len(self.fixed)
         coefficients = "coefficient is" if number == 1 else "coefficients are"
-        held = f"; {number} {coefficients} held fixed" if Fraction(self.radius) else ""
+        held = f"; {number} {coefficients} held fixed" if self.radius else ""
         return (
-            f"{self.name or 'the method'}: {self.heading}: {self.statement}{identities}{held}; "
-            f"not order {self.order + 1}: {self.beyond.tree} is off by at least {self.beyond.bound}"
+            f"{self.name or 'the method'}: {self.heading}: {self.statement}{follows}{held}; not "
+            f"order {self.order + 1}: {self.beyond.tree} is off by at least "
+            f"{_plain(self.beyond.bound)}"
         )
 
     def dumps(self) -> str:
@@ -165,14 +221,18 @@ class Certificate:
         lines = [
             f"name = {quoted(self.name)}",
             f"order = {self.order}",
-            f'radius = "{self.radius}"',
+            f'radius = "{_plain(self.radius)}"',
             f"bits = {self.bits}",
-            f"identities = [{', '.join(map(quoted, self.identities))}]",
             f"fixed = {_wrapped(self.fixed)}",
-            "",
-            "[beyond]",
-            *_beyond(self.beyond),
         ]
+        if self.box.left_out:
+            lines += ["", "[left_out]"]
+            if self.box.bound is not None:
+                lines.append(f'bound = "{_plain(self.box.bound)}"')
+            for row, key in enumerate(_TREES):
+                trees = [text(one.word) for one in self.box.left_out if one.row == row]
+                lines.append(f"{key} = {_wrapped(trees, 5)}")
+        lines += ["", "[beyond]", *_beyond(self.beyond)]
         if self.embedded_beyond is not None:
             lines += ["", "[embedded]", f"order = {self.embedded_order}"]
             lines += _beyond(self.embedded_beyond)
@@ -192,28 +252,17 @@ class Certificate:
         if not isinstance(text, str):
             raise TypeError(f"text must be a str, got {text!r}")
         entry = read_toml(text, CertificationError)
-        kinds: dict[str, type] = {
-            "name": str,
-            "order": int,
-            "radius": str,
-            "bits": int,
-            "identities": list,
-            "fixed": list,
-            "beyond": dict,
-        }
-        pair = {"embedded": dict} if "embedded" in entry else {}
-        _check(entry, kinds | pair, "the certificate")
+        optional = {key: dict for key in ("left_out", "embedded") if key in entry}
+        _check(entry, _KINDS | optional, "the certificate")
         embedded = entry.get("embedded")
         if embedded is not None:
-            _check(embedded, {"order": int, "tree": str, "bound": str}, "embedded")
+            _check(embedded, _KINDS_OF_BEYOND | {"order": int}, "embedded")
         return cls(
             name=entry["name"],
             order=entry["order"],
             embedded_order=embedded.pop("order") if embedded else None,
-            radius=entry["radius"],
             bits=entry["bits"],
-            identities=tuple(map(str, entry["identities"])),
-            fixed=tuple(map(str, entry["fixed"])),
+            box=_read_box(entry),
             beyond=_read_beyond(entry["beyond"], "beyond"),
             embedded_beyond=_read_beyond(embedded, "embedded") if embedded else None,
         )
@@ -233,6 +282,18 @@ class Certificate:
             raise CertificationError(f"{path}: {error}") from None
 
 
+_KINDS: dict[str, type] = {
+    "name": str,
+    "order": int,
+    "radius": str,
+    "bits": int,
+    "fixed": list,
+    "beyond": dict,
+}
+_KINDS_OF_BEYOND: dict[str, type] = {"tree": str, "bound": str}
+_TREES = "trees", "embedded_trees"  # by row of weights
+
+
 def _check(table: dict[str, Any], kinds: dict[str, type], where: str) -> None:
     if missing := sorted(set(kinds) - set(table)):
         raise CertificationError(f"{where} lacks {', '.join(missing)}")
@@ -245,32 +306,66 @@ def _check(table: dict[str, Any], kinds: dict[str, type], where: str) -> None:
             )
 
 
+def _read_box(entry: dict[str, Any]) -> Box:
+    left_out, bound = [], None
+    if "left_out" in entry:
+        table = entry["left_out"]
+        optional: dict[str, type] = {"bound": str} if "bound" in table else {}
+        _check(table, dict.fromkeys(_TREES, list) | optional, "left_out")
+        left_out = [
+            Condition(row, _read_tree(tree))
+            for row, key in enumerate(_TREES)
+            for tree in table[key]
+        ]
+        bound = _read_decimal(table["bound"]) if optional else None
+    fixed = tuple(map(str, entry["fixed"]))
+    return Box(_read_decimal(entry["radius"]), fixed, tuple(left_out), bound)
+
+
 def _read_beyond(table: dict[str, Any], where: str) -> ViolatedCondition:
-    _check(table, {"tree": str, "bound": str}, where)
-    return ViolatedCondition(table["tree"], table["bound"])
+    _check(table, _KINDS_OF_BEYOND, where)
+    return ViolatedCondition(_read_tree(table["tree"]), _read_decimal(table["bound"]))
 
 
-_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-
-
-def _decimal(text: str) -> str:
+def _read_tree(tree: Any) -> Word:
     try:
-        value = read_fraction(text)
-        if not _PLAIN.fullmatch(text):  # what other readers of numbers don't take
-            raise ValueError
-        if value == 0 or 1 / _LARGEST <= value <= _LARGEST:
-            return text
-    except (TypeError, ValueError, ZeroDivisionError):
-        pass
-    raise CertificationError(
-        f"expected a decimal number, zero or between 1e-4000 and 1e4000, got {str(text)[:80]!r}"
+        return parse(str(tree))
+    except ValueError as error:
+        raise CertificationError(str(error)) from None
+
+
+_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,9})?", re.ASCII)
+
+
+def _read_decimal(text: str) -> Decimal:
+    if not _PLAIN.fullmatch(text):  # what other readers of numbers don't take
+        raise _no_decimal(text)
+    value = Decimal(text)
+    _check_decimal(value)
+    return value
+
+
+def _check_decimal(value: Decimal) -> None:
+    if not isinstance(value, Decimal) or not value.is_finite():
+        raise _no_decimal(value)
+    if value and not 1 / _LARGEST <= value <= _LARGEST:
+        raise _no_decimal(value)
+
+
+def _no_decimal(value: object) -> CertificationError:
+    return CertificationError(
+        f"expected a decimal number, zero or between 1e-4000 and 1e4000, got {str(value)[:80]!r}"
     )
 
 
+def _plain(value: Decimal) -> str:
+    return str(value).lower()
+
+
 def _beyond(violation: ViolatedCondition) -> list[str]:
-    return [f'tree = "{violation.tree}"', f'bound = "{violation.bound}"']
+    return [f'tree = "{violation.tree}"', f'bound = "{_plain(violation.bound)}"']
 
 
-def _wrapped(names: tuple[str, ...]) -> str:
-    lines = [", ".join(map(quoted, names[k : k + 10])) for k in range(0, len(names), 10)]
+def _wrapped(texts: Sequence[str], each: int = 10) -> str:
+    lines = [", ".join(map(quoted, texts[k : k + each])) for k in range(0, len(texts), each)]
     return "[\n" + "".join(f"  {line},\n" for line in lines) + "]" if lines else "[]"

@@ -1,12 +1,10 @@
-"""Coefficients to any number of digits, by Newton's method in the box of a certificate."""
+"""Coefficients to any number of digits, by iteration in the box of a certificate."""
 
 from __future__ import annotations
 
-import math
-from fractions import Fraction
 from typing import Any
 
-from flint import arb, arb_mat
+from flint import arb
 
 from ..method.method import Method
 from ..support.balls import exact_midpoint
@@ -15,9 +13,8 @@ from ..support.checks import check_flag, check_integer
 from ..support.quads import to_decimal
 from .certificate import Certificate, CertificationError
 from .files import certificate_of
-from .krawczyk import krawczyk
-from .statement import Packed, box, fitting, free_of, system_of
-from .zero import check_left_out, check_rational, prove_zero
+from .statement import fitting
+from .zero import check_left_out, check_rational, precise, prove_zero, zero_of
 
 MAX_DIGITS = 4000
 """More decimal digits of an integer Python doesn't write by default."""
@@ -32,37 +29,48 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     the others is proved again unless the certificate is the catalogue's.
 
     The coefficients are packed row by row, second weights last. Fixed ones are as stored; all of
-    the `digits` significant digits of the others, at most `MAX_DIGITS`, are right, the last one is
-    rounded. CertificationError if the certificate isn't one of the method.
+    the `digits` significant digits of the others, at most `max_digits`, are right, the last one is
+    rounded. CertificationError if the certificate isn't one of the method, or proves fewer digits.
     """
     digits = check_integer("digits", digits, 1, MAX_DIGITS)
     if not isinstance(certificate, Certificate):
         raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
     packed = fitting(certificate, method)
-    if not certificate.complete:
-        raise CertificationError(f"{certificate.name}: some conditions are only shown to be small")
+    if digits > max_digits(certificate):
+        raise CertificationError(
+            f"{certificate.name}: some conditions are only shown to be small, so that digits must "
+            f"be at most {max_digits(certificate)}, got {digits}"
+        )
     texts = [coefficient.text for coefficient in packed.coefficients]
-    free = free_of(packed, certificate)
-    if Fraction(certificate.radius) == 0 or not free:
-        check_rational(packed, certificate)
-        return texts
-    # a box for few digits would be wider than the certificate's
-    proved = len(str(math.ceil(1 / Fraction(certificate.radius))))
+    box = certificate.box
+    free = packed.free(box)
     with precision(certificate.bits):
-        attempt = prove_zero(packed, certificate)
+        if certificate.radius == 0 or not free:
+            check_rational(packed)
+            return texts
+        attempt = prove_zero(packed, box)
         if certificate != _stored(method):
-            check_left_out(packed, certificate, attempt)
+            check_left_out(packed, box, attempt, certificate.bits)
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
-        places = max(digits, proved) + guard
-        with precision(math.ceil(math.log2(10) * places) + certificate.bits):
-            zero = _solve(packed, certificate, free, places)
-            rounded = [_rounded(ball, digits) for ball in zero]
+        places = max(digits, -certificate.radius.adjusted()) + guard
+        with precision(precise(places, certificate.bits)):
+            zero = zero_of(packed, box, attempt, places)
+            rounded = [_rounded(zero[k], digits) for k in free]
         if all(rounded):
             for k, text in zip(free, rounded, strict=True):
-                if k < len(texts):
-                    texts[k] = text or ""
+                texts[k] = text or ""
             return texts
     raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
+
+
+def max_digits(certificate: Certificate) -> int:
+    """Return how many digits a certificate proves.
+
+    Where conditions are only shown to be below a bound, these are half of the bound's: residuals
+    may be quadratic in the distance from a solution of all conditions.
+    """
+    bound = certificate.box.bound
+    return MAX_DIGITS if bound is None else min(MAX_DIGITS, -bound.adjusted() // 2)
 
 
 def _stored(method: Method) -> Certificate | None:
@@ -112,33 +120,6 @@ def digits(
         return self.layout.point_weights(texts)
     rows = [[str(entry) for entry in row] for row in self.layout.full_rows(texts)]
     return rows[: self.stages], rows[self.stages + embedded]
-
-
-def _solve(packed: Packed, certificate: Certificate, free: list[int], places: int) -> list[arb]:
-    """Return balls around the solution with `places` decimal places."""
-    system = system_of(packed, certificate)
-    z = packed.balls()
-    target = arb(10) ** -places
-    for _ in range(places.bit_length() + 2):
-        values, jacobian = system.linearise(z)
-        columns = arb_mat([[row[k] for k in free] for row in jacobian.tolist()])
-        right = arb_mat([[value] for value in values])
-        step = columns.mid().solve(right.mid(), algorithm="approx").entries()
-        for k, change in zip(free, step, strict=True):
-            z[k] = (z[k] - change).mid()
-        if all(abs(change) < target for change in step):
-            break
-    attempt = krawczyk(system, z, free, target)
-    inside = box(packed, certificate)
-    enclosures = [z[k] + arb(0, target.upper()) for k in free]
-    # unique in either box, and one within the other: the same solution
-    if not attempt.proved or not all(
-        inside[k].contains(ball) for k, ball in zip(free, enclosures, strict=True)
-    ):
-        raise CertificationError(
-            f"{certificate.name}: {places} places aren't proved", ratio=attempt.ratio
-        )
-    return enclosures
 
 
 def _rounded(ball: arb, digits: int) -> str | None:

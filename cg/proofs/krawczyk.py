@@ -7,7 +7,8 @@ enclosure of the derivatives on X and A any matrix. If
 
 then f has exactly one zero in X: ``z ↦ z - A f(z)`` maps X into its interior and A J is
 regular on X (Krawczyk 1969; Neumaier, Interval Methods for Systems of Equations, 1990,
-Theorem 5.1.8).
+Theorem 5.1.8). The map contracts the box by the factor κ, the largest row sum, so that the zero is
+within ``|A f(z)| / (1 - κ)`` of any z in X, in the maximum norm.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from flint import arb, arb_mat
 from numpy.typing import NDArray
 from scipy import linalg
 
+from .certificate import CertificationError
 from .systems import EquationSystem
 
 RANK_THRESHOLD = 1e-12
@@ -32,20 +34,29 @@ class KrawczykTest:
 
     `ratio` is an upper bound of the largest radius of the image in units of `radius`; the zero is
     proved if it is below 1. `correction` and `contraction` are upper bounds of ``max |A f(y)|`` and
-    of the maximum norm of ``I - A J(X)``. `image` is the image of the box, by free unknown, which
-    contains the zero if that is proved.
+    of the maximum norm of ``I - A J(X)``; `inverse` is A.
     """
 
     radius: arb
     ratio: float
     correction: float
     contraction: float
-    image: tuple[arb, ...] = ()
+    inverse: arb_mat | None = None
 
     @property
     def proved(self) -> bool:
         """Whether the zero is proved."""
         return self.ratio < 1
+
+    @property
+    def quantities(self) -> dict[str, float]:
+        """The quantities of the test, for messages."""
+        return {
+            "radius": float(self.radius),
+            "ratio": self.ratio,
+            "correction": self.correction,
+            "contraction": self.contraction,
+        }
 
 
 def to_double(matrix: arb_mat) -> NDArray[np.float64]:
@@ -88,7 +99,7 @@ def krawczyk(
         return infinite
     changes = (inverse * arb_mat([[v] for v in values])).entries()
     steps = [abs(entry).upper() for entry in changes]
-    correction = _largest(steps)
+    correction = max_abs(steps)
     if not correction.is_finite():
         return infinite
     if radius is None:
@@ -105,21 +116,49 @@ def krawczyk(
     images = [
         (step / radius.lower() + total).upper() for step, total in zip(steps, sums, strict=True)
     ]
-    image = [
-        y[k] - change + arb(0, (radius * total).upper())
-        for k, change, total in zip(columns, changes, sums, strict=True)
-    ]
-    bounds = _up(_largest(images)), _up(correction), _up(_largest(sums))
-    return KrawczykTest(radius, *bounds, tuple(image))
+    bounds = _up(max_abs(images)), _up(correction), _up(max_abs(sums))
+    return KrawczykTest(radius, *bounds, inverse)
 
 
-def _largest(values: Sequence[arb]) -> arb:
-    """Return the largest of exact numbers, infinity if one isn't a number."""
+def enclose_zero(
+    system: EquationSystem, y: Sequence[arb], free: Sequence[int], test: KrawczykTest, places: int
+) -> list[arb]:
+    """Return balls with radii below ``10**-places`` around the zero that a test at y proved.
+
+    Repeats ``z ↦ z - A f(z)``. Each step gains as many digits as A has, so that no further
+    derivatives are needed. CertificationError if the precision of balls doesn't suffice.
+    """
+    if test.inverse is None or not test.proved:
+        raise CertificationError("no zero is proved", **test.quantities)
+    z = list(y)
+    for k in free:
+        z[k] = y[k].mid()
+    target = arb(10) ** -places
+    last = arb("inf")
+    while True:
+        changes = (test.inverse * arb_mat([[v] for v in system.residuals(z)])).entries()
+        distance = max_abs(changes) / (1 - arb(test.contraction))
+        if distance < target:
+            for k in free:
+                z[k] = z[k] + arb(0, distance.upper())
+            return z
+        if not 2 * distance < last:
+            raise CertificationError(f"{places} places aren't proved", **test.quantities)
+        last = distance
+        for k, change in zip(free, changes, strict=True):
+            z[k] = (z[k] - change).mid()
+            if not abs(z[k] - y[k]) < test.radius:
+                raise CertificationError("the box doesn't contain its image", **test.quantities)
+
+
+def max_abs(values: Sequence[arb]) -> arb:
+    """Return an upper bound of the magnitudes of balls, infinity if one isn't finite."""
     largest = arb(0)
     for value in values:
-        if not value.is_finite():
+        bound = abs(value).upper()
+        if not bound.is_finite():
             return arb("inf")
-        largest = value if value > largest else largest
+        largest = bound if bound > largest else largest
     return largest
 
 

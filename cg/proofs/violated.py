@@ -2,86 +2,64 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
+from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 
-from ..support.balls import exact_midpoint, to_ball
-from ..support.quads import to_decimal
-from .certificate import Certificate, CertificationError, ViolatedCondition
-from .dependent.words import (
-    Word,
-    condition_words,
-    is_of_time,
-    nodes,
-    parse,
-    reciprocal_density,
-    text,
-)
-from .statement import Packed, box, orders_of
-from .weights import Quantity, Weights
+from ..support.balls import exact_midpoint
+from .certificate import Box, Certificate, CertificationError, ViolatedCondition
+from .statement import Packed
+from .systems import EquationSystem
+from .words import Condition, Word, condition_words, is_of_time, nodes
 
 _MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
+_ROUNDED_DOWN = Context(prec=3, rounding=ROUND_FLOOR)
 
 
-def find_beyond(packed: Packed, draft: Certificate) -> Certificate:
-    """Return a draft with the conditions of the next orders that are violated most."""
+def find_beyond(packed: Packed, box: Box) -> list[ViolatedCondition]:
+    """Return the condition of the next order that is violated most, of each row of weights."""
     violations: list[ViolatedCondition] = []
-    for r, order in enumerate(orders_of(draft)):
+    for row, order in enumerate(packed.orders):
         every = condition_words(order + 1, True, packed.layout.of_time)
         words = [w for w in every if nodes(w) == order + 1]
-        bounds = _bounds(packed, draft, words, packed.layout.stages + r)
+        bounds = _bounds(packed, box, words, row)
         best = max(range(len(words)), key=lambda k: bounds[k])
         if bounds[best] < _MIN_BOUND:
             raise CertificationError(
-                f"{draft.name}: no condition of order {order + 1} is violated by much, "
+                f"{packed.name}: no condition of order {order + 1} is violated by much, "
                 f"so order {order} isn't the highest, or coefficients are wrong",
                 largest_bound=float(bounds[best]),
             )
-        violations.append(ViolatedCondition(text(words[best]), _rounded_down(bounds[best])))
-    second = violations[1] if len(violations) > 1 else None
-    return replace(draft, beyond=violations[0], embedded_beyond=second)
+        numerator, denominator = map(Decimal, bounds[best].as_integer_ratio())
+        violations.append(
+            ViolatedCondition(words[best], _ROUNDED_DOWN.divide(numerator, denominator))
+        )
+    return violations
 
 
 def check_beyond(packed: Packed, certificate: Certificate) -> None:
     """Prove that conditions of the next orders are violated; CertificationError if they aren't."""
     claims = [certificate.beyond, certificate.embedded_beyond]
-    for r, (order, claim) in enumerate(zip(orders_of(certificate), claims, strict=False)):
+    for row, (order, claim) in enumerate(zip(packed.orders, claims, strict=False)):
         if claim is None:
             raise CertificationError("second weights need a condition that they violate")
-        try:
-            word = parse(claim.tree)
-        except ValueError as error:
-            raise CertificationError(str(error)) from None
-        if nodes(word) != order + 1:
+        if nodes(claim.word) != order + 1:
             raise CertificationError(
                 f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
             )
-        if packed.layout.of_time and not is_of_time(word):
+        if packed.layout.of_time and not is_of_time(claim.word):
             raise CertificationError(f"{claim.tree} is no condition for linear equations")
-        bound = _bounds(packed, certificate, [word], packed.layout.stages + r)[0]
+        bound = _bounds(packed, certificate.box, [claim.word], row)[0]
         if not bound >= Fraction(claim.bound) >= _MIN_BOUND:
             raise CertificationError(
-                f"{certificate.name}: the condition of {claim.tree} isn't violated by as much as "
+                f"{packed.name}: the condition of {claim.tree} isn't violated by as much as "
                 f"{claim.bound}",
                 bound=float(bound),
             )
 
 
-def _bounds(
-    packed: Packed, certificate: Certificate, words: Sequence[Word], row: int
-) -> list[Fraction]:
+def _bounds(packed: Packed, box: Box, words: Sequence[Word], row: int) -> list[Fraction]:
     """Return lower bounds of the residuals' magnitudes in the box."""
-    weights = Weights(packed.layout, [Quantity(row, word) for word in words])
-    bounds = []
-    for value, word in zip(weights.evaluate(box(packed, certificate)), words, strict=True):
-        target = reciprocal_density(word)
-        bounds.append(exact_midpoint((value - to_ball(target)).abs_lower()))
-    return bounds
-
-
-def _rounded_down(value: Fraction) -> str:
-    """Write a positive number with three digits, no more than it is."""
-    unit = Fraction(10) ** (math.floor(math.log10(value)) - 2)
-    return to_decimal(value // unit * unit, 4)
+    system = EquationSystem(packed.layout, tuple(Condition(row, word) for word in words))
+    values = system.residuals(packed.enclosure(box))
+    return [exact_midpoint(value.abs_lower()) for value in values]

@@ -16,7 +16,7 @@ from flint import arb_mat
 
 from ..structure.layout import Layout
 from ..structure.points import START
-from .dependent.words import Letter, Word, closure, nodes
+from .words import Word, closure, nodes
 
 Vector = list[Any]
 
@@ -24,15 +24,10 @@ _CHUNK = 128  # quantities that are derived at a time: bounds the memory
 
 
 class Quantity(NamedTuple):
-    """The weight of a word at the end of a row.
-
-    Rows count from 0: the stages, then the result, then the second result. Of the points on the
-    path only the first `stop` count, all for None.
-    """
+    """The weight of a word at the end of a row: from 0 the stages, then one or two results."""
 
     row: int
     word: Word
-    stop: int | None = None
 
 
 class _Segment(NamedTuple):
@@ -67,11 +62,11 @@ class Weights:
     def __init__(self, layout: Layout, quantities: Sequence[Quantity]) -> None:
         self.layout = layout
         self.quantities = list(quantities)
-        self._paths = [self._path(quantity) for quantity in self.quantities]
+        self._paths = [layout.path(layout.ends[quantity.row]) for quantity in self.quantities]
         letters: set[Word] = set()
         words: set[Word] = set()
-        for (row, word, _), path in zip(self.quantities, self._paths, strict=True):
-            letters.update(t for t in word if not isinstance(t, int) and t)
+        for (row, word), path in zip(self.quantities, self._paths, strict=True):
+            letters.update(filter(None, word))
             if row < layout.stages or not path:
                 words.add(word)
         self._segments = _segments(layout)
@@ -91,14 +86,11 @@ class Weights:
                 needed.setdefault(word, set()).update(layout.path(end))
         self._needed = {word: sorted(needed[word]) for word in sorted(needed, key=nodes)}
 
-    def _path(self, quantity: Quantity) -> list[int]:
-        return self.layout.path(self.layout.ends[quantity.row])[: quantity.stop]
-
     @staticmethod
     def _letters_of(words: Iterable[Word], letters: set[Word]) -> list[Word]:
         all_letters = set(letters)
         for word in words:
-            all_letters.update(t for t in word if not isinstance(t, int) and t)
+            all_letters.update(filter(None, word))
         return sorted(all_letters, key=nodes)
 
     def evaluate(self, x: Sequence[Any]) -> Vector:
@@ -109,8 +101,8 @@ class Weights:
         self._rights: dict[int, dict[Word, Vector]] = {}
         self._one = one = x[0] * 0 + 1
         self._zero = zero = one * 0
-        self._phi: dict[Letter, Vector] = {(): [one] * layout.stages}
-        self._letter: dict[Letter, Vector] = {}
+        self._phi: dict[Word, Vector] = {(): [one] * layout.stages}
+        self._letter: dict[Word, Vector] = {}
         # by word: of the flow alone, at the parent, and at the point; the start is last
         self._flow: dict[Word, Vector] = {(): [one] * points}
         self._left: dict[Word, Vector] = {(): [one] * points}
@@ -143,18 +135,10 @@ class Weights:
             chi[m] = left[m] + change
         self._flow[word], self._left[word], self._chi[word] = flow, left, chi
 
-    def _values(self, letter: Letter) -> Vector:
-        """Return the values of a letter at the stages."""
-        if isinstance(letter, int) and letter not in self._phi:
-            self._phi[letter] = [
-                self._one if j == letter else self._zero for j in range(self.layout.stages)
-            ]
-        return self._phi[letter]
-
-    def _letter_at_points(self, letter: Letter) -> Vector:
+    def _letter_at_points(self, letter: Word) -> Vector:
         """Return the combinations of a letter's values that the flows to points have."""
         if letter not in self._letter:
-            phi, layout = self._values(letter), self.layout
+            phi, layout = self._phi[letter], self.layout
             values: Vector = []
             for begin, stages in zip(layout.starts, layout.weights, strict=False):
                 terms = [self._x[k] * phi[stage] for k, stage in enumerate(stages, begin)]
@@ -254,7 +238,7 @@ class Weights:
         direct = [[self._zero] * len(self._unknowns(segment.points)) for segment in segments]
         steps: list[tuple[Word, arb_mat]] = []
         for m, letter in enumerate(word):
-            phi = self._values(letter)
+            phi = self._phi[letter]
             table = [[self._zero] * size for _ in segments]
             for s, (segment, right) in enumerate(zip(segments, rights, strict=True)):
                 z = self._slopes_at(word, m, segment.points, right)
@@ -266,7 +250,7 @@ class Weights:
                         at = self._segment_of[stage]
                         if at != START:
                             table[s][at] = table[s][at] + y * self._x[k]
-            if letter != () and not isinstance(letter, int):
+            if letter:
                 steps.append((letter, arb_mat(table) if size else arb_mat(0, 0)))
         if self._branched:
             for cut in range(1, len(word)):
@@ -294,13 +278,12 @@ class Weights:
                 continue
             right = self._right_of(path)
             for m, letter in enumerate(word):
-                z, phi = self._slopes_at(word, m, path, right), self._values(letter)
-                inner = letter != () and not isinstance(letter, int)
+                z, phi = self._slopes_at(word, m, path, right), self._phi[letter]
                 for point, y in zip(path, z, strict=True):
                     for k, stage in self._point_unknowns(point):
                         slopes[c][k] = slopes[c][k] + y * phi[stage]
                         at = self._segment_of[stage]
-                        if inner and at != START:
+                        if letter and at != START:
                             seed = seeds.setdefault(letter, {}).setdefault(c, [self._zero] * size)
                             seed[at] = seed[at] + y * self._x[k]
         return self._sweep(slopes, seeds)

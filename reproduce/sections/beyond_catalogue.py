@@ -65,7 +65,8 @@ def describe(method: Method) -> dict[str, Any]:
     ``largest_coefficient`` on the way to stages and result, ``abscissae`` (smallest and largest),
     ``principal_error`` and ``effort`` (see the report), ``largest_residual`` through the order in
     rational arithmetic, ``rank`` of the Jacobian of the independent ``conditions``,
-    ``certificate``: null or, as its file has them, ``radius`` (decimal text) and ``identities``.
+    ``certificate``: null or, from its file, ``radius`` (decimal text), ``complete``, and the number
+    of conditions ``left_out``.
     """
     abscissae = [sum(row, Fraction(0)) for row in method.exact[0]]
     tree = method.tree
@@ -98,8 +99,8 @@ def _certificate(method: Method) -> Data | None:
         return None
     certificate = certificate_of(method)
     return {
-        "radius": certificate.radius,
-        "identities": list(certificate.identities),
+        "radius": str(certificate.radius).lower(),
+        "left_out": len(certificate.left_out),
         "complete": certificate.complete,
     }
 

@@ -161,9 +161,9 @@ class TestShow:
         assert "0.817722798812485183864383415847" in shown  # not those of a double
 
     def test_digits_that_nothing_proves(self, run):
-        code, shown, error = run("show", "CF8a", "--digits", "60")
+        code, shown, error = run("show", "CF8a", "--digits", "160")
         assert (code, shown) == (2, "")
-        assert "digits must be at most 34, which are stored" in error
+        assert "digits must be at most 150" in error
         assert run("show", "CG6a")[0] == 0
 
     def test_proof_in_part(self, run):

@@ -13,10 +13,10 @@ from strategies import dyadics, point_trees, rationals, tableaux
 
 from cg import CommutatorFree, conditions
 from cg.catalogue import methods
-from cg.proofs.dependent.words import condition_words
 from cg.proofs.krawczyk import to_double
 from cg.proofs.systems import exact_residuals, order_system
 from cg.proofs.weights import Quantity, Weights
+from cg.proofs.words import condition_words
 from cg.structure.layout import Layout
 from cg.structure.points import START, PointTree, tree_of_rows
 from cg.trees.ordered import forest
@@ -125,14 +125,14 @@ class TestBalls:
     @given(point_trees(), st.integers(1, 4))
     def test_rationals_agree_with_the_oracle(self, tree, order):
         layout = Layout.of_tree(tree)
-        residuals = exact_residuals(layout, values(tree), condition_words(order), layout.stages)
+        residuals = exact_residuals(layout, values(tree), condition_words(order))
         assert tuple(residuals) == conditions.exact_residuals_of(tree, order, independent=True)
 
     @settings(deadline=None, max_examples=30)
     @given(point_trees(), st.integers(1, 5))
     def test_derivatives_agree_with_the_compiled_core(self, tree, order):
         layout, x = Layout.of_tree(tree), floats(tree)
-        actual = to_double(order_system(layout, order, None).linearise([arb(v) for v in x])[1])
+        actual = to_double(order_system(layout, [order]).linearise([arb(v) for v in x])[1])
         expected = conditions.jacobian_at(layout, x, order, independent=True)
         scale = 1 + np.abs(expected).max()
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13 * scale)
@@ -146,8 +146,8 @@ class TestBalls:
         outer = Weights(layout, quantities).evaluate([arb(float(v), 1e-3) for v in values(tree)])
         steps = np.random.default_rng(seed).integers(-1000, 1001, layout.size)
         inside = [v + Fraction(int(s), 10**6) for v, s in zip(values(tree), steps, strict=True)]
-        exact = exact_residuals(layout, inside, words, layout.stages)
-        middle = exact_residuals(layout, values(tree), words, layout.stages)
+        exact = exact_residuals(layout, inside, words)
+        middle = exact_residuals(layout, values(tree), words)
         weights = Weights(layout, quantities).evaluate([_flint(v) for v in values(tree)])
         for ball, value, there, here in zip(outer, exact, middle, weights, strict=True):
             assert ball.contains(here + _flint(value - there))
@@ -156,7 +156,7 @@ class TestBalls:
         tree = methods["CF4b"].tree
         layout, x = methods["CF4b"].layout, floats(tree)
         quantities = [Quantity(k, ((), ((),))) for k in range(layout.stages)]
-        quantities += [Quantity(4, ((), ()), 2), Quantity(5, ((),), 3), Quantity(5, ((1,), ()))]
+        quantities += [Quantity(4, ((), ())), Quantity(5, ((),)), Quantity(5, (((),), ()))]
         weights = Weights(layout, quantities)
         at = [float(v) for v in weights.evaluate([arb(v) for v in x])]
         jacobian = to_double(weights.jacobian())

@@ -7,10 +7,7 @@ import cg
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.proofs.dependent.identities import MiddleAbscissae, StageOrderTwo
-from cg.proofs.dependent.relations import kept_words
-from cg.proofs.explain import augmented_system
-from cg.structure.layout import Layout, Rows
+from cg.structure.layout import Rows
 from cg.support import quads
 
 pytestmark = pytest.mark.sanitize
@@ -84,29 +81,6 @@ def test_zeros_of_structures_are_not_free():
 def test_bad_input(arguments, message):
     with pytest.raises(ValueError, match=message):
         ConditionSystem.tableau(**{"order": 5, "stages": 6} | arguments)
-
-
-@pytest.mark.parametrize(
-    ("identities", "weightless", "counts"),
-    [
-        ([StageOrderTwo(1)], (1,), [1, 1, 2, 6, 19, 56, 176]),
-        ([StageOrderTwo(1), MiddleAbscissae()], (0, 1), [1, 0, 1, 4, 12, 36, 112]),
-    ],
-)
-def test_number_of_equations_through_order_seven(identities, weightless, counts):
-    assert [len(kept_words(grade, identities, weightless)) for grade in range(1, 8)] == counts
-
-
-def test_number_of_equations_of_pairs():
-    # 54 conditions on b, 29 on the second weights, and two assumptions at 13 stages
-    layout, zeros = Layout.tableau(15, Rows.EXPLICIT, True), [{0, 1}, {1, 14}]
-    identities = (StageOrderTwo(1), MiddleAbscissae(first_only=True))
-    labels = [e.label for e in augmented_system(layout, [6, 5], identities, zeros).equations]
-    assert len(labels) == 54 + 29 + 2 * 13
-    assert sum(label.endswith("embedded") for label in labels) == 29
-    assert [label for label in labels if label.startswith("middle")] == [
-        f"middle of stage {k}" for k in range(3, 16)
-    ]
 
 
 def test_rank_is_number_of_equations():

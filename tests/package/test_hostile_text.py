@@ -14,7 +14,7 @@ from cg.catalogue import dumps, load, loads, save
 from cg.problems import HeavyTop
 from cg.proofs import Certificate, CertificationError, certificate_of, check
 from cg.proofs.__main__ import main
-from cg.proofs.dependent.words import parse
+from cg.proofs.words import Condition, parse
 from cg.reproduce.reference_runs import integrate_compiled
 from cg.structure.points import MethodError
 from cg.support import quads
@@ -120,22 +120,36 @@ def test_reads_numbers(text: str) -> None:
 
 @pytest.mark.parametrize("text", [*HUGE, "nan", "-1", "1/0", "1e5000", "1e-4001"])
 def test_certificates_reject_numbers(text: str) -> None:
-    with pytest.raises(CertificationError, match="expected a decimal number"):
-        replace(CERTIFICATE, radius=text)
-    with pytest.raises(CertificationError, match="expected a decimal number"):
-        replace(CERTIFICATE.beyond, bound=text)
     written = CERTIFICATE.dumps()
     for key, value in (("radius", CERTIFICATE.radius), ("bound", CERTIFICATE.beyond.bound)):
         line = f'{key} = "{value}"'
         assert line in written
         with pytest.raises(CertificationError, match="expected a decimal number"):
             Certificate.loads(written.replace(line, f'{key} = "{text}"'))
-    with pytest.raises((CertificationError, ValueError)):
-        check(_proof(radius="1e-10", identities=(f"path: {text}",)), METHOD)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-1", "1e5000", "1e-4001"])
+def test_certificates_reject_decimals(value: str) -> None:
+    with pytest.raises(CertificationError, match="expected a decimal number"):
+        replace(CERTIFICATE.box, radius=Decimal(value))
+    with pytest.raises(CertificationError, match="expected a decimal number"):
+        replace(CERTIFICATE.beyond, bound=Decimal(value))
+
+
+@pytest.mark.parametrize("tree", ["[" * 3000 + "]" * 3000, "][", "[]]", "(2)", "[]" * 2000])
+def test_certificates_reject_trees(tree: str) -> None:
+    written = CERTIFICATE.dumps()
+    assert CERTIFICATE.beyond.tree in written
+    with pytest.raises(CertificationError):
+        Certificate.loads(written.replace(CERTIFICATE.beyond.tree, tree))
 
 
 def _proof(**changes: Any) -> Certificate:
     return replace(CERTIFICATE, **changes)
+
+
+def _box(**changes: Any) -> Certificate:
+    return _proof(box=replace(CERTIFICATE.box, **changes))
 
 
 FORGED = {
@@ -143,16 +157,11 @@ FORGED = {
     "order 0": _proof(order=0),
     "bits": _proof(bits=10**9),
     "no bits": _proof(bits=-1),
-    "identities": _proof(identities=("path: 0",) * 100_000),
-    "stage": _proof(identities=("C(2) except at stage " + "9" * 5000,)),
-    "letters": _proof(identities=("letters " + "[" * 3000 + "]" * 3000 + " by",)),
-    "left out": _proof(identities=("orthogonality: " + "[" * 3000 + "]" * 3000,)),
-    "tree": _proof(beyond=replace(CERTIFICATE.beyond, tree="[" * 100_000 + "]" * 100_000)),
-    "no tree": _proof(beyond=replace(CERTIFICATE.beyond, tree="][")),
-    "identity of none": _proof(identities=("path of order two",)),
-    "fixed": _proof(fixed=("a_1,1",) * 1_000_000),
-    "radius": _proof(radius="1e-3999"),
-    "large radius": _proof(radius="1e3999"),
+    "left out": _box(left_out=(Condition(0, ((),)),) * 100_000),
+    "tree": _proof(beyond=replace(CERTIFICATE.beyond, word=())),
+    "fixed": _box(fixed=("a_1,1",) * 1_000_000),
+    "radius": _box(radius=Decimal("1e-3999")),
+    "large radius": _box(radius=Decimal("1e3999")),
 }
 
 

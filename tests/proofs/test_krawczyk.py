@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from flint import arb, arb_mat
-from independent_verifier import NotProvedError, verifiable, verify
+from independent_verifier import NotProvedError, verify
 
 import cg
 from cg.proofs.digits import _rounded
@@ -149,9 +149,8 @@ CERTIFICATES = {
     path.name: certificate
     for path in sorted((FOLDER / "certificates").iterdir(), key=lambda path: path.name)
     if path.name.removesuffix(".toml") in cg.methods
-    and verifiable(certificate := tomllib.loads(path.read_text("utf-8")))
-    and certificate["order"] < 8  # others would take an hour
-    and certificate["name"] != "CG7a"
+    and (certificate := tomllib.loads(path.read_text("utf-8")))["order"] < 8
+    and certificate["name"] not in ("CG7a", "CG7b")  # and order eight: an hour
 }
 
 
@@ -180,7 +179,7 @@ def test_the_second_implementation_rejects_wrong_certificates(name: str) -> None
         {"beyond": {**certificate["beyond"], "bound": "10"}},
         {"beyond": {**certificate["beyond"], "tree": "[[]]"}},
         {"name": "another"},
-        {"identities": ["middle abscissae"]},
+        {"left_out": {"trees": ["[[]]"]}},
     ]
     if exact_radius := Fraction(certificate["radius"]):
         changes += [{"radius": str(float(exact_radius / 1000))}, {"radius": "0.1"}, {"radius": "0"}]
@@ -195,13 +194,13 @@ def test_the_second_implementation_rejects_wrong_certificates(name: str) -> None
 def test_the_second_way_refuses_a_condition_left_out_too_many() -> None:
     """One more coefficient is fixed: the others have a zero, at which the residual isn't small."""
     certificate = CERTIFICATES["CF5d.toml"]
-    (trees,) = certificate["identities"]
+    trees = certificate["left_out"]["trees"]
     held = set(certificate["fixed"])
     free = [name for name in cg.methods["CF5d"].layout.names if name not in held]
     changes: list[dict[str, Any]] = [
-        {"identities": [f"{trees} [[]]"], "fixed": [*held, free[0]]},
-        {"identities": [f"{trees} [[][]]"]},
-        {"identities": [trees.rpartition(" ")[0]]},
+        {"left_out": {"trees": [*trees, "[[]]"]}, "fixed": [*held, free[0]]},
+        {"left_out": {"trees": [*trees, "[[][]]"]}},
+        {"left_out": {"trees": trees[:-1]}},
     ]
     with working_precision(53):
         for change in changes:
@@ -210,5 +209,5 @@ def test_the_second_way_refuses_a_condition_left_out_too_many() -> None:
 
 
 def test_which_certificates_are_proved_a_second_way() -> None:
-    assert len(CERTIFICATES) > 35
-    assert {"CG5(4).toml", "CG6b.toml", "CF4.toml", "DICG3.toml"} <= set(CERTIFICATES)
+    assert len(CERTIFICATES) > 50
+    assert {"CG5(4).toml", "CG6b.toml", "CF4.toml", "DICG6.toml"} <= set(CERTIFICATES)

@@ -14,14 +14,14 @@ from cg.proofs.__main__ import main
 pytestmark = pytest.mark.no_core
 
 
-PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4", "CG4a", "CG5a"]
+PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4b", "CG4a", "CF5a"]
 
 
 class TestCommand:
     def test_all_small_ones(self, capsys):
         assert main(["--check", *PROVED_HERE]) == 0
         out = capsys.readouterr().out
-        assert "CG5a: order 5 is proved: coefficients within" in out
+        assert "CF5a: order 5 is proved: coefficients within" in out
         assert out.splitlines()[-1] == f"{len(PROVED_HERE)} proved"
 
     def test_partial_proofs_are_counted_separately(self, tmp_path, capsys):

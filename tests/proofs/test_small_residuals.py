@@ -1,75 +1,116 @@
 """Certificates of conditions that are shown to be small, not zero."""
 
 from dataclasses import replace
+from decimal import Decimal
+from fractions import Fraction
 
 import pytest
 from flint import arb
 
+from cg import conditions
 from cg.catalogue import methods
 from cg.proofs import Certificate, CertificationError, certificate_of, certify, check
-from cg.proofs.krawczyk import krawczyk
-from cg.proofs.statement import Packed, free_of, system_of
-from cg.proofs.zero import zero_of
+from cg.proofs.digits import max_digits
+from cg.proofs.krawczyk import enclose_zero, krawczyk
+from cg.proofs.statement import fitting
+from cg.proofs.words import Condition, parse
 from cg.support.balls import working_precision as precision
 
 pytestmark = pytest.mark.no_core
 
 
-class TestOnlySmall:
-    """Certificates of methods whose dependent conditions are only shown to be small."""
+def changed(certificate, **changes):
+    return replace(certificate, box=replace(certificate.box, **changes))
 
-    def test_dependent_conditions_are_below_a_bound(self):
-        method = methods["CF5c"]
-        certificate = certify(method, small=True)
-        assert not certificate.complete
-        assert certificate_of(method).complete
-        assert "all but 8 of the independent conditions" in str(certificate)
-        assert "those are below 1e-" in str(certificate)
-        assert Certificate.loads(certificate.dumps()) == certificate
-        check(certificate, method)
-        heading, trees = certificate.identities[0].split(": ")
-        assert len(trees.split()) == 8
-        for wrong in ("1e-300", "1e-20", "0", "-1e-50", "small"):
-            name = f"only small, below {wrong}: {trees}"
-            with pytest.raises(CertificationError):
-                check(replace(certificate, identities=(name,)), method)
-        for wrong in (f"{heading}: {trees} []", f"{heading}: {trees} [[]", f"{heading}: "):
-            with pytest.raises(CertificationError):
-                check(replace(certificate, identities=(wrong,)), method)
+
+def test_dependent_conditions_are_below_a_bound():
+    method = methods["CF5c"]
+    certificate = certify(method, small=True)
+    assert not certificate.complete
+    assert certificate_of(method).complete
+    assert "all but 8 of the independent conditions" in str(certificate)
+    assert "the residuals of the rest are below 1e-300" in str(certificate)
+    assert Certificate.loads(certificate.dumps()) == certificate
+    check(certificate, method)
+    left_out = certificate.left_out
+    assert len(left_out) == 8
+    for bound in ("1e-20", "0", "-1e-50"):
         with pytest.raises(CertificationError):
-            check(replace(certificate, identities=(*certificate.identities, "path: 0")), method)
-        with pytest.raises(CertificationError, match="only shown to be small"):
-            method.digits(40, certificate=certificate)
+            changed(certificate, bound=Decimal(bound))
+    for wrong in ((*left_out, Condition(0, ())), (*left_out, left_out[0]), left_out[1:]):
+        with pytest.raises(CertificationError):
+            check(changed(certificate, left_out=wrong), method)
 
-    def test_an_independent_condition_is_not_as_small(self):
-        """Its residual is 1e-36, the rounding of coefficients, not that of a zero of the others."""
-        method = methods["CG4a"]
-        certificate = certify(method)
-        free = [name for name in method.layout.names if name not in certificate.fixed]
-        wrong = replace(
-            certificate,
-            identities=("only small, below 1e-41: [[[[[]]]]]",),
-            fixed=(*certificate.fixed, free[0]),
+
+@pytest.mark.parametrize("name", ["CG4", "CG5a", "DICG4", "CF5r"])
+def test_bounds_are_tight_and_limit_the_digits(name):
+    """Where residuals are quadratic in the distance from a solution, they are no smaller."""
+    method = methods[name]
+    certificate = certify(method, small=True)
+    assert certificate == certificate_of(method)
+    check(certificate, method)
+    bound = certificate.box.bound
+    assert (bound == Decimal("1e-300")) == (name not in ("CG4", "CF5r"))
+    if bound > Decimal("1e-300"):
+        with pytest.raises(CertificationError, match="small is not proved"):
+            check(changed(certificate, bound=bound / 1000), method)
+    with pytest.raises(CertificationError, match="small=True"):
+        certify(method)
+    most = max_digits(certificate)
+    assert most == -bound.adjusted() // 2
+    assert method.digits(most, certificate=certificate)
+    with pytest.raises(CertificationError, match=f"at most {most}, got {most + 1}"):
+        method.digits(most + 1, certificate=certificate)
+
+
+def test_all_conditions_hold_to_the_digits_that_are_proved():
+    a, b = methods["CG5a"].digits(150)
+    residuals = conditions.residuals_exact(a, b, 5)
+    assert len(residuals) == 64
+    assert max(map(abs, residuals)) < Fraction(1, 10**148)
+
+
+def test_an_independent_condition_is_not_as_small():
+    """Its residual is 1e-36, the rounding of coefficients, not that of a zero of the others."""
+    method = methods["CG4a"]
+    certificate = certify(method)
+    free = [name for name in method.layout.names if name not in certificate.fixed]
+    wrong = changed(
+        certificate,
+        left_out=(Condition(0, parse("[[[[[]]]]]")),),
+        bound=Decimal("1e-41"),
+        fixed=(*certificate.fixed, free[0]),
+    )
+    with pytest.raises(CertificationError, match="that conditions are small is not proved"):
+        check(wrong, method)
+
+
+def test_where_the_zero_is():
+    """Balls around the zero of a wide box lie in those of a narrow one."""
+    method = methods["CG4a"]
+    certificate = certify(method)
+    packed = fitting(certificate, method)
+    system, free = packed.system(), packed.free(certificate.box)
+    with precision(1000):
+        wide, narrow = (
+            enclose_zero(
+                system, packed.balls(), free, krawczyk(system, packed.balls(), free, arb(r)), places
+            )
+            for r, places in (("1e-12", 60), ("1e-35", 250))
         )
-        with pytest.raises(CertificationError, match="that conditions are small is not proved"):
-            check(wrong, method)
+        assert all(wide[k].contains(narrow[k]) for k in free)
+        assert max(float(narrow[k].rad()) for k in free) < 1e-250
+        assert all(abs(value) < arb("1e-248") for value in system.residuals(narrow))
+        none = krawczyk(system, packed.balls(), free, arb("1e-40"))
+        with pytest.raises(CertificationError, match="no zero is proved"):
+            enclose_zero(system, packed.balls(), free, none, 60)
+    with precision(200):
+        test = krawczyk(system, packed.balls(), free, arb("1e-35"))
+        with pytest.raises(CertificationError, match="100 places aren't proved"):
+            enclose_zero(system, packed.balls(), free, test, 100)
 
-    def test_where_the_zero_is(self):
-        """A wide image of the map is computed again, and still contains the zero."""
-        method = methods["CG4a"]
-        certificate = replace(certify(method), radius="1e-12")
-        packed = Packed.of(method)
-        with precision(certificate.bits):
-            system, free = system_of(packed, certificate), free_of(packed, certificate)
-            wide = krawczyk(system, packed.balls(), free, arb("1e-12"))
-            actual = zero_of(packed, certificate, wide)
-            assert wide.proved
-            assert max(float(ball.rad()) for ball in wide.image) > 1e-30
-            assert max(float(actual[k].rad()) for k in free) < 1e-45
-            assert all(wide.image[i].contains(actual[k]) for i, k in enumerate(free))
-            assert all(abs(value) < 1e-40 for value in system.residuals(actual))
 
-    def test_not_needed_where_all_are_independent(self):
-        assert certify("CG3", small=True).complete
-        with pytest.raises(TypeError, match="small"):
-            certify("CG3", small=1)
+def test_not_needed_where_all_are_independent():
+    assert certify("CG3", small=True).complete
+    with pytest.raises(TypeError, match="small"):
+        certify("CG3", small=1)

@@ -8,8 +8,9 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from .relations import SLOT
-from .words import Word, add_multiple, shuffle, words_with
+from ..words import Word, add_multiple, shuffle, words_with
+
+SLOT: Any = -1  # where a letter was cut out of a word
 
 
 @cache
@@ -59,6 +60,11 @@ def depth(word: Word) -> int:
 def has_slot(letter: Any) -> bool:
     """Return whether the slot is within a letter."""
     return letter != SLOT and any(t == SLOT or has_slot(t) for t in letter)
+
+
+def fill(context: Word, letter: Word) -> Word:
+    """Put a letter into the slot of a context."""
+    return tuple(letter if t == SLOT else fill(t, letter) for t in context)
 
 
 @cache

@@ -16,8 +16,7 @@ residuals, this is a linear relation between these.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from fractions import Fraction
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import product
 from typing import Any, NamedTuple
@@ -29,32 +28,23 @@ from numpy.typing import NDArray
 from ...structure.layout import Layout
 from ...support.balls import to_ball, working_precision
 from ..weights import Quantity, Weights
+from ..words import (
+    Condition,
+    Word,
+    add_multiple,
+    condition_words,
+    conditions_of,
+    reciprocal_density,
+)
 from .pairings import Pairing, pairings
 from .reduction import Reduction
 from .spanned import Spanned, doubles, independent_rows
-from .words import Word, add_multiple, condition_words, reciprocal_density
 
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
 _REGULARITY_BITS = 128
 _PROBES = 4
-_CHUNK = 500  # known relations that are looked at together
-
-Condition = tuple[int, Word]
-"""A row of weights, from 0, and the word of a condition."""
-
-ResidualRelation = Mapping[Condition, Fraction | arb]
-"""A combination of residuals of rows and words that is zero."""
 
 _Doubles = NDArray[np.float64]
-
-
-def conditions_of(orders: Sequence[int], of_time: bool = False) -> list[Condition]:
-    """Return the independent conditions of all rows of weights."""
-    return [
-        (row, word)
-        for row, order in enumerate(orders)
-        for word in condition_words(order, True, of_time)
-    ]
 
 
 def follow(
@@ -62,13 +52,12 @@ def follow(
     orders: Sequence[int],
     y: Sequence[arb],
     left_out: Sequence[Condition],
-    known: Sequence[ResidualRelation] = (),
 ) -> bool:
     """Return whether conditions are satisfied wherever all others are, for coefficients in balls y.
 
-    `known` are combinations of residuals of any words that are zero for other reasons.
+    `orders` are those of the rows of weights.
     """
-    relations = _Relations(layout, orders, y, known)
+    relations = _Relations(layout, orders, y)
     chosen = relations.choose(len(left_out), [relations.position[one] for one in left_out])
     if len(chosen) < len(left_out):
         return False
@@ -79,19 +68,13 @@ def follow(
     return _regular(arb_mat([[row.get(one, arb(0)) for one in left_out] for row in rows]))
 
 
-def find_relations(
-    layout: Layout,
-    orders: Sequence[int],
-    y: Sequence[arb],
-    most: int,
-    known: Sequence[ResidualRelation] = (),
-) -> _Doubles:
+def find_relations(layout: Layout, orders: Sequence[int], y: Sequence[arb], most: int) -> _Doubles:
     """Return linear relations between residuals, in double precision; arguments as of `follow`.
 
     They are orthonormal rows, at most `most`, shape (relations, conditions), with the conditions as
     `conditions_of` has them.
     """
-    relations = _Relations(layout, orders, y, known)
+    relations = _Relations(layout, orders, y)
     relations.choose(most)
     return relations.span
 
@@ -125,14 +108,8 @@ class _Choice(NamedTuple):
 class _Relations:
     """Relations between residuals, for coefficients in balls."""
 
-    def __init__(
-        self,
-        layout: Layout,
-        orders: Sequence[int],
-        y: Sequence[arb],
-        known: Sequence[ResidualRelation],
-    ) -> None:
-        self._layout, self._orders, self._y, self._known = layout, orders, y, known
+    def __init__(self, layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> None:
+        self._layout, self._orders, self._y = layout, orders, y
         self.conditions = conditions_of(orders, layout.of_time)
         self.position = {one: k for k, one in enumerate(self.conditions)}
         self._rough = Reduction(float, lambda word: float(reciprocal_density(word)))
@@ -143,9 +120,9 @@ class _Relations:
     def _pairings(self) -> tuple[Pairing, Pairing]:
         return pairings(self._layout, self._orders, self._y)
 
-    def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice | ResidualRelation]:
+    def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice]:
         """Choose independent relations; if conditions are given, independent in these."""
-        chosen: list[_Choice | ResidualRelation] = []
+        chosen: list[_Choice] = []
         seen = list(among) or list(range(len(self.conditions)))
         basis = np.zeros((0, len(seen)))
         generator = np.random.default_rng(0)
@@ -176,24 +153,15 @@ class _Relations:
         self.span = basis
         return chosen
 
-    def _offered(self) -> Iterator[tuple[Sequence[_Choice | ResidualRelation], _Doubles]]:
+    def _offered(self) -> Iterator[tuple[Sequence[_Choice], _Doubles]]:
         """Yield relations, with their coefficients in double precision."""
-        for begin in range(0, len(self._known), _CHUNK):
-            some = self._known[begin : begin + _CHUNK]
-            rows = np.zeros((len(some), len(self.conditions)))
-            for vector, combination in zip(rows, some, strict=True):
-                sizes = {key: float(factor) for key, factor in combination.items()}
-                largest = max(map(abs, sizes.values()))
-                for (row, word), factor in sizes.items():
-                    self._add(vector, row, word, factor / largest)
-            yield some, rows
         for frame in self._frames():
             us, vs, rows = self._in_doubles(frame)
             yield [_Choice(frame, i, j) for i in us for j in vs], rows
 
     def _add(self, vector: _Doubles, row: int, word: Word, factor: float) -> None:
         for one, value in self._rough(word).items():
-            vector[self.position[row, one]] += factor * value
+            vector[self.position[Condition(row, one)]] += factor * value
 
     def _frames(self) -> Iterator[Spanned]:
         """Yield contexts and letters that fill all places, and have more."""
@@ -228,7 +196,7 @@ class _Relations:
                     columns.tolist(),
                     second=[int(columns[k]) for k in second],
                 )
-                if frame.complete() and len(frame.first) < len(frame.shares):
+                if frame.complete and len(frame.first) < len(frame.shares):
                     yield frame
 
     def _cuts(
@@ -290,15 +258,12 @@ class _Relations:
             self._products[key] = vector
         return self._products[key]
 
-    def in_balls(self, chosen: Sequence[_Choice | ResidualRelation]) -> list[dict[Condition, arb]]:
+    def in_balls(self, chosen: Sequence[_Choice]) -> list[dict[Condition, arb]]:
         """Return the relations in ball arithmetic; ZeroDivisionError if vectors are dependent."""
         by_frame: dict[int, list[_Choice]] = {}
         relations = []
         for one in chosen:
-            if isinstance(one, _Choice):
-                by_frame.setdefault(id(one.frame), []).append(one)
-            else:
-                relations.append(self._reduced({key: to_ball(value) for key, value in one.items()}))
+            by_frame.setdefault(id(one.frame), []).append(one)
         for group in by_frame.values():
             frame = group[0].frame
             us = sorted({one.context for one in group})
@@ -350,7 +315,7 @@ class _Relations:
         for row, reduction in enumerate(self._reductions):
             terms = [(word, value) for (r, word), value in combination.items() if r == row]
             for word, value in reduction.total(terms).items():
-                reduced[row, word] = value
+                reduced[Condition(row, word)] = value
         return reduced
 
 

@@ -15,9 +15,8 @@ from flint import arb
 from ...structure.layout import Layout
 from ...structure.points import START
 from ..weights import Quantity, Weights
-from .contexts import basis, depth, has_slot, moments, outer_nodes
-from .relations import SLOT, fill
-from .words import Word, add_multiple, condition_words, extend, nodes, shuffle
+from ..words import Word, add_multiple, condition_words, extend, nodes, shuffle
+from .contexts import SLOT, basis, depth, fill, has_slot, moments, outer_nodes
 
 Vector = list[arb]
 _Around = dict[tuple[int, Word], Vector]  # of rows of weights and contexts, over the flows

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,32 +13,62 @@ from flint import arb, fmpq, fmpq_mat
 from numpy.typing import NDArray
 
 from ...support.balls import to_flint
+from ..words import Word, reciprocal_density
 from .pairings import Pairing
-from .words import Word, reciprocal_density
 
 _DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others
 
 _Doubles = NDArray[np.float64]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Spanned:
     """Contexts and letters, some of which span all places.
 
     `places` are those where neither all contexts nor all letters are zero for any coefficients;
     `contexts` and `columns` are indices into the pairing. Of the contexts those in `reference`,
     with the lowest degrees, reduce each other one to U_0, by multiples that `shares` has. `first`
-    are contexts in U_0, `second` columns, that are independent and fill all places.
+    are contexts in U_0, `second` columns, that are independent; they may fill all places.
     """
 
     pairing: Pairing
     places: list[int]
     contexts: list[int]
     columns: list[int]
-    reference: list[int] = field(default_factory=list)
-    shares: dict[int, list[fmpq]] = field(default_factory=dict)
-    first: list[int] = field(default_factory=list)  # of U_0, independent
-    second: list[int] = field(default_factory=list)  # of V, independent
+    second: list[int]
+
+    @cached_property
+    def _reduction(self) -> tuple[list[int], dict[int, list[fmpq]]]:
+        products = fmpq_mat(
+            [[_exact(self.pairing.words(i, j)) for i in self.contexts] for j in self.columns]
+        )
+        reduced, rank = products.rref()
+        rows = reduced.tolist()[:rank]
+        pivots = [next(k for k, entry in enumerate(row) if entry != 0) for row in rows]
+        shares = {
+            i: [row[k] for row in rows] for k, i in enumerate(self.contexts) if k not in set(pivots)
+        }
+        return [self.contexts[k] for k in pivots], shares
+
+    @property
+    def reference(self) -> list[int]:
+        """Contexts that reduce the others to U_0."""
+        return self._reduction[0]
+
+    @property
+    def shares(self) -> dict[int, list[fmpq]]:
+        """The multiples of the reference in each other context."""
+        return self._reduction[1]
+
+    @cached_property
+    def first(self) -> list[int]:
+        """Independent contexts in U_0."""
+        return _independent({i: self.left(i) for i in self.shares})
+
+    @property
+    def complete(self) -> bool:
+        """Whether the independent contexts and columns fill all places."""
+        return len(self.first) + len(self.second) == len(self.places)
 
     def right(self, column: int) -> list[arb]:
         """Return a letter's vector."""
@@ -62,22 +93,6 @@ class Spanned:
             if share != 0:
                 combination[other] = combination.get(other, fmpq(0)) - share
         return combination
-
-    def complete(self) -> bool:
-        """Compute U_0 and independent vectors; return whether these span all places."""
-        products = fmpq_mat(
-            [[_exact(self.pairing.words(i, j)) for i in self.contexts] for j in self.columns]
-        )
-        reduced, rank = products.rref()
-        rows = reduced.tolist()[:rank]
-        pivots = [next(k for k, entry in enumerate(row) if entry != 0) for row in rows]
-        self.reference = [self.contexts[k] for k in pivots]
-        taken = set(pivots)
-        self.shares = {
-            i: [row[k] for row in rows] for k, i in enumerate(self.contexts) if k not in taken
-        }
-        self.first = _independent({i: self.left(i) for i in self.shares})
-        return len(self.first) + len(self.second) == len(self.places)
 
 
 def _exact(words: dict[tuple[int, Word], int]) -> fmpq:

@@ -1,47 +1,41 @@
-"""Words of ordered trees, with indicators: the arguments of elementary weights.
+"""Words of ordered trees, the arguments of elementary weights, and order conditions.
 
 Here a tree is the tuple of its children, ``()`` for ``τ``, and a word is a tuple of
-letters; the weight of a tree is that of the word of its children. Besides trees, a
-letter may be a *indicator*, the integer k: it stands for the letter that is 1 on stage k
-(from 0) and 0 on all others.
+letters; the weight of a tree is that of the word of its children.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
-from functools import cache, partial, reduce
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
-from ...conditions import condition_trees
-from ...trees.ordered import MAX_NODES, OrderedTree, forest
+from ..conditions import condition_trees
+from ..trees.ordered import MAX_NODES, OrderedTree, forest
 
-Letter = Any  # a Word or an indicator
-Word = tuple[Letter, ...]
+Word = tuple[Any, ...]
+"""A tuple of words, the letters."""
 
-DOT: Word = ((),)
-"""τ as a word of one letter."""
-LINE: Word = (((),),)
-"""[τ] as a word of one letter."""
-BUSH: Word = ((), ())
-"""ττ, a word of two letters."""
 
-INDICATOR_NODES = 3  # an indicator takes the place of a tree with three nodes
+class Condition(NamedTuple):
+    """An order condition: that of the word's tree, for a row of weights of a pair, from 0."""
+
+    row: int
+    word: Word
 
 
 @cache
 def nodes(word: Word) -> int:
     """Return the number of nodes of the letters of a word, one less than of its tree."""
-    return sum(INDICATOR_NODES if isinstance(t, int) else 1 + nodes(t) for t in word)
+    return sum(1 + nodes(letter) for letter in word)
 
 
 @cache
 def reciprocal_density(word: Word) -> Fraction:
-    """Return ``1/γ`` of the tree with these children; zero if there is an indicator in it."""
+    """Return ``1/γ`` of the tree with these children."""
     product, before = Fraction(1), 0
     for letter in word:
-        if isinstance(letter, int):
-            return Fraction(0)
         before += 1 + nodes(letter)
         product *= reciprocal_density(letter) / before
     return product
@@ -77,6 +71,15 @@ def words_with(count: int, of_time: bool = False) -> tuple[Word, ...]:
     return tuple(w for w in condition_words(count, False, of_time) if nodes(w) == count)
 
 
+def conditions_of(orders: Sequence[int], of_time: bool = False) -> list[Condition]:
+    """Return the independent conditions of all rows of weights."""
+    return [
+        Condition(row, word)
+        for row, order in enumerate(orders)
+        for word in condition_words(order, True, of_time)
+    ]
+
+
 def add_multiple(total: dict[Any, Any], key: Any, change: Any) -> None:
     """Add to the coefficient of a word, or another key, in a combination."""
     total[key] = total[key] + change if key in total else change
@@ -106,12 +109,6 @@ def shuffle(left: Word, right: Word) -> dict[Word, int]:
     return product
 
 
-def shuffle_all(words: Iterable[Word]) -> dict[Word, int]:
-    """Return the shuffle product of any number of words."""
-    one: dict[Word, int] = {(): 1}
-    return reduce(lambda total, word: extend(partial(shuffle, right=word), total), words, one)
-
-
 def closure(words: Iterable[Word]) -> list[Word]:
     """Return all nonempty factors of some words, and of the trees among their letters.
 
@@ -131,19 +128,19 @@ def closure(words: Iterable[Word]) -> list[Word]:
         word = pending.pop()
         add(word)
         for letter in word:
-            if not isinstance(letter, int) and letter and letter not in seen:
+            if letter and letter not in seen:
                 seen.add(letter)
                 pending.append(letter)
     return sorted(factors, key=nodes)
 
 
 def text(word: Word) -> str:
-    """Write a word as the tree with these children, in brackets; indicators as ``(k)``, from 1."""
-    return "[" + "".join(f"({t + 1})" if isinstance(t, int) else text(t) for t in word) + "]"
+    """Write a word as the tree with these children, in brackets."""
+    return f"[{''.join(map(text, word))}]"
 
 
 def parse(tree: str) -> Word:
-    """Read what `text` writes for words without indicators.
+    """Read what `text` writes.
 
     ValueError if the text isn't one tree in balanced brackets, or the tree has more than
     `cg.trees.ordered.MAX_NODES` nodes.
