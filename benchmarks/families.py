@@ -14,7 +14,7 @@ from cg.frames import SE3, SO3, SU, Euclidean, Frame, Product, Sphere, UnitQuate
 
 Array = NDArray[np.float64]
 Field = Callable[[Any, Any, Array], Array]
-"""``f(t, y, p)`` for times ``(k,)``, points and rows of parameters, as `cg.solve_ensemble` takes."""
+"""``f(t, y, p)`` for times ``(k,)``, points and rows of parameters."""
 
 FRAMES = (SO3(), UnitQuaternion(), SE3(), SU(2), SU(3), Sphere(2), Euclidean(4))
 _SEED = 36
@@ -44,10 +44,11 @@ class Family:
 
     def solve(self, method: str, tolerance: float) -> NDArray[Any]:
         """Return the ends of all members."""
-        return cg.solve_ensemble(
+        run = cg.solve_ensemble(
             self.f, (0.0, self.end), self.points, frame=self.frame, method=method,
             parameters=self.parameters, vectorized=True, rtol=tolerance, atol=tolerance,
-        ).y[-1]  # fmt: skip
+        )  # fmt: skip
+        return np.asarray(run.y[-1])
 
     def reference(self) -> NDArray[Any]:
         """Return the ends, by a pair whose results don't share flows."""
@@ -69,7 +70,7 @@ def families(count: int, frames: tuple[Frame, ...] = FRAMES) -> Iterator[Family]
 
 
 def _nearly_free(frame: Frame, count: int, random: np.random.Generator) -> Family:
-    """Free bodies with inertias within 10 per cent: momenta turn slowly, bodies fast."""
+    """Return free bodies with inertias within 10 per cent: momenta turn slowly, bodies fast."""
     body = Euclidean(3) if isinstance(frame, Euclidean) else frame
     product, d = Product(body, Euclidean(body.dim)), body.dim
 
@@ -87,7 +88,7 @@ def _nearly_free(frame: Frame, count: int, random: np.random.Generator) -> Famil
 
 
 def _spin(frame: Frame, count: int, random: np.random.Generator) -> Family:
-    """A constant spin of 5 to 30 rad/s, and a small part that depends on the point."""
+    """Return problems with a spin of 5 to 30 rad/s, and a small part that depends on the point."""
     d, entries = frame.dim, _entries(frame)
 
     def f(t: Any, y: Any, p: Array) -> Array:
@@ -98,13 +99,14 @@ def _spin(frame: Frame, count: int, random: np.random.Generator) -> Family:
 
 
 def _drift(frame: Frame, count: int, random: np.random.Generator) -> Family:
-    """A constant generator with a slow drift in time."""
+    """Return problems with a constant generator with a slow drift in time."""
     d = frame.dim
 
     def f(t: Any, y: Any, p: Array) -> Array:
         x, size, frequency, *rest = np.split(p, [d, d + 1, d + 2, 2 * d + 2, 3 * d + 2], axis=1)
         t = np.reshape(t, (-1, 1))
-        return x + size * (rest[0] * t + rest[1] * t**2 + rest[2] * np.sin(frequency * t))
+        shape = rest[0] * t + rest[1] * t**2 + rest[2] * np.sin(frequency * t)
+        return np.asarray(x + size * shape)
 
     rows = [
         [*_sized(random, d, 1.0, 30.0), 10.0 ** random.uniform(-4, -0.5), random.uniform(0.5, 3.0)]
@@ -114,12 +116,12 @@ def _drift(frame: Frame, count: int, random: np.random.Generator) -> Family:
 
 
 def _weak(frame: Frame, count: int, random: np.random.Generator) -> Family:
-    """A field that depends on time, and weakly on the point."""
+    """Return problems with a field that depends on time, and weakly on the point."""
     return _dependent("weak", frame, count, random, 0.1)
 
 
 def _strong(frame: Frame, count: int, random: np.random.Generator) -> Family:
-    """A field that depends strongly on the point."""
+    """Return problems with a field that depends strongly on the point: errors grow."""
     return _dependent("strong", frame, count, random, 2.0)
 
 
@@ -131,15 +133,14 @@ def _dependent(
     def f(t: Any, y: Any, p: Array) -> Array:
         amplitude, frequency, phase, weights = np.split(p, [d, 2 * d, 3 * d], axis=1)
         t = np.reshape(t, (-1, 1))
-        return amplitude * np.cos(frequency * t + phase) + size * np.tanh(
-            _linear(weights, y, d, entries)
-        )
+        own = np.tanh(_linear(weights, y, d, entries) / np.sqrt(entries))
+        return np.asarray(amplitude * np.cos(frequency * t + phase) + size * own)
 
     rows = [
         [*random.normal(size=d), *random.uniform(0.2, 4.0, d), *random.uniform(0.0, 6.0, d)]
         for _ in range(count)
     ]
-    return _family(name, frame, f, random, np.array(rows), d * entries, 4.0)
+    return _family(name, frame, f, random, np.array(rows), d * entries, 3.0)
 
 
 def _family(
@@ -155,7 +156,8 @@ def _family(
 def _sized(random: np.random.Generator, d: int, least: float, largest: float) -> Array:
     """Return a vector of random direction and a length between two numbers."""
     v = random.normal(size=d)
-    return np.asarray(np.exp(random.uniform(np.log(least), np.log(largest))) * v / np.linalg.norm(v))
+    length = np.exp(random.uniform(np.log(least), np.log(largest)))
+    return np.asarray(length * v / np.linalg.norm(v))
 
 
 def _entries(frame: Frame) -> int:

@@ -38,8 +38,11 @@ from .munthe_kaas import MuntheKaas
 
 Vector = NDArray[Any]
 Flow = Mapping[int, Any]
-Response = Callable[[int, Vector], tuple[Vector, Vector, Vector]]
-"""The result, and its differences from the second and the third result, by j and φ."""
+Response = Callable[[Vector, Vector], tuple[Vector, Vector, Vector]]
+"""The result, and its differences from the second and the third result.
+
+By perturbations at the nodes, in place of the powers of the nodes, and by angles φ.
+"""
 
 MAX_RATIO = 10.0
 """Largest ratio of error to estimate of a pair whose estimate can be relied on."""
@@ -47,12 +50,40 @@ MAX_RATIO = 10.0
 MAX_ANGLE = 20.0
 """Longest step for which ratios are computed, in radians: more than three turns."""
 
-_MAX_ALGEBRA_ANGLE = 6.0  # dexp⁻¹ exists below 2π
+_MAX_TURN = 6.0  # of Munthe-Kaas methods: dexp⁻¹ exists below 2π
 _POWERS = range(1, 5)  # of the perturbation
 _STEP = 0.025  # of angles
 _NEARBY = 1.25  # the estimate may vanish at isolated angles, not over this range
 _ROUNDING = 1e-11
 _DOP853_FACTOR = 0.1
+
+
+@cached
+def jump_ratio(method: Method) -> float | None:
+    """Return the largest ratio of the error of a step to its estimate where the field jumps.
+
+    The field is constant before and after a time within the step. A pair without a node at the end
+    of the step doesn't see jumps after its last node, so that the ratio is infinite.
+
+    Parameters
+    ----------
+    method : Method
+
+    Returns
+    -------
+    float or None
+        None without an error estimate, and for Magnus methods, whose estimates also use the nodes
+        of the step before.
+    """
+    if method.embedded_order is None or isinstance(method, MagnusMethod):
+        return None
+    response, c, still = _response(method, None), method.c, np.zeros(1)
+    places = (np.arange(1000) + 0.5) / 1000
+    ratios = [
+        _compare(method, response((c >= place).astype(float), still), 1 - place)
+        for place in places.tolist()
+    ]
+    return float(max(error[0] / max(estimate[0], 1e-300) for error, estimate in ratios))
 
 
 @cached
@@ -74,14 +105,17 @@ def estimate_ratio(method: Method) -> float | None:
     """
     if method.embedded_order is None:
         return None
-    order = max(method.order, method.embedded_order)
     if not isinstance(method, MuntheKaas):
-        return _largest_ratio(method, partial(_flow_response, method), order, MAX_ANGLE)
-    ratios = [
-        _largest_ratio(method, partial(_algebra_response, method, powers), order, _MAX_ALGEBRA_ANGLE)
-        for powers in (method.advancing.order, None)
-    ]
-    return max(ratios)
+        return _largest_ratio(method, _response(method, None), MAX_ANGLE)
+    series = method.advancing.order, None
+    return max(_largest_ratio(method, _response(method, powers), _MAX_TURN) for powers in series)
+
+
+def _response(method: Method, powers: int | None) -> Response:
+    """Return the response; of a Munthe-Kaas method with the series of dexp⁻¹ up to a power."""
+    if isinstance(method, MuntheKaas):
+        return partial(_algebra_response, method, powers)
+    return partial(_flow_response, method)
 
 
 def error_power(method: Method) -> int:
@@ -97,26 +131,31 @@ def error_power(method: Method) -> int:
     return max((method.order - second) // (second - third), 1)
 
 
-def _largest_ratio(method: Method, response: Response, order: int, max_angle: float) -> float:
-    power, factor = error_power(method), _DOP853_FACTOR
-    if isinstance(method, MagnusMethod):
-        factor = float(method.third_factor.value)
+def _compare(
+    method: Method, responses: tuple[Vector, Vector, Vector], exact: Any
+) -> tuple[Vector, Vector]:
+    """Return errors and estimates."""
+    factor = (
+        float(method.third_factor.value) if isinstance(method, MagnusMethod) else _DOP853_FACTOR
+    )
+    result, e, e3 = responses[0], abs(responses[1]), abs(responses[2])
+    share = e / np.maximum(np.hypot(e, factor * e3), 1e-300)
+    return abs(result - exact), e * share ** error_power(method)
 
-    def compare(j: int, angles: Vector) -> tuple[Vector, Vector]:
-        result, second, third = response(j, angles)
-        error, e, e3 = abs(result - _exact_response(j, angles)), abs(second), abs(third)
-        return error, e * (e / np.maximum(np.hypot(e, factor * e3), 1e-300)) ** power
 
+def _largest_ratio(method: Method, response: Response, max_angle: float) -> float:
     ratios = [0.0]
     angles = np.arange(_STEP, _NEARBY * max_angle, _STEP)
     first, last = (np.searchsorted(angles, angles * x) for x in (1 / _NEARBY, _NEARBY))
     for j in _POWERS:
-        error, estimate = compare(j, angles)
+        exact = _exact_response(j, angles)
+        error, estimate = _compare(method, response(method.c**j, angles), exact)
         for k in np.flatnonzero((error > _ROUNDING) & (angles <= max_angle)).tolist():
             nearby = estimate[first[k] : last[k] + 1].max()
             ratios.append(error[k] / max(nearby, _ROUNDING * error[k]))
-    for j in range(order + 5):
-        (error,), (estimate,) = compare(j, np.zeros(1))
+    for j in range(max(method.order, method.embedded_order or 0) + 5):
+        responses = response(method.c**j, np.zeros(1))
+        (error,), (estimate,) = _compare(method, responses, 1 / (j + 1))
         if error > _ROUNDING:
             ratios.append(error / max(estimate, _ROUNDING * error))
     return float(max(ratios))
@@ -134,48 +173,46 @@ def _phi1(x: Vector) -> Vector:
     return np.where(small, 1 + x / 2, (np.exp(safe) - 1) / safe)
 
 
-def _flow_response(method: Method, j: int, angles: Vector) -> tuple[Vector, Vector, Vector]:
+def _flow_response(method: Method, values: Vector, angles: Vector) -> tuple[Vector, Vector, Vector]:
     tree = method.tree
-    powers = method.c**j
     ends = [tree.result, tree.embedded_result]
     if (method.embedded_order or 0) > method.order:
         ends.reverse()
     results = [
-        _at_end((tree.points[m].weights for m in tree.path(end)), method.c, powers, angles)
+        _at_end((tree.points[m].weights for m in tree.path(end)), values, angles)
         for end in ends
         if end is not None
     ]
     third = np.zeros(len(angles))
     if isinstance(method, MagnusMethod) and method.third_weights is not None:
         flow = dict(enumerate(weight.value for weight in method.third_weights))
-        third = results[0] - _at_end([flow], method.c, powers, angles)
+        third = results[0] - _at_end([flow], values, angles)
     elif method.third_order is not None:
-        third = third + np.array(method.error_weights[-1], np.float64) @ powers
+        third = third + np.array(method.error_weights[-1], np.float64) @ values
     return results[0], results[0] - results[1], third
 
 
-def _at_end(flows: Iterable[Flow], c: Vector, powers: Vector, angles: Vector) -> Vector:
+def _at_end(flows: Iterable[Flow], values: Vector, angles: Vector) -> Vector:
     total, end = 0.0, np.zeros(len(angles), np.complex128)
     for flow in flows:
         weights = {k: float(weight) for k, weight in flow.items()}
         length = sum(weights.values())
-        value = sum(weight * powers[k] for k, weight in weights.items())
+        value = sum(weight * values[k] for k, weight in weights.items())
         end += np.exp(-1j * angles * total) * _phi1(-1j * length * angles) * value
         total += length
     return end
 
 
 def _algebra_response(
-    method: MuntheKaas, powers: int | None, j: int, angles: Vector
+    method: MuntheKaas, powers: int | None, values: Vector, angles: Vector
 ) -> tuple[Vector, Vector, Vector]:
-    """With the series of dexp⁻¹ up to a power of σ, or the closed form."""
     method = method.advancing
     stages = method.stages
     a, c = method.tableau.a, method.tableau.c
     weights = np.array([method.tableau.b, *np.array(method.error_weights, np.float64)])
     scale = (_dexpinv(1j * np.outer(angles, c), powers) - 1) / np.where(c == 0, 1.0, c)
     system = np.eye(stages) + scale[..., None] * a
-    sources = c**j * (1 + scale * c)
+    sources = values * (1 + scale * c)
     kappa = np.linalg.solve(system, sources[..., None])[..., 0]
     result, second, *third = weights @ kappa.T
     third = third[0] if third else np.zeros(len(angles))

@@ -200,7 +200,7 @@ class MuntheKaas(Method):
         return tuple(tuple(x - y for x, y in zip(b, row, strict=True)) for row in others)
 
     @property
-    def pair_exponentials(self) -> int:  # type: ignore[override]
+    def pair_exponentials(self) -> int:
         """Number of flows of a step; the error estimate needs none."""
         return self.exponentials
 
