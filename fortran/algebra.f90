@@ -7,12 +7,12 @@ module algebra_m
   use blocks_m, only: block_t
   use frames_m, only: frame_t
   use shared_numbers, only: callback_block, dexpinv_operation, euclidean_block, isospectral_block, &
-                            se3_block, shortest_operation, so_block, sphere_block, su_block, u_block
+                            linear_action_block, se3_block, shortest_operation, so_block, sphere_block, su_block, u_block
   use orthogonal_m, only: skew_bracket
   use unitary_m, only: multiply, times_real
   implicit none
   private
-  public :: dexpinv, remove_isotropy
+  public :: dexpinv, remove_isotropy, turning
 
   ! |B_2k| / (2 k)! for k = 1, 2, ..., by Euler's recurrence:
   ! (2 k + 1) b_k is the sum of b_j b_(k-j).
@@ -46,7 +46,7 @@ module algebra_m
   ! The radius of the series: at a full turn of rotations
   real(wp), parameter :: radius = 8 * atan(1.0_wp)
   ! relative brackets below this are rounding
-  real(wp), parameter :: commute = 16 * epsilon(1.0_wp)
+  real(wp), parameter :: commute = 1024 * epsilon(1.0_wp)  ! sums of weights up to 40 in DOP853
   ! Number of powers computed; the growth of the latter half is taken for that of all.
   integer, parameter :: powers = 20
 
@@ -325,6 +325,48 @@ contains
     cross(2) = u(3) * v(1) - u(1) * v(3)
     cross(3) = u(1) * v(2) - u(2) * v(1)
   end function cross
+
+  ! An upper bound of the angle by which the flow of v turns other fields: of the eigenvalues of its
+  ! brackets. It is 0 for blocks outside of compiled code.
+  real(wp) function turning(frame, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: v(:)         ! (dimension)
+    real(wp) :: angle
+    integer :: i
+
+    turning = 0.0_wp
+    do i = 1, size(frame%blocks)
+      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
+        select case (block%kind)
+        case (euclidean_block, callback_block)
+          cycle
+        case (linear_action_block)
+          angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
+        case (so_block, isospectral_block)
+          angle = norm2(v(k + 1:k + block%dimension))
+          if (block%n > 3) angle = sqrt(2.0_wp) * angle
+        case (su_block, u_block)
+          angle = sqrt(2.0_wp) * algebra_norm(block, v(k + 1:k + block%dimension))
+        case default                               ! rotations, the first coordinates
+          angle = norm2(v(k + 1:k + 3))
+        end select
+        turning = max(turning, angle)
+      end associate
+    end do
+
+  contains
+
+    ! The Frobenius norm of a skew-Hermitian matrix
+    real(wp) function algebra_norm(block, u)
+      type(block_t), intent(in) :: block
+      real(wp), intent(in) :: u(:)
+      complex(wp) :: x(block%n, block%n)
+
+      call algebra_matrix(block%kind, block%n, u, x)
+      algebra_norm = length(x)
+    end function algebra_norm
+
+  end function turning
 
   ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.
   subroutine remove_isotropy(frame, y, v)

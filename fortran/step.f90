@@ -2,7 +2,7 @@
 ! Points are reached along the paths of method_t, by flows of the frame.
 module step_m
   use kinds, only: wp
-  use algebra_m, only: dexpinv, remove_isotropy
+  use algebra_m, only: dexpinv, remove_isotropy, turning
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size
   use error_norm_m, only: norm, point_difference, scales, tangent
@@ -20,6 +20,10 @@ module step_m
   implicit none
   private
   public :: store_error, store_stage, finish_step, accept_or_reject, request_stage
+
+  ! Angle of a step, in radians, up to which estimates have been compared with errors
+  real(wp), parameter :: max_angle = 20.0_wp
+  real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
 
 contains
 
@@ -286,6 +290,7 @@ contains
       if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &
         ratio = errors(1) / hypot(errors(1), method%factor * errors(2))
       x%error = errors(1) * ratio**method%power
+      call limit_angle(problem, trajectory)
       if (method%has_nodes .and. abs(x%h_before) > 0) then
         call node_difference(method%c, x%f, x%h_before / x%h, x%f_before, v)
         v = x%h * v
@@ -295,6 +300,30 @@ contains
       end if
     end associate
   end subroutine estimate_error
+
+  ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
+  ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.
+  subroutine limit_angle(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: excess
+    integer :: k
+
+    associate (x => trajectory, frame => problem%frame, v => trajectory%u)
+      if (problem%method%collocation .or. problem%method%polynomial) return
+      excess = (abs(x%h) * turning(frame, x%f(:, 1)) / max_angle)**(1 / problem%tolerances%exponent)
+      if (excess <= max(x%error, least_excess)) return
+      x%path_of_u = 0
+      do k = 2, size(x%f, 2)
+        v = x%h * (x%f(:, k) - x%f(:, 1))
+        call tangent(frame, problem%tolerances, v, x%y(:, x%result), x%work)
+        if (.not. norm(problem%tolerances, x%work, x%scale) <= 1) then
+          x%error = excess
+          exit
+        end if
+      end do
+    end associate
+  end subroutine limit_angle
 
   ! The norm of the difference of the result from another one
   real(wp) function distance(problem, trajectory, path)

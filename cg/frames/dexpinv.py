@@ -36,7 +36,7 @@ _SERIES_BELOW = 1.0  # largest squared angle for which series replace formulas t
 _SERIES_TERMS = 12
 _SMALLEST = 1e-150  # its square doesn't underflow
 _RADIUS = 2.0 * math.pi
-_COMMUTE = 16.0 * np.finfo(np.float64).eps  # smaller brackets, relative to factors, are rounding
+_COMMUTE = 1024.0 * np.finfo(np.float64).eps  # smaller brackets, relative to factors, are rounding
 _POWERS = 20  # powers computed to estimate the growth rate, from the latter half
 
 

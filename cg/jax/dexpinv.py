@@ -15,7 +15,7 @@ from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors
 from cg.jax.rules import cross, dot, linear
 
 _RADIUS = (2.0 * math.pi) ** 2  # of the series of dexpinv, squared
-_COMMUTE = 16.0
+_COMMUTE = 1024.0
 _POWERS = 20  # of which the latter half shows how all further ones grow
 
 
