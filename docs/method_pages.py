@@ -166,7 +166,7 @@ def errors_in_tolerances(method: Method) -> str:
     if stored is None:
         return ""
     numbers = ", ".join(f"{what} {number:.2g}" for what, number in stored.items())
-    return f"{numbers}: [ten problems and fifty spins](../benchmarks.md#error-estimates)"
+    return f"{numbers}: [random families](../benchmarks.md#error-estimates)"
 
 
 def properties(method: Method) -> str:
