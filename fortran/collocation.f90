@@ -1,6 +1,7 @@
 ! The stages of a collocation method on a Lie algebra, by the iteration of newton_m. The first stage
 ! is the start of the step, which only the error estimate uses; all others are implicit.
 module collocation_m
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use controller_m, only: max_iterations
@@ -106,7 +107,7 @@ contains
       if (problem%adaptive) tolerance = newton_tolerance(problem%tolerances%rtol)
       size_of = correction_norm(problem, trajectory, dz)
       slow = .not. size_of <= huge(1.0_wp)
-      solved = .not. size_of > 0
+      solved = size_of <= 0
       if (newton%iteration > 1) then
         newton%rate = size_of / newton%norm
         slow = slow .or. newton%rate >= 1
@@ -150,7 +151,8 @@ contains
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances)
       if (.not. problem%adaptive) then
         call sizes(frame, x%y(:, 0), x%u)
-        correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z + dz)), &
+        correction_norm = ieee_value(dz(1, 1), ieee_quiet_nan)
+        if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z + dz)), &
                                                 tiny(1.0_wp))
         return
       end if
