@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from cg.frames.arrays import Array, Points
 from cg.frames.matrix_functions import singular_values
@@ -50,8 +51,8 @@ class GL(SizedMatrixGroup):
         """``n ** 2``."""
         return self.n**2
 
-    def _make_basis(self) -> Points:
-        return np.eye(self.n * self.n).reshape(-1, self.n, self.n)
+    def _make_basis(self) -> sparse.csr_array:
+        return sparse.eye_array(self.n**2, format="csr")
 
     def _project(self, y: Points) -> Points:
         # A singular matrix has no nearest invertible one.

@@ -6,10 +6,11 @@ import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from cg.frames.algebra import MAX_CONSTANTS
 from cg.frames.arrays import (
@@ -38,6 +39,9 @@ from cg.frames.matrix_functions import (
 )
 from cg.support.checks import check_integer, total_memory
 
+# Largest number of rows for which products with all matrices of the fields, of n^4 operations, take
+# less time than those with their few entries.
+_MAX_DENSE = 16
 # Absolute tolerance for the distance of a matrix from the algebra: at equilibria the matrix that f
 # computes is rounding error, which is large relative to the matrix itself.
 _ALGEBRA_ROUNDING = 1e-12
@@ -74,8 +78,11 @@ class MatrixGroup(Frame):
         """Number of rows of the matrices."""
 
     @abstractmethod
-    def _make_basis(self) -> Points:
-        """Return the matrices of `basis`, linearly independent over the reals."""
+    def _make_basis(self) -> Any:
+        """Return the matrices of `basis`, linearly independent over the reals.
+
+        An array, or a sparse array with a matrix in each row, shape ``(dim, size**2)``.
+        """
 
     @cached_property
     def basis(self) -> Points:
@@ -88,13 +95,11 @@ class MatrixGroup(Frame):
         ValueError
             If ``_make_basis`` of a subclass returns another number or another size of matrices.
         """
-        needed = self.dim * self.size**2 * self.dtype.itemsize
-        if needed > total_memory():
-            raise MemoryError(
-                f"{self!r} is too large: the matrices of its {self.dim} fields need "
-                f"{needed / 2**30:.3g} GiB of memory, of {total_memory() / 2**30:.3g} GiB"
-            )
-        basis = np.asarray(self._make_basis(), dtype=self.dtype)
+        self._check_memory(self.dim * self.size**2 * self.dtype.itemsize)
+        made: Any = self._make_basis()
+        if hasattr(made, "toarray"):
+            made = made.toarray().reshape(-1, *self.point_shape)
+        basis = np.asarray(made, dtype=self.dtype)
         if basis.shape != (self.dim, *self.point_shape):
             raise ValueError(
                 f"_make_basis of {type(self).__name__} must return matrices of shape "
@@ -102,6 +107,36 @@ class MatrixGroup(Frame):
             )
         basis.flags.writeable = False
         return basis
+
+    def _check_memory(self, needed: int) -> None:
+        if needed > total_memory():
+            raise MemoryError(
+                f"{self!r} is too large: the matrices of its {self.dim} fields need "
+                f"{needed / 2**30:.3g} GiB of memory, of {total_memory() / 2**30:.3g} GiB"
+            )
+
+    @cached_property
+    def _sparse_basis(self) -> sparse.csr_array:
+        """The matrices of the fields in rows, shape ``(dim, size**2)``."""
+        self._check_memory(2 * self.dim * (self.dtype.itemsize + 8))
+        made: Any = self._make_basis()
+        if not hasattr(made, "toarray"):
+            made = self.basis.reshape(self.dim, -1)
+        return sparse.csr_array(made, dtype=self.dtype)
+
+    @cached_property
+    def _sparse_dual(self) -> sparse.csr_array:
+        """The matrices of `_dual` in rows; few of the fields' matrices are not orthogonal."""
+        flat = self._sparse_basis
+        products = sparse.csr_array((flat @ flat.conj().T).real)
+        products.eliminate_zeros()
+        coupled = np.flatnonzero(np.diff(products.indptr) > 1)
+        alone = 1.0 / products.diagonal()
+        alone[coupled] = 0.0
+        block = np.linalg.inv(products[coupled][:, coupled].toarray())
+        rows, columns = np.repeat(coupled, len(coupled)), np.tile(coupled, len(coupled))
+        inverse = sparse.coo_array((block.ravel(), (rows, columns)), shape=products.shape)
+        return sparse.csr_array((sparse.diags_array(alone) + inverse) @ flat)
 
     @property
     @abstractmethod
@@ -123,7 +158,13 @@ class MatrixGroup(Frame):
 
     def algebra(self, v: ArrayLike) -> Points:
         r"""Return :math:`\Omega(v)`, shape ``(..., size, size)``."""
-        return combine(self._vectors(v), self.basis)
+        return self._combine(self._vectors(v))
+
+    def _combine(self, v: Array) -> Points:
+        if self.size <= _MAX_DENSE:
+            return combine(v, self.basis)
+        flat = v.reshape(math.prod(v.shape[:-1]), self.dim) @ self._sparse_basis
+        return np.asarray(flat).reshape(*v.shape[:-1], *self.point_shape)
 
     def coefficients(self, matrix: ArrayLike) -> Array:
         """Return the coefficients ``v`` of matrices ``algebra(v)``, shape ``(..., dim)``.
@@ -141,7 +182,7 @@ class MatrixGroup(Frame):
         """
         matrices = self._points(matrix, "matrix")
         v = self._algebra_projection(matrices)
-        error = matrices - combine(v, self.basis)
+        error = matrices - self._combine(v)
         # A cheap sufficient test, since f calls this method at each stage
         if not np.vdot(error, error).real <= _ALGEBRA_ROUNDING**2:
             self._check_distance(np.abs(error), np.abs(matrices))
@@ -161,8 +202,12 @@ class MatrixGroup(Frame):
 
     def _algebra_projection(self, matrices: Points) -> Array:
         """Return the coefficients of the orthogonal projections of matrices onto the algebra."""
-        flat = matrices.reshape(*matrices.shape[:-2], math.prod(matrices.shape[-2:]))
-        return np.asarray((flat @ self._dual.conj().T).real)
+        lead, entries = matrices.shape[:-2], math.prod(matrices.shape[-2:])
+        if self.size <= _MAX_DENSE:
+            return np.asarray((matrices.reshape(*lead, entries) @ self._dual.conj().T).real)
+        flat = matrices.reshape(math.prod(lead), entries)
+        moments = np.asarray((self._sparse_dual.conj() @ flat.T).real)
+        return np.ascontiguousarray(moments.T).reshape(*lead, self.dim)
 
     @cached_property
     def _dual(self) -> Points:

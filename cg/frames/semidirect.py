@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from cg.frames.arrays import Array, Convention, Points, Size, check_random
 from cg.frames.dexpinv import motion_bracket, motion_dexpinv
@@ -81,14 +82,15 @@ class Semidirect(MatrixGroup):
         """The dimension of the group, and the number of entries of the columns."""
         return self.group.dim + self.group.size * self.copies
 
-    def _make_basis(self) -> Points:
-        n, k = self.group.size, self.copies
-        basis = np.zeros((self.group.dim + n * k, n + k, n + k))
-        basis[: self.group.dim, :n, :n] = self.group.basis
-        for column in range(k):
-            for row in range(n):
-                basis[self.group.dim + n * column + row, row, n + column] = 1.0
-        return basis
+    def _make_basis(self) -> sparse.csr_array:
+        n, size = self.group.size, self.size
+        linear = self.group._sparse_basis.tocoo()
+        row, column = np.divmod(linear.col, n)
+        moves = np.arange(n * self.copies)
+        entries = np.concatenate([row * size + column, moves % n * size + n + moves // n])
+        fields = np.concatenate([linear.row, self.group.dim + moves])
+        values = np.concatenate([linear.data, np.ones(len(moves))])
+        return sparse.csr_array((values, (fields, entries)), shape=(self.dim, size**2))
 
     def _assemble(self, linear: Array, columns: Array) -> Array:
         n = self.group.size

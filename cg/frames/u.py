@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
@@ -62,9 +63,10 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         """``n ** 2``."""
         return self.n**2
 
-    def _make_basis(self) -> Points:
-        phase = np.sqrt(2.0 / self.n) * np.eye(self.n)
-        return -0.5j * np.concatenate([gell_mann(self.n), phase[None]])
+    def _make_basis(self) -> sparse.csr_array:
+        phase = np.sqrt(2.0 / self.n) * np.eye(self.n).reshape(1, -1)
+        both = sparse.vstack([sparse_gell_mann(self.n), sparse.csr_array(phase)])
+        return sparse.csr_array(-0.5j * both)
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
@@ -96,13 +98,23 @@ def gell_mann(n: int) -> Points:
         antisymmetric matrix of that pair, then the diagonal one with ``j + 1`` entries.  For
         ``n = 2`` these are the Pauli matrices, for ``n = 3`` Gell-Mann's in his order.
     """
-    matrices = np.zeros((n * n - 1, n, n), dtype=np.complex128)
-    k = 0
-    for j in range(1, n):
-        for i in range(j):
-            matrices[k, i, j] = matrices[k, j, i] = 1.0
-            matrices[k + 1, i, j], matrices[k + 1, j, i] = -1j, 1j
-            k += 2
-        matrices[k] = np.sqrt(2.0 / (j * (j + 1))) * np.diag([1.0] * j + [-j] + [0.0] * (n - j - 1))
-        k += 1
-    return matrices
+    return np.asarray(sparse_gell_mann(n).toarray().reshape(-1, n, n))
+
+
+def sparse_gell_mann(n: int) -> sparse.csr_array:
+    """Return the matrices of `gell_mann` in rows, shape ``(n * n - 1, n * n)``."""
+    j, i = np.tril_indices(n, -1)
+    pair, ones = j**2 - 1 + 2 * i, np.ones(len(i))
+    last, entry = np.tril_indices(n)
+    last, entry = last[1:], entry[1:]  # without the identity
+    scale = np.sqrt(2.0 / (last * (last + 1.0)))
+    diagonal = np.where(entry == last, -last * scale, scale)
+    parts = [
+        (pair, i, j, ones),
+        (pair, j, i, ones),
+        (pair + 1, i, j, -1j * ones),
+        (pair + 1, j, i, 1j * ones),
+        ((last + 1) ** 2 - 2, entry, entry, diagonal),
+    ]
+    fields, rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
+    return sparse.csr_array((values, (fields, rows * n + columns)), shape=(n * n - 1, n * n))
