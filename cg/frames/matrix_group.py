@@ -122,7 +122,9 @@ class MatrixGroup(Frame):
         made: Any = self._make_basis()
         if not hasattr(made, "toarray"):
             made = self.basis.reshape(self.dim, -1)
-        return sparse.csr_array(made, dtype=self.dtype)
+        entries = sparse.csr_array(made, dtype=self.dtype)
+        entries.eliminate_zeros()
+        return entries
 
     @cached_property
     def _sparse_dual(self) -> sparse.csr_array:
