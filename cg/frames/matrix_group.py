@@ -187,10 +187,10 @@ class MatrixGroup(Frame):
         error = matrices - self._combine(v)
         # A cheap sufficient test, since f calls this method at each stage
         if not np.vdot(error, error).real <= _ALGEBRA_ROUNDING**2:
-            self._check_distance(np.abs(error), np.abs(matrices))
+            self._check_distance(np.abs(error), np.abs(matrices), matrices)
         return v
 
-    def _check_distance(self, errors: Array, sizes: Array) -> None:
+    def _check_distance(self, errors: Array, sizes: Array, matrices: Points) -> None:
         """Raise ValueError if matrices are too far from the algebra for their size."""
         distance, size = errors.max(axis=(-2, -1)), sizes.max(axis=(-2, -1))
         # The comparison accepts NaN, which the caller handles.
@@ -200,7 +200,12 @@ class MatrixGroup(Frame):
             raise ValueError(
                 f"matrix must be in the Lie algebra of {self!r}: its distance from it is "
                 f"{relative:.3g} of its largest entry, more than {MEMBERSHIP_TOLERANCE:g}"
+                f"{self._explain_distance(matrices[wrong][0])}"
             )
+
+    def _explain_distance(self, matrix: Points) -> str:
+        """Return what is known about why a matrix is not in the algebra."""
+        return ""
 
     def _algebra_projection(self, matrices: Points) -> Array:
         """Return the coefficients of the orthogonal projections of matrices onto the algebra."""

@@ -62,6 +62,9 @@ class SL(NoncompactMatrixGroup):
         ones = np.ones(len(rows))
         return sparse_matrices(self.n, (rows, columns, ones), (corner, corner, diagonal))
 
+    def _explain_distance(self, matrix: Points) -> str:
+        return f"; its trace {np.trace(matrix):.3g} must be zero; other matrices need GL({self.n})"
+
     def _correction(self, y: Points) -> Points:
         return determinant_correction(y)
 

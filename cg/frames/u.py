@@ -12,6 +12,7 @@ from scipy import sparse
 from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
 from cg.frames.logarithms import unitary_log1p
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.support.shared_numbers import BlockKind
@@ -67,6 +68,17 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         phase = np.sqrt(2.0 / self.n) * np.eye(self.n).reshape(1, -1)
         both = sparse.vstack([sparse_gell_mann(self.n), sparse.csr_array(phase)])
         return sparse.csr_array(-0.5j * both)
+
+    def _explain_distance(self, matrix: Points) -> str:
+        off = MEMBERSHIP_TOLERANCE * np.abs(matrix).max()
+        if np.abs(matrix - matrix.conj().T).max() <= off:
+            return (
+                "; it is Hermitian, and the equation of a Hamiltonian H needs the factor: -1j * H"
+            )
+        trace = np.trace(matrix)
+        if self._special and np.abs(matrix + matrix.conj().T).max() <= off:
+            return f"; its trace {trace:.3g} must be zero; matrices with a trace need U({self.n})"
+        return ""
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
