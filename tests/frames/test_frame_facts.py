@@ -10,6 +10,7 @@ from cg.frames import (
     SL,
     SO,
     SO3,
+    SPD,
     SU,
     CoadjointOrbit,
     Euclidean,
@@ -70,6 +71,11 @@ def test_membership_by_known_distances():
     orbit = IsospectralOrbit((1.0, 2.0))
     assert orbit.membership_error(np.diag([2.0, 1.03])) == pytest.approx(0.03)
     assert orbit.membership_error([[1.0, 0.01], [-0.01, 2.0]]) == pytest.approx(0.01, rel=1e-2)
+    for lowest, error in ((0.5, 0.0), (-0.5, 0.5), (-3.0, 3.0)):
+        symmetric = [[lowest + 1.0, 1.0], [1.0, lowest + 1.0]]
+        assert SPD(2).membership_error(symmetric) == pytest.approx(max(error, 0.0), abs=1e-15)
+    with pytest.raises(ValueError, match="must be a point of SPD"):
+        SPD(2).check_point([[1.0, 2.0], [2.0, 1.0]])
     momentum = CoadjointOrbit(SO3(), (3.0, 0.0, 4.0))
     assert momentum.membership_error([0.0, 5.05, 0.0]) == pytest.approx(0.05, rel=1e-2)
     assert momentum.membership_error([0.0, 0.0, 0.0]) > 1.0

@@ -94,6 +94,20 @@ class TestValues:
         for actual in known:
             close(actual, frame.exp_coordinates(y, end), 10)
 
+    def test_restored_points(self, frame, example):
+        """A step of Newton's method takes points near the manifold to it."""
+        y, *_ = example
+        if frame.membership_error(2.0 * y) == 0.0:
+            pytest.skip("all points are on the manifold")
+        rng = np.random.default_rng(6)
+        tilt = rng.standard_normal(y.shape) + (1j if np.iscomplexobj(y) else 0.0)
+        if isinstance(frame, Semidirect):
+            tilt[-1 - (frame.size - frame.group.size) :] = 0.0
+        near = y + 1e-6 * tilt
+        assert frame.membership_error(near) > 1e-8
+        restored = jax.jit(rules_of(frame).restore)(near)
+        assert frame.membership_error(restored) < 1e-10
+
     def test_points_near_each_other(self, frame, example):
         y, _, w = example
         rules = rules_of(frame)
@@ -193,6 +207,22 @@ class TestLargeAngles:
 
 class TestSeriesOfDexpinv:
     """Beyond the radius of convergence values are those of NumPy: NaN, unless the series ends."""
+
+    @pytest.mark.parametrize("frame", [SU(3), SO3(), SE3(), *slow(SO(4), SU(2))], ids=repr)
+    def test_the_radius(self, frame):
+        """It is where differences of eigenvalues of the matrix of u are 2 π."""
+        rng = np.random.default_rng(10)
+        u, v = rng.standard_normal((2, 8, frame.dim))
+        adjoint = np.array([frame.bracket(u, unit) for unit in np.eye(frame.dim)])
+        rates = np.abs(np.linalg.eigvals(adjoint.swapaxes(0, 1))).max(axis=-1)
+        dexpinv = jax.jit(jax.vmap(lambda u, v: rules_of(frame).dexpinv(u, v, 6)))
+        for turns, exists in ((0.9, True), (0.97, True), (1.03, False), (1.1, False)):
+            scaled = turns * 2.0 * np.pi * u / rates[:, None]
+            values, expected = dexpinv(scaled, v), frame.dexpinv(scaled, v, order=6)
+            np.testing.assert_allclose(values, expected, rtol=1e-9)
+            if frame.dim == 3:
+                assert (np.isfinite(values) == exists).all()
+        assert np.isnan(values).all()
 
     @pytest.mark.parametrize("frame", [SU(3), *slow(SO(4))], ids=repr)
     def test_values(self, frame):
