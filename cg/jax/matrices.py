@@ -35,8 +35,8 @@ def expm(matrix: JaxArray) -> JaxArray:
     halvings = jnp.maximum(jnp.frexp(jnp.where(jnp.isfinite(norm), norm, 0.0))[1], 0)
     scaled = matrix * jnp.ldexp(jnp.ones((), dtype), -halvings)
     square = scaled @ scaled
-    powers = jnp.stack([jnp.eye(n, dtype=matrix.dtype), scaled, square, square @ scaled])
-    parts = jnp.tensordot(jnp.asarray(_TAYLOR, dtype), powers, 1)
+    powers = jnp.eye(n, dtype=matrix.dtype), scaled, square, square @ scaled
+    parts = [sum(float(c) * power for c, power in zip(row, powers, strict=True)) for row in _TAYLOR]
     result, fourth = parts[4], square @ square
     for part in parts[3::-1]:
         result = result @ fourth + part
