@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from cg.frames.arrays import Array, Points
+from cg.frames.entries import Entries
 from cg.frames.matrix_functions import singular_values
 from cg.frames.matrix_group import SizedMatrixGroup
 
@@ -51,8 +51,9 @@ class GL(SizedMatrixGroup):
         """``n ** 2``."""
         return self.n**2
 
-    def _make_basis(self) -> sparse.csr_array:
-        return sparse.eye_array(self.n**2, format="csr")
+    def _make_basis(self) -> Entries:
+        places = np.arange(self.n**2)
+        return Entries(places, places, np.ones(len(places)))
 
     def _project(self, y: Points) -> Points:
         # A singular matrix has no nearest invertible one.

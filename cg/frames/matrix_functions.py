@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
-from scipy import sparse
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
@@ -150,20 +147,6 @@ def _real_exponential(omega: Points) -> Points:
         ]
         j += 2
     return np.asarray(axes @ rotation @ axes.T)
-
-
-def sparse_matrices(
-    n: int, *parts: tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
-) -> sparse.csr_array:
-    """Return sparse matrices with n rows, flat, as rows of a sparse array.
-
-    Each part has the row, the column and the value of one entry of each matrix.
-    """
-    count = len(parts[0][0])
-    places = np.concatenate([rows * n + columns for rows, columns, _ in parts])
-    values = np.concatenate([values for _, _, values in parts])
-    fields = np.tile(np.arange(count), len(parts))
-    return sparse.csr_array((values, (fields, places)), shape=(count, n * n))
 
 
 def combine(v: Array, basis: Points) -> Points:

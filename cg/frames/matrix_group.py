@@ -6,11 +6,11 @@ import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from cg.frames.algebra import MAX_CONSTANTS
 from cg.frames.arrays import (
@@ -23,6 +23,7 @@ from cg.frames.arrays import (
 )
 from cg.frames.base import Frame
 from cg.frames.dexpinv import frobenius, series_dexpinv
+from cg.frames.entries import Entries, dual_of
 from cg.frames.logarithms import real_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import (
@@ -78,11 +79,8 @@ class MatrixGroup(Frame):
         """Number of rows of the matrices."""
 
     @abstractmethod
-    def _make_basis(self) -> Any:
-        """Return the matrices of `basis`, linearly independent over the reals.
-
-        An array, or a sparse array with a matrix in each row, shape ``(dim, size**2)``.
-        """
+    def _make_basis(self) -> Points | Entries:
+        """Return the matrices of `basis`, linearly independent over the reals."""
 
     @cached_property
     def basis(self) -> Points:
@@ -96,10 +94,9 @@ class MatrixGroup(Frame):
             If ``_make_basis`` of a subclass returns another number or another size of matrices.
         """
         self._check_memory(self.dim * self.size**2 * self.dtype.itemsize)
-        made: Any = self._make_basis()
-        if hasattr(made, "toarray"):
-            made = made.toarray().reshape(-1, *self.point_shape)
-        basis = np.asarray(made, dtype=self.dtype)
+        made = self._make_basis()
+        matrices = made.array(self.dim, self.size) if isinstance(made, Entries) else made
+        basis = np.asarray(matrices, dtype=self.dtype)
         if basis.shape != (self.dim, *self.point_shape):
             raise ValueError(
                 f"_make_basis of {type(self).__name__} must return matrices of shape "
@@ -116,29 +113,23 @@ class MatrixGroup(Frame):
             )
 
     @cached_property
-    def _sparse_basis(self) -> sparse.csr_array:
+    def _sparse_basis(self) -> scipy.sparse.csr_array:
         """The matrices of the fields in rows, shape ``(dim, size**2)``."""
-        self._check_memory(2 * self.dim * (self.dtype.itemsize + 8))
-        made: Any = self._make_basis()
-        if not hasattr(made, "toarray"):
-            made = self.basis.reshape(self.dim, -1)
-        entries = sparse.csr_array(made, dtype=self.dtype)
-        entries.eliminate_zeros()
-        return entries
+        return self._entries().sparse(self.dim, self.size)
 
     @cached_property
-    def _sparse_dual(self) -> sparse.csr_array:
-        """The matrices of `_dual` in rows; few of the fields' matrices are not orthogonal."""
-        flat = self._sparse_basis
-        products = sparse.csr_array((flat @ flat.conj().T).real)
-        products.eliminate_zeros()
-        coupled = np.flatnonzero(np.diff(products.indptr) > 1)
-        alone = 1.0 / products.diagonal()
-        alone[coupled] = 0.0
-        block = np.linalg.inv(products[coupled][:, coupled].toarray())
-        rows, columns = np.repeat(coupled, len(coupled)), np.tile(coupled, len(coupled))
-        inverse = sparse.coo_array((block.ravel(), (rows, columns)), shape=products.shape)
-        return sparse.csr_array((sparse.diags_array(alone) + inverse) @ flat)
+    def _sparse_dual(self) -> scipy.sparse.csr_array:
+        """The matrices of `_dual` in rows."""
+        return dual_of(self._sparse_basis)
+
+    def _entries(self) -> Entries:
+        self._check_memory(2 * self.dim * (self.dtype.itemsize + 16))
+        made = self._make_basis()
+        if isinstance(made, Entries):
+            return made
+        flat = self.basis.reshape(self.dim, -1)
+        fields, places = np.nonzero(flat)
+        return Entries(fields, places, flat[fields, places])
 
     @property
     @abstractmethod

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from cg.frames.arrays import Array, Convention, Points, Size, check_random
 from cg.frames.dexpinv import motion_bracket, motion_dexpinv
+from cg.frames.entries import Entries
 from cg.frames.matrix_group import MatrixGroup
 from cg.support.checks import check_integer
 
@@ -82,15 +82,14 @@ class Semidirect(MatrixGroup):
         """The dimension of the group, and the number of entries of the columns."""
         return self.group.dim + self.group.size * self.copies
 
-    def _make_basis(self) -> sparse.csr_array:
+    def _make_basis(self) -> Entries:
         n, size = self.group.size, self.size
-        linear = self.group._sparse_basis.tocoo()
-        row, column = np.divmod(linear.col, n)
+        linear = self.group._entries()
+        row, column = np.divmod(linear.places, n)
         moves = np.arange(n * self.copies)
-        entries = np.concatenate([row * size + column, moves % n * size + n + moves // n])
-        fields = np.concatenate([linear.row, self.group.dim + moves])
-        values = np.concatenate([linear.data, np.ones(len(moves))])
-        return sparse.csr_array((values, (fields, entries)), shape=(self.dim, size**2))
+        places = np.concatenate([row * size + column, moves % n * size + n + moves // n])
+        fields = np.concatenate([linear.fields, self.group.dim + moves])
+        return Entries(fields, places, np.concatenate([linear.values, np.ones(len(moves))]))
 
     def _assemble(self, linear: Array, columns: Array) -> Array:
         n = self.group.size

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from cg.frames.arrays import Array, Points
-from cg.frames.matrix_functions import determinant_correction, sparse_matrices
+from cg.frames.entries import Entries, entries_of
+from cg.frames.matrix_functions import determinant_correction
 from cg.frames.matrix_group import NoncompactMatrixGroup
 
 
@@ -55,12 +55,12 @@ class SL(NoncompactMatrixGroup):
         """``n ** 2 - 1``."""
         return self.n**2 - 1
 
-    def _make_basis(self) -> sparse.csr_array:
+    def _make_basis(self) -> Entries:
         rows, columns = np.divmod(np.arange(self.n**2 - 1), self.n)
         corner = np.full_like(rows, self.n - 1)
         diagonal = np.where(rows == columns, -1.0, 0.0)
         ones = np.ones(len(rows))
-        return sparse_matrices(self.n, (rows, columns, ones), (corner, corner, diagonal))
+        return entries_of(self.n, (rows, columns, ones), (corner, corner, diagonal))
 
     def _explain_distance(self, matrix: Points) -> str:
         return f"; its trace {np.trace(matrix):.3g} must be zero; other matrices need GL({self.n})"

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from cg.frames.arrays import Array, Convention, Points
 from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
+from cg.frames.entries import Entries, entries_of
 from cg.frames.logarithms import rotation_log1p
-from cg.frames.matrix_functions import sparse_matrices, unitary_exponential
+from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
 from cg.support.shared_numbers import BlockKind
@@ -74,10 +74,10 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         """``n (n - 1) / 2``."""
         return self.n * (self.n - 1) // 2
 
-    def _make_basis(self) -> sparse.csr_array:
+    def _make_basis(self) -> Entries:
         i, j = (indices[::-1] for indices in np.triu_indices(self.n, 1))
         sign = np.where((i + j) % 2, 1.0, -1.0)
-        return sparse_matrices(self.n, (j, i, sign), (i, j, -sign))
+        return entries_of(self.n, (j, i, sign), (i, j, -sign))
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return the rotations :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""

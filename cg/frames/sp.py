@@ -8,10 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from cg.frames.arrays import Array, Points
-from cg.frames.matrix_functions import sparse_matrices, symplectic_correction, two_norm
+from cg.frames.entries import Entries, entries_of
+from cg.frames.matrix_functions import symplectic_correction, two_norm
 from cg.frames.matrix_group import NoncompactMatrixGroup
 
 
@@ -69,7 +69,7 @@ class Sp(NoncompactMatrixGroup):
         """``n (n + 1) / 2``."""
         return self.n * (self.n + 1) // 2
 
-    def _make_basis(self) -> sparse.csr_array:
+    def _make_basis(self) -> Entries:
         # The form times symmetric matrices: it moves a row to another one, with a sign.
         half = self.n // 2
         i, j = np.triu_indices(self.n)
@@ -78,7 +78,7 @@ class Sp(NoncompactMatrixGroup):
             (np.where(row < half, row + half, row - half), column, np.where(row < half, -1.0, 1.0))
             for row, column in ((i, j), (j, i))
         ]
-        return sparse_matrices(self.n, parts[0], (*parts[1][:2], below * parts[1][2]))
+        return entries_of(self.n, parts[0], (*parts[1][:2], below * parts[1][2]))
 
     def inverse(self, x: ArrayLike) -> Points:
         r"""Return :math:`x^* = -J x^T J`, shape ``(..., n, n)``."""

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
+from cg.frames.entries import Entries
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import unitary_exponential
@@ -64,10 +64,11 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         """``n ** 2``."""
         return self.n**2
 
-    def _make_basis(self) -> sparse.csr_array:
-        phase = np.sqrt(2.0 / self.n) * np.eye(self.n).reshape(1, -1)
-        both = sparse.vstack([sparse_gell_mann(self.n), sparse.csr_array(phase)])
-        return sparse.csr_array(-0.5j * both)
+    def _make_basis(self) -> Entries:
+        special, diagonal = gell_mann_entries(self.n, -0.5j), np.arange(self.n) * (self.n + 1)
+        phase = np.full_like(diagonal, self.dim - 1), diagonal
+        values = np.full(self.n, -0.5j * np.sqrt(2.0 / self.n))
+        return Entries(*map(np.concatenate, zip(special, (*phase, values), strict=True)))
 
     def _explain_distance(self, matrix: Points) -> str:
         off = MEMBERSHIP_TOLERANCE * np.abs(matrix).max()
@@ -110,11 +111,11 @@ def gell_mann(n: int) -> Points:
         antisymmetric matrix of that pair, then the diagonal one with ``j + 1`` entries.  For
         ``n = 2`` these are the Pauli matrices, for ``n = 3`` Gell-Mann's in his order.
     """
-    return np.asarray(sparse_gell_mann(n).toarray().reshape(-1, n, n))
+    return gell_mann_entries(n).array(n * n - 1, n)
 
 
-def sparse_gell_mann(n: int) -> sparse.csr_array:
-    """Return the matrices of `gell_mann` in rows, shape ``(n * n - 1, n * n)``."""
+def gell_mann_entries(n: int, factor: complex = 1.0) -> Entries:
+    """Return the matrices of `gell_mann` times a factor."""
     j, i = np.tril_indices(n, -1)
     pair, ones = j**2 - 1 + 2 * i, np.ones(len(i))
     last, entry = np.tril_indices(n)
@@ -129,4 +130,4 @@ def sparse_gell_mann(n: int) -> sparse.csr_array:
         ((last + 1) ** 2 - 2, entry, entry, diagonal),
     ]
     fields, rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
-    return sparse.csr_array((values, (fields, rows * n + columns)), shape=(n * n - 1, n * n))
+    return Entries(fields, rows * n + columns, factor * values)
