@@ -36,8 +36,9 @@ _ERROR = 1e-6  # of a gradient, and of members
 TITLE = "In JAX"
 METHOD = (
     "The tumbling body of *Rigid bodies at equal errors*, as a quaternion and an angular velocity, "
-    "in float64 on the CPU, jitted, storing the end only. Competitors are diffrax's Dopri8 and "
-    "Tsit5 on the seven numbers, with or without normalising the quaternion after each step. Times "
+    "in float64 on the CPU, jitted, storing the end only. Its coefficients do not depend on the "
+    "attitude. Competitors are diffrax's Dopri8 and Tsit5 on the seven numbers, with or without "
+    "normalising the quaternion after each step. Times "
     f"are for a given error at the end, medians of rounds in turn. The {_MEMBERS} members differ "
     "in inertia. georax has methods for matrices of SO(3): of Crouch and Grossman and of low "
     "storage with fixed steps, one of the latter and those of Munthe-Kaas with chosen ones; the "

@@ -106,7 +106,7 @@ contains
       if (problem%adaptive) tolerance = newton_tolerance(problem%tolerances%rtol)
       size_of = correction_norm(problem, trajectory, dz)
       slow = .not. size_of <= huge(1.0_wp)
-      solved = .not. size_of > 0
+      solved = size_of <= 0
       if (newton%iteration > 1) then
         newton%rate = size_of / newton%norm
         slow = slow .or. newton%rate >= 1
@@ -150,7 +150,8 @@ contains
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances)
       if (.not. problem%adaptive) then
         call sizes(frame, x%y(:, 0), x%u)
-        correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z + dz)), &
+        correction_norm = abs(sum(dz))       ! NaN if an entry is, which maxval leaves out
+        if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z + dz)), &
                                                 tiny(1.0_wp))
         return
       end if

@@ -286,12 +286,14 @@ contains
     real(wp) :: last(4), q(4)
     integer :: i
 
+    distance_bound = huge(distance_bound)
+    if (.not. all(abs(y) <= huge(y))) return       ! max leaves out NaN
     distance_bound = 0.0_wp
     do i = 1, size(frame%blocks)
       associate (p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
         select case (frame%blocks(i)%kind)
         case (euclidean_block)
-          if (.not. all(abs(y(p + 1:p + n)) <= huge(y))) distance_bound = huge(distance_bound)
+          cycle
         case (so3_block)
           distance_bound = max(distance_bound, rotation_bound(y(p + 1:p + 3), y(p + 4:p + 6), &
                                                               y(p + 7:p + 9)))
@@ -299,7 +301,6 @@ contains
           last = abs(y(p + 13:p + 16) - [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp])
           distance_bound = max(distance_bound, sum(last) &
                                + rotation_bound(y(p + 1:p + 3), y(p + 5:p + 7), y(p + 9:p + 11)))
-          if (.not. all(abs(y(p + 1:p + 16)) <= huge(y))) distance_bound = huge(distance_bound)
         case (quaternion_block, sphere_block)
           distance_bound = max(distance_bound, &
                                abs(dot_product(y(p + 1:p + n), y(p + 1:p + n)) - 1))

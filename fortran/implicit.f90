@@ -196,6 +196,10 @@ contains
       solver%residual = maxval(abs(d))
       if (.not. solver%fixed_point) call dgetrs('N', size(d), 1, solver%lu(:, :, block), size(d), &
                                                 solver%pivot(:, block), d, size(d), info)
+      if (.not. all(abs(d) <= huge(d))) then       ! max and maxval leave out NaN
+        call give_up(problem, trajectory, block)
+        return
+      end if
       correction = 0.0_wp
       do i = solver%first, solver%last
         x%f(:, i) = x%f(:, i) + d(:, i)

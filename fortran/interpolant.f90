@@ -196,7 +196,7 @@ contains
       call dexpinv(frame, scheme%series, u, v, exists)
       if (.not. exists) return
       u = u + v
-      exists = maxval(abs(v)) <= converged * max(1.0_wp, maxval(abs(u)))
+      exists = all(abs(v) <= converged * max(1.0_wp, maxval(abs(u))))   ! not if v is NaN
       if (exists) exit
     end do
     interpolant%next(:, 2) = u / interpolant%h

@@ -114,7 +114,8 @@ contains
     end do
   end subroutine separate_generators
 
-  ! Moves y along flows, the first one first; y is NaN if the norm of an exponent is too large.
+  ! Moves y along flows, the first one first; y is NaN if the norm of an exponent is too large, or a
+  ! coefficient isn't finite.
   subroutine move_linearly(action, v, y)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, flows)
@@ -126,7 +127,7 @@ contains
     do j = 1, size(v, 2)
       call combine(action, v(:, j), x, norm)
       norm = norm / merge(chebyshev_norm, taylor_norm, action%skew)
-      if (.not. norm <= max_parts) then
+      if (.not. (norm <= max_parts .and. all(abs(v(:, j)) <= huge(v)))) then
         y = ieee_value(y, ieee_quiet_nan)
         return
       end if
@@ -181,6 +182,7 @@ contains
         row = row + abs(x(k))
       end do
       if (.not. row <= norm) norm = row
+      if (.not. norm <= huge(norm)) return   ! a later row must not replace NaN
     end do
   end subroutine combine
 

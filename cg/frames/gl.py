@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
+from cg.frames.entries import Entries
 from cg.frames.matrix_functions import singular_values
 from cg.frames.matrix_group import SizedMatrixGroup
 
@@ -50,8 +51,9 @@ class GL(SizedMatrixGroup):
         """``n ** 2``."""
         return self.n**2
 
-    def _make_basis(self) -> Points:
-        return np.eye(self.n * self.n).reshape(-1, self.n, self.n)
+    def _make_basis(self) -> Entries:
+        places = np.arange(self.n**2)
+        return Entries(places, places, np.ones(len(places)))
 
     def _project(self, y: Points) -> Points:
         # A singular matrix has no nearest invertible one.

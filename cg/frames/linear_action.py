@@ -181,7 +181,9 @@ class LinearAction(UserFrame):
             block = np.array([[BlockKind.LINEAR_ACTION], self.point_shape, [0]], dtype=np.int32)
             flat = moved.reshape(-1).view(np.float64)
             core.frame_move(block, self._numbers, 1, vectors.reshape(-1), False, flat)
-        lost = ~np.isfinite(moved).all(axis=-1) & np.isfinite(points).all(axis=-1)
+        lost = ~np.isfinite(moved).all(axis=-1)
+        for given in (points, vectors):
+            lost &= np.isfinite(given).all(axis=-1)
         if lost.any():
             largest = np.abs(vectors[lost]).max()
             raise FlowOverflowError(

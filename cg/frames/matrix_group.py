@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from cg.frames.algebra import MAX_CONSTANTS
@@ -22,6 +23,7 @@ from cg.frames.arrays import (
 )
 from cg.frames.base import Frame
 from cg.frames.dexpinv import frobenius, series_dexpinv
+from cg.frames.entries import Entries, dual_of
 from cg.frames.logarithms import real_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import (
@@ -38,6 +40,9 @@ from cg.frames.matrix_functions import (
 )
 from cg.support.checks import check_integer, total_memory
 
+# Largest number of rows for which products with all matrices of the fields, of n^4 operations, take
+# less time than those with their few entries.
+_MAX_DENSE = 16
 # Absolute tolerance for the distance of a matrix from the algebra: at equilibria the matrix that f
 # computes is rounding error, which is large relative to the matrix itself.
 _ALGEBRA_ROUNDING = 1e-12
@@ -74,7 +79,7 @@ class MatrixGroup(Frame):
         """Number of rows of the matrices."""
 
     @abstractmethod
-    def _make_basis(self) -> Points:
+    def _make_basis(self) -> Points | Entries:
         """Return the matrices of `basis`, linearly independent over the reals."""
 
     @cached_property
@@ -88,13 +93,10 @@ class MatrixGroup(Frame):
         ValueError
             If ``_make_basis`` of a subclass returns another number or another size of matrices.
         """
-        needed = self.dim * self.size**2 * self.dtype.itemsize
-        if needed > total_memory():
-            raise MemoryError(
-                f"{self!r} is too large: the matrices of its {self.dim} fields need "
-                f"{needed / 2**30:.3g} GiB of memory, of {total_memory() / 2**30:.3g} GiB"
-            )
-        basis = np.asarray(self._make_basis(), dtype=self.dtype)
+        self._check_memory(self.dim * self.size**2 * self.dtype.itemsize)
+        made = self._make_basis()
+        matrices = made.array(self.dim, self.size) if isinstance(made, Entries) else made
+        basis = np.asarray(matrices, dtype=self.dtype)
         if basis.shape != (self.dim, *self.point_shape):
             raise ValueError(
                 f"_make_basis of {type(self).__name__} must return matrices of shape "
@@ -102,6 +104,32 @@ class MatrixGroup(Frame):
             )
         basis.flags.writeable = False
         return basis
+
+    def _check_memory(self, needed: int) -> None:
+        if needed > total_memory():
+            raise MemoryError(
+                f"{self!r} is too large: the matrices of its {self.dim} fields need "
+                f"{needed / 2**30:.3g} GiB of memory, of {total_memory() / 2**30:.3g} GiB"
+            )
+
+    @cached_property
+    def _sparse_basis(self) -> scipy.sparse.csr_array:
+        """The matrices of the fields in rows, shape ``(dim, size**2)``."""
+        return self._entries().sparse(self.dim, self.size)
+
+    @cached_property
+    def _sparse_dual(self) -> scipy.sparse.csr_array:
+        """The matrices of `_dual` in rows."""
+        return dual_of(self._sparse_basis)
+
+    def _entries(self) -> Entries:
+        self._check_memory(2 * self.dim * (self.dtype.itemsize + 16))
+        made = self._make_basis()
+        if isinstance(made, Entries):
+            return made
+        flat = self.basis.reshape(self.dim, -1)
+        fields, places = np.nonzero(flat)
+        return Entries(fields, places, flat[fields, places])
 
     @property
     @abstractmethod
@@ -123,7 +151,13 @@ class MatrixGroup(Frame):
 
     def algebra(self, v: ArrayLike) -> Points:
         r"""Return :math:`\Omega(v)`, shape ``(..., size, size)``."""
-        return combine(self._vectors(v), self.basis)
+        return self._combine(self._vectors(v))
+
+    def _combine(self, v: Array) -> Points:
+        if self.size <= _MAX_DENSE:
+            return combine(v, self.basis)
+        flat = v.reshape(math.prod(v.shape[:-1]), self.dim) @ self._sparse_basis
+        return np.asarray(flat).reshape(*v.shape[:-1], *self.point_shape)
 
     def coefficients(self, matrix: ArrayLike) -> Array:
         """Return the coefficients ``v`` of matrices ``algebra(v)``, shape ``(..., dim)``.
@@ -141,13 +175,13 @@ class MatrixGroup(Frame):
         """
         matrices = self._points(matrix, "matrix")
         v = self._algebra_projection(matrices)
-        error = matrices - combine(v, self.basis)
+        error = matrices - self._combine(v)
         # A cheap sufficient test, since f calls this method at each stage
         if not np.vdot(error, error).real <= _ALGEBRA_ROUNDING**2:
-            self._check_distance(np.abs(error), np.abs(matrices))
+            self._check_distance(np.abs(error), np.abs(matrices), matrices)
         return v
 
-    def _check_distance(self, errors: Array, sizes: Array) -> None:
+    def _check_distance(self, errors: Array, sizes: Array, matrices: Points) -> None:
         """Raise ValueError if matrices are too far from the algebra for their size."""
         distance, size = errors.max(axis=(-2, -1)), sizes.max(axis=(-2, -1))
         # The comparison accepts NaN, which the caller handles.
@@ -157,12 +191,21 @@ class MatrixGroup(Frame):
             raise ValueError(
                 f"matrix must be in the Lie algebra of {self!r}: its distance from it is "
                 f"{relative:.3g} of its largest entry, more than {MEMBERSHIP_TOLERANCE:g}"
+                f"{self._explain_distance(matrices[wrong][0])}"
             )
+
+    def _explain_distance(self, matrix: Points) -> str:
+        """Return what is known about why a matrix is not in the algebra."""
+        return ""
 
     def _algebra_projection(self, matrices: Points) -> Array:
         """Return the coefficients of the orthogonal projections of matrices onto the algebra."""
-        flat = matrices.reshape(*matrices.shape[:-2], math.prod(matrices.shape[-2:]))
-        return np.asarray((flat @ self._dual.conj().T).real)
+        lead, entries = matrices.shape[:-2], math.prod(matrices.shape[-2:])
+        if self.size <= _MAX_DENSE:
+            return np.asarray((matrices.reshape(*lead, entries) @ self._dual.conj().T).real)
+        flat = matrices.reshape(math.prod(lead), entries)
+        moments = np.asarray((self._sparse_dual.conj() @ flat.T).real)
+        return np.ascontiguousarray(moments.T).reshape(*lead, self.dim)
 
     @cached_property
     def _dual(self) -> Points:

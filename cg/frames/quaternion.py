@@ -105,13 +105,17 @@ class UnitQuaternion(UnitVectors):
         return 1.0 if self.convention == "space" else -1.0
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        r"""Return the angle in radians that turns ``x`` into ``y``, at most :math:`2\pi`."""
+        r"""Return the angle in radians that turns ``x`` into ``y``, at most :math:`2\pi`.
+
+        It is the distance of points, :math:`2\pi` for ``q`` and ``-q``; `attitude_difference` is
+        that of the rotations that they represent.
+        """
         return np.asarray(4.0 * np.arcsin(np.minimum(super().distance(x, y) / 2.0, 1.0)))
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return the rotation vector from ``y0`` to ``y1``, of length at most :math:`2\pi`.
 
-        Its flow ends at ``y1``, even where ``-y1`` is nearer.
+        Its flow ends at ``y1``, even where ``-y1`` is nearer; see `attitude_difference`.
         """
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         generators = 2.0 * _generators(self.convention, self.scalar_first)
@@ -120,6 +124,38 @@ class UnitQuaternion(UnitVectors):
         # cancellation.
         difference = (end - start)[..., None, :]
         return quaternion_logarithm(np.vecdot(directions, difference), np.vecdot(start, end))
+
+    def attitude_difference(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        r"""Return the shortest rotation vector from one attitude to another.
+
+        Attitudes are the rotations that points represent: ``q`` and ``-q`` are the same one.  Use
+        it for errors of attitudes, such as residuals of measurements.
+
+        Parameters
+        ----------
+        y0, y1
+            Points, shape ``(..., 4)``; leading axes broadcast.
+
+        Returns
+        -------
+        ndarray
+            In radians, of length at most :math:`\pi`, in body or space axes as coefficients are;
+            shape ``(..., 3)``.  Its flow from ``y0`` ends at ``y1`` or ``-y1``.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of an argument hasn't length 4.
+
+        Examples
+        --------
+        >>> q = UnitQuaternion().flow([0.0, 0.0, 0.5], [0.0, 0.0, 0.0, 1.0])
+        >>> UnitQuaternion().attitude_difference([0.0, 0.0, 0.0, 1.0], -q).round(12)
+        array([0. , 0. , 0.5])
+        """
+        start, end = self._points(y0, "y0"), self._points(y1, "y1")
+        opposite = np.vecdot(start, end) < 0.0
+        return self.exp_coordinates(start, np.where(opposite[..., None], -end, end))
 
     def _blocks(self) -> Blocks | None:
         options = convention_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)

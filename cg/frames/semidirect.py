@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points, Size, check_random
 from cg.frames.dexpinv import motion_bracket, motion_dexpinv
+from cg.frames.entries import Entries
 from cg.frames.matrix_group import MatrixGroup
 from cg.support.checks import check_integer
 
@@ -81,14 +82,14 @@ class Semidirect(MatrixGroup):
         """The dimension of the group, and the number of entries of the columns."""
         return self.group.dim + self.group.size * self.copies
 
-    def _make_basis(self) -> Points:
-        n, k = self.group.size, self.copies
-        basis = np.zeros((self.group.dim + n * k, n + k, n + k))
-        basis[: self.group.dim, :n, :n] = self.group.basis
-        for column in range(k):
-            for row in range(n):
-                basis[self.group.dim + n * column + row, row, n + column] = 1.0
-        return basis
+    def _make_basis(self) -> Entries:
+        n, size = self.group.size, self.size
+        linear = self.group._entries()
+        row, column = np.divmod(linear.places, n)
+        moves = np.arange(n * self.copies)
+        places = np.concatenate([row * size + column, moves % n * size + n + moves // n])
+        fields = np.concatenate([linear.fields, self.group.dim + moves])
+        return Entries(fields, places, np.concatenate([linear.values, np.ones(len(moves))]))
 
     def _assemble(self, linear: Array, columns: Array) -> Array:
         n = self.group.size

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
+from cg.frames.entries import Entries, entries_of
 from cg.frames.matrix_functions import determinant_correction
 from cg.frames.matrix_group import NoncompactMatrixGroup
 
@@ -54,11 +55,15 @@ class SL(NoncompactMatrixGroup):
         """``n ** 2 - 1``."""
         return self.n**2 - 1
 
-    def _make_basis(self) -> Points:
-        basis = np.eye(self.n * self.n)[:-1].reshape(-1, self.n, self.n)
-        for i in range(self.n - 1):
-            basis[i * (self.n + 1), -1, -1] = -1.0
-        return basis
+    def _make_basis(self) -> Entries:
+        rows, columns = np.divmod(np.arange(self.n**2 - 1), self.n)
+        corner = np.full_like(rows, self.n - 1)
+        diagonal = np.where(rows == columns, -1.0, 0.0)
+        ones = np.ones(len(rows))
+        return entries_of(self.n, (rows, columns, ones), (corner, corner, diagonal))
+
+    def _explain_distance(self, matrix: Points) -> str:
+        return f"; its trace {np.trace(matrix):.3g} must be zero; other matrices need GL({self.n})"
 
     def _correction(self, y: Points) -> Points:
         return determinant_correction(y)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
 from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
+from cg.frames.entries import Entries, entries_of
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
@@ -73,13 +74,10 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         """``n (n - 1) / 2``."""
         return self.n * (self.n - 1) // 2
 
-    def _make_basis(self) -> Points:
-        pairs = [(i, j) for i in range(self.n) for j in range(i + 1, self.n)]
-        basis = np.zeros((len(pairs), self.n, self.n))
-        for generator, (i, j) in zip(basis, reversed(pairs), strict=True):
-            generator[j, i] = (-1.0) ** (i + j + 1)
-            generator[i, j] = -generator[j, i]
-        return basis
+    def _make_basis(self) -> Entries:
+        i, j = (indices[::-1] for indices in np.triu_indices(self.n, 1))
+        sign = np.where((i + j) % 2, 1.0, -1.0)
+        return entries_of(self.n, (j, i, sign), (i, j, -sign))
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return the rotations :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""

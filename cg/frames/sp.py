@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
+from cg.frames.entries import Entries, entries_of
 from cg.frames.matrix_functions import symplectic_correction, two_norm
 from cg.frames.matrix_group import NoncompactMatrixGroup
 
@@ -68,12 +69,16 @@ class Sp(NoncompactMatrixGroup):
         """``n (n + 1) / 2``."""
         return self.n * (self.n + 1) // 2
 
-    def _make_basis(self) -> Points:
-        rows, columns = np.triu_indices(self.n)
-        symmetric = np.zeros((len(rows), self.n, self.n))
-        k = np.arange(len(rows))
-        symmetric[k, rows, columns] = symmetric[k, columns, rows] = 1.0
-        return self._form @ symmetric
+    def _make_basis(self) -> Entries:
+        # The form times symmetric matrices: it moves a row to another one, with a sign.
+        half = self.n // 2
+        i, j = np.triu_indices(self.n)
+        below = np.where(i == j, 0.0, 1.0)
+        parts = [
+            (np.where(row < half, row + half, row - half), column, np.where(row < half, -1.0, 1.0))
+            for row, column in ((i, j), (j, i))
+        ]
+        return entries_of(self.n, parts[0], (*parts[1][:2], below * parts[1][2]))
 
     def inverse(self, x: ArrayLike) -> Points:
         r"""Return :math:`x^* = -J x^T J`, shape ``(..., n, n)``."""

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
+from cg.frames.entries import Entries
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
-from cg.frames.u import U, gell_mann
+from cg.frames.u import U, gell_mann_entries
 from cg.support.shared_numbers import BlockKind
 
 
@@ -62,8 +63,8 @@ class SU(U):
         """``n ** 2 - 1``."""
         return self.n**2 - 1
 
-    def _make_basis(self) -> Points:
-        return -0.5j * gell_mann(self.n)
+    def _make_basis(self) -> Entries:
+        return gell_mann_entries(self.n, -0.5j)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a step towards unitary matrices and one towards determinant 1."""

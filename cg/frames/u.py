@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
+from cg.frames.entries import Entries
 from cg.frames.logarithms import unitary_log1p
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.support.shared_numbers import BlockKind
@@ -62,9 +64,22 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         """``n ** 2``."""
         return self.n**2
 
-    def _make_basis(self) -> Points:
-        phase = np.sqrt(2.0 / self.n) * np.eye(self.n)
-        return -0.5j * np.concatenate([gell_mann(self.n), phase[None]])
+    def _make_basis(self) -> Entries:
+        special, diagonal = gell_mann_entries(self.n, -0.5j), np.arange(self.n) * (self.n + 1)
+        phase = np.full_like(diagonal, self.dim - 1), diagonal
+        values = np.full(self.n, -0.5j * np.sqrt(2.0 / self.n))
+        return Entries(*map(np.concatenate, zip(special, (*phase, values), strict=True)))
+
+    def _explain_distance(self, matrix: Points) -> str:
+        off = MEMBERSHIP_TOLERANCE * np.abs(matrix).max()
+        if np.abs(matrix - matrix.conj().T).max() <= off:
+            return (
+                "; it is Hermitian, and the equation of a Hamiltonian H needs the factor: -1j * H"
+            )
+        trace = np.trace(matrix)
+        if self._special and np.abs(matrix + matrix.conj().T).max() <= off:
+            return f"; its trace {trace:.3g} must be zero; matrices with a trace need U({self.n})"
+        return ""
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
@@ -96,13 +111,23 @@ def gell_mann(n: int) -> Points:
         antisymmetric matrix of that pair, then the diagonal one with ``j + 1`` entries.  For
         ``n = 2`` these are the Pauli matrices, for ``n = 3`` Gell-Mann's in his order.
     """
-    matrices = np.zeros((n * n - 1, n, n), dtype=np.complex128)
-    k = 0
-    for j in range(1, n):
-        for i in range(j):
-            matrices[k, i, j] = matrices[k, j, i] = 1.0
-            matrices[k + 1, i, j], matrices[k + 1, j, i] = -1j, 1j
-            k += 2
-        matrices[k] = np.sqrt(2.0 / (j * (j + 1))) * np.diag([1.0] * j + [-j] + [0.0] * (n - j - 1))
-        k += 1
-    return matrices
+    return gell_mann_entries(n).array(n * n - 1, n)
+
+
+def gell_mann_entries(n: int, factor: complex = 1.0) -> Entries:
+    """Return the matrices of `gell_mann` times a factor."""
+    j, i = np.tril_indices(n, -1)
+    pair, ones = j**2 - 1 + 2 * i, np.ones(len(i))
+    last, entry = np.tril_indices(n)
+    last, entry = last[1:], entry[1:]  # without the identity
+    scale = np.sqrt(2.0 / (last * (last + 1.0)))
+    diagonal = np.where(entry == last, -last * scale, scale)
+    parts = [
+        (pair, i, j, ones),
+        (pair, j, i, ones),
+        (pair + 1, i, j, -1j * ones),
+        (pair + 1, j, i, 1j * ones),
+        ((last + 1) ** 2 - 2, entry, entry, diagonal),
+    ]
+    fields, rows, columns, values = map(np.concatenate, zip(*parts, strict=True))
+    return Entries(fields, rows * n + columns, factor * values)

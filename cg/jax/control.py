@@ -30,6 +30,7 @@ _FIRST_ERROR = 0.01
 _NOTHING = 1e-5
 _BLIND_FRACTION = 1e-6
 _MIN_STEP = 10.0  # spacings of numbers at the time
+_MAX_FAILURES = 40  # steps in succession that aren't finite; at time zero no step is too small
 
 
 def controller(
@@ -150,7 +151,11 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         func: Callable[..., Any],
         error_order: float | None,
     ) -> tuple[JaxArray, Any]:
-        """Return the end of the first step, and the state: the last error, and a rejection."""
+        """Return the end of the first step, and the state.
+
+        It has the last error, whether the step before was rejected, and how many in succession
+        were not finite.
+        """
         if error_order is None:
             raise ValueError(
                 "solver must be a pair for steps to be chosen; methods without an error estimate "
@@ -159,10 +164,15 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         frame = rules_in(terms).frame
         if frame != self.frame:
             raise ValueError(f"controller must be one for the frame {frame!r}, got {self.frame!r}")
-        state = jnp.ones((), real_dtype(y0)), jnp.zeros((), bool)
+        state = jnp.ones((), real_dtype(y0)), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
+        start = func(terms, t0, y0, args)
+        # XLA removes the evaluation where it is that of the solver.
+        t0 = eqx.error_if(
+            t0, ~jnp.isfinite(start).all(), "f must return finite numbers at t0 and y0, got others"
+        )
         if dt0 is not None:
             return t0 + dt0, state
-        fixed = (t0, t1, y0, func(terms, t0, y0, args), args)
+        fixed = (t0, t1, y0, start, args)
         t0, t1, y0, start, args = jax.lax.stop_gradient(fixed)
         size = self._first(terms, t0, t1, y0, start, args, func, error_order)
         return t0 + size, state
@@ -230,7 +240,7 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         """Return whether a step is accepted, the ends of the next one, and the state."""
         assert y_error is not None
         y0, y1, difference = jax.lax.stop_gradient((y0, y1_candidate, y_error))
-        last_error, after_rejection = controller_state
+        last_error, after_rejection, failures = controller_state
         exponent = 1.0 / error_order
         rules = rules_of(self.frame)
         if rules.log is not None:
@@ -250,12 +260,14 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         start = jnp.where(keep, t1, t0)
         if self.max_step is not None:
             size = jnp.minimum(size, self.max_step)
-        too_small = ~keep & (size < _MIN_STEP * _spacing(t0))
+        failures = jnp.where(jnp.isfinite(error), 0, failures + 1).astype(failures.dtype)
+        too_small = ~keep & (size < _MIN_STEP * _spacing(t0)) | (failures >= _MAX_FAILURES)
         size = jnp.where(keep, jnp.maximum(size, _MIN_STEP * _spacing(start)), size)
         result = diffrax.RESULTS.where(
             too_small, diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.successful
         )
-        state = jnp.where(keep, jnp.maximum(error, _MIN_LAST_ERROR), last_error), ~keep
+        last_error = jnp.where(keep, jnp.maximum(error, _MIN_LAST_ERROR), last_error)
+        state = last_error, ~keep, failures
         return keep, start, start + size, False, state, result
 
     def _scale(self, x: JaxArray, y: JaxArray) -> JaxArray:

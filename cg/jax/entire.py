@@ -114,6 +114,19 @@ def angle_over_sine(q: JaxArray, c: JaxArray) -> JaxArray:
     return 4.0 * _arctan_quotient(t2 / (quarter * quarter)) / (sum_ * quarter)
 
 
+def rotation_vector(vector: JaxArray, scalar: JaxArray) -> JaxArray:
+    """Return the v of length at most 2 π with exp(v/2) = (vector, scalar), a unit quaternion.
+
+    As in `cg.frames.rotations` the axis of the quaternion -1, which is not unique, is the first
+    one; derivatives, which do not exist there, are zero.
+    """
+    square = vector @ vector
+    opposite = (square == 0.0) & (scalar < 0.0)
+    turn = jnp.zeros_like(vector).at[0].set(2.0 * math.pi)
+    angle = angle_over_sine(square, jnp.where(opposite, 1.0, scalar))
+    return jnp.where(opposite, turn, 2.0 * angle * vector)
+
+
 def _arctan_quotient(x: JaxArray) -> JaxArray:
     """Return arctan(√x) / √x."""
     near = jnp.minimum(x, _ARCTAN_NEAR)

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 
 from cg.frames import SO, SU, Frame, MatrixGroup, Semidirect, U
 from cg.jax.dexpinv import motion_dexpinv, series_dexpinv, turning_dexpinv
-from cg.jax.entire import JaxArray, angle_over_sine, dexpinv_factor, stumpff
+from cg.jax.entire import JaxArray, dexpinv_factor, rotation_vector, stumpff
+from cg.jax.matrices import expm, logarithm_of, projection
 from cg.jax.rotations import rotation_logarithm, rotation_matrix
 from cg.jax.rules import Rules, adjoint, linear, newton_schulz, real_dtype, same
-
-_ROOTS = 3  # square roots before a logarithm's series
-_ROOT_STEPS = 8
-_ARTANH_TERMS = 12
-_NEAR_IDENTITY = 0.25
 
 
 def group_rules(frame: MatrixGroup) -> Rules:
@@ -26,7 +19,7 @@ def group_rules(frame: MatrixGroup) -> Rules:
     body = frame.convention == "body"
     inverse, restore = _inverse_and_restore(frame)
     exponential = exponential_of(frame)
-    log1p = _log1p(frame)
+    log1p = _log1p(frame, inverse)
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
         x = exponential(v)
@@ -71,13 +64,6 @@ def _is_motion(frame: Frame) -> bool:
     return isinstance(frame, Semidirect) and _is_rotation(frame.group)
 
 
-def projection(frame: MatrixGroup, matrix: JaxArray) -> JaxArray:
-    """Return the coefficients of the orthogonal projection of a matrix onto the algebra."""
-    dual = frame._dual.conj().T
-    dtype = matrix.dtype if dual.dtype.kind == "f" else jnp.result_type(matrix, np.complex64)
-    return (matrix.reshape(-1) @ jnp.asarray(dual, dtype)).real
-
-
 def exponential_of(frame: MatrixGroup) -> Callable[[JaxArray], JaxArray]:
     """Return the exponential as a function of coefficients."""
     if isinstance(frame, Semidirect):
@@ -101,7 +87,7 @@ def exponential_of(frame: MatrixGroup) -> Callable[[JaxArray], JaxArray]:
             )
 
         return spin
-    return lambda v: jax.scipy.linalg.expm(linear(v, frame.basis), max_squarings=24)
+    return lambda v: expm(linear(v, frame.basis))
 
 
 def _motion(frame: Semidirect, v: JaxArray) -> JaxArray:
@@ -139,7 +125,9 @@ def _inverse_and_restore(
     return jnp.linalg.inv, same
 
 
-def _log1p(frame: MatrixGroup) -> Callable[[JaxArray], JaxArray]:
+def _log1p(
+    frame: MatrixGroup, inverse: Callable[[JaxArray], JaxArray]
+) -> Callable[[JaxArray], JaxArray]:
     """Return the logarithm of the identity plus a matrix, as coefficients."""
     if _is_rotation(frame):
         return rotation_logarithm
@@ -152,10 +140,10 @@ def _log1p(frame: MatrixGroup) -> Callable[[JaxArray], JaxArray]:
         def log1p(away: JaxArray) -> JaxArray:
             vector = 0.5 * projection(frame, away)
             scalar = 1.0 + 0.5 * jnp.trace(away).real
-            return 2.0 * angle_over_sine(vector @ vector, scalar) * vector
+            return rotation_vector(vector, scalar)
 
         return log1p
-    return lambda away: projection(frame, _matrix_log1p(away))
+    return logarithm_of(frame, inverse)
 
 
 def _motion_logarithm(frame: Semidirect, away: JaxArray) -> JaxArray:
@@ -165,36 +153,6 @@ def _motion_logarithm(frame: Semidirect, away: JaxArray) -> JaxArray:
     once = wedge @ columns
     moved = columns - 0.5 * once + dexpinv_factor(omega @ omega) * (wedge @ once)
     return jnp.concatenate([omega, moved.T.reshape(-1)])
-
-
-def _matrix_log1p(away: JaxArray) -> JaxArray:
-    """Return the principal logarithm of the identity plus a matrix.
-
-    Near the identity it is a series in the matrix itself, which keeps its digits; farther away
-    square roots come first, by the iteration of Denman and Beavers.
-    """
-    eye = jnp.eye(len(away), dtype=away.dtype)
-    near = (jnp.abs(away) ** 2).sum() < _NEAR_IDENTITY**2
-
-    def series(small: JaxArray) -> JaxArray:
-        z = jnp.linalg.solve(small + 2.0 * eye, small)
-        square = z @ z
-        total = eye / (2 * _ARTANH_TERMS + 1)
-        for j in range(_ARTANH_TERMS - 1, -1, -1):
-            total = eye / (2 * j + 1) + square @ total
-        return 2.0 * (z @ total)
-
-    def root(x: JaxArray, _: Any) -> tuple[JaxArray, None]:
-        def step(pair: Any, _: Any) -> Any:
-            y, z = pair
-            return (0.5 * (y + jnp.linalg.inv(z)), 0.5 * (z + jnp.linalg.inv(y))), None
-
-        return jax.lax.scan(step, (x, eye), None, length=_ROOT_STEPS)[0][0], None
-
-    whole = jnp.where(near, eye, eye + away)
-    far, _ = jax.lax.scan(root, whole, None, length=_ROOTS)
-    reduced = jnp.where(near, away, far - eye)
-    return jnp.where(near, 1.0, 2.0**_ROOTS) * series(reduced)
 
 
 def group_dexpinv(frame: MatrixGroup) -> Callable[[JaxArray, JaxArray, int], JaxArray]:

@@ -9,7 +9,8 @@ from cg.frames import Euclidean, FieldFrame, MatrixFrame, Sphere, Stiefel
 from cg.integration.step.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine
-from cg.jax.groups import exponential_of, group_dexpinv, projection
+from cg.jax.groups import exponential_of, group_dexpinv
+from cg.jax.matrices import expm, projection
 from cg.jax.rules import Rules, linear, newton_schulz, ones, real_dtype, same, unit_step
 
 
@@ -83,7 +84,7 @@ def own_rules(frame: FieldFrame | MatrixFrame) -> Rules:
     else:
 
         def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-            return jax.scipy.linalg.expm(linear(v, frame.matrices), max_squarings=24) @ y
+            return expm(linear(v, frame.matrices)) @ y
 
     def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
         eye = jnp.eye(frame.dim, dtype=real_dtype(y))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from cg.frames import UnitQuaternion
 from cg.frames.quaternion import _generators
 from cg.jax.dexpinv import turning_dexpinv
-from cg.jax.entire import JaxArray, angle_over_sine, stumpff
+from cg.jax.entire import JaxArray, rotation_vector, stumpff
 from cg.jax.rules import Rules, bilinear, linear, ones, unit_step
 
 
@@ -24,8 +24,7 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
         return jnp.stack(bilinear(2.0 * generators, list(end), list(y)))
 
     def log(y0: JaxArray, y1: JaxArray) -> JaxArray:
-        vector = sines(y0, y1 - y0)
-        return 2.0 * angle_over_sine(vector @ vector, y0 @ y1) * vector
+        return rotation_vector(sines(y0, y1 - y0), y0 @ y1)
 
     return Rules(
         frame,
@@ -62,4 +61,4 @@ def quaternion_of(away: JaxArray) -> JaxArray:
 def rotation_logarithm(away: JaxArray) -> JaxArray:
     """Return the rotation vector of the identity plus `away`, as `cg.frames.rotations` has it."""
     q = quaternion_of(away)
-    return 2.0 * angle_over_sine(q[:3] @ q[:3], q[3]) * q[:3]
+    return rotation_vector(q[:3], q[3])

@@ -22,7 +22,7 @@ from cg.integration.step.plan import error_exponent
 from cg.jax.entire import JaxArray
 from cg.jax.points import membership_error
 from cg.jax.rules import Rules
-from cg.jax.term import rules_in
+from cg.jax.term import refuse_implicit_adjoint, rules_in
 from cg.jax.within import Within, interpolant
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
@@ -178,7 +178,7 @@ class Solver(diffrax.AbstractAdaptiveSolver):
 
     def func(self, terms: Any, t0: JaxArray, y0: JaxArray, args: Any) -> JaxArray:
         """Return the coefficients at a point."""
-        rules_in(terms)
+        refuse_implicit_adjoint(rules_in(terms).frame)
         return terms.vf(t0, y0, args)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> JaxArray:

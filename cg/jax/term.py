@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -11,10 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cg.frames import Frame, Product
+from cg.frames import Euclidean, Frame, Product
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import Rules
+
+_CALLERS = 12  # of which equinox has some between diffrax and a solver
 
 
 class FrameTerm(diffrax.AbstractTerm):
@@ -109,6 +112,23 @@ def rules_in(terms: Any) -> Rules:
     kind = type(term).__name__
     more = "; f is one function with all coefficients" if kind == "MultiTerm" else ""
     raise TypeError(f"terms must be one cg.jax.FrameTerm, got {kind}{more}")
+
+
+def refuse_implicit_adjoint(frame: Frame) -> None:
+    """Raise NotImplementedError if diffrax's ImplicitAdjoint asks for f on a manifold.
+
+    It solves f(y) = 0 for the entries of y.  Only the functions that call tell which adjoint it is.
+    """
+    place = inspect.currentframe()
+    for _ in range(_CALLERS):
+        if place is None or isinstance(frame, Euclidean):
+            return
+        if (place.f_globals.get("__name__"), place.f_code.co_name) == ("diffrax._adjoint", "_vf"):
+            raise NotImplementedError(
+                "adjoint must not be ImplicitAdjoint on a manifold, where f(y) = 0 does not "
+                "determine the entries of y; RecursiveCheckpointAdjoint gives the gradient"
+            )
+        place = place.f_back
 
 
 def _check_point(frame: Frame, y: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -40,9 +41,12 @@ class _Scheme:
     weights
         Of θ, θ², … in the weights of coefficients in flows, shape ``(flows, coefficients,
         degree)``.
+    accurate
+        Whether the interpolant is as accurate as the step.
     """
 
     weights: NDArray[np.float64]
+    accurate: bool = True
 
 
 class _Interpolant(eqx.Module):
@@ -75,6 +79,12 @@ class Within(diffrax.AbstractLocalInterpolation):
 
     def evaluate(self, t0: Any, t1: Any = None, left: bool = True) -> JaxArray:
         """Return the point at a time, or the difference of those at two times."""
+        if not self.within.scheme.accurate:
+            warnings.warn(
+                'dense="steps" has errors of second order in the step between the ends of steps; '
+                "output and events there need a solver without it",
+                stacklevel=2,
+            )
         if t1 is not None:
             return self.evaluate(t1) - self.evaluate(t0)
         span = self.t1 - self.t0
@@ -127,7 +137,7 @@ def _straight(method: Method) -> _Scheme:
     for row, flow in zip(weights, flows, strict=True):
         for stage, weight in flow:
             row[stage] = float(weight)
-    return _Scheme(weights)
+    return _Scheme(weights, accurate=False)
 
 
 def _on_algebra(

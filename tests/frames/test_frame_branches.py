@@ -92,6 +92,26 @@ def test_singular_matrices_do_not_affect_the_batch():
     np.testing.assert_allclose(coordinates[2], [0.0, 1.0, 0.0, 0.0], atol=1e-15)
 
 
+def test_coordinates_of_motions_without_a_real_logarithm():
+    """All are NaN, those of the translation too."""
+    frame = Semidirect(GL(2), 2)
+    y = np.eye(4)
+    y[:2] = [[-1.0, 0.0, 1.0, 2.0], [0.0, 2.0, 3.0, 4.0]]
+    coordinates = frame.exp_coordinates(np.eye(4), np.stack([y, frame.exponential(np.ones(8))]))
+    assert np.isnan(coordinates[0]).all()
+    np.testing.assert_allclose(coordinates[1], np.ones(8), rtol=1e-13)
+    assert np.isnan(frame.logarithm(y)).all()
+
+
+def test_logarithms_of_triangular_matrices_have_those_of_the_diagonal():
+    """Square roots and doublings would leave errors of 50 roundings there."""
+    rng = np.random.default_rng(215)
+    for _ in range(50):
+        x = np.diag(np.exp(rng.uniform(1.0, 30.0, 3))) + np.triu(rng.standard_normal((3, 3)), 1)
+        diagonal = np.diagonal(GL(3).logarithm(x).reshape(3, 3))
+        np.testing.assert_allclose(diagonal, np.log(np.diagonal(x)), rtol=4e-16)
+
+
 def test_scipy_prints_nothing(capfd):
     y = np.array([[1.0, 1e9], [0.0, 1.0 + 1e-6]])
     with warnings.catch_warnings():

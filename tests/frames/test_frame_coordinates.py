@@ -15,6 +15,7 @@ from cg.frames import (
     Euclidean,
     FieldFrame,
     HomogeneousSpace,
+    Hyperbolic,
     IsospectralOrbit,
     Product,
     Semidirect,
@@ -173,6 +174,8 @@ def test_coordinate_sizes():
     many = frame.coordinate_sizes(np.stack([y, 2.0 * y]))
     assert many.shape == (2, frame.dim)
     np.testing.assert_array_equal(many[1, 3:5], [4.0, 1.0])
+    # a dilation, whose size is one, and translations
+    np.testing.assert_array_equal(Hyperbolic(3).coordinate_sizes([6.0, 0.0, 8.0]), [1, 10, 10])
 
 
 COMPILED = [Euclidean, SO3, SO, UnitQuaternion, SE3, Sphere, SU]

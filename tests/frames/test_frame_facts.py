@@ -10,6 +10,7 @@ from cg.frames import (
     SL,
     SO,
     SO3,
+    SPD,
     SU,
     CoadjointOrbit,
     Euclidean,
@@ -70,6 +71,11 @@ def test_membership_by_known_distances():
     orbit = IsospectralOrbit((1.0, 2.0))
     assert orbit.membership_error(np.diag([2.0, 1.03])) == pytest.approx(0.03)
     assert orbit.membership_error([[1.0, 0.01], [-0.01, 2.0]]) == pytest.approx(0.01, rel=1e-2)
+    for lowest, error in ((0.5, 0.0), (-0.5, 0.5), (-3.0, 3.0)):
+        symmetric = [[lowest + 1.0, 1.0], [1.0, lowest + 1.0]]
+        assert SPD(2).membership_error(symmetric) == pytest.approx(max(error, 0.0), abs=1e-15)
+    with pytest.raises(ValueError, match="must be a point of SPD"):
+        SPD(2).check_point([[1.0, 2.0], [2.0, 1.0]])
     momentum = CoadjointOrbit(SO3(), (3.0, 0.0, 4.0))
     assert momentum.membership_error([0.0, 5.05, 0.0]) == pytest.approx(0.05, rel=1e-2)
     assert momentum.membership_error([0.0, 0.0, 0.0]) > 1.0
@@ -184,22 +190,26 @@ def test_coefficients_reject_matrices_outside_the_algebra(group, size):
 
 
 @pytest.mark.parametrize(
-    ("group", "matrix"),
+    ("group", "matrix", "hint"),
     [
-        (SU(2), [[0.0, 1.0], [1.0, 0.0]]),  # a Hamiltonian, without -1j
-        (U(3), np.diag([1.0, 2.0, 3.0])),
-        (SU(3), 1j * np.eye(3)),
-        (SO(4), np.ones((4, 4))),
-        (SO3(), np.eye(3)),
-        (SL(2), np.eye(2)),
-        (Sp(2), np.eye(2)),
-        (SE3(), np.eye(4)),
+        (SU(2), [[0.0, 1.0], [1.0, 0.0]], r"it is Hermitian, .* Hamiltonian H .* factor: -1j \* H"),
+        (U(3), np.diag([1.0, 2.0, 3.0]), r"needs the factor: -1j \* H"),
+        (SU(3), 1j * np.diag([1.0, 2.0, 3.0]), r"its trace 0\+6j must be zero; .* need U\(3\)"),
+        (SU(3), np.diag([1.0, 2.0], 1), "1e-08"),
+        (SO(4), np.ones((4, 4)), "1e-08"),
+        (SO3(), np.eye(3), "1e-08"),
+        (SL(2), np.eye(2), r"its trace 2 must be zero; other matrices need GL\(2\)"),
+        (Sp(2), np.eye(2), "1e-08"),
+        (SE3(), np.eye(4), "1e-08"),
     ],
     ids=lambda value: repr(value) if hasattr(value, "dim") else "",
 )
-def test_coefficients_reject_specific_matrices(group, matrix):
-    with pytest.raises(ValueError, match=r"matrix must be in the Lie algebra of .* its distance"):
+def test_coefficients_reject_specific_matrices(group, matrix, hint):
+    message = rf"matrix must be in the Lie algebra of .* its distance .*{hint}$"
+    with pytest.raises(ValueError, match=message):
         group.coefficients(matrix)
+    with pytest.raises(ValueError, match=message):
+        group.coefficients([group.algebra(np.ones(group.dim)), matrix])
 
 
 def test_coefficients_accept_rounding_errors():

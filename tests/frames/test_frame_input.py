@@ -1,6 +1,7 @@
 """Bad input to frames is rejected by name; unusual valid input is accepted."""
 
 import re
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -260,6 +261,32 @@ def test_basis_larger_than_memory_raises(frame, dim):
     group = frame if isinstance(frame, MatrixGroup) else frame.group
     with pytest.raises(MemoryError, match=r"is too large: the matrices of its .* fields need"):
         group.basis  # noqa: B018
+
+
+@pytest.mark.parametrize("kind", [SO, U, SU, GL, SL, Sp, lambda n: Semidirect(SO(n), 2)])
+def test_coefficients_of_large_matrices_need_no_basis(kind, monkeypatch):
+    """They are those that the matrices of the fields give, and take memory for a few matrices."""
+    rng = np.random.default_rng(26)
+    for n in (2, 4, 6):
+        frame = kind(n)
+        v = rng.standard_normal((3, frame.dim))
+        matrix = frame.algebra(v) + rng.standard_normal((3, *frame.point_shape))
+        projected = frame._algebra_projection(matrix)
+        with monkeypatch.context() as patch:
+            patch.setattr("cg.frames.matrix_group._MAX_DENSE", 0)
+            again = frame.algebra(v)
+            found = frame._algebra_projection(matrix)
+        np.testing.assert_allclose(again, np.tensordot(v, frame.basis, 1), rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(found, projected, rtol=0.0, atol=1e-14)
+    frame = kind(80)
+    v = rng.standard_normal(frame.dim)
+    tracemalloc.start()
+    matrix = frame.algebra(v)
+    found = frame.coefficients(matrix)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 100 * matrix.nbytes  # the matrices of the fields take 3200 times as much or more
+    np.testing.assert_allclose(found, v, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("u", [[np.inf, 0.2, 0.3], [1e200, 0.2, 0.3], [np.nan, 0.2, 0.3]])

@@ -114,6 +114,22 @@ def test_logarithms_of_half_and_full_turns():
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
+@pytest.mark.parametrize("scalar_first", [False, True])
+def test_differences_of_attitudes(convention, scalar_first):
+    """They are those of rotation matrices, whatever the signs of the quaternions."""
+    frame, rng = UnitQuaternion(convention, scalar_first=scalar_first), np.random.default_rng(19)
+    x, y = frame.random_point(rng, (2, 200))
+    expected = SO3(convention).exp_coordinates(*(frame.as_rotation(q).as_matrix() for q in (x, y)))
+    assert np.linalg.norm(expected, axis=-1).max() > 3.1
+    for end in (y, -y, frame.as_rotation(y)):
+        actual = frame.attitude_difference(x, end)
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(frame.attitude_difference(x, -x), np.zeros((200, 3)))
+    with pytest.raises(ValueError, match=r"y1 must have shape \(\.\.\., 4\), got \(3,\)"):
+        frame.attitude_difference(x, np.zeros(3))
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
 @pytest.mark.parametrize("angle", ANGLES)
 def test_rigid_motions_are_the_matrix_exponential(convention, angle):
     rng = np.random.default_rng(18)

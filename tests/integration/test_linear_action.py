@@ -47,6 +47,23 @@ class TestLinearAction:
             run.y[-1], exact, rtol=0, atol=1e-12 * max(scale, 1) * np.abs(exact).max()
         )
 
+    @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
+    @pytest.mark.parametrize("skew", [False, True])
+    @pytest.mark.parametrize("bad", [np.nan, np.inf])
+    def test_all_entries_are_nan_if_a_coefficient_is(self, factor, skew, bad):
+        """Also where the generator has no entry in some row, or none at all."""
+        generators = factor * np.stack([np.diag([0.0, 1.0, 0.0], 1), np.diag([0.0, 0.0, 0.0, 2.0])])
+        if skew:
+            generators = generators - generators.conj().mT
+        frame = LinearAction([*generators, 0.0 * generators[0]])
+        v = np.array([[bad, 0.3, 0.2], [0.1, bad, 0.2], [0.1, 0.3, bad], [0.1, 0.3, 0.2]])
+        moved = frame.flow(v, np.ones(4))
+        assert np.isnan(moved[:3]).all()
+        assert np.isfinite(moved[3]).all()
+        overflowing = LinearAction([np.diag([1e300, 1.0]), np.diag([-1e300, 1.0])])
+        with pytest.raises(cg.frames.FlowOverflowError, match=r"\|v\| = 1e\+20"):
+            overflowing.flow([1e20, 1e20], np.ones(2))
+
     def test_products_with_other_frames_measured_by_entries(self):
         action = LinearAction(list(self.DENSE))
         pair, y = cg.frames.Power(action, 2), self.RNG.standard_normal((2, 6))

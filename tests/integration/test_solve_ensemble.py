@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.frames import GL, SO3, SU, Euclidean, Stiefel
+from cg.frames import GL, SE3, SO3, SU, Euclidean, Sphere, Stiefel, UnitQuaternion
 from cg.integration import ensemble
 from cg.integration.arguments import check_points
 from cg.integration.loop import run as run_module
@@ -310,3 +310,14 @@ def test_checking_points_takes_little_memory():
     finally:
         tracemalloc.stop()
     assert points.nbytes <= peak < 1.6 * points.nbytes
+
+
+@pytest.mark.parametrize("frame", [SO3(), SE3(), SU(2), Sphere(2), UnitQuaternion()], ids=repr)
+def test_nan_is_never_surely_on_the_manifold(frame):
+    plan = plan_of(frame, cg.methods["CG3"])
+    point = frame.random_point(np.random.default_rng(4))
+    assert plan.surely_on_manifold(point[None])
+    for index in np.ndindex(point.shape):
+        wrong = point.copy()
+        wrong[index] = np.nan
+        assert not plan.surely_on_manifold(wrong[None])

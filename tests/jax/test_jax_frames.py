@@ -94,6 +94,20 @@ class TestValues:
         for actual in known:
             close(actual, frame.exp_coordinates(y, end), 10)
 
+    def test_restored_points(self, frame, example):
+        """A step of Newton's method takes points near the manifold to it."""
+        y, *_ = example
+        if frame.membership_error(2.0 * y) == 0.0:
+            pytest.skip("all points are on the manifold")
+        rng = np.random.default_rng(6)
+        tilt = rng.standard_normal(y.shape) + (1j if np.iscomplexobj(y) else 0.0)
+        if isinstance(frame, Semidirect):
+            tilt[-1 - (frame.size - frame.group.size) :] = 0.0
+        near = y + 1e-6 * tilt
+        assert frame.membership_error(near) > 1e-8
+        restored = jax.jit(rules_of(frame).restore)(near)
+        assert frame.membership_error(restored) < 1e-10
+
     def test_points_near_each_other(self, frame, example):
         y, _, w = example
         rules = rules_of(frame)
@@ -123,8 +137,92 @@ class TestValues:
         np.testing.assert_allclose(slope, expected, rtol=0.0, atol=2e-6)
 
 
+def unitary(frame, angles, rng):
+    """Return a random element of a group of unitary matrices whose eigenvalues have some angles."""
+    if isinstance(frame, SO):
+        axes = frame.random_point(rng)
+        x = np.eye(frame.n)
+        for i, angle in enumerate(angles):
+            c, s = np.cos(angle), np.sin(angle)
+            x[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[c, -s], [s, c]]
+    else:
+        axes, x = U(frame.n).random_point(rng), np.diag(np.exp(1j * np.asarray(angles)))
+    return axes @ x @ axes.conj().T
+
+
+UNITARY = [SO(4), SU(3), *slow(SO(5, "space"), SO(7), U(1), U(2))]
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+class TestLargeAngles:
+    @pytest.mark.parametrize("frame", [*UNITARY, *slow(Stiefel(4, 2), Sphere(3), GL(2))], ids=repr)
+    def test_flows(self, frame, kind):
+        rng = np.random.default_rng(3)
+        flow = jax.jit(lambda v, y: cg.jax.flow(frame, v, y))
+        for size in (8.0, 11.0, 30.0, 1000.0)[: 1 if isinstance(frame, GL) else 4]:
+            for _ in range(5):
+                y, v = frame.random_point(rng), rng.standard_normal(frame.dim)
+                v = (size / np.linalg.norm(v) * v).astype(kind)
+                y = y.astype(np.result_type(kind, np.complex64) if np.iscomplexobj(y) else kind)
+                end = frame.flow(v, y)
+                atol = 20 * size * np.finfo(kind).eps * np.abs(end).max()
+                np.testing.assert_allclose(flow(v, y), end, rtol=0.0, atol=atol)
+
+    @pytest.mark.parametrize("frame", UNITARY, ids=repr)
+    def test_logarithms(self, frame, kind):
+        """They lead to the point, are shortest, and have right derivatives along themselves."""
+        rng, rounding = np.random.default_rng(4), float(np.finfo(kind).eps)
+        rules, count = rules_of(frame), frame.n // 2 if isinstance(frame, SO) else frame.n
+        log = jax.jit(rules.log)
+
+        def along(v, y):
+            return jax.grad(lambda s: (rules.log(y, rules.flow(s * v, y)) ** 2).sum())(1.0)
+
+        along = jax.jit(along)
+        for less in (0.0, 1e-13, 1e-9, 1e-6, 1e-3, 0.1, 1.0):
+            for other in (0.0, 0.5 * np.pi, 2.5, -3.0):
+                angles = [np.pi - less, other, *[1.0] * count][:count]
+                if isinstance(frame, SU):
+                    angles[-1] = -sum(angles[:-1])
+                x, one = unitary(frame, angles, rng), np.eye(frame.n, dtype=frame.dtype)
+                low = np.complex64 if frame.dtype.kind == "c" else np.float32
+                one, x = (y.astype(low if kind == np.float32 else frame.dtype) for y in (one, x))
+                v = np.asarray(log(one, x))
+                assert v.dtype == kind
+                np.testing.assert_allclose(frame.flow(v, one), x, rtol=0.0, atol=50 * rounding)
+                shortest = np.linalg.norm(frame.exp_coordinates(one, x))
+                assert np.linalg.norm(v) == pytest.approx(shortest, abs=100 * rounding)
+                slope = along((1.0 - 1e-3) * v, one)
+                expected = 2.0 * (1.0 - 1e-3) ** 2 * shortest**2
+                assert slope == pytest.approx(expected, rel=5000 * rounding)
+
+    @pytest.mark.parametrize("frame", [UnitQuaternion(), SU(2)], ids=repr)
+    def test_a_full_turn_of_quaternions(self, frame, kind):
+        y = np.eye(2) + 0j if isinstance(frame, SU) else np.array([0.0, 0.0, 0.0, 1.0])
+        y = y.astype(np.result_type(kind, np.complex64) if np.iscomplexobj(y) else kind)
+        log = rules_of(frame).log
+        np.testing.assert_allclose(log(y, -y), [2.0 * np.pi, 0.0, 0.0], rtol=1e-6)
+        assert np.isfinite(jax.grad(lambda s: log(y, s * y)[0])(-1.0))
+
+
 class TestSeriesOfDexpinv:
     """Beyond the radius of convergence values are those of NumPy: NaN, unless the series ends."""
+
+    @pytest.mark.parametrize("frame", [SU(3), SO3(), SE3(), *slow(SO(4), SU(2))], ids=repr)
+    def test_the_radius(self, frame):
+        """It is where differences of eigenvalues of the matrix of u are 2 π."""
+        rng = np.random.default_rng(10)
+        u, v = rng.standard_normal((2, 8, frame.dim))
+        adjoint = np.array([frame.bracket(u, unit) for unit in np.eye(frame.dim)])
+        rates = np.abs(np.linalg.eigvals(adjoint.swapaxes(0, 1))).max(axis=-1)
+        dexpinv = jax.jit(jax.vmap(lambda u, v: rules_of(frame).dexpinv(u, v, 6)))
+        for turns, exists in ((0.9, True), (0.97, True), (1.03, False), (1.1, False)):
+            scaled = turns * 2.0 * np.pi * u / rates[:, None]
+            values, expected = dexpinv(scaled, v), frame.dexpinv(scaled, v, order=6)
+            np.testing.assert_allclose(values, expected, rtol=1e-9)
+            if frame.dim == 3:
+                assert (np.isfinite(values) == exists).all()
+        assert np.isnan(values).all()
 
     @pytest.mark.parametrize("frame", [SU(3), *slow(SO(4))], ids=repr)
     def test_values(self, frame):

@@ -149,6 +149,38 @@ class TestRefusals:
         with pytest.raises(NotImplementedError, match="must not be BacksolveAdjoint"):
             jax.grad(cost)(jnp.asarray(point(UnitQuaternion())))
 
+    @pytest.mark.parametrize("frame", [SO3(), Euclidean(2)], ids=repr)
+    def test_implicit_adjoints(self, frame):
+        """They are refused on manifolds, and give derivatives of steady states in vector spaces."""
+
+        def end(args):
+            ours = cg.jax.FrameTerm(lambda t, y, args: args - y.reshape(-1)[: frame.dim], frame)
+            adjoint = diffrax.ImplicitAdjoint()
+            y0 = frame.random_point(np.random.default_rng(1))
+            solver = cg.jax.Solver("CF4")
+            return solve(ours, solver, y0, h=0.5, end=20.0, args=args, adjoint=adjoint).ys[-1]
+
+        if frame == SO3():
+            with pytest.raises(NotImplementedError, match="must not be ImplicitAdjoint on a mani"):
+                jax.jacobian(end)(jnp.zeros(3))
+        else:
+            np.testing.assert_allclose(jax.jacobian(end)(jnp.ones(2)), np.eye(2), atol=1e-12)
+
+    def test_functions_that_are_not_finite(self):
+        frame = UnitQuaternion()
+
+        def run(bad, **options):
+            ours = cg.jax.FrameTerm(lambda t, y, args: jnp.where(bad(t), jnp.nan, y[:3]), frame)
+            return solve(ours, cg.jax.Solver("CF4(3)", dense="steps"), point(frame), **options)
+
+        with pytest.raises(RuntimeError, match="f must return finite numbers at t0 and y0"):
+            jax.block_until_ready(run(lambda t: t >= 0.0).ys)
+        for begin in (0.0, 0.5):
+            solution = run(lambda t, begin=begin: t > begin, throw=False)
+            assert solution.result == diffrax.RESULTS.dt_min_reached
+            assert solution.stats["num_steps"] < 100
+            assert np.isfinite(solution.ys).all()
+
     @pytest.mark.parametrize("frame", [UnitQuaternion(), Sphere(2)], ids=repr)
     @pytest.mark.parametrize("solver", [diffrax.Dopri5(), diffrax.Euler()])
     def test_solvers_of_diffrax(self, solver, frame):

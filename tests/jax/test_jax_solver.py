@@ -236,6 +236,37 @@ class TestErrors:
         )  # fmt: skip
         np.testing.assert_allclose(back.ys[-1], START, rtol=0.0, atol=1e-7)
 
+    def test_rejected_steps_are_those_of_solve_ivp(self):
+        """Steps that lead to a sudden motion are rejected; after a rejection they don't grow."""
+        frame = Euclidean(1)
+
+        def f(xp, t):
+            return xp.where(t < 1.0, 0.0, xp.cos(50.0 * t)).reshape(1)
+
+        ours = cg.jax.FrameTerm(lambda t, y, args: f(jnp, t), frame)
+        solution = solve(
+            ours, cg.jax.Solver("CF4(3)", dense="steps"), np.zeros(1), end=2.0, rtol=1e-6,
+            saveat=diffrax.SaveAt(steps=True),
+        )  # fmt: skip
+        expected = cg.solve_ivp(
+            lambda t, y: f(np, t), (0.0, 2.0), [0.0], frame=frame, method="CF4(3)",
+            rtol=1e-6, atol=1e-6,
+        )  # fmt: skip
+        ts = solution.ts[np.isfinite(solution.ts)]
+        assert solution.stats["num_rejected_steps"] > 3
+        np.testing.assert_allclose(ts, expected.t[1:], rtol=1e-9)
+
+    def test_a_jump_of_f_between_steps(self):
+        """The first stage after it is evaluated again, also of methods that keep the last one."""
+        frame = Euclidean(1)
+        ours = cg.jax.FrameTerm(lambda t, y, args: jnp.where(t < 0.5, 1.0, -3.0)[None], frame)
+        loose = cg.jax.controller(frame, 1e3, 1e3)
+        steps = diffrax.ClipStepSizeController(loose, jump_ts=[0.5])
+        for name in ("DP5(4)", "RKMK5(4)"):
+            solver = cg.jax.Solver(name, dense="steps")
+            end = solve(ours, solver, np.zeros(1), h=0.25, stepsize_controller=steps).ys[-1, 0]
+            assert float(end) == pytest.approx(-1.0, abs=1e-12)
+
     def test_the_largest_step(self):
         frame = Euclidean(1)
         ours = cg.jax.FrameTerm(lambda t, y, args: 0.0 * y + 1.0, frame)
@@ -334,7 +365,8 @@ class TestOutput:
             )
             return jnp.abs(cheap - accurate).max(axis=1)
 
-        one, half = largest(0.1), largest(0.05)
+        with pytest.warns(UserWarning, match=r'dense="steps" has errors of second order'):
+            one, half = largest(0.1), largest(0.05)
         np.testing.assert_allclose(one[::2], 0.0, atol=1e-14)
         assert np.log2(one[1] / half[1]) == pytest.approx(2.0, abs=0.2)
 

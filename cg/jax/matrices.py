@@ -1,0 +1,219 @@
+"""Exponentials and logarithms of matrices."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from cg.frames import SO, SU, MatrixGroup, U
+from cg.frames.matrix_functions import _TAYLOR, MAX_EXPONENT
+from cg.jax.entire import JaxArray
+from cg.jax.rules import adjoint, linear, real_dtype
+
+_MOST_SQUARINGS = round(math.log2(MAX_EXPONENT))
+_NEAR_IDENTITY = 0.25
+_ARTANH_TERMS = 12
+_MAX_ROOTS = 60
+_ROOT_STEPS = 60
+_SIGN_STEPS = 12
+
+
+def expm(matrix: JaxArray) -> JaxArray:
+    """Return the exponential, NaN where the norm is greater than `MAX_EXPONENT`.
+
+    As in `cg.frames.matrix_functions` it is a Taylor polynomial of a matrix of norm at most one,
+    squared; the error is a few roundings times the norm.  The Padé approximant of
+    ``jax.scipy.linalg.expm`` is used up to norm 11, where it loses eight digits.
+    """
+    dtype, n = real_dtype(matrix), len(matrix)
+    norm = jnp.sqrt((jnp.abs(jax.lax.stop_gradient(matrix)) ** 2).sum())
+    halvings = jnp.maximum(jnp.frexp(jnp.where(jnp.isfinite(norm), norm, 0.0))[1], 0)
+    scaled = matrix * jnp.ldexp(jnp.ones((), dtype), -halvings)
+    square = scaled @ scaled
+    powers = jnp.eye(n, dtype=matrix.dtype), scaled, square, square @ scaled
+    parts = [sum(float(c) * power for c, power in zip(row, powers, strict=True)) for row in _TAYLOR]
+    result, fourth = parts[4], square @ square
+    for part in parts[3::-1]:
+        result = result @ fourth + part
+
+    def step(x: JaxArray, k: Any) -> tuple[JaxArray, None]:
+        return jax.lax.cond(k < halvings, lambda: x @ x, lambda: x), None
+
+    def squared() -> JaxArray:
+        return jax.lax.scan(step, result, jnp.arange(_MOST_SQUARINGS))[0]
+
+    result = jax.lax.cond(halvings > 0, squared, lambda: result)
+    return jnp.where(halvings > _MOST_SQUARINGS, jnp.nan, result)
+
+
+def projection(frame: MatrixGroup, matrix: JaxArray) -> JaxArray:
+    """Return the coefficients of the orthogonal projection of a matrix onto the algebra."""
+    dual = frame._dual.conj().T
+    dtype = matrix.dtype if dual.dtype.kind == "f" else jnp.result_type(matrix, np.complex64)
+    return (matrix.reshape(-1) @ jnp.asarray(dual, dtype)).real
+
+
+def logarithm_of(
+    frame: MatrixGroup, inverse: Callable[[JaxArray], JaxArray]
+) -> Callable[[JaxArray], JaxArray]:
+    r"""Return the logarithm of the identity plus a matrix, as coefficients.
+
+    Near the identity it is a series in the matrix itself, which keeps its digits.  The derivative
+    is not that of the algorithm: from :math:`x' = x\, \Omega(w)` follows :math:`w = \varphi(-
+    \operatorname{ad}_v)\, v'` with :math:`\varphi(z) = (e^z - 1) / z`, which is solved for v'.
+    """
+    far = _far_logarithm(frame)
+
+    @jax.custom_jvp
+    def log1p(away: JaxArray) -> JaxArray:
+        near = (jnp.abs(away) ** 2).sum() < _NEAR_IDENTITY**2
+        whole = jnp.eye(len(away), dtype=away.dtype) + away
+        matrix = jax.lax.cond(near, lambda: _series(away), lambda: far(whole))
+        return projection(frame, matrix)
+
+    @log1p.defjvp
+    def _log1p_jvp(primals: Any, tangents: Any) -> Any:
+        (away,), (change,) = primals, tangents
+        v = log1p(away)
+        whole = jnp.eye(len(away), dtype=away.dtype) + away
+        rate = projection(frame, inverse(whole) @ change)
+        # Row vectors times this matrix are brackets of minus v.
+        bracket = -frame._side * linear(v, frame._adjoint_basis)
+        zero, eye = jnp.zeros_like(bracket), jnp.eye(frame.dim, dtype=v.dtype)
+        factor = expm(jnp.block([[bracket, eye], [zero, zero]]))[: frame.dim, frame.dim :]
+        return v, jnp.linalg.solve(factor.T, rate)
+
+    logarithm: Callable[[JaxArray], JaxArray] = log1p
+    return logarithm
+
+
+def _series(small: JaxArray) -> JaxArray:
+    """Return the logarithm of the identity plus a small matrix."""
+    eye = jnp.eye(len(small), dtype=small.dtype)
+    z = jnp.linalg.solve(small + 2.0 * eye, small)
+    square = z @ z
+    total = eye / (2 * _ARTANH_TERMS + 1)
+    for j in range(_ARTANH_TERMS - 1, -1, -1):
+        total = eye / (2 * j + 1) + square @ total
+    return 2.0 * (z @ total)
+
+
+def _far_logarithm(frame: MatrixGroup) -> Callable[[JaxArray], JaxArray]:
+    if isinstance(frame, SO):
+        return _rotation_logarithm
+    if isinstance(frame, SU | U):
+        special = isinstance(frame, SU)
+        return lambda x: _unitary_logarithm(x, special)
+    return _general_logarithm
+
+
+def _cayley_angles(x: JaxArray) -> tuple[JaxArray, JaxArray]:
+    """Return the arguments of eigenvalues of a unitary matrix, none near -1, and eigenvectors.
+
+    Both are from the Hermitian matrix i (1 - x) / (1 + x), whose eigenvalues are tangents of half
+    the angles.  JAX has no Schur form on accelerators.
+    """
+    eye = jnp.eye(len(x), dtype=x.dtype)
+    hermitian = 1j * jnp.linalg.solve(eye + x, eye - x)
+    tangents, vectors = jnp.linalg.eigh(hermitian)
+    return 2.0 * jnp.arctan(tangents), vectors
+
+
+def _spectral(angles: JaxArray, vectors: JaxArray) -> JaxArray:
+    return (vectors * (1j * angles)) @ adjoint(vectors)
+
+
+def _unitary_logarithm(x: JaxArray, special: bool) -> JaxArray:
+    """Return the logarithm of a unitary matrix with angles in (-π, π], or traceless if special."""
+    turn = 2.0 * math.pi
+    # No eigenvalue is near the middle of the largest gap between all of them and their conjugates.
+    cosines = jnp.linalg.eigvalsh(0.5 * (x + adjoint(x)))
+    bounds = jnp.arccos(jnp.clip(cosines, -1.0, 1.0))
+    ends = jnp.sort(jnp.concatenate([-bounds, bounds]))
+    gaps = jnp.append(ends[1:], ends[0] + turn) - ends
+    widest = jnp.argmax(gaps)
+    opposite = ends[widest] + 0.5 * gaps[widest] - 0.5 * turn
+    angles, vectors = _cayley_angles(jnp.exp(-1j * opposite) * x)
+    angles = angles + opposite
+    rounding = 8.0 * len(x) * jnp.finfo(angles.dtype).eps
+    angles = angles - turn * jnp.ceil((angles - rounding) / turn - 0.5)
+    if special:
+        # The sum is a multiple of a turn; shifts of the largest or smallest angles make it zero.
+        turns = jnp.round(angles.sum() / turn)
+        sign = jnp.sign(turns)
+        rank = jnp.argsort(jnp.argsort(-sign * angles))
+        angles = angles - jnp.where(rank < jnp.abs(turns), sign * turn, 0.0)
+    return _spectral(angles, vectors)
+
+
+def _rotation_logarithm(x: JaxArray) -> JaxArray:
+    """Return the logarithm of a rotation, with angles of at most π.
+
+    The planes of rotation are divided at the largest gap between cosines of their angles.  Behind
+    it half a turn is taken out of each plane, in the direction of its rotation.
+    """
+    n = len(x)
+    cosines, axes = jnp.linalg.eigh(0.5 * (x + x.T))
+    lower = jnp.concatenate([-jnp.ones(1, x.dtype), cosines[1::2]])
+    upper = jnp.append(cosines[::2], 1.0)[: len(lower)]
+    behind = jnp.arange(n) < 2 * jnp.argmax(upper - lower)
+    inside = behind[:, None] & behind
+    matrix = axes.T @ x @ axes
+    # At an angle of π, either direction is right.
+    either = jnp.kron(jnp.eye((n + 1) // 2), jnp.array([[0.0, -1.0], [1.0, 0.0]]))[:n, :n]
+    least = 1e-3 * jnp.finfo(x.dtype).eps
+    skew = jnp.where(inside, 0.5 * (matrix - matrix.T) + least * either, 0.0).astype(x.dtype)
+
+    def improve(skew: JaxArray, _: Any) -> tuple[JaxArray, None]:
+        """Take a step of Newton's method for a skew matrix whose square is minus the identity."""
+        inverse = jnp.where(inside, jnp.linalg.inv(skew + jnp.diag(1.0 - behind)), 0.0)
+        inverse = 0.5 * (inverse - inverse.T)
+        squares = (skew**2).sum(), (inverse**2).sum()
+        scale = jnp.where(behind.any(), squares[1] / jnp.where(behind.any(), squares[0], 1), 1)
+        scale = jnp.sqrt(jnp.sqrt(scale))
+        return (0.5 * (scale * skew - inverse / scale)).astype(x.dtype), None
+
+    half, _ = jax.lax.scan(improve, skew, None, length=_SIGN_STEPS)
+    turned = x - 2.0 * (x @ (axes * behind) @ axes.T)
+    rest = _spectral(*_cayley_angles(turned)).real
+    return rest + math.pi * (axes @ half @ axes.T)
+
+
+def _general_logarithm(x: JaxArray) -> JaxArray:
+    """Return the principal logarithm by square roots until the series is right; NaN without one."""
+    eye = jnp.eye(len(x), dtype=x.dtype)
+
+    def far(state: Any) -> JaxArray:
+        root, count = state
+        return (((root - eye) ** 2).sum() > _NEAR_IDENTITY**2) & (count < _MAX_ROOTS)
+
+    root, count = jax.lax.while_loop(far, lambda state: (_root(state[0]), state[1] + 1), (x, 0))
+    return jnp.ldexp(jnp.ones((), x.dtype), count) * _series(root - eye)
+
+
+def _root(x: JaxArray) -> JaxArray:
+    """Return the principal square root by the scaled iteration of Denman and Beavers, or NaN."""
+    n = len(x)
+    small = 1e-2 * math.sqrt(jnp.finfo(x.dtype).eps)  # its square is below rounding
+
+    def going_on(state: Any) -> JaxArray:
+        _, _, change, count = state
+        return (change > small) & (count < _ROOT_STEPS)
+
+    def step(state: Any) -> Any:
+        y, z, _, count = state
+        logarithms = jnp.linalg.slogdet(y)[1] + jnp.linalg.slogdet(z)[1]
+        scale = jnp.exp(-logarithms / (2 * n))
+        after = 0.5 * (scale * y + jnp.linalg.inv(z) / scale)
+        other = 0.5 * (scale * z + jnp.linalg.inv(y) / scale)
+        change = jnp.sqrt(((after - y) ** 2).sum() / (after**2).sum())
+        return after, other, change, count + 1
+
+    start = x, jnp.eye(n, dtype=x.dtype), jnp.full((), jnp.inf, x.dtype), 0
+    root, _, change, _ = jax.lax.while_loop(going_on, step, start)
+    return jnp.where(change <= small, root, jnp.nan)
