@@ -198,7 +198,7 @@ contains
     integer :: k, last
 
     call bessel_functions(norm, bessel, last)
-    products = products + last
+    products = products + int(last, int64)
     allocate (old(size(y)), now(size(y)), next(size(y)))
     old = y
     call multiply(action, action%first, action%column, x, y, now)
@@ -262,7 +262,7 @@ contains
       y = y + term
       bound = bound * norm / real(k + 1, wp)
     end do
-    products = products + k
+    products = products + int(k, int64)
   end subroutine apply_taylor
 
   ! Computes the product of a matrix with y.

@@ -2,6 +2,7 @@
 ! polynomials.
 module linear_polynomial_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   use linear_action_m, only: linear_action_t, max_parts, max_terms, multiply, products
   implicit none
@@ -122,7 +123,7 @@ contains
       if (norms(1) > max(tolerance, start)) cycle
       if (rest(bounds, norms, k) <= max(tolerance, min(start, maxval(abs(y)) * epsilon(y) / 8))) exit
     end do
-    products = products + min(k, max_terms)
+    products = products + int(min(k, max_terms), int64)
   end subroutine apply_polynomial
 
   ! A bound of the sum of the norms of the terms after y_k, as many as have coefficients of their own

@@ -152,8 +152,8 @@ contains
                            x%f, x%y(:, i))
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
-        x%nexp = x%nexp + merge(1, method%path_first(i + 1) - method%path_first(i), &
-                                method%polynomial)
+        x%nexp = x%nexp + int(merge(1, method%path_first(i + 1) - method%path_first(i), &
+                                    method%polynomial), int64)
       end do
       x%paths = max(x%paths, last)
     end associate
