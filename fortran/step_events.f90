@@ -4,14 +4,16 @@
 ! since a function may change sign twice within a part. A step has at least four parts, and more if
 ! it rotates by more than 120 degrees. With four parts only the middle is evaluated if the values of
 ! each function there and at the ends differ by less than their distance from zero. Brent's method
-! finds the zeros.
+! finds the zeros. Events at the same time happen together.
 module step_events_m
+  use controller_m, only: smallest_size
   use kinds, only: wp
   use frames_m, only: turn
   use output_m, only: store_event, output_t
   use requests_m, only: evaluate_events
   use root_m, only: find_root, function_t
-  use trajectory_m, only: problem_t, trajectory_t
+  use shared_numbers, only: resting_contact
+  use trajectory_m, only: fail, problem_t, trajectory_t
   use within_step_m, only: point_at
   implicit none
   private
@@ -20,6 +22,9 @@ module step_events_m
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
   integer, parameter :: min_parts = 4, max_parts = 10000
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
+  ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
+  ! where rounding of the function decides its sign
+  real(wp), parameter :: together = 32 * epsilon(1.0_wp), near = sqrt(epsilon(1.0_wp))
 
   ! The function of an event along the interpolant
   type, extends(function_t) :: event_function_t
@@ -65,6 +70,7 @@ contains
     g%detects = detects
     trajectory%zero = [real(wp) ::]
     trajectory%zero_of = [integer ::]
+    trajectory%zero_from = [integer ::]
     stopped = .false.
     do first = 2, 1, -1
       do k = first, n - 1, 2
@@ -77,7 +83,7 @@ contains
     end do
     do i = 1, size(values, 1)
       g%event = i
-      if (i == trajectory%jump_event) call find_after_jump(g, x(1), values(i, 1), stopped)
+      if (trajectory%came_from(i) /= 0) call find_after_event(g, x(1), values(i, 1), stopped)
       if (.not. stopped) call find_zeros_of(g, x, values(i, :), stopped)
       if (stopped) return
     end do
@@ -195,34 +201,47 @@ contains
       call find_root(g, ends(1), ends(2), values(1), values(2), zero, stopped)
     g%trajectory%zero = [g%trajectory%zero, zero]
     g%trajectory%zero_of = [g%trajectory%zero_of, g%event]
+    g%trajectory%zero_from = [g%trajectory%zero_from, merge(-1, 1, values(1) < 0)]
   end subroutine add_zero
 
-  ! Finds a zero in the first part of a step that starts from the event's own jump, where its
-  ! function is zero up to rounding. If the function returns to zero within this part, as for a ball
-  ! that hardly bounces, it has the other sign somewhere before; the part is searched by halving.
-  subroutine find_after_jump(g, end, after, stopped)
+  ! Finds a zero in the first part of a step that starts from a zero of the function. If a jump sent
+  ! the function back and it returns within this part, as for a ball that hardly bounces, it has the
+  ! sign of before somewhere; the part is searched by halving. The search ends where the function is
+  ! linear, so that it passed through zero. If it does neither, the jump left it at rest, or what
+  ! follows is smaller than rounding: the solution would fall through a contact, and ends instead.
+  subroutine find_after_event(g, end, after, stopped)
     type(event_function_t), intent(inout) :: g
     real(wp), intent(in) :: end, after                 ! of the part, and the function there
     logical, intent(out) :: stopped
     integer, parameter :: halvings = 60
-    real(wp) :: x, value, rounding
+    real(wp), parameter :: linear = 2.1_wp             ! ratio of values at 2 x and x
+    real(wp) :: x, value, before, rounding
     integer :: k
 
     stopped = .false.
-    rounding = 8 * max(abs(g%trajectory%value_after_jump), &
-                       epsilon(1.0_wp) * maxval(abs(g%trajectory%y(:, 0))))
-    if (.not. abs(after) > 0 &
-        .or. real(g%problem%events%direction(g%event), wp) * after < 0) return
-    do k = 1, halvings
-      x = end * 0.5_wp**k
-      call g%value(x, value, stopped)
-      if (stopped) return
-      if (value * sign(1.0_wp, after) < -rounding) then
-        call add_zero(g, [x, end], [value, after], stopped)
-        return
-      end if
-    end do
-  end subroutine find_after_jump
+    associate (trajectory => g%trajectory, from => g%trajectory%came_from(g%event))
+      if (after * from > 0 .or. .not. abs(after) > 0) return
+      before = after
+      do k = 1, halvings
+        x = end * 0.5_wp**k
+        call g%value(x, value, stopped)
+        if (stopped) return
+        rounding = 8 * max(abs(trajectory%value_after(g%event)), epsilon(1.0_wp) * max( &
+          maxval(abs(trajectory%y(:, 0))), x * maxval(abs(trajectory%y(:, trajectory%result))), &
+          x / end * abs(after)))
+        if (value * from > rounding) then
+          call add_zero(g, [x, end], [value, after], stopped)
+          return
+        end if
+        if (value * from < -rounding .and. abs(before) < linear * abs(value)) return
+        before = value
+      end do
+      if (.not. g%problem%events%jumps(g%event)) return
+      stopped = .true.
+      trajectory%flag = g%event
+      call fail(trajectory, resting_contact, trajectory%t)
+    end associate
+  end subroutine find_after_event
 
   ! The time at a fraction of the step
   pure real(wp) function time_at(trajectory, x)
@@ -246,45 +265,108 @@ contains
   end subroutine event_along_step
 
   ! Records zeros in the order of their times, up to the first one that ends the step.
-  subroutine record_zeros(problem, trajectory, output, until, event, after, full, stopped)
+  subroutine record_zeros(problem, trajectory, output, until, ended, after, full, stopped)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory    ! its zeros become 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
-    integer, intent(out) :: event                      ! that ends it, 0 for none
-    real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after its jump
-    logical, intent(out) :: full                       ! whether there is no room for one
+    logical, intent(out) :: ended                      ! whether an event ends the step there
+    real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
+    logical, intent(out) :: full                       ! whether there is no room for an event
     logical, intent(out) :: stopped
+    logical :: happen(size(trajectory%zero))
     real(wp) :: y(size(after))
     integer :: k
 
     until = 1.0_wp
-    event = 0
+    ended = .false.
     stopped = .false.
-    full = .false.
     associate (x => trajectory, events => problem%events)
       do while (any(x%zero < 2))
-        full = output%events == output%event_capacity
-        if (full) return
         k = minloc(x%zero, 1)
         associate (i => x%zero_of(k))
           call point_at(problem, trajectory, x%zero(k), y)
-          x%event_count(i) = x%event_count(i) + 1
-          after = y
-          if (x%event_count(i) < events%most(i) .and. events%jumps(i)) then
-            call events%jump(x%member, i, time_at(x, x%zero(k)), y, after, stopped)
-            if (stopped) return
-          end if
-          call store_event(output, x%member, i, time_at(x, x%zero(k)), y, after)
-          if (x%event_count(i) >= events%most(i) .or. events%jumps(i)) then
-            until = x%zero(k)
-            event = i
-            return
-          end if
+          ended = x%event_count(i) + 1 >= events%most(i) .or. events%jumps(i)
         end associate
+        happen = .false.
+        happen(k) = .true.
+        if (ended) then
+          until = x%zero(k)
+          call find_together(problem, trajectory, until, y, happen, stopped)
+          if (stopped) return
+        end if
+        full = output%events + count(happen) > output%event_capacity
+        if (full) return
+        call record_together(problem, trajectory, x%zero(k), y, happen, output, after, stopped)
+        if (stopped .or. ended) return
         x%zero(k) = 2.0_wp
       end do
     end associate
+    full = .false.
   end subroutine record_zeros
+
+  ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
+  ! are accurate, or where rounding has changed the sign already.
+  subroutine find_together(problem, trajectory, until, y, happen, stopped)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), intent(in) :: until                      ! fraction of the step
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
+    logical, intent(inout) :: happen(:)                ! (zeros)
+    logical, intent(out) :: stopped
+    real(wp) :: value
+    integer :: k
+
+    stopped = .false.
+    associate (x => trajectory, t => time_at(trajectory, until))
+      do k = 1, size(happen)
+        if (x%zero(k) > until + near .or. any(happen .and. x%zero_of == x%zero_of(k))) cycle
+        happen(k) = x%zero(k) <= until + together &
+                    .or. abs(time_at(x, x%zero(k)) - t) <= smallest_size(t)
+        if (happen(k)) cycle
+        call problem%events%value(x%member, x%zero_of(k), t, y, value, stopped)
+        if (stopped) return
+        happen(k) = value * x%zero_from(k) <= 0
+      end do
+    end associate
+  end subroutine find_together
+
+  ! Records events that happen together. Those without a jump come first, at the point before all
+  ! jumps; then each jump starts from the point that the one before has left.
+  subroutine record_together(problem, trajectory, theta, y, happen, output, after, stopped)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: theta                      ! fraction of the step
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
+    logical, intent(in) :: happen(:)                   ! (zeros)
+    type(output_t), intent(inout) :: output
+    real(wp), contiguous, intent(out) :: after(:)      ! (point_size)
+    logical, intent(out) :: stopped
+    logical :: jumps(size(happen))
+    real(wp) :: before(size(y))
+    integer :: k
+
+    stopped = .false.
+    after = y
+    associate (x => trajectory, events => problem%events, t => time_at(trajectory, theta))
+      do k = 1, size(happen)
+        associate (i => x%zero_of(k))
+          if (happen(k)) x%event_count(i) = x%event_count(i) + 1
+          jumps(k) = happen(k) .and. events%jumps(i) .and. x%event_count(i) < events%most(i)
+          if (.not. happen(k)) cycle
+          x%event_time(i) = t
+          x%came_from(i) = x%zero_from(k)
+          if (.not. jumps(k)) call store_event(output, x%member, i, t, y, y)
+        end associate
+      end do
+      do k = 1, size(happen)
+        if (.not. jumps(k)) cycle
+        before = after
+        call events%jump(x%member, x%zero_of(k), t, before, after, stopped)
+        if (stopped) return
+        call store_event(output, x%member, x%zero_of(k), t, before, after)
+      end do
+    end associate
+  end subroutine record_together
 
 end module step_events_m

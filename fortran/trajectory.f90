@@ -141,12 +141,16 @@ module trajectory_m
     integer :: outputs_done = 0              ! output times passed
     real(wp), allocatable :: event_before(:), event_after(:)   ! (events) values at both ends
     integer(int64), allocatable :: event_count(:)      ! (events) how often each happened
-    ! (zeros) those within the step that aren't recorded yet: fractions of it, or 2, and events
+    ! (zeros) those within the step that aren't recorded yet: fractions of it, or 2, events, and
+    ! signs of their functions before
     real(wp), allocatable :: zero(:)
-    integer, allocatable :: zero_of(:)
+    integer, allocatable :: zero_of(:), zero_from(:)
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
-    integer :: jump_event = 0                ! event whose jump the step starts from, 0 for none
-    real(wp) :: value_after_jump = 0.0_wp    ! of its function
+    real(wp), allocatable :: event_time(:)   ! (events) when each happened last
+    ! (events) sign of its function before the event that the step starts from, 0 where it doesn't,
+    ! and the function at the start
+    integer, allocatable :: came_from(:)
+    real(wp), allocatable :: value_after(:)
     ! the step before, whose interpolant may be requested
     logical :: keep_last = .false.
     real(wp) :: t_old = 0.0_wp, h_old = 0.0_wp
@@ -193,7 +197,8 @@ contains
       n = 0
       if (associated(problem%events)) n = problem%events%count
       allocate (trajectory%event_before(n), trajectory%event_after(n), &
-                trajectory%event_count(n), stat=memory)
+                trajectory%event_count(n), trajectory%event_time(n), trajectory%came_from(n), &
+                trajectory%value_after(n), stat=memory)
       if (memory /= 0) return
       if (within) call reserve_interpolant(frame, problem%scheme, trajectory%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
@@ -222,10 +227,11 @@ contains
     trajectory%segment = 1
     trajectory%interpolate_only = .false.
     trajectory%jumps_in_place = 0
-    trajectory%jump_event = 0
     trajectory%weighted_by = 0.0_wp
     call forget_step(trajectory)
     trajectory%event_before = 0.0_wp
+    trajectory%event_time = huge(1.0_wp)
+    trajectory%came_from = 0
     trajectory%event_count = 0
   end subroutine set_start
 
