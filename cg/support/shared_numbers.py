@@ -29,7 +29,7 @@ class Stop(IntEnum):
     TERMINAL_EVENT = 12
     JUMPS_WITHOUT_PROGRESS = 13
     RAISED = 14  # an exception of Python
-    RESTING_CONTACT = 15  # a jump leaves the function of its event at zero, and nothing moves it off
+    RESTING_CONTACT = 15  # a jump leaves its function at zero, and nothing moves it off
     # requests of a trajectory to its run
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_MINIMUM = 21  # of a step size over trajectories with common steps

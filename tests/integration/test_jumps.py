@@ -187,9 +187,7 @@ def test_jumps_without_progress_end_the_integration():
 def test_a_ball_that_comes_to_rest_ends_the_integration(kept, direction, options):
     """The bounces have a limit, and below it the ball would fall through the floor."""
     floor = cg.Event(height, direction=direction, jump=lambda t, y: [0.0, -kept * y[1]])
-    rest = cg.solve_ivp(
-        fall, (0.0, 20.0), [1.0, 0.0], frame=Euclidean(2), events=floor, **options
-    )
+    rest = cg.solve_ivp(fall, (0.0, 20.0), [1.0, 0.0], frame=Euclidean(2), events=floor, **options)
     limit = np.sqrt(2.0 / GRAVITY) * (1.0 + kept) / (1.0 - kept)
     assert rest.status == -1
     assert any(text in rest.message for text in ("events[0] leaves", "without progress"))
