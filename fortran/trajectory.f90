@@ -227,6 +227,8 @@ contains
     trajectory%segment = 1
     trajectory%interpolate_only = .false.
     trajectory%jumps_in_place = 0
+    trajectory%grid = grid_t()
+    trajectory%grid_done = 0
     trajectory%weighted_by = 0.0_wp
     call forget_step(trajectory)
     trajectory%event_before = 0.0_wp
@@ -259,13 +261,14 @@ contains
     if (done == grid%steps) trajectory%phase = phase_ended
   end subroutine follow_grid
 
-  ! Lets a trajectory that has ended continue, with other ends of segments.
+  ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
   pure subroutine continue_run(trajectory)
     type(trajectory_t), intent(inout) :: trajectory
 
     trajectory%status = paused
     trajectory%segment = 1
     trajectory%phase = phase_begin_segment
+    trajectory%interpolate_only = .false.
   end subroutine continue_run
 
   ! Ends a trajectory with an error.

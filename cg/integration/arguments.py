@@ -273,7 +273,7 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
 
 
 def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
-    """Return the times at which steps end: the breakpoints within the span, then its end."""
+    """Return the times at which steps end: the breakpoints inside the span, then its end."""
     if breakpoints is None:
         return np.array([stop])
     times = real_array(breakpoints, "breakpoints")
@@ -285,7 +285,11 @@ def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
             "breakpoints must be finite and strictly sorted in the direction of integration, got "
             f"{breakpoints!r}"
         )
-    inside = (sign * (times - start) > 0.0) & (sign * (times - stop) < 0.0)
+    if times.size and (sign * (times[0] - start) < 0.0 or sign * (times[-1] - stop) > 0.0):
+        raise ValueError(
+            f"breakpoints must lie between {start:g} and {stop:g}, got {breakpoints!r}"
+        )
+    inside = (times != start) & (times != stop)
     return np.append(times[inside], stop)
 
 

@@ -313,7 +313,7 @@ class Run:
     def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
         lanes = self._lanes
-        reals, integers = np.empty((lanes, 9)), np.empty((lanes, 11), dtype=np.int64)
+        reals, integers = np.empty((lanes, 13)), np.empty((lanes, 13), dtype=np.int64)
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.frame.dim))
         self._core.loop_state(
