@@ -273,24 +273,27 @@ class Stepper:
     def _drive(self, target: float | None) -> str | None:
         """Take steps up to a time or, if it is None, one step; return a message if that failed."""
         run, budget, begin = self._run, self._budget, self.t
+        record = run.record
         start = run.end.copy() if self._many else None
-        steps, message, is_complete = self._count(4), None, False
+        counts = run.counts[0]
+        steps, message, is_complete = counts[4], None, False
         try:
             while message is None and (
-                self._count(4) == steps if target is None else run.record.ended < run.members
+                counts[4] == steps if target is None else record.ended < run.members
             ):
                 given = run.members if target is None else budget.start()
-                run.record.budget = given
+                record.budget = given
                 run.call()
-                budget.stop(max(given - run.record.budget, 1))
-                message = self._check_failures()
+                if target is not None:
+                    budget.stop(max(given - record.budget, 1))
+                message = self._check_failures() if record.failed else None
             is_complete = message is None
         finally:
             if not is_complete:
                 self._end_early(start, steps)
         if is_complete:
             self.t = float(run.reached[0]) if target is None else target
-            self.step_size = abs(self.t - begin if target is None else run.record.step_size)
+            self.step_size = abs(self.t - begin if target is None else record.step_size)
             self.t_old = begin if target is None else target - self.direction * self.step_size
             if self.t == self.t_bound:
                 self.status = "finished"
@@ -310,7 +313,7 @@ class Stepper:
             self._set_points(start, self._first_step)
             return
         self.t = float(run.reached[0])
-        if self._count(4) > steps:
+        if run.counts[0, 4] > steps:
             self.t_old = float(run.state()[0][0, 3])
             self.step_size = abs(self.t - self.t_old)
 
@@ -360,7 +363,7 @@ class Stepper:
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
         self._replace_rhs(args, parameters)
         self.t, self.t_old = time, None
-        if math.isinf(self.t_bound) and run.control.h is not None:
+        if t is not None and run.control.h is not None and math.isinf(self.t_bound):
             self._stops = np.append(self._stops[:-1], time + self.direction * _FAR * run.control.h)
         self._set_points(rows, first)
         if rows is not run.end:
@@ -386,7 +389,7 @@ class Stepper:
         elif parameters is not None:
             rhs = rhs.on(self.frame, numbers)
         if rhs is not problem.rhs or extra is not problem.args:
-            self._problem = replace(problem, rhs=rhs, args=extra)
+            self._problem = problem.with_rhs(rhs, extra)
             self._run.replace_rhs(rhs)
 
     def _check_parameters(self, parameters: ArrayLike, before: Array | None) -> Array:
@@ -460,11 +463,9 @@ class Stepper:
         self._core.loop_continue(self._run.address, stops)
         record.ended = record.failed = record.raised = 0
 
-    def _check_failures(self) -> str | None:
-        """Return the message for failed steps, None if none failed; raise other errors."""
+    def _check_failures(self) -> str:
+        """Return the message for failed steps; raise other errors."""
         run = self._run
-        if not run.record.failed:
-            return None
         bad = np.flatnonzero((run.status != Stop.PAUSED) & (run.status != Stop.FINISHED)).tolist()
         self.status = "failed"
         failure = explain_failure(run, bad[0])
