@@ -224,6 +224,12 @@ def check_points(
             worst = _worst(frame, points)
             frame.check_point(points[worst], name=f"y0[{worst}]")
         return points, numbers
+    if many and rank and points.ndim == rank + 1 and points.shape[:rank] == frame.point_shape:
+        shape = ", ".join(map(str, frame.point_shape))
+        raise ValueError(
+            f"y0 must have shape (members, {shape}), got {points.shape}: members come first, as in "
+            "np.moveaxis(y0, -1, 0)"
+        )
     if points.shape != frame.point_shape or not plan.surely_on_manifold(points):
         frame.check_point(points, name="y0")
     points = points[None]

@@ -7,7 +7,7 @@ import math
 import pickle
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Unpack
+from typing import Any, Never, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from cg.integration.loop.messages import failed_members
 from cg.integration.loop.record import Output
 from cg.integration.loop.run import Run
 from cg.integration.loop.step_budget import StepBudget
-from cg.integration.options import StepOptions, complete_options, expand_options
+from cg.integration.options import StepOptions, check_no_more, complete_options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients, PythonRhs
@@ -119,7 +119,7 @@ class Stepper:
         t0: float,
         y0: ArrayLike,
         t_bound: float = math.inf,
-        *,
+        *rest: Never,
         frame: Frame,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
         jac: Function | None = None,
@@ -127,6 +127,7 @@ class Stepper:
         common_steps: bool = False,
         **options: Unpack[StepOptions],
     ) -> None:
+        check_no_more(rest)
         start = check_real_time(t0, "t0", infinite=False)
         bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0

@@ -276,7 +276,13 @@ class Run:
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
         raised = np.flatnonzero(self.status == Stop.RAISED)
-        if isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
+        if self.callbacks.failed_event is not None:
+            name, t, member = self.callbacks.failed_event
+            self.callbacks.failed_event = None
+            first = getattr(self.rhs, "first", None)
+            which = "" if first is None else f" in member {first + member}"
+            error.add_note(f"in {name}(t, y, ...) at t = {t:.17g}{which}")
+        elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
             member = int(raised[0])
             error.add_note(self.rhs.note(float(self.failed_at[member]), member))
 
