@@ -181,10 +181,7 @@ contains
       if (size(values) == 0) return
       sizes = max(abs(x%event_before), abs(x%event_after))
       x%event_before(:) = x%event_after
-      if (.not. ended) then
-        x%came_from(:) = 0
-        return
-      end if
+      if (.not. ended) return
       if (any(x%event_count >= problem%events%most)) then
         x%phase = phase_ended
         x%status = terminal_event
@@ -198,12 +195,12 @@ contains
       if (stopped) return
       x%event_before = values
       ! where jumps leave the function of an event at zero, this zero isn't another event
-      where (abs(x%event_time - t) > smallest_size(t) .or. abs(values) > small_value * sizes)
+      where (abs(values) > max(small_value * sizes, epsilon(t) * maxval(abs(y))))
         x%came_from = 0
       elsewhere (x%came_from /= 0)
         x%event_before = 0.0_wp
+        x%value_after = values
       end where
-      x%value_after(:) = values
       x%step_size = 0.0_wp
       x%last_error = 1.0_wp
       x%phase = phase_begin_segment

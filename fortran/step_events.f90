@@ -57,10 +57,11 @@ contains
     logical, intent(out) :: stopped
     type(event_function_t) :: g
     real(wp), allocatable :: x(:), values(:, :)        ! (0:parts), (events, 0:parts)
+    real(wp), allocatable :: own(:)                    ! (0:parts) values of one event
     integer :: first, i, k, n
 
     n = parts(problem, trajectory)
-    allocate (x(0:n), values(size(trajectory%event_before), 0:n))
+    allocate (x(0:n), own(0:n), values(size(trajectory%event_before), 0:n))
     x = [(real(k, wp) / real(n, wp), k=0, n)]
     values(:, 0) = trajectory%event_before
     values(:, n) = trajectory%event_after
@@ -83,8 +84,9 @@ contains
     end do
     do i = 1, size(values, 1)
       g%event = i
-      if (trajectory%came_from(i) /= 0) call find_after_event(g, x(1), values(i, 1), stopped)
-      if (.not. stopped) call find_zeros_of(g, x, values(i, :), stopped)
+      own(:) = values(i, :)
+      if (trajectory%came_from(i) /= 0) call find_after_event(g, x, own, stopped)
+      if (.not. stopped) call find_zeros_of(g, x, own, stopped)
       if (stopped) return
     end do
   end subroutine find_zeros
@@ -204,44 +206,82 @@ contains
     g%trajectory%zero_from = [g%trajectory%zero_from, merge(-1, 1, values(1) < 0)]
   end subroutine add_zero
 
-  ! Finds a zero in the first part of a step that starts from a zero of the function. If a jump sent
-  ! the function back and it returns within this part, as for a ball that hardly bounces, it has the
-  ! sign of before somewhere; the part is searched by halving. The search ends where the function is
-  ! linear, so that it passed through zero. If it does neither, the jump left it at rest, or what
-  ! follows is smaller than rounding: the solution would fall through a contact, and ends instead.
-  subroutine find_after_event(g, end, after, stopped)
+  ! Decides what follows after an event, whose function is zero at the start of the step up to
+  ! rounding: it leaves on the side that it came from, as where a ball bounces, and may return to zero
+  ! within the first part of the step; or it passes; or a jump has left it at rest, as where a ball
+  ! stays on the floor, through which the solution would fall. Where the function is on the other side
+  ! at the end of the step, it is evaluated at points ever nearer to the start. The smallest two that
+  ! are larger than rounding tell a line through zero, which passes, from a higher power of time. If
+  ! the step is too small to tell, the next one decides.
+  subroutine find_after_event(g, x, values, stopped)
     type(event_function_t), intent(inout) :: g
-    real(wp), intent(in) :: end, after                 ! of the part, and the function there
+    real(wp), contiguous, intent(in) :: x(0:)
+    real(wp), contiguous, intent(inout) :: values(0:)  ! at x; those that are rounding become zero
     logical, intent(out) :: stopped
     integer, parameter :: halvings = 60
-    real(wp), parameter :: linear = 2.1_wp             ! ratio of values at 2 x and x
-    real(wp) :: x, value, before, rounding
-    integer :: k
+    real(wp), parameter :: between_powers = 1.3_wp, ratio = 1.5_wp, accuracy = 0.05_wp
+    real(wp) :: elapsed, at, value, next_at, next_value, power
+    integer :: k, lines
+    logical :: decided, passes
 
     stopped = .false.
-    associate (trajectory => g%trajectory, from => g%trajectory%came_from(g%event))
-      if (after * from > 0 .or. .not. abs(after) > 0) return
-      before = after
+    passes = .false.
+    decided = .false.
+    lines = 0
+    associate (trajectory => g%trajectory, from => g%trajectory%came_from(g%event), &
+               n => ubound(x, 1))
+      elapsed = abs((trajectory%t - trajectory%event_time(g%event)) / trajectory%h)
+      do k = 1, n
+        if (abs(values(k)) <= rounding_at(g, x(k), values(n))) values(k) = 0.0_wp
+      end do
+      trajectory%event_after(g%event) = values(n)
+      if (values(n) * from > 0) from = 0
+      if (from == 0 .or. .not. abs(values(n)) > 0) return
+      next_at = 1.0_wp
+      next_value = values(n)
       do k = 1, halvings
-        x = end * 0.5_wp**k
-        call g%value(x, value, stopped)
+        at = 0.5_wp**k
+        call g%value(at, value, stopped)
         if (stopped) return
-        rounding = 8 * max(abs(trajectory%value_after(g%event)), epsilon(1.0_wp) * max( &
-          maxval(abs(trajectory%y(:, 0))), x * maxval(abs(trajectory%y(:, trajectory%result))), &
-          x / end * abs(after)))
-        if (value * from > rounding) then
-          call add_zero(g, [x, end], [value, after], stopped)
+        if (abs(value) <= rounding_at(g, at, values(n))) exit
+        if (value * from > 0) then
+          if (at < x(1) .and. values(1) * from < 0) &
+            call add_zero(g, [at, x(1)], [value, values(1)], stopped)
+          from = 0
           return
         end if
-        if (value * from < -rounding .and. abs(before) < linear * abs(value)) return
-        before = value
+        if (elapsed + next_at >= ratio * (elapsed + at)) then
+          decided = .true.
+          power = log(next_value / value) / log((elapsed + next_at) / (elapsed + at))
+          passes = power < between_powers
+          lines = merge(lines + 1, 0, abs(power - 1) < accuracy)
+          if (lines == 3) exit
+        end if
+        next_at = at
+        next_value = value
       end do
-      if (.not. g%problem%events%jumps(g%event)) return
+      if (.not. decided) return
+      if (passes .or. .not. g%problem%events%jumps(g%event)) then
+        from = 0
+        return
+      end if
       stopped = .true.
       trajectory%flag = g%event
       call fail(trajectory, resting_contact, trajectory%t)
     end associate
   end subroutine find_after_event
+
+  ! The rounding of a function at a fraction of the step, relative to the point and to the function
+  pure real(wp) function rounding_at(g, at, last)
+    type(event_function_t), intent(in) :: g
+    real(wp), intent(in) :: at, last                   ! fraction, and the function at the end
+    real(wp) :: sizes(3)
+
+    associate (x => g%trajectory)
+      sizes = [maxval(abs(x%y(:, 0))), at * maxval(abs(x%y(:, x%result))), at * abs(last)]
+      rounding_at = max(8 * abs(x%value_after(g%event)), 32 * epsilon(1.0_wp) * maxval(sizes))
+    end associate
+  end function rounding_at
 
   ! The time at a fraction of the step
   pure real(wp) function time_at(trajectory, x)
@@ -284,10 +324,10 @@ contains
     associate (x => trajectory, events => problem%events)
       do while (any(x%zero < 2))
         k = minloc(x%zero, 1)
-        associate (i => x%zero_of(k))
-          call point_at(problem, trajectory, x%zero(k), y)
-          ended = x%event_count(i) + 1 >= events%most(i) .or. events%jumps(i)
-        end associate
+        happen = x%zero <= x%zero(k) + together
+        ended = any(happen .and. (events%jumps(x%zero_of) &
+                                  .or. x%event_count(x%zero_of) + 1 >= events%most(x%zero_of)))
+        call point_at(problem, trajectory, x%zero(k), y)
         happen = .false.
         happen(k) = .true.
         if (ended) then
@@ -298,6 +338,7 @@ contains
         full = output%events + count(happen) > output%event_capacity
         if (full) return
         call record_together(problem, trajectory, x%zero(k), y, happen, output, after, stopped)
+        if (ended) x%came_from(pack(x%zero_of, happen)) = pack(x%zero_from, happen)
         if (stopped .or. ended) return
         x%zero(k) = 2.0_wp
       end do
@@ -355,7 +396,6 @@ contains
           jumps(k) = happen(k) .and. events%jumps(i) .and. x%event_count(i) < events%most(i)
           if (.not. happen(k)) cycle
           x%event_time(i) = t
-          x%came_from(i) = x%zero_from(k)
           if (.not. jumps(k)) call store_event(output, x%member, i, t, y, y)
         end associate
       end do

@@ -147,8 +147,8 @@ module trajectory_m
     integer, allocatable :: zero_of(:), zero_from(:)
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
     real(wp), allocatable :: event_time(:)   ! (events) when each happened last
-    ! (events) sign of its function before the event that the step starts from, 0 where it doesn't,
-    ! and the function at the start
+    ! (events) sign of its function before an event at the start of the step, or just before it, 0 if
+    ! there is none, and the function then
     integer, allocatable :: came_from(:)
     real(wp), allocatable :: value_after(:)
     ! the step before, whose interpolant may be requested

@@ -188,6 +188,12 @@ def test_first_step_follows_the_time_scale(scale):
     assert solution.nrejected <= 1
 
 
+def test_the_first_step_is_at_most_a_hundred_guesses():
+    """The guess moves the point by a hundredth of its size, which is far below the tolerance."""
+    solution = cg.solve_ivp(lambda t, y: [2.0], (0, 1), [1e-9], frame=Euclidean(1), atol=1e-6)
+    assert solution.t[1] == pytest.approx(100 * 0.01 * 1e-9 / 2.0, rel=1e-12)
+
+
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered")
 def test_a_trial_step_that_overflows_is_rejected():
     # The second stage of the first step is not finite, and f isn't finite there.

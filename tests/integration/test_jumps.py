@@ -192,8 +192,21 @@ def test_a_ball_that_comes_to_rest_ends_the_integration(kept, direction, options
     assert rest.status == -1
     assert any(text in rest.message for text in ("events[0] leaves", "without progress"))
     assert rest.t[-1] == pytest.approx(limit, abs=1e-10)
-    assert np.abs(rest.y[-1]).max() < 1e-12
+    assert np.abs(rest.y[-1]).max() < 1e-11
     assert rest.y[:, 0].min() > -1e-13
+
+
+def test_noise_of_a_function_after_a_jump_is_no_event():
+    """The function is exact to 1e-10 only, and the ball rests on the floor."""
+    floor = cg.Event(
+        lambda t, y: (y[0] + y[2]) - y[2], direction=-1, jump=lambda t, y: [0.0, 0.0, y[2]]
+    )
+    rest = cg.solve_ivp(
+        lambda t, y: [y[1], -GRAVITY, 1.0], (0, 1), [1.0, 0.0, 1e6], frame=Euclidean(3),
+        events=floor,
+    )  # fmt: skip
+    assert "events[0] leaves its function at zero" in rest.message
+    assert len(rest.t_events[0]) == 1
 
 
 def test_a_jump_may_leave_a_solution_that_passes_slowly():

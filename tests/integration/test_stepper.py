@@ -131,6 +131,15 @@ def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
         stepper.step()
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_last_step_of_advance(sign):
+    bound = {} if sign > 0.0 else {"t_bound": -9.0}
+    stepper = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3(), method="CF4", h=0.125, **bound)
+    stepper.advance(0.4375 * sign)
+    assert (stepper.t_old, stepper.step_size) == (0.375 * sign, 0.0625)
+    assert_array_equal(stepper.dense_output().ts, [0.375 * sign, 0.4375 * sign])
+
+
 def spun(t, y, torque):
     return np.concatenate([y[4:], torque])
 
