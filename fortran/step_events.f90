@@ -241,6 +241,7 @@ contains
       next_value = values(n)
       do k = 1, halvings
         at = 0.5_wp**k
+        if (at < elapsed / 16) exit
         call g%value(at, value, stopped)
         if (stopped) return
         if (abs(value) <= rounding_at(g, at, values(n))) exit

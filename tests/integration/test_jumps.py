@@ -197,7 +197,8 @@ def test_a_ball_that_comes_to_rest_ends_the_integration(kept, direction, options
 
 
 @pytest.mark.parametrize("start", np.linspace(0.9, 1.1, 5))
-def test_noise_of_a_function_after_a_jump_is_no_event(start):
+@pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 0.5}])
+def test_noise_of_a_function_after_a_jump_is_no_event(start, options):
     """The ball rests on the floor; a function of numbers of 1e6 is exact to 1e-10 only."""
 
     def noise(t):
@@ -208,7 +209,7 @@ def test_noise_of_a_function_after_a_jump_is_no_event(start):
     )
     rest = cg.solve_ivp(
         lambda t, y: [y[1], -GRAVITY, 0.0], (0, 1), [start, 0.0, 1e6], frame=Euclidean(3),
-        events=floor,
+        events=floor, **options,
     )  # fmt: skip
     assert "events[0] leaves its function at zero" in rest.message
     assert len(rest.t_events[0]) == 1
