@@ -5,7 +5,8 @@ module record_m
   use controller_m, only: smallest_size
   use interpolant_m, only: flows_of_evaluation
   use output_m, only: store_interpolant, store_step, output_t
-  use step_events_m, only: crosses, find_zeros, record_zeros
+  use simultaneous_events_m, only: record_zeros
+  use step_events_m, only: crosses, find_zeros
   use requests_m, only: evaluate_events, request
   use phases_m
   use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
@@ -195,7 +196,7 @@ contains
       if (stopped) return
       x%event_before = values
       ! where jumps leave the function of an event at zero, this zero isn't another event
-      where (abs(values) > max(small_value * sizes, epsilon(t) * maxval(abs(y))))
+      where (abs(values) > max(small_value * sizes, epsilon(t) * maxval(abs(y(:problem%events%width)))))
         x%came_from = 0
       elsewhere (x%came_from /= 0)
         x%event_before = 0.0_wp

@@ -20,6 +20,7 @@ module trajectory_m
   ! Functions whose zeros along the solution are events
   type, abstract :: events_t
     integer :: count = 0
+    integer :: width = 0                     ! numbers of a point that they depend on
     integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
     integer(int64), allocatable :: most(:)   ! (count) the last event ends the trajectory
     logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event

@@ -197,6 +197,7 @@ RECORD = {
     "data": "address",
     "data_stride": "integer",  # bytes from one member's data to the next
     "functions": "integer",  # number of events
+    "event_width": "integer",  # numbers of a point that they depend on
     "event_table": "address",  # of each: address, data, direction, max count, whether it jumps
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones

@@ -154,6 +154,11 @@ class EventTable:
         return len(self.events)
 
     @property
+    def width(self) -> int:
+        """How many numbers of a point the functions depend on."""
+        return math.prod(self.frame.point_shape) * self.frame.dtype.itemsize // 8
+
+    @property
     def rows(self) -> NDArray[np.int64]:
         """The table that compiled code reads, one row per event."""
         columns = *self.functions.T, self.direction, self.max_counts, self.jumps
