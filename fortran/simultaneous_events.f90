@@ -6,6 +6,7 @@ module simultaneous_events_m
   use step_events_m, only: time_at
   use trajectory_m, only: problem_t, trajectory_t
   use within_step_m, only: point_at
+  use iso_fortran_env, only: int64
   implicit none
   private
   public :: record_zeros
@@ -47,7 +48,7 @@ contains
           call find_together(problem, trajectory, until, y, happen, stopped)
           if (stopped) return
         end if
-        full = output%events + count(happen) > output%event_capacity
+        full = output%events + count(happen, kind=int64) > output%event_capacity
         if (full) return
         call record_together(problem, trajectory, x%zero(k), y, happen, output, after, stopped)
         if (ended) x%came_from(pack(x%zero_of, happen)) = pack(x%zero_from, happen)
@@ -79,7 +80,7 @@ contains
         if (happen(k)) cycle
         call problem%events%value(x%member, x%zero_of(k), t, y, value, stopped)
         if (stopped) return
-        happen(k) = value * x%zero_from(k) <= 0
+        happen(k) = value * real(x%zero_from(k), wp) <= 0
       end do
     end associate
   end subroutine find_together

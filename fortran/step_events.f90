@@ -202,12 +202,12 @@ contains
   end subroutine add_zero
 
   ! Decides what follows after an event, whose function is zero at the start of the step up to
-  ! rounding: it leaves on the side that it came from, as where a ball bounces, and may return to zero
-  ! within the first part of the step; or it passes; or a jump has left it at rest, as where a ball
-  ! stays on the floor, through which the solution would fall. Where the function is on the other side
-  ! at the end of the step, it is evaluated at points ever nearer to the start. The smallest two that
-  ! are larger than rounding tell a line through zero, which passes, from a higher power of time. If
-  ! the step is too small to tell, the next one decides.
+  ! rounding: it leaves on the side that it came from, as where a ball bounces, and may return to
+  ! zero within the first part of the step; or it passes; or a jump has left it at rest, as where a
+  ! ball stays on the floor, through which the solution would fall. Where the function is on the other
+  ! side at the end of the first part or of the step, it is evaluated ever nearer to the start. The
+  ! first two values that are larger than rounding tell a line through zero, which passes, from a
+  ! higher power of time. If the step is too small to tell, the next one decides.
   subroutine find_after_event(g, x, values, stopped)
     type(event_function_t), intent(inout) :: g
     real(wp), contiguous, intent(in) :: x(0:)
@@ -216,7 +216,7 @@ contains
     integer, parameter :: halvings = 60
     real(wp), parameter :: between_powers = 1.3_wp, ratio = 1.5_wp, accuracy = 0.05_wp
     real(wp) :: elapsed, at, value, next_at, next_value, power
-    integer :: k, lines
+    integer :: first, k, lines
     logical :: decided, passes
 
     stopped = .false.
@@ -224,25 +224,27 @@ contains
     decided = .false.
     lines = 0
     associate (trajectory => g%trajectory, from => g%trajectory%came_from(g%event), &
-               n => ubound(x, 1))
+               side => real(g%trajectory%came_from(g%event), wp), n => ubound(x, 1))
       elapsed = abs((trajectory%t - trajectory%event_time(g%event)) / trajectory%h)
       do k = 1, n
         if (abs(values(k)) <= rounding_at(g, x(k), values(n))) values(k) = 0.0_wp
       end do
       trajectory%event_after(g%event) = values(n)
-      if (values(n) * from > 0) from = 0
-      if (from == 0 .or. .not. abs(values(n)) > 0) return
-      next_at = 1.0_wp
-      next_value = values(n)
+      first = merge(1, n, values(1) * side < 0)
+      if (.not. values(first) * side < 0) then
+        if (abs(values(n)) > 0) from = 0
+        return
+      end if
+      next_at = x(first)
+      next_value = values(first)
       do k = 1, halvings
-        at = 0.5_wp**k
+        at = x(first) * 0.5_wp**k
         if (at < elapsed / 16) exit
         call g%value(at, value, stopped)
         if (stopped) return
         if (abs(value) <= rounding_at(g, at, values(n))) exit
-        if (value * from > 0) then
-          if (at < x(1) .and. values(1) * from < 0) &
-            call add_zero(g, [at, x(1)], [value, values(1)], stopped)
+        if (value * side > 0) then
+          if (first == 1) call add_zero(g, [at, x(1)], [value, values(1)], stopped)
           from = 0
           return
         end if

@@ -139,6 +139,22 @@ def test_a_zero_of_the_other_direction_after_a_jump():
     np.testing.assert_allclose(solution.t_events[0], [2.0 - np.sqrt(2.0)], rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("h", [0.3, 0.5])
+def test_a_return_to_zero_within_the_first_part_of_a_step(h):
+    """The force turns, so that the ball is in the air again at the end of the step."""
+    options = {"frame": Euclidean(2), "method": "CG4a", "events": cg.Event(
+        height, direction=-1, jump=lambda t, y: [0.0, -0.3 * y[1]]
+    )}  # fmt: skip
+    exact, coarse = (
+        cg.solve_ivp(
+            lambda t, y: [y[1], 60.0 * t - 10.0], (-0.1, 0.6), [0.14, -0.9], h=h, **options
+        )
+        for h in (0.01, h)
+    )
+    assert exact.t_events[0].size >= 2
+    np.testing.assert_allclose(coarse.t_events[0], exact.t_events[0], rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("terminal", [1, 2, 4])
 def test_a_terminal_event_ends_without_its_last_jump(terminal):
     solution = drop(
