@@ -214,18 +214,13 @@ contains
     real(wp), contiguous, intent(inout) :: values(0:)  ! at x; those that are rounding become zero
     logical, intent(out) :: stopped
     integer, parameter :: halvings = 60
-    real(wp), parameter :: between_powers = 1.3_wp, ratio = 1.5_wp, accuracy = 0.05_wp
-    real(wp) :: elapsed, at, value, next_at, next_value, power
-    integer :: first, k, lines
-    logical :: decided, passes
+    real(wp), allocatable :: at(:), near(:)            ! points ever nearer, and the function there
+    real(wp) :: elapsed, point, value
+    integer :: first, k, last
 
     stopped = .false.
-    passes = .false.
-    decided = .false.
-    lines = 0
     associate (trajectory => g%trajectory, from => g%trajectory%came_from(g%event), &
                side => real(g%trajectory%came_from(g%event), wp), n => ubound(x, 1))
-      elapsed = abs((trajectory%t - trajectory%event_time(g%event)) / trajectory%h)
       do k = 1, n
         if (abs(values(k)) <= rounding_at(g, x(k), values(n))) values(k) = 0.0_wp
       end do
@@ -235,39 +230,58 @@ contains
         if (abs(values(n)) > 0) from = 0
         return
       end if
-      next_at = x(first)
-      next_value = values(first)
+      last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
+      at = x(last:first:-1)
+      near = values(last:first:-1)
+      elapsed = abs((trajectory%t - trajectory%event_time(g%event)) / trajectory%h)
       do k = 1, halvings
-        at = x(first) * 0.5_wp**k
-        if (at < elapsed / 16) exit
-        call g%value(at, value, stopped)
+        point = x(first) * 0.5_wp**k
+        if (point < elapsed / 16 .or. power_of(elapsed, at, near, 3) < 1.05_wp) exit
+        call g%value(point, value, stopped)
         if (stopped) return
-        if (abs(value) <= rounding_at(g, at, values(n))) exit
+        if (abs(value) <= rounding_at(g, point, values(n))) exit
         if (value * side > 0) then
-          if (first == 1) call add_zero(g, [at, x(1)], [value, values(1)], stopped)
+          if (first == 1) call add_zero(g, [point, x(1)], [value, values(1)], stopped)
           from = 0
           return
         end if
-        if (elapsed + next_at >= ratio * (elapsed + at)) then
-          decided = .true.
-          power = log(next_value / value) / log((elapsed + next_at) / (elapsed + at))
-          passes = power < between_powers
-          lines = merge(lines + 1, 0, abs(power - 1) < accuracy)
-          if (lines == 3) exit
-        end if
-        next_at = at
-        next_value = value
+        at = [at, point]
+        near = [near, value]
       end do
-      if (.not. decided) return
-      if (passes .or. .not. g%problem%events%jumps(g%event)) then
-        from = 0
-        return
-      end if
+      associate (power => power_of(elapsed, at, near, 1))
+        if (power < 0) return
+        if (power < 1.3_wp .or. .not. g%problem%events%jumps(g%event)) then
+          from = 0
+          return
+        end if
+      end associate
       stopped = .true.
       trajectory%flag = g%event
       call fail(trajectory, resting_contact, trajectory%t)
     end associate
   end subroutine find_after_event
+
+  ! The power of time that a function grows with, by the last points and others at least 1.5 times as
+  ! late: negative without them, or the largest of several powers, huge without them
+  pure real(wp) function power_of(elapsed, at, values, powers)
+    real(wp), intent(in) :: elapsed          ! since the event at the start of the step, in steps
+    real(wp), contiguous, intent(in) :: at(:), values(:)
+    integer, intent(in) :: powers
+    real(wp), parameter :: ratio = 1.5_wp
+    real(wp) :: times(size(at))
+    integer :: j, k
+
+    times = elapsed + at
+    power_of = -1.0_wp
+    do k = size(at), size(at) - powers + 1, -1
+      j = findloc(times(:k) >= ratio * times(k), .true., 1, back=.true.)
+      if (j == 0) then
+        power_of = merge(power_of, huge(power_of), powers == 1)
+        return
+      end if
+      power_of = max(power_of, log(values(j) / values(k)) / log(times(j) / times(k)))
+    end do
+  end function power_of
 
   ! The rounding of a function at a fraction of the step, relative to the point and to the function
   pure real(wp) function rounding_at(g, at, last)
