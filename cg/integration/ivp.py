@@ -103,7 +103,7 @@ def solve_ivp(
     breakpoints
         Times within ``t_span`` at which ``f`` or its derivatives jump, sorted in the direction of
         integration.  A step ends at each: the step before it sees ``f`` just before that time, the
-        step after it at that time.
+        step after it just after.
     max_step
         Largest step size.
     first_step

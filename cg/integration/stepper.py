@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.frames.arrays import Array, Points, real_array
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.arguments import check_args, check_real_time, check_step, check_stops, is_many
+from cg.integration.arguments import check_real_time, check_step, check_stops, is_many
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.failures import explain_failure
 from cg.integration.loop.messages import failed_members
@@ -25,9 +25,9 @@ from cg.integration.loop.step_budget import StepBudget
 from cg.integration.options import StepOptions, check_no_more, complete_options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
-from cg.integration.rhs.python import Coefficients, PythonRhs
+from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.stepper_state import get_state, set_state
+from cg.integration.stepper_state import check_points, get_state, replace_rhs, set_state
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import Stop
 
@@ -360,9 +360,9 @@ class Stepper:
             if self.direction * (self.t_bound - time) < 0.0:
                 raise ValueError(f"t must not be beyond t_bound = {self.t_bound:g}, got {t!r}")
         if y is not None:
-            rows = run.plan.doubles(self._check_points(y))
+            rows = run.plan.doubles(check_points(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
-        self._replace_rhs(args, parameters)
+        replace_rhs(self, args, parameters)
         self.t, self.t_old = time, None
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):
             self._stops = np.append(self._stops[:-1], time + self.direction * _FAR * run.control.h)
@@ -373,49 +373,6 @@ class Stepper:
         run.record.ended = run.record.failed = run.record.raised = 0
         self._stops_are_set = False
         self.status = "running" if self.t != self.t_bound else "finished"
-
-    def _replace_rhs(self, args: Iterable[Any] | None, parameters: ArrayLike | None) -> None:
-        """Replace what ``f`` gets besides time and point, None for what remains."""
-        problem, rhs = self._problem, self._problem.rhs
-        numbers, extra = rhs.parameters, problem.args
-        if args is not None:
-            extra = check_args(args)
-        if parameters is not None:
-            numbers = self._check_parameters(parameters, rhs.parameters)
-        if isinstance(rhs, PythonRhs):
-            rhs.parameters = numbers
-            rhs.set_args(extra)
-        elif extra:
-            raise ValueError(f"args must be None for a compiled f, got {args!r}")
-        elif parameters is not None:
-            rhs = rhs.on(self.frame, numbers)
-        if rhs is not problem.rhs or extra is not problem.args:
-            self._problem = problem.with_rhs(rhs, extra)
-            self._run.replace_rhs(rhs)
-
-    def _check_parameters(self, parameters: ArrayLike, before: Array | None) -> Array:
-        numbers = real_array(parameters, "parameters")
-        if before is None:
-            raise ValueError(
-                "parameters must be None, since the constructor got none, got " + repr(parameters)
-            )
-        shape = before.shape if self._many else before.shape[1:]
-        if numbers.shape != shape:
-            raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
-        numbers.flags.writeable = False
-        return numbers if self._many else numbers[None]
-
-    def _check_points(self, y: ArrayLike) -> Points:
-        points = self.frame.read_points(y, "y")
-        shape = self.frame.point_shape
-        if self._many:
-            shape = (self._run.members, *shape)
-        if points.shape != shape:
-            raise ValueError(f"y must have shape {shape}, got {points.shape}")
-        rows = points if self._many else points[None]
-        for row in rows:
-            self.frame.check_point(row, name="y")
-        return rows
 
     def dense_output(self) -> DenseOutput:
         """Return the solution within the last step.

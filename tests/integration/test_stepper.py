@@ -349,6 +349,9 @@ def test_a_refused_restart_changes_nothing():
     stepper.restart()
     stepper.advance(2.0)
     assert stepper.y == pytest.approx(np.exp(2.0), rel=1e-5)
+    without = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3())
+    with pytest.raises(ValueError, match="parameters must be None, since the constructor got none"):
+        without.restart(parameters=[1.0])
 
 
 def turning_together(t, y):
