@@ -285,7 +285,8 @@ def test_an_ensemble_of_which_a_member_fails_stays_where_it_was(fails, vectorize
 
 @pytest.mark.parametrize("copied", [False, True])
 @pytest.mark.parametrize("ways", ["step", "advance"])
-def test_the_solution_within_a_step_that_ends_at_a_breakpoint(ways, copied):
+@pytest.mark.parametrize("method", ["CF5(4)", "RKMK5(4)"])
+def test_the_solution_within_a_step_that_ends_at_a_breakpoint(method, ways, copied):
     times = []
 
     def f(t, y):
@@ -293,7 +294,7 @@ def test_the_solution_within_a_step_that_ends_at_a_breakpoint(ways, copied):
         return [0.0 if t < 1.0 else 5.0 if t < 2.0 else 0.0]
 
     stepper = cg.Stepper(
-        f, 0.0, [2.0], 3.0, frame=Euclidean(1), breakpoints=[1.0, 2.0], method="RKMK5(4)"
+        f, 0.0, [2.0], 3.0, frame=Euclidean(1), breakpoints=[1.0, 2.0], method=method
     )
     for end, low, high in ((1.0, 2.0, 2.0), (2.0, 2.0, 7.0), (3.0, 7.0, 7.0)):
         while stepper.t < end:
