@@ -75,7 +75,9 @@ contains
                              stopped)
         if (stopped) return
       end do
-      if (first == 2 .and. n == min_parts .and. all(are_far(values(:, ::2)))) return
+      if (first == 2 .and. n == min_parts .and. all(trajectory%came_from == 0)) then
+        if (all(are_far(values(:, ::2)))) return
+      end if
     end do
     do i = 1, size(values, 1)
       g%event = i
@@ -204,9 +206,9 @@ contains
   ! Decides what follows after an event, whose function is zero at the start of the step up to
   ! rounding: it leaves on the side that it came from, as where a ball bounces, and may return to
   ! zero within the first part of the step; or it passes; or a jump has left it at rest, as where a
-  ! ball stays on the floor, through which the solution would fall. Where the function is on the other
-  ! side at the end of the first part or of the step, it is evaluated ever nearer to the start. The
-  ! first two values that are larger than rounding tell a line through zero, which passes, from a
+  ! ball stays on the floor, through which the solution would fall. Where the function is on the
+  ! other side at the end of the first part or of the step, it is evaluated ever nearer to the start.
+  ! The first values that are larger than rounding tell a line through zero, which passes, from a
   ! higher power of time. If the step is too small to tell, the next one decides.
   subroutine find_after_event(g, x, values, stopped)
     type(event_function_t), intent(inout) :: g
@@ -214,7 +216,8 @@ contains
     real(wp), contiguous, intent(inout) :: values(0:)  ! at x; those that are rounding become zero
     logical, intent(out) :: stopped
     integer, parameter :: halvings = 60
-    real(wp), allocatable :: at(:), near(:)            ! points ever nearer, and the function there
+    ! points ever nearer, the function there, and its rounding
+    real(wp), allocatable :: at(:), near(:), rounding(:)
     real(wp) :: elapsed, point, value
     integer :: first, k, last
 
@@ -233,10 +236,11 @@ contains
       last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
       at = x(last:first:-1)
       near = values(last:first:-1)
+      rounding = [(rounding_at(g, at(k), values(n)), k=1, size(at))]
       elapsed = abs((trajectory%t - trajectory%event_time(g%event)) / trajectory%h)
       do k = 1, halvings
         point = x(first) * 0.5_wp**k
-        if (point < elapsed / 16 .or. power_of(elapsed, at, near, 3) < 1.05_wp) exit
+        if (point < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < 1.05_wp) exit
         call g%value(point, value, stopped)
         if (stopped) return
         if (abs(value) <= rounding_at(g, point, values(n))) exit
@@ -247,10 +251,11 @@ contains
         end if
         at = [at, point]
         near = [near, value]
+        rounding = [rounding, rounding_at(g, point, values(n))]
       end do
-      associate (power => power_of(elapsed, at, near, 1))
+      associate (power => power_of(elapsed, at, near, rounding, 1))
         if (power < 0) return
-        if (power < 1.3_wp .or. .not. g%problem%events%jumps(g%event)) then
+        if (power < 1.5_wp .or. .not. g%problem%events%jumps(g%event)) then
           from = 0
           return
         end if
@@ -261,20 +266,21 @@ contains
     end associate
   end subroutine find_after_event
 
-  ! The power of time that a function grows with, by the last points and others at least 1.5 times as
-  ! late: negative without them, or the largest of several powers, huge without them
-  pure real(wp) function power_of(elapsed, at, values, powers)
+  ! The power of time that a function grows with, by the last points and others so much later that
+  ! rounding hardly matters: negative if there are none; or the largest of several powers, huge if
+  ! there are too few.
+  pure real(wp) function power_of(elapsed, at, values, rounding, powers)
     real(wp), intent(in) :: elapsed          ! since the event at the start of the step, in steps
-    real(wp), contiguous, intent(in) :: at(:), values(:)
+    real(wp), contiguous, intent(in) :: at(:), values(:), rounding(:)
     integer, intent(in) :: powers
-    real(wp), parameter :: ratio = 1.5_wp
-    real(wp) :: times(size(at))
+    real(wp) :: times(size(at)), ratio
     integer :: j, k
 
     times = elapsed + at
     power_of = -1.0_wp
     do k = size(at), size(at) - powers + 1, -1
-      j = findloc(times(:k) >= ratio * times(k), .true., 1, back=.true.)
+      ratio = exp(rounding(k) / abs(4 * values(k)))
+      j = findloc(times(:k - 1) > ratio * times(k), .true., 1, back=.true.)
       if (j == 0) then
         power_of = merge(power_of, huge(power_of), powers == 1)
         return

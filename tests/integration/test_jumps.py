@@ -231,6 +231,18 @@ def test_noise_of_a_function_after_a_jump_is_no_event(start, options):
     assert len(rest.t_events[0]) == 1
 
 
+@pytest.mark.parametrize("h", [3e-6, 1e-5, 1e-4])
+def test_a_ball_that_rests_within_rounding_for_many_steps(h):
+    """At a height of 1e6 it falls by less than rounding in some 10 steps of 3e-6."""
+    floor = cg.Event(lambda t, y: y[0] - 1e6, direction=-1, jump=lambda t, y: [1e6, -1e-4 * y[1]])
+    rest = cg.solve_ivp(
+        fall, (0.0, 3e-3), [1e6 + 1e-6, 0.0], frame=Euclidean(2), events=floor, method="CG4a", h=h
+    )
+    assert "events[0] leaves its function at zero" in rest.message
+    assert len(rest.t_events[0]) == 1
+    assert rest.y[-1, 0] - 1e6 > -1e-6
+
+
 def test_a_jump_may_leave_a_solution_that_passes_slowly():
     """Behind a pane of glass, which takes nearly all of its speed, a ball falls on."""
     pane = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, 1e-6 * y[1]])
