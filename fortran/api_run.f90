@@ -279,8 +279,8 @@ subroutine loop_state(address, write, n, m, columns, members, reals, integers, p
   integer(c_intptr_t), intent(in) :: address
   logical, intent(in) :: write
   integer, intent(in) :: n, m, columns, members
-  real(wp), intent(inout) :: reals(10, members)
-  integer(c_int64_t), intent(inout) :: integers(11, members)
+  real(wp), intent(inout) :: reals(14, members)
+  integer(c_int64_t), intent(inout) :: integers(13, members)
   real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
   type(run_t), pointer :: run
   integer :: i

@@ -54,7 +54,8 @@ contains
       integer, intent(in) :: part
       real(wp) :: coefficients(size(v, 1), size(v, 2))
 
-      coefficients = shifted(v, 2 * real(part - 1, wp) / parts - 1, 2.0_wp / parts) / parts
+      coefficients = shifted(v, 2 * real(part - 1, wp) / real(parts, wp) - 1, 2 / real(parts, wp)) &
+                     / real(parts, wp)
     end function coefficients
 
     ! The sum of their norms, largest at an end of the step
@@ -98,7 +99,7 @@ contains
     integer :: i, k, m, n
 
     n = size(d, 2)
-    bounds = matmul(action%norm, abs(d))
+    bounds = [(dot_product(action%norm, abs(d(:, k))), k=1, n)]
     terms(:, 1) = y
     norms = 0.0_wp
     norms(1) = maxval(abs(y))
@@ -137,7 +138,7 @@ contains
     last = norms
     rest = 0.0_wp
     do j = 1, size(norms)
-      last = [dot_product(bounds, last) / (k + j), last(:size(last) - 1)]
+      last = [dot_product(bounds, last) / real(k + j, wp), last(:size(last) - 1)]
       rest = rest + last(1)
     end do
   end function rest

@@ -5,13 +5,15 @@ module record_m
   use controller_m, only: smallest_size
   use interpolant_m, only: flows_of_evaluation
   use output_m, only: store_interpolant, store_step, output_t
-  use step_events_m, only: crosses, find_zeros, record_zeros
+  use simultaneous_events_m, only: record_zeros
+  use step_events_m, only: crosses, find_zeros
   use requests_m, only: evaluate_events, request
   use phases_m
   use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
   use within_step_m, only: interpolate, point_at
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, jumps_without_progress, paused, raised, terminal_event
+  use shared_numbers, only: buffer_full, finished, jumps_without_progress, paused, raised, &
+                            terminal_event
   implicit none
   private
   public :: detect_events, examine_step, record_step
@@ -24,7 +26,7 @@ contains
 
   ! Starts the interpolant of an accepted step if there are output times in it, or functions whose
   ! zeros are events. Where such a function has another sign at the end of the step, or the step
-  ! starts from its jump, the accurate interpolant is needed in any case.
+  ! starts from its zero, the accurate interpolant is needed in any case.
   subroutine examine_step(problem, trajectory, output)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -44,7 +46,7 @@ contains
       call evaluate_events(problem, trajectory, x%t_end, x%y(:, x%result), values, stopped)
       if (stopped) return
       x%event_after = values
-      if (x%seeks_events) x%needs_interpolant = x%needs_interpolant .or. x%jump_event > 0 &
+      if (x%seeks_events) x%needs_interpolant = x%needs_interpolant .or. any(x%came_from /= 0) &
           .or. any(crosses(x%event_before, values, problem%events%direction) .and. abs(values) > 0)
       x%phase = phase_record_step
       if (.not. (x%needs_interpolant .or. x%seeks_events)) return
@@ -66,10 +68,10 @@ contains
     associate (x => trajectory)
       call find_zeros(problem, trajectory, .true., stopped)
       x%phase = phase_record_step
-      if (stopped) call fail(x, raised, x%t_end)
+      if (stopped .and. x%status == finished) call fail(x, raised, x%t_end)
       x%needs_interpolant = any(x%zero < 1 .or. abs(x%event_after(x%zero_of)) > 0)
       x%seeks_events = size(x%zero) > 0
-      if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zero, x%zero_of)
+      if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zero, x%zero_of, x%zero_from)
       if (x%needs_interpolant .and. .not. stopped) call interpolate(problem, trajectory)
     end associate
   end subroutine detect_events
@@ -91,7 +93,7 @@ contains
       call record_with_events(problem, trajectory, output)
     else
       call record_until(problem, trajectory, trajectory%t_end, &
-                          trajectory%y(:, trajectory%result), 0, output)
+                          trajectory%y(:, trajectory%result), .false., output)
     end if
   end subroutine record_step
 
@@ -102,88 +104,86 @@ contains
     type(trajectory_t), target, intent(inout) :: trajectory
     type(output_t), intent(inout) :: output
     real(wp) :: until, t, y(problem%frame%point_size), after(problem%frame%point_size)
-    integer :: event
-    logical :: full, stopped
+    logical :: ended, full, stopped
 
     associate (x => trajectory)
       stopped = .false.
       if (.not. allocated(x%zero)) call find_zeros(problem, trajectory, .false., stopped)
-      if (.not. stopped) call record_zeros(problem, trajectory, output, until, event, after, full, &
+      if (.not. stopped) call record_zeros(problem, trajectory, output, until, ended, after, full, &
                                            stopped)
       if (stopped) then
-        call fail(x, raised, x%t_end)
+        if (x%status == finished) call fail(x, raised, x%t_end)
         return
       end if
       if (full) then
         x%status = buffer_full
         return
       end if
-      deallocate (x%zero, x%zero_of)
+      deallocate (x%zero, x%zero_of, x%zero_from)
       t = x%t_end
       if (until < 1) t = x%t + until * (x%t_end - x%t)
-      if (event > 0) then
+      if (ended) then
         y = after
       else
         call point_at(problem, trajectory, until, y)
       end if
-      call record_until(problem, trajectory, t, y, event, output)
+      call record_until(problem, trajectory, t, y, ended, output)
     end associate
   end subroutine record_with_events
 
   ! Records the output of a step up to time t, where the solution is y.
-  subroutine record_until(problem, trajectory, t, y, event, output)
+  subroutine record_until(problem, trajectory, t, y, ended, output)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
-    integer, intent(in) :: event                       ! that ended it, 0 for none
+    logical, intent(in) :: ended                       ! whether by an event
     type(output_t), intent(inout) :: output
 
     associate (x => trajectory)
       call record_outputs(problem, trajectory, t, y, output)
       if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
       call store_step(output, x%steps, t, y, .not. abs(t - problem%stops(size(problem%stops))) > 0 &
-                     .or. event > 0)
+                     .or. ended)
       if (x%keep_last) then
         x%t_old = x%t
         x%h_old = x%t_end - x%t
         x%y_old(:) = x%y(:, 0)
         x%slope_old(:) = x%slope
       end if
-      call begin_next_step(problem, trajectory, t, y, event)
+      call begin_next_step(problem, trajectory, t, y, ended)
     end associate
   end subroutine record_until
 
   ! Starts the next step at time t and point y.
-  subroutine begin_next_step(problem, trajectory, t, y, event)
+  subroutine begin_next_step(problem, trajectory, t, y, ended)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
-    integer, intent(in) :: event                       ! that ended the step, 0 for none
+    logical, intent(in) :: ended                       ! whether an event ended the step
     logical :: ends, stopped
-    real(wp) :: size_of, values(size(trajectory%event_before))
+    real(wp), dimension(size(trajectory%event_before)) :: sizes, values
 
     associate (x => trajectory)
       ends = .not. abs(t - problem%stops(x%segment)) > 0
-      if (event > 0) then
+      if (ended) then
         if (abs(t - x%t) > 10 * smallest_size(t)) x%jumps_in_place = 0
         x%jumps_in_place = x%jumps_in_place + 1
       end if
       x%t = t
       x%y(:, 0) = y
       x%phase = phase_choose_step
-      x%slope_known = x%end_known .and. event == 0 .and. .not. (ends &
+      x%slope_known = x%end_known .and. .not. (ended .or. ends &
           .and. x%segment < size(problem%stops))
       if (x%slope_known) x%slope(:) = x%end_slope
-      if (event > 0 .or. (ends .and. x%segment < size(problem%stops))) call forget_step(trajectory)
-      size_of = 0.0_wp
-      if (event > 0) size_of = max(abs(x%event_before(event)), abs(x%event_after(event)))
-      if (size(x%event_before) > 0) x%event_before(:) = x%event_after
-      x%jump_event = 0
+      if (ended .or. (ends .and. x%segment < size(problem%stops))) call forget_step(trajectory)
       if (ends) x%phase = phase_begin_segment
-      if (event == 0) return
-      if (x%event_count(event) >= problem%events%most(event)) then
+      if (size(values) == 0) return
+      sizes = max(abs(x%event_before), abs(x%event_after))
+      x%event_before(:) = x%event_after
+      if (.not. ended) return
+      if (any(x%event_count >= problem%events%most)) then
         x%phase = phase_ended
         x%status = terminal_event
         return
@@ -195,12 +195,13 @@ contains
       call evaluate_events(problem, trajectory, t, y, values, stopped)
       if (stopped) return
       x%event_before = values
-      ! the jump leaves the function at zero: this zero isn't another event
-      if (abs(x%event_before(event)) <= small_value * size_of) then
-        x%value_after_jump = x%event_before(event)
-        x%event_before(event) = 0.0_wp
-        x%jump_event = event
-      end if
+      ! where jumps leave the function of an event at zero, this zero isn't another event
+      where (abs(values) > max(small_value * sizes, epsilon(t) * maxval(abs(y(:problem%events%width)))))
+        x%came_from = 0
+      elsewhere (x%came_from /= 0)
+        x%event_before = 0.0_wp
+        x%value_after = values
+      end where
       x%step_size = 0.0_wp
       x%last_error = 1.0_wp
       x%phase = phase_begin_segment

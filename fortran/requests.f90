@@ -10,23 +10,29 @@ module requests_m
   use trajectory_m, only: fail, finite, problem_t, trajectory_t
   implicit none
   private
-  public :: before_stop, check_coefficients, evaluate_events, reject_stage, request
+  public :: check_coefficients, evaluate_events, reject_stage, request, within_segment
 
 contains
 
-  ! The time at which the right-hand side is evaluated in place of t. In a step that ends at a
-  ! breakpoint times are kept before it, since the right-hand side may change there.
-  pure elemental real(wp) function before_stop(problem, trajectory, t)
+  ! The time at which the right-hand side is evaluated in place of t. Times at breakpoints, where it
+  ! may change, are moved into the segment.
+  pure elemental real(wp) function within_segment(problem, trajectory, t)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(in) :: trajectory
     real(wp), intent(in) :: t
+    real(wp) :: direction
 
-    before_stop = t
-    if (trajectory%segment == size(problem%stops)) return
-    associate (stop => problem%stops(trajectory%segment))
-      if ((t - stop) * sign(1.0_wp, trajectory%h) >= 0) before_stop = nearest(stop, -trajectory%h)
+    within_segment = t
+    direction = sign(1.0_wp, trajectory%h)
+    associate (stops => problem%stops, i => trajectory%segment)
+      if (i > 1) then
+        if ((t - stops(i - 1)) * direction <= 0) within_segment = nearest(stops(i - 1), direction)
+      end if
+      if (i < size(stops)) then
+        if ((t - stops(i)) * direction >= 0) within_segment = nearest(stops(i), -direction)
+      end if
     end associate
-  end function before_stop
+  end function within_segment
 
   ! Requests the coefficients at a point, for the phase `next`.
   subroutine request(problem, trajectory, t, y, next)
@@ -36,8 +42,7 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     integer, intent(in) :: next                        ! phase
 
-    trajectory%request_t = t
-    if (next /= phase_start_received) trajectory%request_t = before_stop(problem, trajectory, t)
+    trajectory%request_t = within_segment(problem, trajectory, t)
     trajectory%phase = next
     trajectory%status = needs_field
     trajectory%nfev = trajectory%nfev + 1

@@ -117,6 +117,7 @@ contains
     associate (record => run%record)
       call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [5, int(record%functions)])
       run%events%count = size(table, 2)
+      run%events%width = int(record%event_width)
       run%events%address = table(1, :)
       run%events%data = table(2, :)
       run%events%direction = int(table(3, :))

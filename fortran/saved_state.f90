@@ -1,6 +1,7 @@
 ! The state of a trajectory between steps, as arrays.
 module saved_state_m
   use kinds, only: wp
+  use time_grid_m, only: grid_t
   use iso_fortran_env, only: int64
   use trajectory_m, only: continue_run, trajectory_t
   implicit none
@@ -12,8 +13,8 @@ contains
   ! Copies the state that a trajectory needs between steps to continue bit for bit.
   pure subroutine save_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(in) :: trajectory
-    real(wp), intent(out) :: reals(10)
-    integer(int64), intent(out) :: integers(11)
+    real(wp), intent(out) :: reals(14)
+    integer(int64), intent(out) :: integers(13)
     ! (point_size, 2), (dimension, 2 + columns of f, then f_before, last and jacobian of newton_t,
     ! or lu and pivot of solver_t, which is zero for factors of other step sizes)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
@@ -22,12 +23,13 @@ contains
 
     associate (x => trajectory)
       reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h, x%newton%last_h, &
-               x%newton%rate_factor, x%newton%factored_h, x%h_before]
+               x%newton%rate_factor, x%newton%factored_h, x%grid%start, x%grid%step, x%grid%last, &
+               x%grid%stop, x%h_before]
       integers = [merge(1_int64, 0_int64, x%slope_known), merge(1_int64, 0_int64, &
                                                                 x%after_rejection), &
                   x%nfev, x%nexp, x%njev, x%nlu, x%steps, x%rejected, x%attempts, &
                   merge(1_int64, 0_int64, x%newton%has_jacobian), &
-                  merge(1_int64, 0_int64, x%newton%fresh)]
+                  merge(1_int64, 0_int64, x%newton%fresh), x%grid%steps, x%grid_done]
       points(:, 1) = x%y(:, 0)
       slopes(:, 1) = x%slope
       points(:, 2) = x%y(:, 0)
@@ -57,8 +59,8 @@ contains
   ! Restores what save_state has copied.
   pure subroutine load_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp), intent(in) :: reals(10)
-    integer(int64), intent(in) :: integers(11)
+    real(wp), intent(in) :: reals(14)
+    integer(int64), intent(in) :: integers(13)
     real(wp), intent(in) :: points(:, :), slopes(:, :)
     real(wp), allocatable :: numbers(:)
 
@@ -88,7 +90,9 @@ contains
       x%slope_old = slopes(:, 2)
       x%f = slopes(:, 3:2 + size(x%f, 2))
       x%newton%factored_h = reals(9)
-      x%h_before = reals(10)
+      x%grid = grid_t(reals(10), reals(11), reals(12), reals(13), integers(12))
+      x%grid_done = integers(13)
+      x%h_before = reals(14)
       if (allocated(x%f_before)) then
         x%f_before = slopes(:, 3 + size(x%f, 2):)
       else if (allocated(x%newton%last)) then

@@ -11,7 +11,7 @@ module step_m
   use method_m, only: method_t
   use newton_m, only: filtered
   use node_difference_m, only: node_difference
-  use requests_m, only: before_stop, reject_stage, request
+  use requests_m, only: reject_stage, request, within_segment
   use phases_m
   use trajectory_m, only: copy, fail, finite, problem_t, trajectory_t
   use iso_fortran_env, only: int64
@@ -74,7 +74,7 @@ contains
     integer :: k
 
     associate (x => trajectory, method => problem%method)
-      times = before_stop(problem, x, x%t + method%c(x%stage:) * x%h)
+      times = within_segment(problem, x, x%t + method%c(x%stage:) * x%h)
       members = real(x%member - 1, wp)
       call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), &
                                          answer)

@@ -8,14 +8,14 @@
 module step_events_m
   use kinds, only: wp
   use frames_m, only: turn
-  use output_m, only: store_event, output_t
   use requests_m, only: evaluate_events
   use root_m, only: find_root, function_t
-  use trajectory_m, only: problem_t, trajectory_t
+  use shared_numbers, only: resting_contact
+  use trajectory_m, only: fail, problem_t, trajectory_t
   use within_step_m, only: point_at
   implicit none
   private
-  public :: crosses, find_zeros, record_zeros
+  public :: crosses, find_zeros, time_at
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
   integer, parameter :: min_parts = 4, max_parts = 10000
@@ -52,10 +52,11 @@ contains
     logical, intent(out) :: stopped
     type(event_function_t) :: g
     real(wp), allocatable :: x(:), values(:, :)        ! (0:parts), (events, 0:parts)
+    real(wp), allocatable :: own(:)                    ! (0:parts) values of one event
     integer :: first, i, k, n
 
     n = parts(problem, trajectory)
-    allocate (x(0:n), values(size(trajectory%event_before), 0:n))
+    allocate (x(0:n), own(0:n), values(size(trajectory%event_before), 0:n))
     x = [(real(k, wp) / real(n, wp), k=0, n)]
     values(:, 0) = trajectory%event_before
     values(:, n) = trajectory%event_after
@@ -65,6 +66,7 @@ contains
     g%detects = detects
     trajectory%zero = [real(wp) ::]
     trajectory%zero_of = [integer ::]
+    trajectory%zero_from = [integer ::]
     stopped = .false.
     do first = 2, 1, -1
       do k = first, n - 1, 2
@@ -73,12 +75,15 @@ contains
                              stopped)
         if (stopped) return
       end do
-      if (first == 2 .and. n == min_parts .and. all(are_far(values(:, ::2)))) return
+      if (first == 2 .and. n == min_parts .and. all(trajectory%came_from == 0)) then
+        if (all(are_far(values(:, ::2)))) return
+      end if
     end do
     do i = 1, size(values, 1)
       g%event = i
-      if (i == trajectory%jump_event) call find_after_jump(g, x(1), values(i, 1), stopped)
-      if (.not. stopped) call find_zeros_of(g, x, values(i, :), stopped)
+      own(:) = values(i, :)
+      if (trajectory%came_from(i) /= 0) call find_after_event(g, x, own, stopped)
+      if (.not. stopped) call find_zeros_of(g, x, own, stopped)
       if (stopped) return
     end do
   end subroutine find_zeros
@@ -195,34 +200,108 @@ contains
       call find_root(g, ends(1), ends(2), values(1), values(2), zero, stopped)
     g%trajectory%zero = [g%trajectory%zero, zero]
     g%trajectory%zero_of = [g%trajectory%zero_of, g%event]
+    g%trajectory%zero_from = [g%trajectory%zero_from, merge(-1, 1, values(1) < 0)]
   end subroutine add_zero
 
-  ! Finds a zero in the first part of a step that starts from the event's own jump, where its
-  ! function is zero up to rounding. If the function returns to zero within this part, as for a ball
-  ! that hardly bounces, it has the other sign somewhere before; the part is searched by halving.
-  subroutine find_after_jump(g, end, after, stopped)
+  ! Decides what follows after an event, whose function is zero at the start of the step up to
+  ! rounding: it leaves on the side that it came from, as where a ball bounces, and may return to
+  ! zero within the first part of the step; or it passes; or a jump has left it at rest, as where a
+  ! ball stays on the floor, through which the solution would fall. Where the function is on the
+  ! other side at the end of the first part or of the step, it is evaluated ever nearer to the start.
+  ! The first values that are larger than rounding tell a line through zero, which passes, from a
+  ! higher power of time. If the step is too small to tell, the next one decides.
+  subroutine find_after_event(g, x, values, stopped)
     type(event_function_t), intent(inout) :: g
-    real(wp), intent(in) :: end, after                 ! of the part, and the function there
+    real(wp), contiguous, intent(in) :: x(0:)
+    real(wp), contiguous, intent(inout) :: values(0:)  ! at x; those that are rounding become zero
     logical, intent(out) :: stopped
     integer, parameter :: halvings = 60
-    real(wp) :: x, value, rounding
-    integer :: k
+    ! points ever nearer, the function there, and its rounding
+    real(wp), allocatable :: at(:), near(:), rounding(:)
+    real(wp) :: elapsed, point, value
+    integer :: first, k, last
 
     stopped = .false.
-    rounding = 8 * max(abs(g%trajectory%value_after_jump), &
-                       epsilon(1.0_wp) * maxval(abs(g%trajectory%y(:, 0))))
-    if (.not. abs(after) > 0 &
-        .or. real(g%problem%events%direction(g%event), wp) * after < 0) return
-    do k = 1, halvings
-      x = end * 0.5_wp**k
-      call g%value(x, value, stopped)
-      if (stopped) return
-      if (value * sign(1.0_wp, after) < -rounding) then
-        call add_zero(g, [x, end], [value, after], stopped)
+    associate (trajectory => g%trajectory, from => g%trajectory%came_from(g%event), &
+               side => real(g%trajectory%came_from(g%event), wp), n => ubound(x, 1))
+      do k = 1, n
+        if (abs(values(k)) <= rounding_at(g, x(k), values(n))) values(k) = 0.0_wp
+      end do
+      trajectory%event_after(g%event) = values(n)
+      first = merge(1, n, values(1) * side < 0)
+      if (.not. values(first) * side < 0) then
+        if (abs(values(n)) > 0) from = 0
         return
       end if
+      last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
+      at = x(last:first:-1)
+      near = values(last:first:-1)
+      rounding = [(rounding_at(g, at(k), values(n)), k=1, size(at))]
+      elapsed = abs((trajectory%t - trajectory%event_time(g%event)) / trajectory%h)
+      do k = 1, halvings
+        point = x(first) * 0.5_wp**k
+        if (point < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < 1.05_wp) exit
+        call g%value(point, value, stopped)
+        if (stopped) return
+        if (abs(value) <= rounding_at(g, point, values(n))) exit
+        if (value * side > 0) then
+          if (first == 1) call add_zero(g, [point, x(1)], [value, values(1)], stopped)
+          from = 0
+          return
+        end if
+        at = [at, point]
+        near = [near, value]
+        rounding = [rounding, rounding_at(g, point, values(n))]
+      end do
+      associate (power => power_of(elapsed, at, near, rounding, 1))
+        if (power < 0) return
+        if (power < 1.5_wp .or. .not. g%problem%events%jumps(g%event)) then
+          from = 0
+          return
+        end if
+      end associate
+      stopped = .true.
+      trajectory%flag = g%event
+      call fail(trajectory, resting_contact, trajectory%t)
+    end associate
+  end subroutine find_after_event
+
+  ! The power of time that a function grows with, by the last points and others so much later that
+  ! rounding hardly matters: negative if there are none; or the largest of several powers, huge if
+  ! there are too few.
+  pure real(wp) function power_of(elapsed, at, values, rounding, powers)
+    real(wp), intent(in) :: elapsed          ! since the event at the start of the step, in steps
+    real(wp), contiguous, intent(in) :: at(:), values(:), rounding(:)
+    integer, intent(in) :: powers
+    real(wp) :: times(size(at)), ratio
+    integer :: j, k
+
+    times = elapsed + at
+    power_of = -1.0_wp
+    do k = size(at), size(at) - powers + 1, -1
+      ratio = exp(rounding(k) / abs(4 * values(k)))
+      j = findloc(times(:k - 1) > ratio * times(k), .true., 1, back=.true.)
+      if (j == 0) then
+        power_of = merge(power_of, huge(power_of), powers == 1)
+        return
+      end if
+      power_of = max(power_of, log(values(j) / values(k)) / log(times(j) / times(k)))
     end do
-  end subroutine find_after_jump
+  end function power_of
+
+  ! The rounding of a function at a fraction of the step, relative to the point and to the function
+  pure real(wp) function rounding_at(g, at, last)
+    type(event_function_t), intent(in) :: g
+    real(wp), intent(in) :: at, last                   ! fraction, and the function at the end
+    real(wp) :: sizes(3)
+    integer :: n
+
+    associate (x => g%trajectory)
+      n = g%problem%events%width
+      sizes = [maxval(abs(x%y(:n, 0))), at * maxval(abs(x%y(:n, x%result))), at * abs(last)]
+      rounding_at = max(8 * abs(x%value_after(g%event)), 32 * epsilon(1.0_wp) * maxval(sizes))
+    end associate
+  end function rounding_at
 
   ! The time at a fraction of the step
   pure real(wp) function time_at(trajectory, x)
@@ -244,47 +323,5 @@ contains
     call self%problem%events%value(self%trajectory%member, self%event, &
                                    time_at(self%trajectory, x), self%y, y, stop)
   end subroutine event_along_step
-
-  ! Records zeros in the order of their times, up to the first one that ends the step.
-  subroutine record_zeros(problem, trajectory, output, until, event, after, full, stopped)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory    ! its zeros become 2
-    type(output_t), intent(inout) :: output
-    real(wp), intent(out) :: until                     ! fraction of the step that is kept
-    integer, intent(out) :: event                      ! that ends it, 0 for none
-    real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after its jump
-    logical, intent(out) :: full                       ! whether there is no room for one
-    logical, intent(out) :: stopped
-    real(wp) :: y(size(after))
-    integer :: k
-
-    until = 1.0_wp
-    event = 0
-    stopped = .false.
-    full = .false.
-    associate (x => trajectory, events => problem%events)
-      do while (any(x%zero < 2))
-        full = output%events == output%event_capacity
-        if (full) return
-        k = minloc(x%zero, 1)
-        associate (i => x%zero_of(k))
-          call point_at(problem, trajectory, x%zero(k), y)
-          x%event_count(i) = x%event_count(i) + 1
-          after = y
-          if (x%event_count(i) < events%most(i) .and. events%jumps(i)) then
-            call events%jump(x%member, i, time_at(x, x%zero(k)), y, after, stopped)
-            if (stopped) return
-          end if
-          call store_event(output, x%member, i, time_at(x, x%zero(k)), y, after)
-          if (x%event_count(i) >= events%most(i) .or. events%jumps(i)) then
-            until = x%zero(k)
-            event = i
-            return
-          end if
-        end associate
-        x%zero(k) = 2.0_wp
-      end do
-    end associate
-  end subroutine record_zeros
 
 end module step_events_m

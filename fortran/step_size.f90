@@ -34,10 +34,7 @@ contains
       return
     end if
     associate (stop => problem%stops(trajectory%segment))
-      if (.not. problem%adaptive) then
-        call make_grid(trajectory%t, stop, problem%h, trajectory%grid)
-        trajectory%grid_done = 0
-      end if
+      if (.not. problem%adaptive) call prepare_grid(problem, trajectory, stop)
       trajectory%h = sign(trajectory%h, stop - trajectory%t)
     end associate
     trajectory%phase = phase_choose_step
@@ -52,6 +49,20 @@ contains
     call evaluate_events(problem, trajectory, trajectory%t, trajectory%y(:, 0), values, stopped)
     if (.not. stopped) trajectory%event_before = values
   end subroutine begin_segment
+
+  ! Makes the grid of equal steps to a stop, unless the present one leads there.
+  subroutine prepare_grid(problem, trajectory, stop)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: stop
+
+    associate (x => trajectory, grid => trajectory%grid)
+      if (.not. (abs(grid%stop - stop) > 0 &
+                 .or. abs(grid%start + real(x%grid_done, wp) * grid%step - x%t) > 0)) return
+      call make_grid(x%t, stop, problem%h, grid)
+      x%grid_done = 0
+    end associate
+  end subroutine prepare_grid
 
   ! Guesses a first size from the norms of the point and of its derivative.
   subroutine guess_size(problem, trajectory)

@@ -11,6 +11,7 @@ module time_grid_m
     real(wp) :: start = 0.0_wp
     real(wp) :: step = 0.0_wp                ! negative to go backward
     real(wp) :: last = 0.0_wp                ! the last step
+    real(wp) :: stop = 0.0_wp
     integer(int64) :: steps = 0
   end type grid_t
 
@@ -26,6 +27,7 @@ contains
     real(wp) :: span, error, slack, ratio, count, rest
 
     grid%start = start
+    grid%stop = stop
     grid%step = sign(h, stop - start)
     grid%last = grid%step
     span = abs(stop - start)

@@ -20,6 +20,7 @@ module trajectory_m
   ! Functions whose zeros along the solution are events
   type, abstract :: events_t
     integer :: count = 0
+    integer :: width = 0                     ! numbers of a point that they depend on
     integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
     integer(int64), allocatable :: most(:)   ! (count) the last event ends the trajectory
     logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event
@@ -144,12 +145,16 @@ module trajectory_m
     integer :: outputs_done = 0              ! output times passed
     real(wp), allocatable :: event_before(:), event_after(:)   ! (events) values at both ends
     integer(int64), allocatable :: event_count(:)      ! (events) how often each happened
-    ! (zeros) those within the step that aren't recorded yet: fractions of it, or 2, and events
+    ! (zeros) those within the step that aren't recorded yet: fractions of it, or 2, events, and
+    ! signs of their functions before
     real(wp), allocatable :: zero(:)
-    integer, allocatable :: zero_of(:)
+    integer, allocatable :: zero_of(:), zero_from(:)
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
-    integer :: jump_event = 0                ! event whose jump the step starts from, 0 for none
-    real(wp) :: value_after_jump = 0.0_wp    ! of its function
+    real(wp), allocatable :: event_time(:)   ! (events) when each happened last
+    ! (events) sign of its function before an event at the start of the step, or just before it, 0 if
+    ! there is none, and the function then
+    integer, allocatable :: came_from(:)
+    real(wp), allocatable :: value_after(:)
     ! the step before, whose interpolant may be requested
     logical :: keep_last = .false.
     real(wp) :: t_old = 0.0_wp, h_old = 0.0_wp
@@ -198,7 +203,8 @@ contains
       n = 0
       if (associated(problem%events)) n = problem%events%count
       allocate (trajectory%event_before(n), trajectory%event_after(n), &
-                trajectory%event_count(n), stat=memory)
+                trajectory%event_count(n), trajectory%event_time(n), trajectory%came_from(n), &
+                trajectory%value_after(n), stat=memory)
       if (memory /= 0) return
       if (within) call reserve_interpolant(frame, problem%scheme, trajectory%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
@@ -227,10 +233,13 @@ contains
     trajectory%segment = 1
     trajectory%interpolate_only = .false.
     trajectory%jumps_in_place = 0
-    trajectory%jump_event = 0
+    trajectory%grid = grid_t()
+    trajectory%grid_done = 0
     trajectory%weighted_by = 0.0_wp
     call forget_step(trajectory)
     trajectory%event_before = 0.0_wp
+    trajectory%event_time = huge(1.0_wp)
+    trajectory%came_from = 0
     trajectory%event_count = 0
   end subroutine set_start
 
@@ -259,13 +268,14 @@ contains
     if (done == grid%steps) trajectory%phase = phase_ended
   end subroutine follow_grid
 
-  ! Lets a trajectory that has ended continue, with other ends of segments.
+  ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
   pure subroutine continue_run(trajectory)
     type(trajectory_t), intent(inout) :: trajectory
 
     trajectory%status = paused
     trajectory%segment = 1
     trajectory%phase = phase_begin_segment
+    trajectory%interpolate_only = .false.
   end subroutine continue_run
 
   ! Ends a trajectory with an error.

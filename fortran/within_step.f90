@@ -41,7 +41,7 @@ contains
     associate (x => trajectory)
       if (x%interpolate_only) then
         x%slope(:) = x%received
-        x%slope_known = x%segment == size(problem%stops) .or. abs(x%t - x%request_t) <= 0
+        x%slope_known = abs(x%t - x%request_t) <= 0
         call interpolate_last(problem, trajectory, x%slope)
       else
         x%end_slope(:) = x%received

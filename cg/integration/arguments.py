@@ -224,6 +224,12 @@ def check_points(
             worst = _worst(frame, points)
             frame.check_point(points[worst], name=f"y0[{worst}]")
         return points, numbers
+    if many and rank and points.ndim == rank + 1 and points.shape[:rank] == frame.point_shape:
+        shape = ", ".join(map(str, frame.point_shape))
+        raise ValueError(
+            f"y0 must have shape (members, {shape}), got {points.shape}: members come first, as in "
+            "np.moveaxis(y0, -1, 0)"
+        )
     if points.shape != frame.point_shape or not plan.surely_on_manifold(points):
         frame.check_point(points, name="y0")
     points = points[None]
@@ -273,7 +279,7 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
 
 
 def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
-    """Return the times at which steps end: the breakpoints within the span, then its end."""
+    """Return the times at which steps end: the breakpoints inside the span, then its end."""
     if breakpoints is None:
         return np.array([stop])
     times = real_array(breakpoints, "breakpoints")
@@ -285,7 +291,11 @@ def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
             "breakpoints must be finite and strictly sorted in the direction of integration, got "
             f"{breakpoints!r}"
         )
-    inside = (sign * (times - start) > 0.0) & (sign * (times - stop) < 0.0)
+    if times.size and (sign * (times[0] - start) < 0.0 or sign * (times[-1] - stop) > 0.0):
+        raise ValueError(
+            f"breakpoints must lie between {start:g} and {stop:g}, got {breakpoints!r}"
+        )
+    inside = (times != start) & (times != stop)
     return np.append(times[inside], stop)
 
 

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import Any, Unpack
+from typing import Any, Never, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from cg.integration.loop.messages import TERMINAL_EVENT
 from cg.integration.loop.progress import Progress
 from cg.integration.loop.record import Output
 from cg.integration.member_results import EnsembleResults, MemberResults
-from cg.integration.options import Options, expand_options
+from cg.integration.options import Options, check_no_more, expand_options
 from cg.integration.problem import Problem, make_problem, make_rhs
 from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.function import CompiledFunction, Function
@@ -40,7 +40,7 @@ def solve_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *,
+    *rest: Never,
     frame: Frame,
     vectorized: bool = False,
     common_steps: bool = False,
@@ -126,6 +126,7 @@ def solve_ensemble(
     >>> run.y.shape, run.success
     ((3, 5, 3, 3), True)
     """
+    check_no_more(rest)
     vectorized = check_flag("vectorized", vectorized)
     common = check_flag("common_steps", common_steps)
     problem = make_problem(

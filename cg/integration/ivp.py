@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Unpack
+from typing import Any, Never, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +28,7 @@ from cg.integration.loop.messages import (
 from cg.integration.loop.progress import Progress
 from cg.integration.loop.record import COUNTS, Output
 from cg.integration.loop.run import Run
-from cg.integration.options import Options, expand_options
+from cg.integration.options import Options, check_no_more, expand_options
 from cg.integration.problem import Problem, make_problem
 from cg.integration.results import Solution
 from cg.integration.rhs.events import EventTable
@@ -48,7 +48,7 @@ def solve_ivp(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *,
+    *rest: Never,
     frame: Frame,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     jac: Function | None = None,
@@ -103,7 +103,7 @@ def solve_ivp(
     breakpoints
         Times within ``t_span`` at which ``f`` or its derivatives jump, sorted in the direction of
         integration.  A step ends at each: the step before it sees ``f`` just before that time, the
-        step after it at that time.
+        step after it just after.
     max_step
         Largest step size.
     first_step
@@ -171,6 +171,7 @@ def solve_ivp(
     >>> solution.y.shape == (solution.steps + 1, 3, 3)
     True
     """
+    check_no_more(rest)
     problem = make_problem(
         f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver, jac=jac
     )

@@ -72,11 +72,21 @@ def _caller() -> tuple[str, list[str]]:
     return function.__qualname__.removesuffix(".__init__"), names
 
 
+def check_no_more(positional: tuple[Any, ...]) -> None:
+    """Raise TypeError if there are more positional arguments than functions with options take."""
+    if positional:
+        raise TypeError(
+            f"{_caller()[0]}() takes method and all options by keyword, such as "
+            f"method={positional[0]!r}, got {len(positional)} too many positional arguments"
+        )
+
+
 def expand_options(function: _Function) -> _Function:
     """Show the options one by one in the signature of a function that takes ``**options``."""
     signature = inspect.signature(function)
     parameters = list(signature.parameters.values())
     kind = StepOptions if "StepOptions" in str(parameters.pop().annotation) else Options
+    parameters = [each for each in parameters if each.kind != each.VAR_POSITIONAL]
     first = [parameter.name for parameter in parameters].index("frame") + 1
     parameters[first:first] = [
         inspect.Parameter(

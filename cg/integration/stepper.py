@@ -7,31 +7,32 @@ import math
 import pickle
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Unpack
+from typing import Any, Never, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.frames.arrays import Points
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.arguments import check_args, check_real_time, check_step, check_stops, is_many
+from cg.integration.arguments import check_real_time, check_step, check_stops, is_many
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.failures import explain_failure
+from cg.integration.loop.messages import failed_members
 from cg.integration.loop.record import Output
 from cg.integration.loop.run import Run
-from cg.integration.options import StepOptions, complete_options, expand_options
-from cg.integration.problem import make_problem, make_rhs
+from cg.integration.loop.step_budget import StepBudget
+from cg.integration.options import StepOptions, check_no_more, complete_options, expand_options
+from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
-from cg.integration.rhs.python import Coefficients, PythonRhs
+from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.stepper_state import get_state, set_state
+from cg.integration.stepper_state import check_points, get_state, replace_rhs, set_state
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import Stop
 
 _FAR = 2.0**40  # fixed steps without a final time
 _NO_LIMIT = 2**62
-_MANY = 2**30
 
 
 class Stepper:
@@ -79,8 +80,9 @@ class Stepper:
     -----
     ``step()`` takes one step, ``advance(t)`` as many as lead to a time; the last one is shortened
     to end there, and the next one has the size that it would have had.  Both return None, or a
-    message if the error estimate could not be met; then ``status`` is ``"failed"``.  An exception
-    of ``f`` is propagated and leaves ``t`` and ``y`` as they were.
+    message if the error estimate could not be met; then ``status`` is ``"failed"``.  After that, or
+    an exception or interrupt of ``f``, ``t`` and ``y`` are those of the last complete step, or of
+    an ensemble those before the call.  After an exception further steps may be tried.
 
     ``restart(t=, y=, args=, parameters=)`` changes what it is given, also after a failure, and
     keeps the rest, the counts included.  It calls ``f`` at no time, but the next step starts anew:
@@ -117,7 +119,7 @@ class Stepper:
         t0: float,
         y0: ArrayLike,
         t_bound: float = math.inf,
-        *,
+        *rest: Never,
         frame: Frame,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
         jac: Function | None = None,
@@ -125,6 +127,7 @@ class Stepper:
         common_steps: bool = False,
         **options: Unpack[StepOptions],
     ) -> None:
+        check_no_more(rest)
         start = check_real_time(t0, "t0", infinite=False)
         bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0
@@ -152,6 +155,8 @@ class Stepper:
         if math.isinf(bound) and h is not None:
             end = start + self.direction * _FAR * float(h)
         self._stops = check_stops(breakpoints, start, end)
+        self._budget = StepBudget()
+        self._failure = ""
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
         self._problem = replace(problem, stops=self._stops, control=control)
         self.t_old: float | None = None
@@ -209,28 +214,15 @@ class Stepper:
         RuntimeError
             If the integration has ended, or its members have steps of their own.
         """
-        run = self._run
         if self._many and not self._common:
             raise RuntimeError(
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
         if not self._stops_are_set:
-            self._continue(self._stops[self.direction * (self._stops - self.t) > 0.0])
+            self._continue(self._ahead(self._stops))
             self._stops_are_set = True
-        before, begin = self._count(4), self.t
-        while self._count(4) == before:
-            run.record.budget = run.members
-            run.call()
-            message = self._check_failures()
-            if message is not None:
-                return message
-        self.t = float(run.reached[0])
-        self.t_old = begin
-        self.step_size = abs(self.t - begin)
-        if self.t == self.t_bound:
-            self.status = "finished"
-        return None
+        return self._drive(None)
 
     def advance(self, t: float) -> str | None:
         """Take steps up to a time.
@@ -270,23 +262,68 @@ class Stepper:
         else:
             # a breakpoint at the target is repeated, so that the step up to it ends before it
             reached = self._stops[self.direction * (self._stops - target) <= 0.0]
-            stops = np.append(reached, target)
-            stops = stops[self.direction * (stops - self.t) > 0.0]
+            stops = self._ahead(np.append(reached, target))
         self._continue(stops)
         self._stops_are_set = False
+        return self._drive(target)
+
+    def _ahead(self, stops: Array) -> Array:
+        """Return the stops that aren't behind; one at `t` tells on which side of it ``f`` is."""
+        return stops[self.direction * (stops - self.t) >= 0.0]
+
+    def _drive(self, target: float | None) -> str | None:
+        """Take steps up to a time or, if it is None, one step; return a message if that failed."""
+        run, budget, begin = self._run, self._budget, self.t
+        record = run.record
+        start = run.end.copy() if self._many else None
+        counts = run.counts[0]
+        steps, message, is_complete = counts[4], None, False
+        try:
+            while message is None and (
+                counts[4] == steps if target is None else record.ended < run.members
+            ):
+                given = run.members if target is None else budget.start()
+                record.budget = given
+                run.call()
+                if target is not None:
+                    budget.stop(max(given - record.budget, 1))
+                message = self._check_failures() if record.failed else None
+            is_complete = message is None
+        finally:
+            if not is_complete:
+                self._end_early(start, steps)
+        if is_complete:
+            self.t = float(run.reached[0]) if target is None else target
+            self.step_size = abs(self.t - begin if target is None else record.step_size)
+            self.t_old = begin if target is None else target - self.direction * self.step_size
+            if self.t == self.t_bound:
+                self.status = "finished"
+        return message
+
+    def _end_early(self, start: Points | None, steps: int) -> None:
+        """Return an ensemble to its points ``start``; set the time of the last step of one point.
+
+        Of the members some are ahead of others.  ``steps`` is the count before the call.
+        """
         run = self._run
-        while run.record.ended < run.members:
-            run.record.budget = _MANY
-            run.call()
-            message = self._check_failures()
-            if message is not None:
-                return message
-        size = abs(run.record.step_size)
-        self.t, self.step_size = target, size
-        self.t_old = target - self.direction * size
-        if target == self.t_bound:
-            self.status = "finished"
-        return None
+        run.record.ended = run.record.failed = run.record.raised = 0
+        self._stops_are_set = False
+        if start is not None:
+            self.t_old = None
+            run.end[...], run.reached[...] = start, self.t
+            self._set_points(start, self._first_step)
+            return
+        self.t = float(run.reached[0])
+        if run.counts[0, 4] > steps:
+            self.t_old = float(run.state()[0][0, 3])
+            self.step_size = abs(self.t - self.t_old)
+
+    def _set_points(self, rows: Points, first_step: float | None) -> None:
+        """Let all trajectories start anew at `t`."""
+        run = self._run
+        self._core.loop_restart(
+            run.address, self.t, rows.T, first_step or 0.0, run.rhs.data_address
+        )
 
     def restart(
         self,
@@ -317,51 +354,25 @@ class Stepper:
         TypeError, ValueError
             If an argument has an impossible value.
         """
-        run = self._run
+        run, time, rows = self._run, self.t, self._run.end
         if t is not None:
             time = check_real_time(t, "t", infinite=False)
             if self.direction * (self.t_bound - time) < 0.0:
                 raise ValueError(f"t must not be beyond t_bound = {self.t_bound:g}, got {t!r}")
-            self.t = time
-        self.t_old = None
-        rows = run.end
         if y is not None:
-            rows = run.plan.doubles(self._check_points(y))
+            rows = run.plan.doubles(check_points(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
-        rhs, extra = self._problem.rhs, self._problem.args
-        if parameters is not None or (args is not None and not hasattr(rhs, "set_args")):
-            numbers = rhs.parameters if parameters is None else np.array(parameters, float)
-            if numbers is not None and parameters is not None and not self._many:
-                numbers = numbers[None]
-            rhs, extra = make_rhs(
-                self.f, self.frame, extra or None if args is None else args, numbers,
-                rhs.vectorized, run.members,
-            )  # fmt: skip
-        elif args is not None:
-            assert isinstance(rhs, PythonRhs)
-            extra = check_args(args)
-            rhs.set_args(extra)
-        self._problem = replace(self._problem, rhs=rhs, args=extra)
-        run.replace_rhs(rhs)
-        self._core.loop_restart(run.address, self.t, rows.T, first or 0.0, rhs.data_address)
+        replace_rhs(self, args, parameters)
+        self.t, self.t_old = time, None
+        if t is not None and run.control.h is not None and math.isinf(self.t_bound):
+            self._stops = np.append(self._stops[:-1], time + self.direction * _FAR * run.control.h)
+        self._set_points(rows, first)
         if rows is not run.end:
             run.end[...] = rows
         run.reached[...] = self.t
         run.record.ended = run.record.failed = run.record.raised = 0
         self._stops_are_set = False
         self.status = "running" if self.t != self.t_bound else "finished"
-
-    def _check_points(self, y: ArrayLike) -> Points:
-        points = self.frame.read_points(y, "y")
-        shape = self.frame.point_shape
-        if self._many:
-            shape = (self._run.members, *shape)
-        if points.shape != shape:
-            raise ValueError(f"y must have shape {shape}, got {points.shape}")
-        rows = points if self._many else points[None]
-        for row in rows:
-            self.frame.check_point(row, name="y")
-        return rows
 
     def dense_output(self) -> DenseOutput:
         """Return the solution within the last step.
@@ -377,43 +388,51 @@ class Stepper:
         run = self._run
         if self.t_old is None or (self._many and not self._common):
             raise RuntimeError("dense_output must come after a step that all members share")
+        # f is evaluated before a breakpoint at the end of the step
+        at_breakpoint = bool((self._stops[:-1] == self.t).any())
+        beyond = self.t + self.direction
+        self._continue(np.array([self.t, beyond] if at_breakpoint else [beyond]))
+        self._stops_are_set = False
         run.allocate_interpolants(run.members)
         self._core.loop_set_output(run.address)
         self._core.loop_interpolate(run.address)
-        run.record.budget = run.record.ended = 0
-        run.call()
-        steps = run.interpolants()
-        run.stop_interpolants()
+        run.record.budget = 0
+        try:
+            run.call()
+            steps = run.interpolants()
+        finally:
+            run.stop_interpolants()
         begin = float(steps.t[0, 0])
         outputs = [
             DenseOutput(steps.of(k), begin, run.plan.points(steps.of(k).y[:1, 0], (1,))[0])
             for k in range(run.members)
         ]
-        self._stops_are_set = False
         return EnsembleOutput(outputs) if self._many else outputs[0]
 
     def _check_running(self) -> None:
         if self.status != "running":
+            why = f": {self._failure}" if self.status == "failed" else ""
             raise RuntimeError(
-                f"the integration has {self.status} at t = {self.t:.17g}: restart it"
+                f"the integration has {self.status} at t = {self.t:.17g}{why}; restart it"
             )
 
-    def _continue(self, stops: Any) -> None:
+    def _continue(self, stops: Array) -> None:
+        record = self._run.record
         self._core.loop_continue(self._run.address, stops)
-        self._run.record.ended = self._run.record.failed = 0
+        record.ended = record.failed = record.raised = 0
 
-    def _check_failures(self) -> str | None:
-        """Return the message for failed steps, None if none failed; raise other errors."""
+    def _check_failures(self) -> str:
+        """Return the message for failed steps; raise other errors."""
         run = self._run
-        if not run.record.failed:
-            return None
-        bad = np.flatnonzero((run.status != Stop.PAUSED) & (run.status != Stop.FINISHED))
+        bad = np.flatnonzero((run.status != Stop.PAUSED) & (run.status != Stop.FINISHED)).tolist()
         self.status = "failed"
-        self.t = float(run.reached[bad[0]])
-        failure = explain_failure(run, int(bad[0]))
+        failure = explain_failure(run, bad[0])
+        self._failure = str(failure)
         if isinstance(failure, Exception):
             raise failure
-        return f"Failure: {failure}."
+        if not self._many:
+            return f"Failure: {failure}."
+        return failed_members(dict.fromkeys(bad, self._failure), run.members)
 
     def __reduce__(self) -> tuple[Any, ...]:
         try:

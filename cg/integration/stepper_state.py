@@ -1,12 +1,18 @@
-"""The state of a stepper, for copies and pickles."""
+"""The state of a stepper: copies, pickles, and what a restart replaces."""
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.arrays import Array, Points, real_array
+from cg.integration.arguments import check_args
+from cg.integration.rhs.python import PythonRhs
 
 
 def get_state(stepper: Any) -> dict[str, Any]:
@@ -46,3 +52,49 @@ def set_state(stepper: Any, state: dict[str, Any]) -> None:
     run.counts[...], run.status[...], run.flag[...] = counts, status, flag
     run.reached[...] = stepper.t
     stepper._stops_are_set = False
+
+
+def check_points(stepper: Any, y: ArrayLike) -> Points:
+    """Return new points of a stepper, one row for each member, after checking them."""
+    frame, many = stepper.frame, stepper._many
+    points: Points = frame.read_points(y, "y")
+    shape = (stepper._run.members, *frame.point_shape) if many else frame.point_shape
+    if points.shape != shape:
+        raise ValueError(f"y must have shape {shape}, got {points.shape}")
+    rows = points if many else points[None]
+    for row in rows:
+        frame.check_point(row, name="y")
+    return rows
+
+
+def replace_rhs(stepper: Any, args: Iterable[Any] | None, parameters: ArrayLike | None) -> None:
+    """Replace what ``f`` gets besides time and point, None for what remains."""
+    problem, rhs = stepper._problem, stepper._problem.rhs
+    extra = problem.args if args is None else check_args(args)
+    numbers = rhs.parameters
+    if parameters is not None:
+        numbers = _check_parameters(parameters, numbers, stepper._many)
+    if isinstance(rhs, PythonRhs):
+        rhs.parameters = numbers
+        rhs.set_args(extra)
+    elif extra:
+        raise ValueError(f"args must be None for a compiled f, got {args!r}")
+    elif parameters is not None:
+        rhs = rhs.on(stepper.frame, numbers)
+    if rhs is not problem.rhs or extra is not problem.args:
+        stepper._problem = problem.with_rhs(rhs, extra)
+        stepper._run.replace_rhs(rhs)
+
+
+def _check_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:
+    """Return new parameters, a row for each member, after checking them."""
+    numbers = real_array(parameters, "parameters")
+    if before is None:
+        raise ValueError(
+            f"parameters must be None, since the constructor got none, got {parameters!r}"
+        )
+    shape = before.shape if many else before.shape[1:]
+    if numbers.shape != shape:
+        raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
+    numbers.flags.writeable = False
+    return numbers if many else numbers[None]

@@ -29,6 +29,7 @@ class Stop(IntEnum):
     TERMINAL_EVENT = 12
     JUMPS_WITHOUT_PROGRESS = 13
     RAISED = 14  # an exception of Python
+    RESTING_CONTACT = 15  # a jump leaves its function at zero, and nothing moves it off
     # requests of a trajectory to its run
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_MINIMUM = 21  # of a step size over trajectories with common steps
@@ -196,6 +197,7 @@ RECORD = {
     "data": "address",
     "data_stride": "integer",  # bytes from one member's data to the next
     "functions": "integer",  # number of events
+    "event_width": "integer",  # numbers of a point that they depend on
     "event_table": "address",  # of each: address, data, direction, max count, whether it jumps
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones

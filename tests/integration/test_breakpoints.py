@@ -39,8 +39,9 @@ def compiled(keep, side):
 @pytest.mark.parametrize("way", WAYS, ids=str)
 @pytest.mark.parametrize("backward", [False, True])
 @pytest.mark.parametrize("in_c", [False, True])
-def test_steps_end_at_breakpoints_and_use_one_side(way, backward, in_c):
-    times, side = [], "left" if backward else "right"
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_steps_end_at_breakpoints_and_use_one_side(way, backward, in_c, side):
+    times = []
 
     def f(t, y):
         times.append(t)
@@ -52,12 +53,11 @@ def test_steps_end_at_breakpoints_and_use_one_side(way, backward, in_c):
         **LINE, **way,
     )  # fmt: skip
     assert np.isin(points, solution.t).all()
-    # forward a step that begins at a point sees the point itself; a step that ends there does not
     sign = -1.0 if backward else 1.0
     for point in points:
         assert np.nextafter(point, -sign * np.inf) in times
-        assert point in times
-    first = [times.index(p) for p in points]
+        assert point not in times
+    first = [times.index(np.nextafter(p, sign * np.inf)) for p in points]
     last = [max(i for i, t in enumerate(times) if sign * (t - p) < 0.0) for p in points]
     assert all(a > b for a, b in zip(first, last, strict=True))
     start = height(span[0])
@@ -97,11 +97,16 @@ def test_the_order_is_kept_on_rotations(method):
     assert SO3().distance(end(0.02, None), truth) > 100 * errors[1]
 
 
-def test_those_beyond_the_span_are_left_out():
+def test_those_at_the_ends_change_nothing_and_those_beyond_are_refused():
     plain = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], **LINE)
-    solution = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=[-1.0, 0.0, 0.2, 5.0], **LINE)
+    solution = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=[0.0, 0.2], **LINE)
     np.testing.assert_array_equal(solution.t, plain.t)
     np.testing.assert_array_equal(solution.y, plain.y)
+    for points in ([-1.0], [0.1, 5.0]):
+        with pytest.raises(ValueError, match=r"breakpoints must lie between 0 and 0\.2, got"):
+            cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=points, **LINE)
+        with pytest.raises(ValueError, match="breakpoints must lie between 0 and -1, got"):
+            cg.Stepper(stairs, 0.0, [0.0], -1.0, breakpoints=[-0.5, -2.0], **LINE)
 
 
 def test_warning_for_kinks_without_breakpoints():

@@ -30,7 +30,9 @@ from cg.frames import (
 )
 from cg.integration.loop import run
 from cg.integration.loop.step_budget import StepBudget
+from cg.integration.step.callbacks import _HANDLERS
 from cg.integration.step.interpolant import extra_evaluations, nodes_of
+from cg.support.shared_numbers import Operation
 
 pytestmark = pytest.mark.sanitize
 
@@ -126,6 +128,35 @@ def test_results_do_not_depend_on_steps_per_call(frame, method, monkeypatch):
         np.testing.assert_array_equal(continued.sol(times), points)
     for index in np.ndindex(times.shape):
         np.testing.assert_array_equal(whole.sol(times[index]), points[index])
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+@pytest.mark.parametrize("method", ["CF5(4)", "RKMK5(4)"])
+def test_a_flow_that_overflows_once_costs_one_step(method, monkeypatch):
+    """Also where it is one to a node of the interpolant of an accurate step."""
+    calls, fails, flow = [], [0], _HANDLERS[Operation.FLOW]
+
+    def counted(self, v, y):
+        calls.append(self)
+        return flow(self, v, y) * (np.nan if len(calls) == fails[0] else 1.0)
+
+    def solve(call):
+        calls.clear()
+        fails[0] = call
+        return cg.solve_ivp(
+            lambda t, y: [0.1 * y[0, 0], 0.2, np.cos(t), 0.0], (0, 1), np.eye(2), frame=GL(2),
+            method=method, first_step=0.3, dense_output=True,
+        )  # fmt: skip
+
+    monkeypatch.setitem(_HANDLERS, Operation.FLOW, counted)
+    plain = solve(0)
+    for call in range(1, len(calls) + 1):
+        solution = solve(call)
+        assert solution.success
+        assert solution.steps == len(solution.t) - 1 == len(solution.sol.ts) - 1
+        # without a rejection, where the overflow only chose another form of the interpolant
+        same = np.array_equal(solution.t, plain.t)
+        assert solution.nrejected == plain.nrejected + (not same)
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)

@@ -150,6 +150,19 @@ def test_without_zeros_the_lists_are_empty():
     assert solve([]).t_events == []
 
 
+def test_a_function_far_from_zero_is_called_twice_a_step():
+    calls = []
+
+    def far(t, y):
+        calls.append(t)
+        return 100.0
+
+    solution = solve(far)
+    middles = 0.5 * (solution.t[:-1] + solution.t[1:])
+    expected = np.sort(np.concatenate([solution.t, middles]))
+    np.testing.assert_allclose(np.sort(calls), expected, rtol=1e-15)
+
+
 def test_events_do_not_change_the_steps():
     plain, watched = solve(None), solve(height)
     np.testing.assert_array_equal(plain.t, watched.t)

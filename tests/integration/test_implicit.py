@@ -192,6 +192,13 @@ def test_copies_of_steppers_continue_alike(method, kind):
         other.step()
     np.testing.assert_array_equal(one.y, other.y)
     assert (one.nfev, one.njev, one.nlu) == (other.nfev, other.njev, other.nlu)
+    # factors from before a restart serve neither
+    one.restart(t=0.0, y=SO3().random_point(np.random.default_rng(1)))
+    other = pickle.loads(pickle.dumps(one))
+    one.step()
+    other.step()
+    np.testing.assert_array_equal(one.y, other.y)
+    assert (one.nfev, one.njev, one.nlu) == (other.nfev, other.njev, other.nlu)
 
 
 def test_newton_needs_fewer_evaluations_where_steps_are_large():

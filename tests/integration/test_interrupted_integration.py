@@ -34,6 +34,7 @@ CALLS = {
     "adaptive": "cg.solve_ivp(f, (0, 1e9), one, max_step=1e-6, max_steps=10**12, t_eval=[], "
     "**options)",
     "ensemble": "cg.solve_ensemble(f, (0, 1e9), many, max_step=1e-6, max_steps=10**12, **options)",
+    "stepper": "cg.Stepper(f, 0.0, one, max_step=1e-6, **options).advance(1e9)",
     "built in": "integrate_compiled(cg.problems.HeavyTop(), method='CG3', h=1e-3, steps=10**6, "
     "kind='real128')",
 }

@@ -139,6 +139,22 @@ def test_a_zero_of_the_other_direction_after_a_jump():
     np.testing.assert_allclose(solution.t_events[0], [2.0 - np.sqrt(2.0)], rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("h", [0.3, 0.5])
+def test_a_return_to_zero_within_the_first_part_of_a_step(h):
+    """The force turns, so that the ball is in the air again at the end of the step."""
+    options = {"frame": Euclidean(2), "method": "CG4a", "events": cg.Event(
+        height, direction=-1, jump=lambda t, y: [0.0, -0.3 * y[1]]
+    )}  # fmt: skip
+    exact, coarse = (
+        cg.solve_ivp(
+            lambda t, y: [y[1], 60.0 * t - 10.0], (-0.1, 0.6), [0.14, -0.9], h=h, **options
+        )
+        for h in (0.01, h)
+    )
+    assert exact.t_events[0].size >= 2
+    np.testing.assert_allclose(coarse.t_events[0], exact.t_events[0], rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("terminal", [1, 2, 4])
 def test_a_terminal_event_ends_without_its_last_jump(terminal):
     solution = drop(
@@ -169,7 +185,7 @@ def test_a_jump_at_the_end_of_the_span(options):
 
 
 def test_jumps_without_progress_end_the_integration():
-    """Two events that send the solution back to each other, and a ball that comes to rest."""
+    """Two events that send the solution back to each other."""
     events = [
         cg.Event(lambda t, y: y[0] - 1.0, direction=1, jump=lambda t, y: [np.nextafter(2.0, 0.0)]),
         cg.Event(lambda t, y: y[0] - 2.0, direction=1, jump=lambda t, y: [np.nextafter(1.0, 0.0)]),
@@ -179,12 +195,89 @@ def test_jumps_without_progress_end_the_integration():
     )
     assert (solution.status, solution.success) == (-1, False)
     assert "jumps of events follow each other without progress at t = 1" in solution.message
-    rest = drop((0.0, 20.0))
-    last = impacts(500)[0][-1]
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "RadauIIA5"}, {"method": "CG4a", "h": 0.3}])
+@pytest.mark.parametrize("direction", [-1, 0])
+@pytest.mark.parametrize("kept", [0.0, 0.01, 0.5, 0.8, 0.9])
+def test_a_ball_that_comes_to_rest_ends_the_integration(kept, direction, options):
+    """The bounces have a limit, and below it the ball would fall through the floor."""
+    floor = cg.Event(height, direction=direction, jump=lambda t, y: [0.0, -kept * y[1]])
+    rest = cg.solve_ivp(fall, (0.0, 20.0), [1.0, 0.0], frame=Euclidean(2), events=floor, **options)
+    limit = np.sqrt(2.0 / GRAVITY) * (1.0 + kept) / (1.0 - kept)
     assert rest.status == -1
-    assert "step" in rest.message or "progress" in rest.message
-    assert rest.t[-1] == pytest.approx(last, abs=1e-3)
-    np.testing.assert_allclose(rest.t_events[0][:30], impacts(30)[0], rtol=0, atol=1e-8)
+    assert any(text in rest.message for text in ("events[0] leaves", "without progress"))
+    assert rest.t[-1] == pytest.approx(limit, abs=1e-10)
+    assert np.abs(rest.y[-1]).max() < 1e-11
+    assert rest.y[:, 0].min() > -1e-13
+
+
+@pytest.mark.parametrize("start", np.linspace(0.9, 1.1, 5))
+@pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 0.5}])
+def test_noise_of_a_function_after_a_jump_is_no_event(start, options):
+    """The ball rests on the floor; a function of numbers of 1e6 is exact to 1e-10 only."""
+
+    def noise(t):
+        return 1e-10 * np.sin(1e12 * t)
+
+    floor = cg.Event(
+        lambda t, y: y[0] + noise(t), direction=-1, jump=lambda t, y: [-noise(t), 0.0, y[2]]
+    )
+    rest = cg.solve_ivp(
+        lambda t, y: [y[1], -GRAVITY, 0.0], (0, 1), [start, 0.0, 1e6], frame=Euclidean(3),
+        events=floor, **options,
+    )  # fmt: skip
+    assert "events[0] leaves its function at zero" in rest.message
+    assert len(rest.t_events[0]) == 1
+
+
+@pytest.mark.parametrize("h", [3e-6, 1e-5, 1e-4])
+def test_a_ball_that_rests_within_rounding_for_many_steps(h):
+    """At a height of 1e6 it falls by less than rounding in some 10 steps of 3e-6."""
+    floor = cg.Event(lambda t, y: y[0] - 1e6, direction=-1, jump=lambda t, y: [1e6, -1e-4 * y[1]])
+    rest = cg.solve_ivp(
+        fall, (0.0, 3e-3), [1e6 + 1e-6, 0.0], frame=Euclidean(2), events=floor, method="CG4a", h=h
+    )
+    assert "events[0] leaves its function at zero" in rest.message
+    assert len(rest.t_events[0]) == 1
+    assert rest.y[-1, 0] - 1e6 > -1e-6
+
+
+def test_a_jump_may_leave_a_solution_that_passes_slowly():
+    """Behind a pane of glass, which takes nearly all of its speed, a ball falls on."""
+    pane = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, 1e-6 * y[1]])
+    solution = drop((0.0, 1.0), events=pane)
+    assert (solution.status, len(solution.t_events[0])) == (0, 1)
+    assert solution.y[-1, 0] == pytest.approx(-GRAVITY * (1 - impacts(1)[0][0]) ** 2 / 2, abs=1e-5)
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]])
+@pytest.mark.parametrize("spread", [0.0, -1e-12])
+def test_events_at_the_same_time_happen_in_any_order(order, spread):
+    """Two balls, a count of the impacts of the first, and an event that ends at the third."""
+
+    def bounce_of(k):
+        return lambda t, y: [*y[:k], 0.0, -KEPT * y[k + 1], *y[k + 2 :]]
+
+    events = [
+        cg.Event(lambda t, y: y[0], direction=-1, jump=bounce_of(0)),
+        # with rounding errors of its own
+        cg.Event(lambda t, y: (y[2] + 1e3) - 1e3, direction=-1, jump=bounce_of(2)),
+        cg.Event(lambda t, y: 3.0 * y[0], direction=-1),
+        cg.Event(lambda t, y: y[0] / 3.0, direction=-1, terminal=3),
+    ]
+    solution = cg.solve_ivp(
+        lambda t, y: [y[1], -GRAVITY, y[3], -GRAVITY], (0, 3), [1.0, 0.0, 1.0 + spread, 0.0],
+        frame=Euclidean(4), events=[events[k] for k in order], dense_output=True,
+    )  # fmt: skip
+    times, speeds = impacts(3)
+    assert solution.status == 1
+    for k, event in enumerate(order):
+        np.testing.assert_allclose(solution.t_events[k], times, rtol=0, atol=1e-7)
+        if event > 1:
+            np.testing.assert_allclose(solution.y_events[k][:, 1], -speeds, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(solution.y[-1, [1, 3]], KEPT * speeds[-1], rtol=0, atol=1e-5)
+    np.testing.assert_array_equal(solution.sol(solution.t[-1]), solution.y[-1])
 
 
 def test_other_events_in_the_step_of_a_jump():

@@ -210,12 +210,40 @@ NUMBERED = {"frame": SO3(), "parameters": np.arange(5.0)[:, None]}
 class TestNotes:
     """Notes to exceptions of f say when they happened, and how f is called."""
 
-    @pytest.mark.parametrize("f", [lambda t: 0, lambda y, t: [y[0], 0, 0]])
-    def test_how_it_is_called(self, f):
+    @pytest.mark.parametrize(
+        ("f", "hint"),
+        [
+            (lambda t: 0, "; for an f of time alone see cg.solve_linear"),
+            (lambda y, t: [y[0], 0, 0], ""),
+            (lambda t, y=None: [t[0], 0, 0], ""),
+        ],
+    )
+    def test_how_it_is_called(self, f, hint):
         with pytest.raises(TypeError) as caught:
             cg.solve_ivp(f, (0, 1), np.eye(3), frame=SO3())
         note = "at t = 0; f is given (t, y, ...) with y of shape (3, 3)"
-        assert caught.value.__notes__ == [note]
+        assert caught.value.__notes__ == [note + hint]
+
+    @pytest.mark.parametrize("name", ["events[0]", "events[0].jump"])
+    @pytest.mark.parametrize("vectorized", [False, True])
+    def test_events_and_jumps(self, name, vectorized):
+        def fail(t, y):
+            raise KeyError("mine")
+
+        event = cg.Event(fail) if name == "events[0]" else cg.Event(lambda t, y: t - 0.5, jump=fail)
+        t = "0" if name == "events[0]" else "0.5"
+        with pytest.raises(KeyError, match="mine") as caught:
+            cg.solve_ivp(
+                lambda t, y: [1.0], (0, 1), [0.0], frame=Euclidean(1), events=event, h=0.25,
+                method="CF4",
+            )  # fmt: skip
+        assert caught.value.__notes__ == [f"in {name}(t, y, ...) at t = {t}"]
+        with pytest.raises(KeyError, match="mine") as caught:
+            cg.solve_ensemble(
+                lambda t, y: np.ones((*np.shape(t), 1)), (0, 1), [[0.0], [1.0]],
+                frame=Euclidean(1), events=event, h=0.25, method="CF4", vectorized=vectorized,
+            )  # fmt: skip
+        assert caught.value.__notes__ == [f"in {name}(t, y, ...) at t = {t} in member 0"]
 
     def test_vectorized(self):
         with pytest.raises(ValueError, match="broadcast") as caught:
@@ -244,14 +272,3 @@ class TestNotes:
         message = r"got \[ 0\.  0\. nan\] at t = 0\.\d+ for member 3$"
         with pytest.raises(ValueError, match=message):
             cg.solve_ensemble(f, (0, 1), np.eye(3), vectorized=True, workers=workers, **NUMBERED)
-
-    def test_event(self):
-        def event(t, y, row):
-            return 1 / (int(row[0]) - 2)
-
-        with pytest.raises(ZeroDivisionError) as caught:
-            cg.solve_ensemble(
-                lambda t, y, row: [0, 0, 1], (0, 1), np.eye(3), events=event, frame=SO3(),
-                parameters=[[0.0], [2]],
-            )  # fmt: skip
-        assert "in member 1; f is given" in caught.value.__notes__[0]

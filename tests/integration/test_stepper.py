@@ -131,6 +131,15 @@ def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
         stepper.step()
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_last_step_of_advance(sign):
+    bound = {} if sign > 0.0 else {"t_bound": -9.0}
+    stepper = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3(), method="CF4", h=0.125, **bound)
+    stepper.advance(0.4375 * sign)
+    assert (stepper.t_old, stepper.step_size) == (0.375 * sign, 0.0625)
+    assert_array_equal(stepper.dense_output().ts, [0.375 * sign, 0.4375 * sign])
+
+
 def spun(t, y, torque):
     return np.concatenate([y[4:], torque])
 
@@ -201,9 +210,149 @@ def test_failures_are_messages_and_exceptions_come_out():
     stepper = cg.Stepper(broken, 0.0, [0.0], 2.0, frame=Euclidean(1))
     with pytest.raises(KeyError, match="broken"):
         stepper.advance(2.0)
+    assert 0.0 < stepper.t <= 0.5
+    assert stepper.y == pytest.approx(stepper.t, abs=1e-12)
+    stepper.restart()
+    with pytest.raises(KeyError, match="broken"):
+        stepper.advance(2.0)
+    assert stepper.y == pytest.approx(stepper.t, abs=1e-12)
     stepper.restart(t=0.0, y=[3.0])
     assert stepper.advance(0.4) is None
     assert stepper.y == pytest.approx(3.4, abs=1e-12)
+
+
+@pytest.mark.parametrize("error", [KeyError, KeyboardInterrupt])
+@pytest.mark.parametrize("calls", [1, 9, 14, 23])
+@pytest.mark.parametrize("control", [{"method": "CF4", "h": 0.1}, {"method": "CF5(4)", **OPTIONS}])
+def test_a_stepper_goes_on_after_an_exception(control, calls, error):
+    """f fails once; the next call takes the same steps as without the failure."""
+    left = [calls]
+
+    def f(t, y):
+        left[0] -= 1
+        if left[0] == 0:
+            raise error("once")
+        return turning(t, y)
+
+    stepper, plain = (cg.Stepper(g, 0.0, np.eye(3), frame=SO3(), **control) for g in (f, turning))
+    with pytest.raises(error, match="once"):
+        stepper.advance(2.0)
+    while plain.t < stepper.t:
+        plain.step()
+    assert (stepper.t, stepper.t_old) == (plain.t, plain.t_old)
+    assert_array_equal(stepper.y, plain.y)
+    stepper.advance(2.0)
+    plain.advance(2.0)
+    np.testing.assert_allclose(stepper.y, plain.y, rtol=0, atol=1e-13 if "h" in control else 1e-6)
+    with pytest.raises(RuntimeError, match="dense_output must come after a step"):
+        cg.Stepper(turning, 0.0, np.eye(3), frame=SO3()).dense_output()
+
+
+@pytest.mark.parametrize("common", [False, True])
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("fails", ["message", "value", "exception"])
+def test_an_ensemble_of_which_a_member_fails_stays_where_it_was(fails, vectorized, common):
+    def f(t, y, rate):
+        late = np.asarray(t)[..., None] > 1.0
+        if fails == "exception" and np.any(late & (rate > 2.0)):
+            raise KeyError("third")
+        bad = {"message": rate[..., :1] * y**2, "value": np.where(late, np.nan, y)}
+        return np.where(rate[..., :1] > 2.0, bad.get(fails, y), y)
+
+    y0, rates = np.full((3, 1), 0.5), np.array([[1.0], [2.0], [3.0]])
+    stepper = cg.Stepper(
+        f, 0.0, y0, frame=Euclidean(1), parameters=rates, vectorized=vectorized,
+        common_steps=common, method="DP5(4)", **OPTIONS,
+    )  # fmt: skip
+    assert stepper.advance(0.25) is None
+    before = stepper.y
+    if fails == "message":
+        message = stepper.advance(2.0)
+        assert message.startswith("Failure of ")
+        assert "of 3 trajectories" in message
+        assert "the step size fell below" in message
+        with pytest.raises(RuntimeError, match=r"has failed at t = 0.25: the step"):
+            stepper.advance(2.0)
+    else:
+        with pytest.raises((ValueError, KeyError), match=r"third|finite"):
+            stepper.advance(2.0)
+    assert stepper.t == 0.25
+    assert_array_equal(stepper.y, before)
+    stepper.restart()
+    assert stepper.advance(0.5) is None
+    np.testing.assert_allclose(stepper.y[:2], 0.5 * np.exp(0.5), rtol=1e-5)
+
+
+@pytest.mark.parametrize("copied", [False, True])
+@pytest.mark.parametrize("ways", ["step", "advance"])
+@pytest.mark.parametrize("method", ["CF5(4)", "RKMK5(4)"])
+def test_the_solution_within_a_step_that_ends_at_a_breakpoint(method, ways, copied):
+    times = []
+
+    def f(t, y):
+        times.append(t)
+        return [0.0 if t < 1.0 else 5.0 if t < 2.0 else 0.0]
+
+    stepper = cg.Stepper(
+        f, 0.0, [2.0], 3.0, frame=Euclidean(1), breakpoints=[1.0, 2.0], method=method
+    )
+    for end, low, high in ((1.0, 2.0, 2.0), (2.0, 2.0, 7.0), (3.0, 7.0, 7.0)):
+        while stepper.t < end:
+            stepper.step() if ways == "step" else stepper.advance(end)
+        stepper = copy.copy(stepper) if copied else stepper
+        times.clear()
+        within = stepper.dense_output()
+        t = np.linspace(stepper.t_old, end, 9)
+        np.testing.assert_allclose(
+            within(t)[:, 0], np.interp(t, [end - 1.0, end], [low, high]), rtol=0, atol=1e-12
+        )
+        assert stepper.t_old < min(times) <= max(times) <= end
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_equal_steps_go_on_from_any_time(direction):
+    """Also from one that lies far from the first, and with the same times in a copy."""
+    bound = {} if direction > 0.0 else {"t_bound": -1.8e9}
+    stepper = cg.Stepper(shearing, 0.0, np.eye(2), frame=GL(2), method="CF4", h=1e-3, **bound)
+    stepper.restart(t=direction * 1.7e9)
+    stepper.step()
+    assert stepper.t == direction * (1.7e9 + 1e-3)
+    stepper.restart(t=0.1)
+    other = stepper
+    for _ in range(20):
+        other = copy.copy(other)
+        stepper.dense_output() if stepper.t_old is not None else None
+        stepper.step()
+        other.step()
+        assert (other.t, other.t_old) == (stepper.t, stepper.t_old)
+    assert_array_equal(other.y, stepper.y)
+
+
+def test_a_refused_restart_changes_nothing():
+    def f(t, y, rate):
+        return rate[0] * y
+
+    stepper = cg.Stepper(f, 0.0, [1.0], 9.0, frame=Euclidean(1), parameters=[1.0], **OPTIONS)
+    stepper.advance(1.0)
+    state, y = (stepper.t, stepper.t_old, stepper.status), stepper.y
+    for wrong, match in (
+        ({"y": [np.nan]}, "y must be finite"),
+        ({"y": [0.0], "parameters": [np.nan, "a"]}, "parameters must be"),
+        ({"y": [0.0], "parameters": [1.0, 2.0]}, r"parameters must have shape \(1,\), got \(2,\)"),
+        ({"y": [0.0], "args": 3.0}, "args must be a tuple"),
+        ({"y": [0.0], "first_step": -1.0}, "first_step must be"),
+        ({"parameters": [2.0], "args": 3.0}, "args must be a tuple"),
+    ):
+        with pytest.raises((ValueError, TypeError), match=match):
+            stepper.restart(t=5.0, **wrong)
+        assert (stepper.t, stepper.t_old, stepper.status) == state
+        assert_array_equal(stepper.y, y)
+    stepper.restart()
+    stepper.advance(2.0)
+    assert stepper.y == pytest.approx(np.exp(2.0), rel=1e-5)
+    without = cg.Stepper(turning, 0.0, np.eye(3), frame=SO3())
+    with pytest.raises(ValueError, match="parameters must be None, since the constructor got none"):
+        without.restart(parameters=[1.0])
 
 
 def turning_together(t, y):

@@ -243,16 +243,45 @@ def test_functions_get_their_arguments():
     np.testing.assert_allclose(solution.sensitivity[-1], 2 * np.e, rtol=1e-9)
 
 
-def test_parameters_of_any_size_are_differenced():
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_parameters_of_any_size_are_differenced(vectorized):
     """An inertia of 1e-5 and a mass of 1e20 get steps of their own size; zero gets one of 1."""
     p = np.array([1e-5, 1e20, 0.0])
 
     def f(t, y, p):
-        return [np.cos(p[0] * 1e5) + y[0] * p[1] / 1e20 + np.sin(p[2])]
+        p = np.moveaxis(p, -1, 0)
+        return np.cos(p[0] * 1e5)[..., None] + y * (p[1] / 1e20 + np.sin(p[2]))[..., None]
 
-    solution = cg.solve_variational(f, (0, 1), [0.0], frame=Euclidean(1), parameters=p, **TIGHT)
-    expected = np.array([-np.sin(1.0) * 1e5 * (np.e - 1), 1e-20 * np.cos(1.0), np.e - 1])
-    np.testing.assert_allclose(solution.sensitivity[-1, 0], expected, rtol=1e-7)
+    solution = cg.solve_variational_ensemble(
+        f, (0, 1), [[0.0]], frame=Euclidean(1), parameters=p[None], vectorized=vectorized, **TIGHT
+    )
+    # y' = cos(p₀ 1e5) + c y, where c = p₁ / 1e20 + sin p₂
+    by_rate = np.cos(1.0) * 1.0
+    expected = np.array([-np.sin(1.0) * 1e5 * (np.e - 1), 1e-20 * by_rate, by_rate])
+    np.testing.assert_allclose(solution.sensitivity[-1, 0, 0], expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("size", [1.0, 1e9])
+def test_steps_of_differences_follow_the_size_of_coordinates(size, vectorized):
+    """In units in which the point is 1e9 derivatives are as accurate as in units of one."""
+    events = [
+        lambda t, y: y[0] / size - 1.5,
+        cg.Event(lambda t, y: t - 0.75, jump=lambda t, y: y * np.sqrt(y / size)),
+    ]
+    solution = cg.solve_variational_ensemble(
+        lambda t, y: 0.5 * y**2 / size, (0, 1), [[size]], frame=Euclidean(1), events=events,
+        vectorized=vectorized, **TIGHT,
+    )  # fmt: skip
+    # y = 1 / (1 / y₀ - t / 2) in units of the size; before the jump y = 8/5, dy/dy₀ = y²
+    np.testing.assert_allclose(solution.t_events[0][0], [2.0 / 3.0], rtol=1e-9)
+    np.testing.assert_allclose(solution.dt_events[0][0] * size, [[-2.0]], rtol=1e-8)
+    after = 1.6**1.5
+    jumped = 1.5 * np.sqrt(1.6) * 1.6**2
+    end = 1.0 / (1.0 / after - 0.125)
+    np.testing.assert_allclose(
+        solution.transition[-1, 0], [[jumped * (end / after) ** 2]], rtol=1e-8
+    )
 
 
 class TestBadInput:

@@ -203,3 +203,17 @@ def test_an_event_that_only_touches_has_no_derivative():
     stuck = cg.Event(lambda t, y: (t - 0.5) ** 3, jump=lambda t, y: y)
     with pytest.raises(ValueError, match=r"events\[0\] must change its sign .* is 0 at t = 0.5"):
         cg.solve_variational(lambda t, y: [0.0], events=stuck, **options)
+
+
+def test_large_derivatives_do_not_hide_small_bounces():
+    """The derivative of the last coordinate grows to 5e11; the ball jumps by 1e-10."""
+    floor = cg.Event(
+        lambda t, y: y[0], direction=-1, jump=lambda t, y: np.array([0.0, -1e-5 * y[1], y[2]])
+    )
+    arguments = lambda t, y: [y[1], -GRAVITY, 60.0 * y[2]], (0.0, 0.451533), [1.0, 0.0, 0.0]
+    options = {"frame": Euclidean(3), "events": floor, **TIGHT}
+    alone = cg.solve_ivp(*arguments, **options)
+    solution = cg.solve_variational(*arguments, **options)
+    assert alone.t_events[0].size >= 2
+    np.testing.assert_array_equal(solution.t_events[0], alone.t_events[0])
+    np.testing.assert_array_equal(solution.y, alone.y)

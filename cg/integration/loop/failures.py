@@ -10,6 +10,7 @@ from cg.integration.loop.messages import (
     failure,
     flow_not_finite,
     no_progress,
+    rests,
     too_many_steps,
     too_small_a_step,
 )
@@ -35,6 +36,8 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: P
             return too_many_steps(run.control.max_steps, t, rejected, reason)
         case Stop.JUMPS_WITHOUT_PROGRESS:
             return no_progress(t)
+        case Stop.RESTING_CONTACT:
+            return rests(int(run.flag[member]) - 1, t)
         case Stop.STAGES_NOT_SOLVED:
             iterations = int(run.flag[member])
             slow = not run.plan.collocation and iterations in STAGE_SOLVERS.values()

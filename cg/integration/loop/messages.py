@@ -78,6 +78,15 @@ def no_progress(t: float) -> str:
     return f"jumps of events follow each other without progress at t = {t:.17g}"
 
 
+def rests(event: int, t: float) -> str:
+    """Return the message for a jump after which the solution would stay on its event."""
+    return (
+        f"the jump of events[{event}] leaves its function at zero at t = {t:.17g}, and f doesn't "
+        "move it off, as where a contact rests: continue from there with f of the contact; if the "
+        "solution shall pass, let the jump move it past the zero"
+    )
+
+
 def too_many_steps(max_steps: int, t: float, rejected: int, reason: str | None) -> str:
     """Return the message for ``max_steps`` steps that reached only ``t``, with a known reason."""
     text = f"max_steps = {max_steps} steps, rejected ones included, led only to t = {t:.17g}"

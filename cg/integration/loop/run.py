@@ -109,13 +109,14 @@ class Run:
             lanes = members if common else _LANES if rhs.vectorized else 1
         self._lanes = lanes = min(lanes, members)
         self._functions = 0 if events is None else len(events)
+        event_width = 0 if events is None else events.width
         plan.detect_coordinates(points[0])
         self.callbacks = Callbacks(
             plan, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.vectorized else None,
             None if events is None else events.value, None if events is None else events.jump,
             None if jacobian is None else jacobian.of(rhs), lanes,
         )  # fmt: skip
-        self.record = self._make_record(t0, len(stops), common, keep_last)
+        self.record = self._make_record(t0, len(stops), common, keep_last, event_width)
         self.kept = plan.kept + plan.kept_nodes + self._choose_stage_solver(stage_solver, jacobian)
         self.record.of_time = of_time
         self._buffers: dict[str, Any] = {}
@@ -136,7 +137,9 @@ class Run:
             self._share("event_table", events.rows)
         self._open(points[0])
 
-    def _make_record(self, t0: float, segments: int, common: bool, keep_last: bool) -> Record:
+    def _make_record(
+        self, t0: float, segments: int, common: bool, keep_last: bool, event_width: int
+    ) -> Record:
         plan, control, output = self.plan, self.control, self.output
         in_entries = control.h is None and not plan.in_algebra
         function, data, stride = self.rhs.addresses()
@@ -144,7 +147,7 @@ class Run:
             members=self.members, lanes=self._lanes, common=common, keep_last=keep_last, t0=t0,
             segments=segments, context=id(self.callbacks), function=function,
             vectorized=self.rhs.vectorized, data=data, data_stride=stride,
-            functions=self._functions,
+            functions=self._functions, event_width=event_width,
             h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
             in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
             max_step=control.max_step, first_step=control.first_step or 0.0,
@@ -276,7 +279,13 @@ class Run:
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
         raised = np.flatnonzero(self.status == Stop.RAISED)
-        if isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
+        if self.callbacks.failed_event is not None:
+            name, t, member = self.callbacks.failed_event
+            self.callbacks.failed_event = None
+            first = getattr(self.rhs, "first", None)
+            which = "" if first is None else f" in member {first + member}"
+            error.add_note(f"in {name}(t, y, ...) at t = {t:.17g}{which}")
+        elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
             member = int(raised[0])
             error.add_note(self.rhs.note(float(self.failed_at[member]), member))
 
@@ -313,7 +322,7 @@ class Run:
     def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
         lanes = self._lanes
-        reals, integers = np.empty((lanes, 10)), np.empty((lanes, 11), dtype=np.int64)
+        reals, integers = np.empty((lanes, 14)), np.empty((lanes, 13), dtype=np.int64)
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.frame.dim))
         self._core.loop_state(

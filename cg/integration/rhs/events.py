@@ -26,6 +26,10 @@ class Event:
     rotation apart; and where a parabola through three values comes near to zero.  A function that
     changes much faster than the solution, such as ``sin(100 t)``, needs a ``max_step``.
 
+    Events at the same time happen together, with jumps in the order of the list.  Where a jump
+    leaves its function at zero, and ``f`` only pulls it on, as in a contact that rests, the
+    integration ends with the status -1.
+
     Functions with SciPy's attributes ``terminal`` and ``direction`` serve as well.
 
     Parameters
@@ -152,6 +156,11 @@ class EventTable:
 
     def __len__(self) -> int:
         return len(self.events)
+
+    @property
+    def width(self) -> int:
+        """How many numbers of a point the functions depend on."""
+        return math.prod(self.frame.point_shape) * self.frame.dtype.itemsize // 8
 
     @property
     def rows(self) -> NDArray[np.int64]:

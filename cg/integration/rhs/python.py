@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
 from typing import Any
@@ -150,7 +151,18 @@ class PythonRhs:
         elif self.first is not None:
             which = f" in member {self.first + member}"
         extra = f", and {count} further arguments" if count else ""
-        return f"at t = {t:.17g}{which}; f is given (t, y, ...) with y of shape {shape}{extra}"
+        of_time = self._takes(1 + count) and not self._takes(2 + count)
+        hint = "; for an f of time alone see cg.solve_linear" if of_time else ""
+        return (
+            f"at t = {t:.17g}{which}; f is given (t, y, ...) with y of shape {shape}{extra}{hint}"
+        )
+
+    def _takes(self, count: int) -> bool:
+        try:
+            inspect.signature(self.f).bind(*range(count))
+        except (TypeError, ValueError):  # the latter where it has no signature
+            return False
+        return True
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member as a new array, after checking them."""

@@ -68,6 +68,7 @@ class Callbacks:
         self.jacobian = jacobian
         self.lanes = lanes
         self.last_error: Exception | None = None
+        self.failed_event: tuple[str, float, int] | None = None  # its name, time and member
 
     @cached_property
     def _flows(self) -> Flows:
@@ -133,14 +134,18 @@ class Callbacks:
         return self.fields(t, members.astype(np.intp), points)
 
     def _event(self, a: Array, y: Array) -> Any:
-        assert self.event is not None
-        t, member, event = a.tolist()
-        return self.event(int(event), int(member), t, self._point(y))
+        return self._call_event(self.event, "events[{}]", a, y)
 
     def _jump(self, a: Array, y: Array) -> Any:
-        assert self.jump is not None
+        return self._call_event(self.jump, "events[{}].jump", a, y)
+
+    def _call_event(self, function: Any, name: str, a: Array, y: Array) -> Any:
         t, member, event = a.tolist()
-        return self.jump(int(event), int(member), t, self._point(y))
+        try:
+            return function(int(event), int(member), t, self._point(y))
+        except Exception:
+            self.failed_event = name.format(int(event)), t, int(member)
+            raise
 
 
 _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {

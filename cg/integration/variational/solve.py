@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Unpack
+from typing import Any, Never, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.ensemble import solve_members
 from cg.integration.ivp import solve_one
-from cg.integration.options import Options, expand_options
+from cg.integration.options import Options, check_no_more, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction, Function
@@ -36,7 +36,7 @@ def solve_variational(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *,
+    *rest: Never,
     frame: Frame,
     jac: Function | None = None,
     df_dp: Function | None = None,
@@ -136,6 +136,7 @@ def solve_variational(
     array([[ 0.54030231,  0.84147098],
            [-0.84147098,  0.54030231]])
     """
+    check_no_more(rest)
     problem = make_problem(f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver)
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, None)
@@ -194,7 +195,7 @@ def solve_variational_ensemble(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *,
+    *rest: Never,
     frame: Frame,
     jac: Function | None = None,
     df_dp: Function | None = None,
@@ -254,6 +255,7 @@ def solve_variational_ensemble(
     >>> run.transition[-1].ravel().round(6)
     array([1.648721, 2.718282])
     """
+    check_no_more(rest)
     vectorized = check_flag("vectorized", vectorized)
     common = check_flag("common_steps", common_steps)
     problem = make_problem(

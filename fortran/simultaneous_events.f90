@@ -1,0 +1,125 @@
+! The events of a step in the order of their times. Those at the same time happen together.
+module simultaneous_events_m
+  use controller_m, only: smallest_size
+  use kinds, only: wp
+  use output_m, only: store_event, output_t
+  use step_events_m, only: time_at
+  use trajectory_m, only: problem_t, trajectory_t
+  use within_step_m, only: point_at
+  use iso_fortran_env, only: int64
+  implicit none
+  private
+  public :: record_zeros
+
+  ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
+  ! where rounding of the function decides its sign
+  real(wp), parameter :: together = 32 * epsilon(1.0_wp), near = sqrt(epsilon(1.0_wp))
+
+contains
+
+  ! Records zeros in the order of their times, up to the first one that ends the step.
+  subroutine record_zeros(problem, trajectory, output, until, ended, after, full, stopped)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory    ! its zeros become 2
+    type(output_t), intent(inout) :: output
+    real(wp), intent(out) :: until                     ! fraction of the step that is kept
+    logical, intent(out) :: ended                      ! whether an event ends the step there
+    real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
+    logical, intent(out) :: full                       ! whether there is no room for an event
+    logical, intent(out) :: stopped
+    logical :: happen(size(trajectory%zero))
+    real(wp) :: y(size(after))
+    integer :: k
+
+    until = 1.0_wp
+    ended = .false.
+    stopped = .false.
+    associate (x => trajectory, events => problem%events)
+      do while (any(x%zero < 2))
+        k = minloc(x%zero, 1)
+        happen = x%zero <= x%zero(k) + together
+        ended = any(happen .and. (events%jumps(x%zero_of) &
+                                  .or. x%event_count(x%zero_of) + 1 >= events%most(x%zero_of)))
+        call point_at(problem, trajectory, x%zero(k), y)
+        happen = .false.
+        happen(k) = .true.
+        if (ended) then
+          until = x%zero(k)
+          call find_together(problem, trajectory, until, y, happen, stopped)
+          if (stopped) return
+        end if
+        full = output%events + count(happen, kind=int64) > output%event_capacity
+        if (full) return
+        call record_together(problem, trajectory, x%zero(k), y, happen, output, after, stopped)
+        if (ended) x%came_from(pack(x%zero_of, happen)) = pack(x%zero_from, happen)
+        if (stopped .or. ended) return
+        x%zero(k) = 2.0_wp
+      end do
+    end associate
+    full = .false.
+  end subroutine record_zeros
+
+  ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
+  ! are accurate, or where rounding has changed the sign already.
+  subroutine find_together(problem, trajectory, until, y, happen, stopped)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), intent(in) :: until                      ! fraction of the step
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
+    logical, intent(inout) :: happen(:)                ! (zeros)
+    logical, intent(out) :: stopped
+    real(wp) :: value
+    integer :: k
+
+    stopped = .false.
+    associate (x => trajectory, t => time_at(trajectory, until))
+      do k = 1, size(happen)
+        if (x%zero(k) > until + near .or. any(happen .and. x%zero_of == x%zero_of(k))) cycle
+        happen(k) = x%zero(k) <= until + together &
+                    .or. abs(time_at(x, x%zero(k)) - t) <= smallest_size(t)
+        if (happen(k)) cycle
+        call problem%events%value(x%member, x%zero_of(k), t, y, value, stopped)
+        if (stopped) return
+        happen(k) = value * real(x%zero_from(k), wp) <= 0
+      end do
+    end associate
+  end subroutine find_together
+
+  ! Records events that happen together. Those without a jump come first, at the point before all
+  ! jumps; then each jump starts from the point that the one before has left.
+  subroutine record_together(problem, trajectory, theta, y, happen, output, after, stopped)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: theta                      ! fraction of the step
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
+    logical, intent(in) :: happen(:)                   ! (zeros)
+    type(output_t), intent(inout) :: output
+    real(wp), contiguous, intent(out) :: after(:)      ! (point_size)
+    logical, intent(out) :: stopped
+    logical :: jumps(size(happen))
+    real(wp) :: before(size(y))
+    integer :: k
+
+    stopped = .false.
+    after = y
+    associate (x => trajectory, events => problem%events, t => time_at(trajectory, theta))
+      do k = 1, size(happen)
+        associate (i => x%zero_of(k))
+          if (happen(k)) x%event_count(i) = x%event_count(i) + 1
+          jumps(k) = happen(k) .and. events%jumps(i) .and. x%event_count(i) < events%most(i)
+          if (.not. happen(k)) cycle
+          x%event_time(i) = t
+          if (.not. jumps(k)) call store_event(output, x%member, i, t, y, y)
+        end associate
+      end do
+      do k = 1, size(happen)
+        if (.not. jumps(k)) cycle
+        before = after
+        call events%jump(x%member, x%zero_of(k), t, before, after, stopped)
+        if (stopped) return
+        call store_event(output, x%member, x%zero_of(k), t, before, after)
+      end do
+    end associate
+  end subroutine record_together
+
+end module simultaneous_events_m
