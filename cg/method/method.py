@@ -63,8 +63,8 @@ class Method(Outputs, ABC):
 
     name: str
     source: str
-    nominal_order: int | None
-    nominal_residual: Coefficient | None
+    nominal_order: int | None = None
+    nominal_residual: Coefficient | None = None
     file: Path | None = None
 
     if TYPE_CHECKING:  # fields in some subclasses, cached properties in others

@@ -44,15 +44,15 @@ class StepTooLongError(ArithmeticError):
     """
 
     def __init__(self, t: float) -> None:
-        super().__init__(
-            f"the step from t = {t:.17g} is too long for a method on a Lie algebra: coordinates "
-            "of a stage are beyond the radius of dexp⁻¹, for rotations a full turn; take a smaller "
-            "h, or a method that needs no brackets"
-        )
+        super().__init__(t)
         self.t = t
 
-    def __reduce__(self) -> tuple[type[StepTooLongError], tuple[float]]:
-        return StepTooLongError, (self.t,)
+    def __str__(self) -> str:
+        return (
+            f"the step from t = {self.t:.17g} is too long for a method on a Lie algebra: "
+            "coordinates of a stage are beyond the radius of dexp⁻¹, for rotations a full turn; "
+            "take a smaller h, or a method that needs no brackets"
+        )
 
 
 class PythonRhs:
