@@ -1,6 +1,5 @@
 """Derivatives of ensembles equal those of each member alone."""
 
-
 import numpy as np
 import pytest
 from test_variational import TIGHT
