@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import IntEnum
 from functools import cached_property
+from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,9 +104,15 @@ class LinearAction(UserFrame):
         return f"LinearAction({m} generators of shape ({n}, {n}))"
 
     def _key(self) -> tuple[Any, ...]:
-        pattern = self._pattern
-        parts = (self._values, pattern.indices, pattern.indptr)
-        return (*super()._key(), *(part.tobytes() for part in parts))
+        return (*super()._key(), self.dim, self._digest)
+
+    @cached_property
+    def _digest(self) -> bytes:
+        """A checksum of the generators, by which large frames are compared quickly."""
+        digest = blake2b()
+        for part in (self._values, self._pattern.indices, self._pattern.indptr):
+            digest.update(part.tobytes())
+        return digest.digest()
 
     @property
     def dim(self) -> int:

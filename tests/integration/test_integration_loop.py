@@ -1,6 +1,8 @@
 """The loop over steps: grids, first steps, counts, ends of output."""
 
+import gc
 import re
+import weakref
 from fractions import Fraction
 
 import numpy as np
@@ -9,7 +11,7 @@ from equal_grids import make_grid
 
 import cg
 from cg.catalogue import resolve_method
-from cg.frames import SO3, Euclidean, Stiefel
+from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
 from cg.integration.loop.run import Run
 from cg.integration.step.interpolant import extra_evaluations, node_count, result_flows
 
@@ -66,6 +68,18 @@ def test_evaluations_of_the_continuous_solution():
     """By the order of a method, and the stages that a node more may cost as many as."""
     values = {name: extra_evaluations(resolve_method(name)) for name in EXTRA}
     assert values == EXTRA
+
+
+def test_plans_of_many_frames_and_methods_are_not_kept():
+    def made(k):
+        method = cg.Tableau([[], ["1/2"]], [0, 1], name=f"{k}")
+        frame = MatrixFrame([np.diag([1.0, float(k)])])
+        cg.integrate(lambda t, y: [1.0], (0, 1), [1.0, 1.0], frame=frame, method=method, h=0.5)
+        return weakref.ref(method)
+
+    references = [made(k) for k in range(200)]
+    gc.collect()
+    assert sum(reference() is not None for reference in references) <= 64
 
 
 @pytest.mark.parametrize("method", ["CG3", "CG4a", "CF4(3)", "RKMK5(4)"])

@@ -62,6 +62,11 @@ class TestLinearAction:
         first, second = (LinearAction(list(self.DENSE)) for _ in range(2))
         assert first == second
         assert hash(first) == hash(second)
+        distinct = [LinearAction([k * first._matrix(v) for v in np.eye(3)]) for k in range(1, 9)]
+        zeros = [LinearAction([np.zeros((n, n), kind)] * m)
+                 for n in (1, 2) for m in (1, 3) for kind in (float, complex)]  # fmt: skip
+        for frames in (distinct, zeros):
+            assert len(set(frames)) == len({hash(frame) for frame in frames}) == len(frames)
         assert first != LinearAction(list(self.DENSE[:2]))
 
     def test_a_spin_chain_as_unitary_matrices(self):
