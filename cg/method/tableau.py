@@ -212,15 +212,14 @@ def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
             f"0 to {stages - 1} (strictly lower) or 1 to {stages} (lower), got lengths {lengths}"
         )
     separator = "," if stages > 9 else ""
-    entries = []
+    entries, zero = [], Coefficient.read(0)
     for i, row in enumerate(rows, 1):
-        padded = [*row, *[0] * (stages - len(row))]
-        labels = [f"a_{i}{separator}{j}" for j in range(1, stages + 1)]
-        entries.append(tuple(map(_read, padded, labels)))
-        for j in range(i, stages + 1):
-            if explicit and entries[-1][j - 1].value != 0:
+        read = [_read(number, f"a_{i}{separator}{j}") for j, number in enumerate(row, 1)]
+        entries.append((*read, *[zero] * (stages - len(row))))
+        for j, entry in enumerate(read[i - 1 :], i):
+            if explicit and entry.value != 0:
                 raise TableauError(
                     f"a must be strictly lower in an explicit tableau, "
-                    f"but {labels[j - 1]} = {entries[-1][j - 1].text}"
+                    f"but a_{i}{separator}{j} = {entry.text}"
                 )
     return tuple(entries)
