@@ -130,6 +130,16 @@ def test_one_member_whose_f_is_too_large_for_any_step(frame, vectorized, common)
         assert solution.t_end[[bad, 1 - bad]].tolist() == [0.0, 1.0]
 
 
+def test_coordinates_of_zero_need_an_absolute_tolerance():
+    options = {"frame": Euclidean(2), "atol": [1e-6, 0.0]}
+    message = re.escape(
+        "atol must be positive for coordinates that are zero, got 0 at t = 0, y = ["
+    )
+    with pytest.raises(ValueError, match=message):
+        cg.solve_ivp(lambda t, y: [1.0, 1.0], (0, 1), [0.0, 0.0], **options)
+    assert cg.solve_ivp(lambda t, y: [1.0, 0.0], (0, 1), [0.0, 0.0], **options).success
+
+
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 1 / 32}])
 @pytest.mark.parametrize("in_c", [True, False], ids=["C", "Python"])
 def test_a_member_s_solution_reaches_the_event_that_ends_it(options, in_c, function):
