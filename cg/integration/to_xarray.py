@@ -26,8 +26,8 @@ def to_xarray(result: Solution | EnsembleSolution) -> Any:
         ``member``; and of points ``component`` if they are vectors, ``row`` and ``column`` if they
         are matrices. Derivatives of solutions are the variables ``transition``, ``sensitivity`` and
         ``covariance`` with the axis ``coordinate`` and ``initial_coordinate``, ``parameter`` or
-        ``other_coordinate``. Attributes are the name of the method, the frame, and what the integration
-        took; of an ensemble these numbers are variables with the axis ``member``.
+        ``other_coordinate``. Attributes are the name of the method, the frame, and what the
+        integration took; of an ensemble these numbers are variables with the axis ``member``.
 
     Raises
     ------

@@ -9,11 +9,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..structure.layout import Layout, Rows, rows_of
 from ..structure.points import MethodError, PointTree, tree_of_rows
 from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
-from .method import ExactTableau, Method
+from .method import ExactTableau, Method, frozen
 
 Entries = tuple[tuple[Coefficient, ...], ...]
 
@@ -130,6 +131,11 @@ class Tableau(Method):
     def exact(self) -> ExactTableau:
         """``(a, b)`` as tuples of Fractions, shapes (s, s) and (s,)."""
         return tuple(map(_values, self.entries)), _values(self.weights)
+
+    @cached_property
+    def a(self) -> NDArray[np.float64]:
+        """The rows, rounded to double; shape (s, s), read-only."""
+        return frozen(self.exact[0])
 
     @cached_property
     def exact_embedded(self) -> tuple[Fraction, ...] | None:

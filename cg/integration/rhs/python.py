@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, real_array, traced_hint
+from cg.frames.arrays import Array, Points, conversion_hint, is_complex_array, real_array
 from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
@@ -17,6 +17,7 @@ from cg.integration.rhs.function import TimeFunction
 
 Coefficients = Callable[..., ArrayLike]
 _JOIN = "; join parts by np.concatenate"
+_COMPLEX = "; the real and the imaginary part of a complex drive are coefficients of two fields"
 
 
 class StageOverflowError(OverflowError):
@@ -189,7 +190,8 @@ class PythonRhs:
                 f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
             )
             join = isinstance(value, list | tuple) and any(map(np.ndim, value))
-            hint = _JOIN if join else traced_hint(error)
+            hint = _JOIN if join else conversion_hint(value, error)
+            hint = _COMPLEX if not hint and is_complex_array(value) else hint
             raise ValueError(
                 f"f must return {expected}, got {value!r} at {when(t)}{hint}"
             ) from error
