@@ -26,7 +26,9 @@ from cg.proofs import (
     proved,
 )
 from cg.proofs.files import certificate_names, folder
-from cg.proofs.statement import Packed, box
+from cg.proofs.krawczyk import KrawczykTest, krawczyk
+from cg.proofs.statement import Packed, box, free_of
+from cg.proofs.zero import prove_zero, zero_of
 from cg.structure.layout import Layout
 from cg.support.balls import working_precision as precision
 
@@ -129,7 +131,7 @@ class TestProofs:
             for k, ball in enumerate(box(packed, certificate)):
                 actual = arb(refined[k].numerator) / refined[k].denominator
                 assert (ball + arb(0, 1e-31)).contains(actual)  # what binary128 can tell
-                assert k in free or packed.values[k] - refined[k] < Fraction(1, 10**33)
+                assert k in free or abs(packed.values[k] - refined[k]) < Fraction(1, 10**33)
 
 
 def pair_of_order_four():
@@ -201,6 +203,32 @@ class TestFailures:
         honest = certificate_of(methods["CG4"])
         with pytest.raises(CertificationError):
             check(replace(honest, **change), methods["CG4"])
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [({"identities": ("a",)}, "needs no identities"), ({"fixed": ()}, "needs all .* fixed")],
+    )
+    def test_a_radius_of_zero_is_for_rational_coefficients_alone(self, change, message):
+        with pytest.raises(CertificationError, match=f"a radius of 0 {message}"):
+            check(replace(certificate_of(methods["CG3"]), **change), methods["CG3"])
+
+    def test_boxes_around_a_proved_zero_contain_it(self, monkeypatch):
+        """Also one that is near the end of a wide image."""
+        certificate, packed = certificate_of(methods["CG4a"]), Packed.of(methods["CG4a"])
+        free, away, boxes = free_of(packed, certificate), arb("1e-16"), []
+
+        def watched(system, y, own, radius):
+            boxes.append([y[k] + arb(0, radius) for k in own])
+            return krawczyk(system, y, own, radius)
+
+        with precision(2000):
+            exact = prove_zero(packed, certificate).image
+            monkeypatch.setattr("cg.proofs.zero.krawczyk", watched)
+            image = tuple(x.mid() + away + arb(0, 1.01 * away) for x in exact)
+            zero = zero_of(packed, certificate, KrawczykTest(away, 0.5, 0.0, 0.5, image))
+            assert len(boxes) > 1
+            for balls in (*boxes, [zero[k] for k in free]):
+                assert all(b.overlaps(x) for b, x in zip(balls, exact, strict=True))
 
     def test_a_dependent_choice_of_free_coefficients(self):
         honest = certificate_of(methods["CG5a"])
