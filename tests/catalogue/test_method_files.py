@@ -148,9 +148,11 @@ class TestNotebooks:
         assert "<i>" not in html
 
     def test_large_methods_are_cut(self):
-        assert (
-            "more</td>" in cg.methods["CF7a"]._repr_html_() or len(cg.methods["CF7a"].points) < 40
-        )
+        for name, rows, more in (("CF7a", 27, ""), ("CF8a", 40, "and 6 more</td>")):
+            html = cg.methods[name]._repr_html_()
+            assert html.count("<tr>") == 1 + rows + bool(more)
+            assert ("more</td>" in html) is bool(more)
+            assert more in html
         assert "0.0000" not in cg.methods["CG5d"]._repr_html_()
 
 
