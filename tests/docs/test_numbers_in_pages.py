@@ -1,13 +1,14 @@
 """Numbers in the prose of pages match stored data or computed results."""
 
 import json
+import math
 import re
 from collections import Counter
 from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from tests_of_pages import power_of_ten, words_of
+from tests_of_pages import RAISED, power_of_ten, words_of
 
 import cg
 from cg import conditions
@@ -40,6 +41,10 @@ def certificates():
                 f"| {name} | {' + '.join(map(str, parts))} | {sum(parts) - left} | {left} | "
                 f"{heading.rpartition(' ')[2]} |"
             )
+    found = [float(certificate_of(m).radius) for m in cg.methods.values() if proved(m) != "no"]
+    logarithms = [math.log10(radius) for radius in found if radius]
+    ends = math.floor(min(logarithms)), math.ceil(max(logarithms))
+    yield "Boxes are so small (10{} to 10{})".format(*(str(end).translate(RAISED) for end in ends))
     for name, method in magnus.items():
         certificate = certificate_of(method)
         left = len(read_left_out(certificate.identities)[0])
@@ -90,9 +95,13 @@ def compared():
         r"Of (\d+) cases .* evaluations in (\d+), flows in \d+, time in (\d+);", note
     ).groups()
     yield (
-        f"of {total} cases of the benchmarks a method of the catalogue takes the least time in "
-        f"{time}, and the fewest evaluations in {evaluations}."
+        f"of {total} cases of the benchmarks (a problem and an error) a Crouch–Grossman or "
+        f"commutator-free method takes the least time in {time}, and the fewest evaluations in "
+        f"{evaluations}."
     )
+    *most, last = sorted(method.exponentials for method in magnus.values())
+    (more,) = {m.pair_exponentials - m.exponentials for m in magnus.values() if m.embedded_order}
+    yield f"need {', '.join(map(str, most))} or {last} exponentials, and {more} more for an"
 
 
 def lifting():
