@@ -192,8 +192,7 @@ contains
     associate (x => trajectory, newton => trajectory%newton)
       x%njev = x%njev + 1
       if (.not. problem%has_jacobian) then
-        call sizes(problem%frame, x%y(:, 0), newton%z(:, 1))
-        newton%z(:, 1) = sqrt(epsilon(1.0_wp) * max(newton%z(:, 1), 1e-5_wp))
+        call displacements(problem, trajectory, newton%z(:, 1))
         newton%column = 1
         call request_column(problem, trajectory)
         return
@@ -211,6 +210,37 @@ contains
     end associate
   end subroutine request_jacobian
 
+  ! The displacements of differences. They are relative to coordinates, however small, so that the
+  ! unit of the point makes no difference, or to the absolute tolerance where that is larger, since
+  ! smaller changes may have no digits in f. A coordinate of zero without one has the size that its
+  ! slope gives it within a step. Those without control share the size of the largest of them.
+  subroutine displacements(problem, trajectory, d)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), contiguous, intent(out) :: d(:)          ! (dimension)
+
+    associate (x => trajectory, tolerances => problem%tolerances)
+      call sizes(problem%frame, x%y(:, 0), d)
+      if (problem%adaptive .and. .not. tolerances%in_entries) &
+        d = max(d, merge(maxval(d, without_control(problem, size(d))), tolerances%atol, &
+                         without_control(problem, size(d))))
+      where (.not. d > 0) d = abs(x%h * x%slope)
+      where (.not. d > 0) d = merge(maxval(d), 1.0_wp, maxval(d) > 0)
+      d = sqrt(epsilon(1.0_wp)) * d
+    end associate
+  end subroutine displacements
+
+  ! The coordinates without control of errors, of which the derivatives of a solution are examples
+  pure function without_control(problem, n)
+    type(problem_t), intent(in) :: problem
+    integer, intent(in) :: n                           ! dimension
+    logical :: without_control(n)
+
+    without_control = .false.
+    if (problem%adaptive .and. .not. problem%tolerances%in_entries) &
+      without_control = problem%tolerances%atol > huge(1.0_wp)
+  end function without_control
+
   ! Requests the coefficients at a point displaced along a field of the frame.
   subroutine request_column(problem, trajectory)
     type(problem_t), intent(in) :: problem
@@ -226,11 +256,12 @@ contains
     end associate
   end subroutine request_column
 
-  ! Stores a column of the Jacobian.
+  ! Stores a column of the Jacobian. How coordinates without control depend on others is left out:
+  ! of derivatives it would be second differences, which have no digits.
   subroutine store_column(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    logical :: exists
+    logical :: exists, free(size(trajectory%u))
 
     associate (x => trajectory, newton => trajectory%newton, column => trajectory%newton%column)
       x%u = 0.0_wp
@@ -238,6 +269,9 @@ contains
       newton%jacobian(:, column) = x%received
       call dexpinv(problem%frame, problem%method%series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
+      free = without_control(problem, size(free))
+      if (.not. free(column)) newton%jacobian(:, column) = merge(0.0_wp, &
+                                                                 newton%jacobian(:, column), free)
       column = column + 1
       if (column <= size(newton%jacobian, 2)) then
         call request_column(problem, trajectory)

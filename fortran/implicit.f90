@@ -163,7 +163,7 @@ contains
 
     call sizes(problem%frame, trajectory%y(:, 0), scale)
     scale = max(abs(k), scale / abs(trajectory%h))
-    where (.not. scale > 0) scale = 1.0_wp
+    where (.not. scale > 0) scale = merge(maxval(scale), 1.0_wp, maxval(scale) > 0)
   end subroutine scale_of
 
   ! Adds the identity to a matrix and factors it.

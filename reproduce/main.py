@@ -61,7 +61,11 @@ def _read_minutes(
     help="Folder for report.html, results.json, figures and stored searches; by default "
     f"{FOLDER}, with --full {FOLDER / 'full'}.",
 )  # fmt: skip
-@click.option("--full", is_flag=True, help="The extensive search, 20 times as many starts: hours.")
+@click.option(
+    "--full",
+    is_flag=True,
+    help="The extensive search, 20 times as many starts: about an hour of one core.",
+)
 @click.option(
     "--minutes", "limit", type=float, callback=_read_minutes, metavar="M",
     help="End each search after M minutes; the report shows how far it came, and the same command "

@@ -141,7 +141,10 @@ def similar_names(name: object) -> str:
         return ""
     if name in _ELSEWHERE:
         return f"; {_ELSEWHERE[name]}"
-    return checks.similar_names(name, (given for own in catalogues.values() for given in own))
+    linear = name.upper().startswith("CFM")  # no others are for linear equations alone
+    return checks.similar_names(
+        name, (n for own in catalogues.values() for n in own if linear or own is not magnus)
+    )
 
 
 def resolve_method(method: str | PathLike[str] | Method) -> Method:

@@ -19,7 +19,7 @@ from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..method.tableau import Tableau, TableauError
 from ..structure.points import MethodError
-from ..support.parsing import file_in, quoted, read_json, read_toml, to_json, write_file
+from ..support.parsing import file_in, quoted, read_file, read_json, read_toml, to_json, write_file
 
 T = TypeVar("T", bound=Method)
 
@@ -193,9 +193,7 @@ def check_path(path: str | PathLike[str]) -> Path:
 def read(path: Traversable) -> Method:
     """Read a method from a file, which may be in a package; errors name the file."""
     with errors_naming(path):
-        return from_entry(
-            read_entry(path.read_text(encoding="utf-8")), path.name.rpartition(".")[0]
-        )
+        return from_entry(read_entry(read_file(path, TableauError)), path.name.rpartition(".")[0])
 
 
 @contextmanager
@@ -203,8 +201,6 @@ def errors_naming(path: Any) -> Iterator[None]:
     """Begin the messages of errors about a file's content with its path."""
     try:
         yield
-    except UnicodeDecodeError as error:
-        raise TableauError(f"{path}: not UTF-8: {error}") from None
     except MethodError as error:
         raise type(error)(f"{path}: {error}") from None
 

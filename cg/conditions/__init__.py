@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
+from ..structure.points import check_not_sums
 from . import compiled as compiled_conditions
 from .counts import (
     MAX_ORDER,
@@ -299,6 +300,7 @@ def residuals_of(
 
 
 def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    check_not_sums(a)
     checked = []
     for name, value in (("a", a), ("b", b)):
         try:

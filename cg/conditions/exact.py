@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..structure.points import START, PointTree, points_of, tree_of_rows
+from ..structure.points import START, PointTree, check_not_sums, points_of, tree_of_rows
 from ..support.balls import to_ball, to_flint, to_fraction, working_precision
 from ..support.checks import check_flag, check_integer
 from ..support.parsing import read_fraction
@@ -73,6 +73,7 @@ def residuals_exact(
     """
     order = check_order(order, None)
     weights_row = _rationals(b, "b")
+    check_not_sums(a)
     if not isinstance(a, Iterable) or isinstance(a, str | bytes):
         raise ValueError(f"a must be a sequence of rows, got {a!r}")
     rows = [_rationals(row, f"row {i} of a") for i, row in enumerate(a, 1)]

@@ -46,8 +46,11 @@ def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
     return _number_array(value, name, np.complex128, "iufcO", "complex")
 
 
-def traced_hint(error: BaseException | None) -> str:
-    """Return a hint at cg.jax if a traced array of JAX raised an error, else an empty string."""
+def conversion_hint(value: Any, error: BaseException | None) -> str:
+    """Return a hint for a value that is no array: a traced array of JAX, or an object of QuTiP."""
+    for part in value if isinstance(value, list | tuple) else [value]:
+        if type(part).__name__ == "Qobj":
+            return "; the numbers of a Qobj are those of its full()"
     while error is not None:
         if type(error).__module__.partition(".")[0] == "jax":
             return "; cg.jax has the methods for JAX, with gradients"
@@ -66,7 +69,8 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         return np.array(raw, dtype=dtype, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(
-            f"{name} must be an array of {adjective} numbers, got {value!r}{traced_hint(error)}"
+            f"{name} must be an array of {adjective} numbers, got {value!r}"
+            f"{conversion_hint(value, error)}"
         ) from error
 
 

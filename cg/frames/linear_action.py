@@ -5,19 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import IntEnum
 from functools import cached_property
+from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
+from cg.frames.arrays import Array, Points, conversion_hint
 from cg.frames.base import FlowOverflowError
 from cg.frames.block_kinds import Blocks
 from cg.frames.user import Function, UserFrame
+from cg.support.checks import check_flag
 from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:
     from scipy import sparse
+
+
+_ROUNDING = 1e-13
 
 
 class _Entries(IntEnum):
@@ -51,7 +56,10 @@ class LinearAction(UserFrame):
     Parameters
     ----------
     generators : sequence of m matrices of shape (n, n)
-        The :math:`G_i`, sparse or dense, real or complex.
+        The :math:`G_i`, sparse or dense, real or complex. Those of Hamiltonians H are ``-1j * H``.
+    unitary : bool, optional
+        Whether all generators have to be skew-Hermitian, so that flows keep the norm of the vector.
+        Without it, H in place of ``-1j * H`` gives solutions that grow.
     membership_error, project, random_point : callable, optional
         As for `cg.frames.MatrixFrame`.
 
@@ -60,7 +68,8 @@ class LinearAction(UserFrame):
     TypeError
         If one of the functions isn't callable.
     ValueError
-        If ``generators`` aren't square matrices of finite numbers, all of one shape.
+        If ``generators`` aren't square matrices of finite numbers, all of one shape, or a generator
+        isn't skew-Hermitian with ``unitary=True``.
 
     References
     ----------
@@ -86,11 +95,15 @@ class LinearAction(UserFrame):
         self,
         generators: Sequence[Any],
         *,
+        unitary: bool = False,
         membership_error: Function | None = None,
         project: Function | None = None,
         random_point: Function | None = None,
     ) -> None:
-        pattern, values = _on_one_pattern(_read(generators))
+        matrices = _read(generators)
+        if check_flag("unitary", unitary):
+            matrices = [_skew_hermitian(matrix, i) for i, matrix in enumerate(matrices)]
+        pattern, values = _on_one_pattern(matrices)
         values.flags.writeable = False
         object.__setattr__(self, "_pattern", pattern)
         object.__setattr__(self, "_values", values)
@@ -103,9 +116,15 @@ class LinearAction(UserFrame):
         return f"LinearAction({m} generators of shape ({n}, {n}))"
 
     def _key(self) -> tuple[Any, ...]:
-        pattern = self._pattern
-        parts = (self._values, pattern.indices, pattern.indptr)
-        return (*super()._key(), *(part.tobytes() for part in parts))
+        return (*super()._key(), self.dim, self._digest)
+
+    @cached_property
+    def _digest(self) -> bytes:
+        """A checksum of the generators, by which large frames are compared quickly."""
+        digest = blake2b()
+        for part in (self._values, self._pattern.indices, self._pattern.indptr):
+            digest.update(part.tobytes())
+        return digest.digest()
 
     @property
     def dim(self) -> int:
@@ -221,7 +240,10 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
             matrix = sparse.csr_array(generator)
             matrix = matrix.astype(np.complex128 if matrix.dtype.kind == "c" else np.float64)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"generators[{i}] must be a matrix of numbers: {error}") from None
+            raise ValueError(
+                f"generators[{i}] must be a matrix of numbers: {error}"
+                f"{conversion_hint(generator, error)}"
+            ) from None
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
             raise ValueError(f"generators[{i}] must be square, got shape {matrix.shape}")
         if matrix.shape != (matrices or [matrix])[0].shape:
@@ -234,6 +256,20 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
     if not matrices:
         raise ValueError("generators must have at least one matrix, got none")
     return matrices
+
+
+def _skew_hermitian(matrix: sparse.csr_array, i: int) -> sparse.csr_array:
+    """Return a generator without the rounding of its Hermitian part; ValueError if it is larger."""
+    from scipy import sparse
+
+    adjoint = matrix.conj().T
+    size = abs(matrix).max()
+    if abs(matrix + adjoint).max() <= _ROUNDING * size:
+        return sparse.csr_array(0.5 * (matrix - adjoint))
+    hint = "; that of a Hamiltonian H is -1j * H"
+    if (abs(matrix) + abs(adjoint)).nnz > matrix.nnz:
+        hint += ", with both of its triangles"
+    raise ValueError(f"generators[{i}] must be skew-Hermitian if unitary is True{hint}")
 
 
 def _on_one_pattern(matrices: list[sparse.csr_array]) -> tuple[sparse.csr_array, Points]:

@@ -37,7 +37,7 @@ class UserFrame(Frame):
         return type(other) is type(self) and other._key() == self._key()
 
     def __hash__(self) -> int:
-        return hash((self.point_shape, self.dtype, tuple(self._functions)))
+        return hash(self._key())
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"a {type(self).__name__} is immutable: {name} can't be set")

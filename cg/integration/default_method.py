@@ -48,7 +48,7 @@ def choose_method(frame: Frame, rtol: float | None) -> str:
     return pairs[0 if rtol is None or rtol >= _LOOSE else 1]
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def _pairs(frame: Frame) -> tuple[str, str]:
     if not has_brackets(frame):
         return _WITHOUT

@@ -30,6 +30,7 @@ from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.runs import ExecutorLike, check_executor, completed
 from cg.support.checks import check_flag
+from cg.support.parallel import single_threads
 from cg.support.shared_numbers import Stop
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
@@ -88,8 +89,8 @@ def solve_ensemble(
     executor, workers
         Where members are integrated, and by how many workers: in this thread by default, by
         ``workers`` threads, or by any executor that `cg.search` takes.  On one machine they
-        change no bit of the result.  Other processes must be able to unpickle ``f``:
-        `cg.CompiledFunction` for a compiled one.
+        change no bit of the result, since BLAS has one thread in all cases.  Other processes must
+        be able to unpickle ``f``: `cg.CompiledFunction` for a compiled one.
     out
         Array of shape ``(times, members, *frame.point_shape)`` that receives the points, such as
         one of NumPy on disk, of zarr or h5py; then ``y`` is ``out`` itself.
@@ -165,10 +166,11 @@ def solve_members(
         _distribute(problem, executor, workers, result, watch)
     else:
         size = len(problem.points) if common else _MEMBERS_PER_RUN
-        for first in range(0, len(problem.points), size):
-            members = slice(first, min(first + size, len(problem.points)))
-            result.add(members, _integrate(_select_members(problem, members), watch))
-            watch.count_finished(members.stop - first)
+        with single_threads():  # as with workers, so that they change no bit
+            for first in range(0, len(problem.points), size):
+                members = slice(first, min(first + size, len(problem.points)))
+                result.add(members, _integrate(_select_members(problem, members), watch))
+                watch.count_finished(members.stop - first)
     watch.finish()
     solution = result.solution()
     if not solution.success:

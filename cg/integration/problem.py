@@ -227,7 +227,7 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
             f"method must be for nonlinear equations, got {chosen!r}, which is for cg.solve_linear"
         )
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
-        check_algebra(frame, chosen)
+        check_algebra(frame, chosen, linear=isinstance(f, TimeFunction))
     return chosen
 
 

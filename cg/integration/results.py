@@ -12,28 +12,11 @@ from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
 from cg.method.method import Method
-
-
-class _ReadOnly:
-    """Keeps read-only arrays read-only in copies."""
-
-    def __getstate__(self) -> dict[str, Any]:
-        fixed = [
-            name
-            for name, value in vars(self).items()
-            if isinstance(value, np.ndarray) and not value.flags.writeable
-        ]
-        return {**vars(self), "fixed": fixed}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        fixed = state.pop("fixed")
-        vars(self).update(state)
-        for name in fixed:
-            state[name].flags.writeable = False
+from cg.support.copies import ReadOnly
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(_ReadOnly):
+class Solution(ReadOnly):
     """What `cg.solve_ivp` and `cg.integrate` return, with the field names of SciPy's function.
 
     Attributes
@@ -123,7 +106,7 @@ class Solution(_ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class EnsembleSolution(_ReadOnly):
+class EnsembleSolution(ReadOnly):
     """What `cg.solve_ensemble` returns; ``solution[i]`` is the `Solution` of a member.
 
     Attributes

@@ -8,6 +8,11 @@ import numpy as np
 
 from cg.integration.results import EnsembleSolution, Solution
 
+_DERIVATIVES = {  # with their last axes
+    "transition": "initial_coordinate",
+    "sensitivity": "parameter",
+    "covariance": "other_coordinate",
+}
 _NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
 
 
@@ -19,8 +24,10 @@ def to_xarray(result: Solution | EnsembleSolution) -> Any:
     xarray.Dataset
         With the variable ``y`` and the coordinate ``t``. Axes of ``y`` are ``t``; of an ensemble
         ``member``; and of points ``component`` if they are vectors, ``row`` and ``column`` if they
-        are matrices. Attributes are the name of the method, the frame, and what the integration
-        took; of an ensemble these numbers are variables with the axis ``member``.
+        are matrices. Derivatives of solutions are the variables ``transition``, ``sensitivity`` and
+        ``covariance`` with the axis ``coordinate`` and ``initial_coordinate``, ``parameter`` or
+        ``other_coordinate``. Attributes are the name of the method, the frame, and what the
+        integration took; of an ensemble these numbers are variables with the axis ``member``.
 
     Raises
     ------
@@ -44,6 +51,10 @@ def to_xarray(result: Solution | EnsembleSolution) -> Any:
     )
     attributes = {"method": result.method.name, "frame": repr(result.frame)}
     variables = {"y": (["t", *members, *points], result.y)}
+    for name, axis in _DERIVATIVES.items():
+        value = getattr(result, name, None)
+        if value is not None:
+            variables[name] = (["t", *members, "coordinate", axis], value)
     for name in _NUMBERS:
         value = getattr(result, name)
         if isinstance(value, np.ndarray):

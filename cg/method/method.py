@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .. import conditions
 from ..structure.layout import Layout, check_length
-from ..structure.points import MethodError, Point, PointTree
+from ..structure.points import FlatSums, MethodError, Point, PointTree
 from ..support.checks import check_flag, check_integer
 from ..support.parsing import visible
 from .coefficients import Coefficient
@@ -63,8 +63,8 @@ class Method(Outputs, ABC):
 
     name: str
     source: str
-    nominal_order: int | None
-    nominal_residual: Coefficient | None
+    nominal_order: int | None = None
+    nominal_residual: Coefficient | None = None
     file: Path | None = None
 
     if TYPE_CHECKING:  # fields in some subclasses, cached properties in others
@@ -266,23 +266,30 @@ class Method(Outputs, ABC):
 
     @cached_property
     def a(self) -> NDArray[np.float64]:
-        """Stage coefficients of `exact`, rounded to double; shape (s, s), read-only."""
-        return _frozen(self.exact[0])
+        """Stage coefficients of `exact`, rounded to double; shape (s, s), read-only.
+
+        Functions of tableaux such as `cg.conditions.residuals` refuse them unless the method is a
+        `cg.Tableau`.
+        """
+        sums = FlatSums((self.stages, self.stages))
+        sums[...] = np.array(self.exact[0], dtype=np.float64)
+        sums.flags.writeable = False
+        return sums.view(np.ndarray)
 
     @cached_property
     def b(self) -> NDArray[np.float64]:
         """Weights of `exact`, rounded to double; shape (s,), read-only."""
-        return _frozen(self.exact[1])
+        return frozen(self.exact[1])
 
     @cached_property
     def b_embedded(self) -> NDArray[np.float64] | None:
         """Second weights of a pair, rounded to double; shape (s,), read-only; None without."""
-        return None if self.exact_embedded is None else _frozen(self.exact_embedded)
+        return None if self.exact_embedded is None else frozen(self.exact_embedded)
 
     @cached_property
     def c(self) -> NDArray[np.float64]:
         """Abscissae, the exact row sums of a rounded to double; shape (s,), read-only."""
-        return _frozen(tuple(sum(row, Fraction(0)) for row in self.exact[0]))
+        return frozen(tuple(sum(row, Fraction(0)) for row in self.exact[0]))
 
     @property
     def order(self) -> int:
@@ -390,7 +397,8 @@ class Method(Outputs, ABC):
             )
 
 
-def _frozen(numbers: Any) -> NDArray[np.float64]:
+def frozen(numbers: Any) -> NDArray[np.float64]:
+    """Return numbers as a read-only array of doubles."""
     array = np.array(numbers, dtype=np.float64)
     array.flags.writeable = False
     return array

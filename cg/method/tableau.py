@@ -9,11 +9,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..structure.layout import Layout, Rows, rows_of
 from ..structure.points import MethodError, PointTree, tree_of_rows
 from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
-from .method import ExactTableau, Method
+from .method import ExactTableau, Method, frozen
 
 Entries = tuple[tuple[Coefficient, ...], ...]
 
@@ -132,6 +133,11 @@ class Tableau(Method):
         return tuple(map(_values, self.entries)), _values(self.weights)
 
     @cached_property
+    def a(self) -> NDArray[np.float64]:
+        """The rows, rounded to double; shape (s, s), read-only."""
+        return frozen(self.exact[0])
+
+    @cached_property
     def exact_embedded(self) -> tuple[Fraction, ...] | None:
         """The second weights of a pair as Fractions, shape (s,); None without."""
         return None if self.embedded_weights is None else _values(self.embedded_weights)
@@ -212,15 +218,14 @@ def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
             f"0 to {stages - 1} (strictly lower) or 1 to {stages} (lower), got lengths {lengths}"
         )
     separator = "," if stages > 9 else ""
-    entries = []
+    entries, zero = [], Coefficient.read(0)
     for i, row in enumerate(rows, 1):
-        padded = [*row, *[0] * (stages - len(row))]
-        labels = [f"a_{i}{separator}{j}" for j in range(1, stages + 1)]
-        entries.append(tuple(map(_read, padded, labels)))
-        for j in range(i, stages + 1):
-            if explicit and entries[-1][j - 1].value != 0:
+        read = [_read(number, f"a_{i}{separator}{j}") for j, number in enumerate(row, 1)]
+        entries.append((*read, *[zero] * (stages - len(row))))
+        for j, entry in enumerate(read[i - 1 :], i):
+            if explicit and entry.value != 0:
                 raise TableauError(
                     f"a must be strictly lower in an explicit tableau, "
-                    f"but {labels[j - 1]} = {entries[-1][j - 1].text}"
+                    f"but a_{i}{separator}{j} = {entry.text}"
                 )
     return tuple(entries)

@@ -16,12 +16,13 @@ from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem
 from cg.support.balls import to_ball
 from cg.support.checks import check_integer
+from cg.support.copies import ReadOnly
 
 _UNIT = 8
 
 
 @dataclass(frozen=True, eq=False)
-class AffineField(QuadraticProblem):
+class AffineField(ReadOnly, QuadraticProblem):
     r"""An equation with coefficients :math:`f(t, y) = c + L\,\mathrm{vec}(y) + t\,w`.
 
     On frames whose fields are affine in the entries of the point, the equation is quadratic, so

@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ..support.parsing import quoted, read_toml, write_file
+from ..support.parsing import quoted, read_file, read_toml, write_file
 from .words import Condition, Word, parse, text
 
 MAX_SMALL = Decimal("1e-40")
@@ -275,9 +275,7 @@ class Certificate:
     def load(cls, path: str | PathLike[str]) -> Certificate:
         """Read a certificate from a file, as `loads`; OSError if there is none."""
         try:
-            return cls.loads(Path(path).read_text(encoding="utf-8"))
-        except UnicodeDecodeError as error:
-            raise CertificationError(f"{path}: not UTF-8: {error}") from None
+            return cls.loads(read_file(Path(path), CertificationError))
         except CertificationError as error:
             raise CertificationError(f"{path}: {error}") from None
 

@@ -9,6 +9,9 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 START = -1
 """Index of the initial point of a step."""
 
@@ -144,6 +147,21 @@ class PointTree:
             same = Point(parent, point.weights)
             merged[m] = first.setdefault(same, m) if point.weights else parent
         return merged
+
+
+class FlatSums(NDArray[np.float64]):
+    """Sums of the weights of several flows, which the arrays of a method are views of."""
+
+
+def check_not_sums(a: Any) -> None:
+    """Raise ValueError if rows are those that a method has if flows commute."""
+    while isinstance(a, np.ndarray):
+        if isinstance(a, FlatSums):
+            raise ValueError(
+                "a must be the rows of a Crouch-Grossman tableau, got sums of the weights of "
+                "several flows, which don't determine a method: cg.conditions.residuals_of takes it"
+            )
+        a = a.base
 
 
 def points_of(method: Any) -> PointTree:

@@ -26,13 +26,18 @@ MAX_HALF_WIDTH = 1e300
 def similar_names(name: str, names: Iterable[str]) -> str:
     """Return a part of an error message: the names most similar to `name`, after a semicolon.
 
-    Names of pairs such as CF5(4) come first if `name` is CF5.
+    Names of pairs such as CF5(4) come first if `name` is CF5, and alone if it is CF54.
     """
     known = {each.upper(): each for each in names}
+    same = [each for key, each in known.items() if _letters(key) == _letters(name.upper())]
     pairs = [each for key, each in known.items() if key.startswith(f"{name.upper()}(")]
     close = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
-    similar = dict.fromkeys(pairs + close)
+    similar = dict.fromkeys(same or pairs + close)
     return f"; similar names are {', '.join(similar)}" if similar else ""
+
+
+def _letters(name: str) -> str:
+    return "".join(filter(str.isalnum, name))
 
 
 def check_flag(name: str, value: Any) -> bool:

@@ -13,6 +13,7 @@ from contextlib import suppress
 from decimal import Decimal
 from fractions import Fraction
 from functools import partial
+from importlib.resources.abc import Traversable
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -88,6 +89,24 @@ def read_fraction(value: Any) -> Fraction:
     if exponent > MAX_POWER_OF_TEN:
         raise ValueError(f"exponents must be at most {MAX_POWER_OF_TEN}, got {str(value)[:80]!r}")
     return Fraction(value)
+
+
+def read_file(path: Traversable, error: type[Exception]) -> str:
+    """Return the text of a file in UTF-8.
+
+    An `error` is raised if it isn't a regular file, since reading a device or a pipe may never end,
+    is longer than `MAX_CHARACTERS`, or isn't UTF-8. OSError if it can't be read.
+    """
+    if isinstance(path, Path) and path.exists() and not (path.is_file() or path.is_dir()):
+        raise error("not a regular file")
+    with path.open("rb") as file:
+        content = file.read(MAX_CHARACTERS + 1)
+    if len(content) > MAX_CHARACTERS:
+        raise error(f"a file must have at most {MAX_CHARACTERS} bytes")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as problem:
+        raise error(f"not UTF-8: {problem}") from None
 
 
 def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def on(site, matrix):
 
 chain = sum(on(k, s) @ on(k + 1, s) for k in range(n - 1) for s in pauli)
 gradient = sum((k - (n - 1) / 2) * on(k, pauli[2]) for k in range(n))
-frame = cg.frames.LinearAction([-1j * chain, -1j * gradient])
+frame = cg.frames.LinearAction([-1j * chain, -1j * gradient], unitary=True)
 
 start = np.zeros(2**n, complex)
 start[1 << (n - 1 - 2)] = 1.0  # the third spin is turned over

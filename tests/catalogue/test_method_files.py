@@ -1,12 +1,16 @@
 """Files of methods, their checks and representations."""
 
 import json
+import os
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import cg
+from cg.analysis.diagnosis.files import diagnose_file
 from cg.proofs import Certificate, CertificationError, check
 from cg.structure.points import MethodError
 
@@ -100,10 +104,23 @@ class TestPaths:
             cg.catalogue.resolve_method(tmp_path / "broken.toml")
         with pytest.raises(MethodError, match=r"binary.toml: not UTF-8"):
             cg.catalogue.resolve_method(str(tmp_path / "binary.toml"))
+        (tmp_path / "long.toml").write_text("#" * 10_000_001)
+        with pytest.raises(
+            MethodError, match=r"long.toml: a file must have at most 10000000 bytes"
+        ):
+            cg.catalogue.resolve_method(tmp_path / "long.toml")
         with pytest.raises(FileNotFoundError, match=r"missing\.toml"):
             cg.catalogue.resolve_method("missing.toml")
         with pytest.raises(IsADirectoryError):
             cg.catalogue.resolve_method(tmp_path)
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="no pipes in folders")
+    @pytest.mark.parametrize("read", [cg.Method.load, diagnose_file, cg.Certificate.load])
+    def test_devices_and_pipes(self, tmp_path, read):
+        os.mkfifo(tmp_path / "pipe.toml")
+        for path in (tmp_path / "pipe.toml", Path("/dev/zero")):
+            with pytest.raises((MethodError, CertificationError), match="not a regular file"):
+                read(path)
 
 
 class TestNotebooks:
@@ -131,9 +148,11 @@ class TestNotebooks:
         assert "<i>" not in html
 
     def test_large_methods_are_cut(self):
-        assert (
-            "more</td>" in cg.methods["CF7a"]._repr_html_() or len(cg.methods["CF7a"].points) < 40
-        )
+        for name, rows, more in (("CF7a", 27, ""), ("CF8a", 40, "and 6 more</td>")):
+            html = cg.methods[name]._repr_html_()
+            assert html.count("<tr>") == 1 + rows + bool(more)
+            assert ("more</td>" in html) is bool(more)
+            assert more in html
         assert "0.0000" not in cg.methods["CG5d"]._repr_html_()
 
 

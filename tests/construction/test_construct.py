@@ -1,5 +1,6 @@
 """Construction of methods along the solution set of the order conditions."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -25,6 +26,7 @@ from cg.construction import (
     to_method,
     walk,
 )
+from cg.construction.attempt import read_attempt, run_attempt
 from cg.construction.drop import _without_column, drop_flow, solve_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.start import random_candidate
@@ -97,6 +99,12 @@ class TestMoving:
         assert smaller.system.stages == 6
         assert solved(smaller)
         assert refinable(smaller)
+
+    def test_largest_bounds_what_is_left(self):
+        candidate, random = a_candidate(4, 7, seed=1), np.random.default_rng
+        bound = 0.99 * drop_stage(candidate, random(3)).largest
+        smaller = drop_stage(candidate, random(3), largest=bound)
+        assert smaller is None or smaller.largest <= bound
 
     def test_column_of_dropped_stage_goes_to_neighbour(self):
         candidate = a_candidate(4, 6)
@@ -291,6 +299,20 @@ class TestConstruct:
     def test_bad_input(self, changes, error, message):
         with pytest.raises(error, match=message):
             cg.construct(**{"order": 3, "stages": 3, "seed": 0, **changes})
+
+
+@pytest.mark.parametrize(("scale", "useful"), [(1.0, True), (0.5, True), (1e-7, False)])
+def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
+    """The conditions are homogeneous in the weights of the estimate, the last flow."""
+    settings = cg.construct(3, 4, flows=4, embedded=True, seed=1, tries=1, workers=1).settings
+    attempt = run_attempt(settings, 0)
+    assert attempt.solved
+    x = np.array(attempt.x)
+    x[attempt.tree.starts[-2] :] *= scale
+    candidate = Candidate(ConditionSystem(3, attempt.tree), x)
+    assert solved(candidate)
+    record = replace(attempt, x=tuple(x), f=candidate.f, solved=useful).record()
+    assert read_attempt(settings, record).solved is useful
 
 
 def test_dropped_flows_leave_no_idle_stage():

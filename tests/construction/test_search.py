@@ -54,6 +54,11 @@ class TestReproducible:
             mine.x != yours.x for mine, yours in zip(order_four.starts, other.starts, strict=True)
         )
 
+    def test_starts_of_all_seeds_are_independent(self):
+        starts = [random_start(seed, index, 3, 1.0) for seed in range(30) for index in range(30)]
+        assert len({number for start in starts for number in start.tolist()}) == 3 * len(starts)
+        assert np.abs(np.corrcoef(np.array(starts).reshape(30, -1)) - np.eye(30)).max() < 0.5
+
     def test_fewer_starts_are_prefix(self, order_four):
         fewer = search(**{**ORDER_FOUR, "starts": 5}, workers=1)
         assert fewer.starts == order_four.starts[:5]

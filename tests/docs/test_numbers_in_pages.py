@@ -1,6 +1,7 @@
 """Numbers in the prose of pages match stored data or computed results."""
 
 import json
+import math
 import re
 from collections import Counter
 from decimal import Decimal
@@ -8,7 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from tests_of_pages import power_of_ten, words_of
+from tests_of_pages import RAISED, power_of_ten, words_of
 
 import cg
 from cg import conditions
@@ -35,6 +36,10 @@ def certificates():
     bounds = {name: box.bound for name, box in boxes.items() if box.bound}
     large = {name: bound for name, bound in bounds.items() if bound > Decimal("1e-300")}
     yield f"Larger bounds: {', '.join(f'{name} {bound:e}' for name, bound in large.items())}."
+    radii = [float(certificate_of(m).box.radius) for m in cg.methods.values() if proved(m) != "no"]
+    logarithms = [math.log10(radius) for radius in radii if radius]
+    ends = math.floor(min(logarithms)), math.ceil(max(logarithms))
+    yield "Boxes are so small (10{} to 10{})".format(*(str(end).translate(RAISED) for end in ends))
 
 
 def reproduction():
@@ -73,9 +78,13 @@ def compared():
         r"Of (\d+) cases .* evaluations in (\d+), flows in \d+, time in (\d+);", note
     ).groups()
     yield (
-        f"of {total} cases of the benchmarks a method of the catalogue takes the least time in "
-        f"{time}, and the fewest evaluations in {evaluations}."
+        f"of {total} cases of the benchmarks (a problem and an error) a Crouch–Grossman or "
+        f"commutator-free method takes the least time in {time}, and the fewest evaluations in "
+        f"{evaluations}."
     )
+    *most, last = sorted(method.exponentials for method in magnus.values())
+    (more,) = {m.pair_exponentials - m.exponentials for m in magnus.values() if m.embedded_order}
+    yield f"need {', '.join(map(str, most))} or {last} exponentials, and {more} more for an"
 
 
 def lifting():

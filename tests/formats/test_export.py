@@ -21,7 +21,7 @@ pytestmark = pytest.mark.no_core
 ALL = [name for name in [*cg.methods, *munthe_kaas] if resolve_method(name).explicit]
 SOME = [
     "LieEuler", "CG2(3)", "CG4a", "CG4(3)b", "CF4", "CF5(4)", "CF5r", "DP5(4)", "BS3(2)",
-    "RKMK4", "RKMK5(4)", "RKMK3(2)",
+    "RKMK4", "RKMK5(4)", "RKMK3(2)", "CF6(5)", "DOP853",
 ]  # fmt: skip
 
 

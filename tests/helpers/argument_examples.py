@@ -61,6 +61,10 @@ def event(t, y, *numbers):
     return t - 0.7
 
 
+def stay(t, y, *numbers):
+    return y
+
+
 def jac(t, y, *numbers):
     return np.zeros((3, 3))
 
@@ -112,7 +116,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
          stage_solver="fixed-point", args=(1.0,)),
     call(cg.solve_ensemble, OverflowError, **TWO, **OUTPUT, method="CF4", h=0.25,
          breakpoints=[0.25], parameters=[[1.0], [2.0]], workers=1, out=np.zeros((2, 2, 3, 3))),
-    call(cg.Event, function=abs, terminal=2, direction=1.0, jump=lambda t, y: y),
+    call(cg.Event, function=abs, terminal=2, direction=1.0, jump=stay),
     call(cg.Stepper, f=turning, t0=0.0, y0=np.eye(3), t_bound=1.0, frame=SO3, **CONTROL, **LIMITS,
          args=(1.0,), parameters=[1.0, 2.0], breakpoints=[0.5]),
     call(cg.search, OSError, order=2, stages=2, starts=2, **RUNS, maxfev=50, refine_below=1e-15,

@@ -91,7 +91,7 @@ FRAME_EXAMPLES = by_name(
         call(frames.Semidirect, group=SO3, copies=2),
         call(frames.LinearAction, generators=[[[0.0, 1.0], [-1.0, 0.0]]]),
         call(frames.MatrixFrame, matrices=[[[0.0, 1.0], [0.0, 0.0]]], columns=2),
-        call(frames.FieldFrame, fields=[np.ones_like], flow=lambda v, y: y + v, point_shape=2),
+        call(frames.FieldFrame, fields=[np.ones_like], flow=np.add, point_shape=2),
     ]
 )
 

@@ -9,6 +9,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
 from cg.frames import SO3, Euclidean
@@ -299,6 +300,20 @@ class TestOut:
             pytest.raises(ValueError, match="out must be writable, got Dataset that is read-only"),
         ):
             cg.solve_ensemble(steady, (0, 1), np.zeros((2, 1)), frame=LINE, out=file["y"])
+
+
+@pytest.mark.parametrize("workers", [None, 2])
+def test_blas_has_one_thread(workers):
+    """So that workers change no bit where ``f`` calls it."""
+    counts = set()
+
+    def f(t, y):
+        counts.update(library["num_threads"] for library in threadpool_info())
+        return [0.0]
+
+    with threadpool_limits(2):
+        cg.solve_ensemble(f, (0, 1), np.zeros((2, 1)), frame=LINE, h=1.0, workers=workers)
+    assert counts == {1}
 
 
 class UnusualError(Exception):

@@ -1,6 +1,8 @@
 """The loop over steps: grids, first steps, counts, ends of output."""
 
+import gc
 import re
+import weakref
 from fractions import Fraction
 
 import numpy as np
@@ -9,7 +11,7 @@ from equal_grids import make_grid
 
 import cg
 from cg.catalogue import resolve_method
-from cg.frames import SO3, Euclidean, Stiefel
+from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
 from cg.integration.loop.run import Run
 from cg.integration.step.interpolant import extra_evaluations, node_count, result_flows
 
@@ -68,6 +70,18 @@ def test_evaluations_of_the_continuous_solution():
     assert values == EXTRA
 
 
+def test_plans_of_many_frames_and_methods_are_not_kept():
+    def made(k):
+        method = cg.Tableau([[], ["1/2"]], [0, 1], name=f"{k}")
+        frame = MatrixFrame([np.diag([1.0, float(k)])])
+        cg.integrate(lambda t, y: [1.0], (0, 1), [1.0, 1.0], frame=frame, method=method, h=0.5)
+        return weakref.ref(method)
+
+    references = [made(k) for k in range(200)]
+    gc.collect()
+    assert sum(reference() is not None for reference in references) <= 64
+
+
 @pytest.mark.parametrize("method", ["CG3", "CG4a", "CF4(3)", "RKMK5(4)"])
 @pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 1)], ids=repr)
 def test_flows_of_output_between_steps(method, frame):
@@ -114,6 +128,16 @@ def test_one_member_whose_f_is_too_large_for_any_step(frame, vectorized, common)
         assert solution.messages == {bad: message}
         assert solution.status[bad] == -1
         assert solution.t_end[[bad, 1 - bad]].tolist() == [0.0, 1.0]
+
+
+def test_coordinates_of_zero_need_an_absolute_tolerance():
+    options = {"frame": Euclidean(2), "atol": [1e-6, 0.0]}
+    message = re.escape(
+        "atol must be positive for coordinates that are zero, got 0 at t = 0, y = ["
+    )
+    with pytest.raises(ValueError, match=message):
+        cg.solve_ivp(lambda t, y: [1.0, 1.0], (0, 1), [0.0, 0.0], **options)
+    assert cg.solve_ivp(lambda t, y: [1.0, 0.0], (0, 1), [0.0, 0.0], **options).success
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 1 / 32}])

@@ -306,6 +306,22 @@ def test_arguments_are_passed_on():
     np.testing.assert_allclose(run.y[-1], turned, rtol=0, atol=1e-14)
 
 
+class Qobj:
+    """Not convertible to an array."""
+
+
+@pytest.mark.parametrize("make", [lambda q: LinearAction([q]), lambda q: SU(2).coefficients(q)])
+def test_objects_of_qutip_are_named(make):
+    with pytest.raises(ValueError, match=r"the numbers of a Qobj are those of its full\(\)"):
+        make(Qobj())
+
+
+def test_stiff_methods_that_need_brackets_are_no_better():
+    options = {"frame": LinearAction([np.diag([-1e6, -1.0])]), "method": "RadauIIA5"}
+    with pytest.raises(ValueError, match=r"has no bracket .* exact, however stiff the equation$"):
+        cg.solve_linear(lambda t: [1.0], (0, 1), [1.0, 1.0], **options)
+
+
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
@@ -322,6 +338,12 @@ def test_arguments_are_passed_on():
             {"a": lambda t: [1.0]},
             ValueError,
             r"^a must return an array of shape \(3,\), got shape \(1,\)",
+        ),
+        ({"a": lambda t: [1j, 0, 0]}, ValueError, "^a must return 3 real numbers.*of two fields$"),
+        (
+            {"a": lambda t: Qobj()},
+            ValueError,
+            r"^a must return 3 real numbers.*of a Qobj.*full\(\)$",
         ),
         ({"a": lambda t: [np.nan] * 3}, ValueError, "^a must return finite numbers"),
         ({"h": -1.0}, ValueError, "h"),

@@ -71,6 +71,18 @@ class TestLinearAction:
         run = cg.solve_linear(lambda t: np.tile(a, 2), (0, 1), y, frame=pair, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(run.y[-1], action.flow(a, y), rtol=0, atol=1e-9)
 
+    def test_unitary_flows(self):
+        hamiltonian = self.DENSE[0] + self.DENSE[0].T
+        rounded = 0.1 * (hamiltonian / 0.1) + 1e-15 * np.triu(hamiltonian)
+        exact, frame = (LinearAction([-1j * h], unitary=True) for h in (hamiltonian, rounded))
+        assert (exact._skew, frame._skew) == (True, True)
+        assert exact == LinearAction([-1j * hamiltonian])
+        message = r"generators\[1\] must be skew-Hermitian if unitary is True; that of a Ham"
+        for wrong in (hamiltonian, -1j * np.triu(hamiltonian), np.triu(hamiltonian)):
+            with pytest.raises(ValueError, match=message) as error:
+                LinearAction([-1j * hamiltonian, wrong], unitary=True)
+            assert ("both of its triangles" in str(error.value)) == (wrong[-1, 0] == 0)
+
     def test_it_passes_the_checks_of_frames(self):
         LinearAction([sparse.csr_array(g) for g in self.DENSE]).check()
         LinearAction([1j * (g + g.T) for g in self.DENSE]).check()
@@ -79,6 +91,11 @@ class TestLinearAction:
         first, second = (LinearAction(list(self.DENSE)) for _ in range(2))
         assert first == second
         assert hash(first) == hash(second)
+        distinct = [LinearAction([k * first._matrix(v) for v in np.eye(3)]) for k in range(1, 9)]
+        zeros = [LinearAction([np.zeros((n, n), kind)] * m)
+                 for n in (1, 2) for m in (1, 3) for kind in (float, complex)]  # fmt: skip
+        for frames in (distinct, zeros):
+            assert len(set(frames)) == len({hash(frame) for frame in frames}) == len(frames)
         assert first != LinearAction(list(self.DENSE[:2]))
 
     def test_a_spin_chain_as_unitary_matrices(self):

@@ -1,7 +1,5 @@
 """Derivatives of ensembles equal those of each member alone."""
 
-import pickle
-
 import numpy as np
 import pytest
 from test_variational import TIGHT
@@ -141,14 +139,6 @@ def test_executors(executor):
     np.testing.assert_array_equal(solution.sensitivity, alone.sensitivity)
     for rows, others in zip(solution.dt_events[0], alone.dt_events[0], strict=True):
         np.testing.assert_array_equal(rows, others)
-
-
-def test_results_can_be_pickled():
-    solution = members(dense_output=True)
-    again = pickle.loads(pickle.dumps(solution))
-    np.testing.assert_array_equal(again.transition, solution.transition)
-    assert not again.transition.flags.writeable
-    np.testing.assert_array_equal(again.sol.transition(0.5), solution.sol.transition(0.5))
 
 
 @pytest.mark.filterwarnings("ignore:Failure of")

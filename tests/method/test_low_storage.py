@@ -163,7 +163,9 @@ class TestSteps:
 
     @staticmethod
     def general(monkeypatch):
-        monkeypatch.setattr(plan, "_plans", lambda method: {})  # none is prepared yet
+        monkeypatch.setattr(
+            plan, "_cached_plan", lambda frame, same: plan.Plan(frame, same.method)
+        )  # none is prepared yet
         for module in (plan, reference_runs):
             monkeypatch.setattr(
                 module, "paths_of", lambda method: replace(paths_of(method), registers=None)

@@ -28,7 +28,7 @@ from cg.trees.ordered import forest
 
 HUGE = 10**400
 MASKED = np.ma.masked_array([[0.0, 0.0], [1.0, 0.0]], mask=[[0, 0], [1, 0]])
-CG3, CG5A = cg.methods["CG3"], cg.methods["CG5a"]
+CG3, CG5A, CF4 = (cg.methods[name] for name in ("CG3", "CG5a", "CF4"))
 POINT = pack_method(CG3)
 HALF, EULER = [[], ["1/2"]], [[0, 0], [1, 0]]
 
@@ -73,6 +73,13 @@ def masked(x):
             cg.CertificationError,
             "^the method: the coefficients satisfy no",
         ),
+        (lambda: resolve_method("CF54"), ValueError, r"got 'CF54'; similar names are CF5\(4\)$"),
+        (lambda: resolve_method("rkmk853"), ValueError, r"names are RKMK8\(5,3\)$"),
+        (lambda: resolve_method("CF44"), ValueError, r"similar names are (?!.*CFM)"),
+        (lambda: resolve_method("CFM5"), ValueError, r"similar names are CFM"),
+        (lambda: conditions.residuals(CF4.a, CF4.b, 4), ValueError, "a must be .*residuals_of"),
+        (lambda: conditions.pack(CF4.a[:3, :3], [1, 0, 0]), ValueError, "a must be .*residuals_of"),
+        (lambda: residuals_exact(CF4.a, CF4.b, 4), ValueError, "a must be .*residuals_of"),
         (lambda: count(99), ValueError, "order must be at most 13, got 99"),
         (lambda: residuals_exact([[0]], [1], 99), ValueError, "order must be at most 13"),
         (lambda: CG3.largest_residual(99), ValueError, "order must be at most 13, got 99"),

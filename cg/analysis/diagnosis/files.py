@@ -8,6 +8,7 @@ from typing import Any
 
 from ...catalogue.entries import check_path, errors_naming, from_entry, read_entry
 from ...method.tableau import Tableau, TableauError
+from ...support.parsing import read_file
 from .diagnosis import Diagnosis, diagnose
 from .findings import Finding
 
@@ -32,7 +33,7 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
     """
     path = check_path(path)
     with errors_naming(path):
-        return diagnose_entry(read_entry(path.read_text(encoding="utf-8")), path.stem)
+        return diagnose_entry(read_entry(read_file(path, TableauError)), path.stem)
 
 
 def diagnose_entry(entry: dict[str, Any], name: str = "") -> Diagnosis:

@@ -53,8 +53,11 @@ class LiftError(ArithmeticError):
     """
 
     def __init__(self, message: str, best: float) -> None:
-        super().__init__(f"{message}; the least sum of squared residuals was {best:.1e}")
+        super().__init__(message, best)
         self.best = best
+
+    def __str__(self) -> str:
+        return f"{self.args[0]}; the least sum of squared residuals was {self.best:.1e}"
 
 
 @dataclass(frozen=True)

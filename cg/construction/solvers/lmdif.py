@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg._core_r64 import lmdif as _compiled_lmdif
 from cg.support.checks import MAX_COUNT, check_integer, check_real
+from cg.support.copies import ReadOnly
 from cg.support.shared_numbers import Status
 
 Vector = NDArray[np.float64]
@@ -22,7 +23,7 @@ _SCALE_BY_COLUMNS, _SCALE_AS_GIVEN = 1, 2
 
 
 @dataclass(frozen=True, eq=False)
-class LmdifResult:
+class LmdifResult(ReadOnly):
     """The result of ``lmdif``. All arrays are read-only.
 
     Attributes

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.arrays import Array, Points, real_array
 from cg.integration.step.callbacks import Callbacks
 from cg.integration.step.plan import Plan
+from cg.support.copies import ReadOnly
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Steps:
         return self.plan.points(rows, (len(t),))
 
 
-class DenseOutput:
+class DenseOutput(ReadOnly):
     """A solution as a function of time, on the manifold at all times and as accurate as the steps.
 
     It doesn't call ``f``.
@@ -107,10 +107,6 @@ class DenseOutput:
         self._y0 = y0
         self._marks = marks
         self._sign = -1.0 if self.ts[-1] < self.ts[0] else 1.0
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self.ts.flags.writeable = False
 
     def __repr__(self) -> str:
         return f"DenseOutput(t={self.ts[0]:g}...{self.ts[-1]:g}, steps={len(self.ts) - 1})"

@@ -13,6 +13,7 @@ from cg.integration.loop.messages import (
     rests,
     too_many_steps,
     too_small_a_step,
+    zero_tolerance,
 )
 from cg.integration.loop.record import COUNTS
 from cg.integration.loop.run import Run
@@ -20,6 +21,8 @@ from cg.integration.loop.stiffness import find_difficulty
 from cg.integration.rhs.python import StageOverflowError
 from cg.integration.step.implicit import STAGE_SOLVERS, ConvergenceError
 from cg.support.shared_numbers import Stop
+
+_LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
 
 
 def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: PLR0911
@@ -46,7 +49,10 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: P
             return ConvergenceError(reason, iterations, residual, t, run.record.step_size)
         case Stop.SLOPE_NOT_FINITE:
             point = run.plan.points(run.end[member], ())
-            return failure(stop, 0, t, run.rhs.at_member(member, t, point))
+            slope = run.rhs.at_member(member, t, point)
+            if not run.control.atol.all() and np.abs(slope).max() < _LARGE:
+                return ValueError(zero_tolerance(t, point))
+            return failure(stop, 0, t, slope)
         case Stop.STAGE_NOT_FINITE if run.callbacks.last_error is not None:
             return StageOverflowError(str(run.callbacks.last_error))
     return failure(stop, int(run.flag[member]), t, name=run.rhs.name)

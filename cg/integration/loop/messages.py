@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from cg.frames.arrays import Array
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.python import StageOverflowError, StepTooLongError
 from cg.support.shared_numbers import Stop
@@ -60,6 +60,13 @@ def failure(
         case Stop.SLOPE_NOT_FINITE:
             error = OverflowError(f"f is too large to choose a step {where}, got {slope}")
     return error
+
+
+def zero_tolerance(t: float, point: Points) -> str:
+    """Return the message for a coordinate of zero that changes without any tolerance."""
+    return (
+        f"atol must be positive for coordinates that are zero, got 0 at t = {t:.17g}, y = {point}"
+    )
 
 
 def too_small_a_step(t: float) -> str:

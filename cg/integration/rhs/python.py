@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, real_array, traced_hint
+from cg.frames.arrays import Array, Points, conversion_hint, is_complex_array, real_array
 from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
@@ -18,6 +18,7 @@ from cg.integration.rhs.function import TimeFunction
 
 Coefficients = Callable[..., ArrayLike]
 _JOIN = "; join parts by np.concatenate"
+_COMPLEX = "; the real and the imaginary part of a complex drive are coefficients of two fields"
 
 
 class StageOverflowError(OverflowError):
@@ -45,15 +46,15 @@ class StepTooLongError(ArithmeticError):
     """
 
     def __init__(self, t: float) -> None:
-        super().__init__(
-            f"the step from t = {t:.17g} is too long for a method on a Lie algebra: coordinates "
-            "of a stage are beyond the radius of dexp⁻¹, for rotations a full turn; take a smaller "
-            "h, or a method that needs no brackets"
-        )
+        super().__init__(t)
         self.t = t
 
-    def __reduce__(self) -> tuple[type[StepTooLongError], tuple[float]]:
-        return StepTooLongError, (self.t,)
+    def __str__(self) -> str:
+        return (
+            f"the step from t = {self.t:.17g} is too long for a method on a Lie algebra: "
+            "coordinates of a stage are beyond the radius of dexp⁻¹, for rotations a full turn; "
+            "take a smaller h, or a method that needs no brackets"
+        )
 
 
 class PythonRhs:
@@ -201,7 +202,8 @@ class PythonRhs:
                 f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
             )
             join = isinstance(value, list | tuple) and any(map(np.ndim, value))
-            hint = _JOIN if join else traced_hint(error)
+            hint = _JOIN if join else conversion_hint(value, error)
+            hint = _COMPLEX if not hint and is_complex_array(value) else hint
             raise ValueError(
                 f"f must return {expected}, got {value!r} at {when(t)}{hint}"
             ) from error

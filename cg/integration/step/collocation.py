@@ -90,7 +90,12 @@ class Jacobian:
         value, n = self.source.jac(t, y, *arguments), self.source.frame.dim
         if getattr(value, "shape", None) != (n, n):
             raise ValueError(f"jac must return a matrix of shape {(n, n)}, got {value!r}")
+        if not hasattr(value, "tocsc"):
+            raise ValueError(f"jac must return a sparse matrix at all times, got {value!r}")
         matrix = value.tocsc()
+        if matrix.dtype.kind not in "biuf":
+            raise ValueError(f"jac must return real numbers, got {value!r} at {when(t)}")
+        matrix = matrix.astype(np.float64)
         if not np.isfinite(matrix.data).all():
             raise ValueError(f"jac must return finite numbers, got {value!r} at {when(t)}")
         return matrix

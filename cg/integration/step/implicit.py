@@ -17,6 +17,8 @@ class ConvergenceError(RuntimeError):
 
     Attributes
     ----------
+    reason
+        What ended the iteration.
     iterations
         Iterations that were made.
     residual
@@ -42,16 +44,20 @@ class ConvergenceError(RuntimeError):
     """
 
     def __init__(self, reason: str, iterations: int, residual: float, t: float, h: float) -> None:
-        remainder = "" if math.isnan(residual) else f" the residual is {residual:.3g}"
-        super().__init__(
-            f"the implicit stages did not converge ({reason}): after {iterations} iterations"
-            f"{remainder} in the step of h = {h:.6g} from t = {t:.17g}; "
-            "a smaller step or another stage_solver may help"
-        )
+        super().__init__(reason, iterations, residual, t, h)
+        self.reason = reason
         self.iterations = iterations
         self.residual = residual
         self.t = t
         self.h = h
+
+    def __str__(self) -> str:
+        remainder = "" if math.isnan(self.residual) else f" the residual is {self.residual:.3g}"
+        return (
+            f"the implicit stages did not converge ({self.reason}): after {self.iterations} "
+            f"iterations{remainder} in the step of h = {self.h:.6g} from t = {self.t:.17g}; "
+            "a smaller step or another stage_solver may help"
+        )
 
 
 def check_stage_solver(kind: object) -> None:

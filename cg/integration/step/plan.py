@@ -25,7 +25,7 @@ from cg.integration.step.interpolant import (
 from cg.integration.step.paths import MethodPaths, paths_of, polynomial_paths
 from cg.method.estimate import error_power
 from cg.method.magnus import MagnusMethod
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
@@ -196,19 +196,28 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 
 def plan_of(frame: Frame, method: Method) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
-    plans = _plans(method)
     try:
-        return plans[frame]
-    except KeyError:
-        plans[frame] = plan = Plan(frame, method)
-        return plan
+        return _cached_plan(frame, _Same(method))
     except TypeError:  # a frame of the user that can't be hashed
         return Plan(frame, method)
 
 
-@cached
-def _plans(method: Method) -> dict[Frame, Plan]:
-    return {}
+class _Same:
+    """A method that equals itself alone: hashing its coefficients takes long."""
+
+    def __init__(self, method: Method) -> None:
+        self.method = method
+
+    def __hash__(self) -> int:
+        return id(self.method)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.method is self.method
+
+
+@lru_cache(maxsize=64)
+def _cached_plan(frame: Frame, same: _Same) -> Plan:
+    return Plan(frame, same.method)
 
 
 def paths_on(frame: Frame, method: Method) -> MethodPaths:
@@ -252,7 +261,7 @@ def has_brackets(frame: Frame) -> bool:
         return _has_brackets.__wrapped__(frame)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def _has_brackets(frame: Frame) -> bool:
     try:
         frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
