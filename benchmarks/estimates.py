@@ -43,6 +43,7 @@ _COSTS = {
     "in Python, with brackets": ("flows",),
     _NO_BRACKETS: ("evaluations", "flows"),
 }
+_ROUNDING = 1e-12  # of nodes
 _ALIKE = 1.1  # costs up to this multiple of the least count as equal
 
 TITLE = "Error estimates"
@@ -190,7 +191,7 @@ def _may_be_default(name: str, quotients: Quotients) -> bool:
     assert ratio is not None
     assert jumps is not None
     reliable = ratio <= MAX_RATIO and np.median(errors) <= MEDIAN and errors.max() <= LARGEST
-    within = all(0.0 <= c <= 1.0 for c in method.c.tolist())
+    within = all(0.0 <= c <= 1.0 + _ROUNDING for c in method.c.tolist())
     return bool(reliable and within and jumps <= LARGEST)
 
 
