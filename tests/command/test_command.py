@@ -91,10 +91,12 @@ class TestNewMethods:
         code, output, _ = run("certify", "CG6a", "--json")
         assert (code, json.loads(output)["proved"]) == (1, "no")
 
-    def test_certify_small(self, run):
-        code, output, _ = run("certify", "CF5c", "--small", "--json")
+    def test_certify_in_part(self, run):
+        code, output, _ = run("certify", "DICG4", "--json")
         assert (code, json.loads(output)["proved"]) == (0, "in part")
-        assert json.loads(output)["message"] == str(cg.certify("CF5c", small=True))
+        assert json.loads(output)["message"] == str(cg.certify("DICG4"))
+        code, output, _ = run("certify", "DICG4", "--complete")
+        assert (code, output.splitlines()[0][:24]) == (1, "not proved: DICG4: no ze")
 
 
 class TestExport:

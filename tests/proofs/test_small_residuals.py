@@ -24,16 +24,12 @@ def changed(certificate, **changes):
 
 
 def test_dependent_conditions_are_below_a_bound():
-    method = methods["CF5c"]
-    certificate = certify(method, small=True)
-    assert not certificate.complete
-    assert certificate_of(method).complete
-    assert "all but 8 of the independent conditions" in str(certificate)
+    method = methods["CG5a"]
+    certificate = certificate_of(method)
+    left_out = certificate.left_out
+    assert f"all but {len(left_out)} of the independent conditions" in str(certificate)
     assert "the residuals of the rest are below 1e-300" in str(certificate)
     assert Certificate.loads(certificate.dumps()) == certificate
-    check(certificate, method)
-    left_out = certificate.left_out
-    assert len(left_out) == 8
     for bound in ("1e-20", "0", "-1e-50"):
         with pytest.raises(CertificationError):
             changed(certificate, bound=Decimal(bound))
@@ -46,16 +42,17 @@ def test_dependent_conditions_are_below_a_bound():
 def test_bounds_are_tight_and_limit_the_digits(name):
     """Where residuals are quadratic in the distance from a solution, they are no smaller."""
     method = methods[name]
-    certificate = certify(method, small=True)
+    certificate = certify(method)
     assert certificate == certificate_of(method)
+    assert not certificate.complete
     check(certificate, method)
     bound = certificate.box.bound
     assert (bound == Decimal("1e-300")) == (name not in ("CG4", "CF5r"))
     if bound > Decimal("1e-300"):
         with pytest.raises(CertificationError, match="small is not proved"):
             check(changed(certificate, bound=bound / 1000), method)
-    with pytest.raises(CertificationError, match="small=True"):
-        certify(method)
+    with pytest.raises(CertificationError, match="orthogonality explains"):
+        certify(method, complete=True)
     most = max_digits(certificate)
     assert most == -bound.adjusted() // 2
     assert method.digits(most, certificate=certificate)
@@ -110,7 +107,6 @@ def test_where_the_zero_is():
             enclose_zero(system, packed.balls(), free, test, 100)
 
 
-def test_not_needed_where_all_are_independent():
-    assert certify("CG3", small=True).complete
-    with pytest.raises(TypeError, match="small"):
-        certify("CG3", small=1)
+@pytest.mark.parametrize("name", ["CG3", "CF5c"])
+def test_complete_proofs(name):
+    assert certify(name, complete=True).complete

@@ -109,7 +109,12 @@ def publish(
         f"{', then along the solution set' if max_iterations else ''}"
     )
     method = to_method(candidate, name=name, source=source)
-    certificate, reason = _certify(method)
+    certificate, reason = None, ""
+    try:
+        certificate = certify(method)
+        reason = "" if certificate.complete else certificate.statement
+    except CertificationError as error:
+        reason = str(error)
     save(method, file)
     files = [file]
     if certificate is not None:
@@ -123,18 +128,6 @@ def publish(
         reason=reason,
         files=tuple(files),
     )
-
-
-def _certify(method: Method) -> tuple[Certificate | None, str]:
-    """Return a complete certificate if possible, else a partial one or None, and the reason."""
-    try:
-        return certify(method), ""
-    except CertificationError as error:
-        reason = str(error)
-    try:
-        return certify(method, small=True), reason
-    except CertificationError:
-        return None, reason
 
 
 def _choose(run: StoredRun, number: int | None) -> StoredSolution:
