@@ -8,7 +8,7 @@ import pytest
 
 import cg
 from cg.analysis.diagnosis import diagnose_file, draw_points, draw_tree
-from cg.catalogue import dumps, munthe_kaas
+from cg.catalogue import dumps
 from cg.method.coefficients import Coefficient
 from cg.method.tableau import TableauError
 from cg.trees.ordered import OrderedTree
@@ -165,7 +165,7 @@ def test_transposed_a():
 
 @pytest.mark.parametrize(
     ("tableau", "on_manifolds", "flat"),
-    [(CLASSICAL, 2, 4), (munthe_kaas["RKMK5(4)"].tableau, 2, 5)],
+    [(CLASSICAL, 2, 4), (cg.methods["RKMK5(4)"].tableau, 2, 5)],
 )
 def test_unlifted_classical_method(tableau, on_manifolds, flat):
     diagnosis = cg.diagnose(tableau)
@@ -240,7 +240,7 @@ def test_files_with_abscissae(tmp_path):
 
 
 def test_munthe_kaas():
-    (finding,) = cg.diagnose(changed(munthe_kaas["RKMK5(4)"], 3, "1/7")).mistakes
+    (finding,) = cg.diagnose(changed(cg.methods["RKMK5(4)"], 3, "1/7")).mistakes
     assert finding.message.startswith("it differs from RKMK5(4) in a_4,1 only: 1/7 here, ")
     diagnosis = cg.diagnose("RKMK4")
     assert (diagnosis.order, diagnosis.mistakes, diagnosis.failing.order) == (4, (), 5)

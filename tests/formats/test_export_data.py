@@ -9,9 +9,10 @@ import tomllib
 from fractions import Fraction
 
 import pytest
+from kinds import FROZEN, MUNTHE_KAAS
 
 import cg
-from cg.catalogue import dumps, loads, methods, munthe_kaas, resolve_method
+from cg.catalogue import dumps, loads, resolve_method
 from cg.command.showing import _tableau
 from cg.formats import FORMATS, known_digits
 from cg.formats.program import identifier
@@ -19,7 +20,7 @@ from cg.support.quads import to_decimal
 
 pytestmark = pytest.mark.no_core
 
-ALL = [*methods, *munthe_kaas]
+ALL = [*FROZEN, *MUNTHE_KAAS]
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
 CODE = ["python", "c", "fortran", "julia", "matlab"]
 

@@ -137,7 +137,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(CG3.largest_residual, order=3),
     call(CG3.satisfies, order=3),
     call(CG3.description),
-    call(catalogue.munthe_kaas["RKMK5(4)"].residuals, order=3),
+    call(cg.methods["RKMK5(4)"].residuals, order=3),
     call(cg.Certificate.loads, cg.CertificationError, text=CERTIFICATE.dumps()),
     call(certification.check, cg.CertificationError, certificate=CERTIFICATE, method=CG3),
     call(conditions.residuals, **EULER),

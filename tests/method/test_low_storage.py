@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from compiled_examples import PROBLEMS
+from kinds import FROZEN
 
 import cg
 from cg import MethodError, conditions
@@ -26,7 +27,7 @@ from cg.support.quads import to_decimal
 pytestmark = pytest.mark.sanitize
 
 WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
-NAMES = [name for name, method in methods.items() if two_registers(method)]
+NAMES = [name for name, method in FROZEN.items() if two_registers(method)]
 
 
 ROOT = Path(__file__).parents[2]

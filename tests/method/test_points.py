@@ -7,11 +7,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from kinds import FROZEN
 from point_trees import CF3
 from strategies import point_trees, rationals
 
 from cg import CommutatorFree, MethodError, Tableau, conditions
-from cg.catalogue import dumps, loads, methods, munthe_kaas, resolve_method
+from cg.catalogue import dumps, loads, methods, resolve_method
 from cg.method.warnings import check_order, check_pair
 from cg.proofs import certify
 from cg.structure.points import Point
@@ -232,7 +233,7 @@ class TestBadInput:
 
 class TestWarnings:
     def test_dormand_prince_tableau_warns(self):
-        pair = munthe_kaas["RKMK5(4)"].tableau
+        pair = methods["RKMK5(4)"].tableau
         assert (pair.order, pair.embedded_order) == (2, 2)
         with pytest.warns(UserWarning, match="both its results have order 2"):
             check_pair(pair)
@@ -252,7 +253,7 @@ class TestWarnings:
             check_pair(pair)
 
     @pytest.mark.parametrize(
-        "name", [name for name, method in methods.items() if method.embedded_order is not None]
+        "name", [name for name, method in FROZEN.items() if method.embedded_order is not None]
     )
     def test_catalogue_pairs_do_not_warn(self, name):
         with warnings.catch_warnings():

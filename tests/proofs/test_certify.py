@@ -6,10 +6,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from flint import arb
+from kinds import FROZEN, MAGNUS
 
 import cg
 from cg import conditions
-from cg.catalogue import magnus, methods
+from cg.catalogue import methods
 from cg.conditions import Rows
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
@@ -34,13 +35,13 @@ from cg.support.balls import working_precision as precision
 pytestmark = pytest.mark.no_core
 
 CERTIFIED = certificate_names()
-ALL = {**methods, **magnus}
+ALL = {**FROZEN, **MAGNUS}
 PARTLY = {
     "CG4", "CG4c", "CG5a", "CG5b", "CG5c", "CG5d", "CG5e", "CG6c", "CG6d", "CG6e", "CG6f", "CG6g",
     "CG6(5)", "CG7b", "CF5r", "CF6(5)", "CF7b", "CF7(6)", "CF8a", "DICG4", "DICG6", "DP5(4)",
     "CooperVerner8", "Verner7(6)", "DOP853", "Verner8(7)", "CFM8(4)",
 }  # fmt: skip
-PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4", "CG4a", "CG5a", *magnus]
+PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4", "CG4a", "CG5a", *MAGNUS]
 
 
 def search(**arguments):
@@ -62,7 +63,7 @@ class TestProofs:
             pytest.param(
                 name,
                 marks=[pytest.mark.slow]
-                * (name in methods and (methods[name].stages > 9 or methods[name].order > 6)),
+                * (name in FROZEN and (methods[name].stages > 9 or methods[name].order > 6)),
             )
             for name in CERTIFIED
         ],

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...catalogue import catalogues, save
+from ...catalogue import methods, save
 from ...catalogue.entries import CERTIFICATE_SUFFIX
 from ...method.method import Method
 from ...proofs import Certificate, CertificationError, certify
@@ -91,7 +91,7 @@ def publish(
     folder = Path(folder)
     if not folder.is_dir():
         raise NotADirectoryError(f"folder must be an existing folder, got {str(folder)!r}")
-    if any(name in catalogue for catalogue in catalogues.values()):
+    if name in methods:
         raise ValueError(f"name must be new, got {name!r}, a method of the package")
     proofs = folder / "certificates"
     file = file_in(folder, name)
