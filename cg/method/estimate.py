@@ -78,7 +78,9 @@ def estimate_ratio(method: Method) -> float | None:
     if not isinstance(method, MuntheKaas):
         return _largest_ratio(method, partial(_flow_response, method), order, MAX_ANGLE)
     ratios = [
-        _largest_ratio(method, partial(_algebra_response, method, powers), order, _MAX_ALGEBRA_ANGLE)
+        _largest_ratio(
+            method, partial(_algebra_response, method, powers), order, _MAX_ALGEBRA_ANGLE
+        )
         for powers in (method.advancing.order, None)
     ]
     return max(ratios)
