@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from cg.analysis.convergence import final_errors, observed_order
 from cg.catalogue import methods
-from cg.conditions import Rows, count, exact_residuals_of, jacobian, jacobian_at, unknowns, unpack
+from cg.conditions import Rows, count, jacobian, residuals, unknowns, unpack
 from cg.frames import Euclidean
 from cg.frames.arrays import Array
 from cg.integration import integrate
@@ -118,10 +118,10 @@ def _method(method: Method) -> Data:
 
 
 def _approximate(method: Method) -> Data:
-    sizes = [abs(float(r)) for r in exact_residuals_of(method, method.order)]
+    sizes = [abs(float(r)) for r in residuals(method, method.order, arithmetic="exact")]
     square = math.sqrt(sum(size * size for size in sizes) / len(sizes))
     x = np.array([float(entry.value) for entry in method.coefficients])
-    derivatives = jacobian_at(method.layout, x, method.order, independent=False)
+    derivatives = jacobian(method.layout, x, method.order, independent=False)
     return {
         "truncation": 10.0**-_PRINTED * float(np.abs(derivatives).sum(axis=1).max()),
         "worst": -math.log10(max(sizes)),

@@ -328,7 +328,7 @@ class Method(Outputs, ABC):
         >>> [str(t) for t, r in zip(trees, residuals, strict=True) if abs(r) > 0.05]
         ['[[][[[]]]]', '[[[[]]][]]']
         """
-        return conditions.exact_residuals_of(self.tree, order)
+        return conditions.residuals(self.tree, order, arithmetic="exact")
 
     def largest_residual(self, order: int | None = None) -> float:
         """Return the magnitude of the largest residual through an order.
@@ -350,7 +350,7 @@ class Method(Outputs, ABC):
 
     def _next_residuals(self) -> NDArray[np.float64]:
         lower = conditions.count(self.order) if self.order else 0
-        return conditions.residuals_of(self.tree, self.order + 1)[lower:]
+        return conditions.residuals(self.tree, self.order + 1)[lower:]
 
     def satisfies(self, order: int) -> bool:
         """Return whether the conditions through an order hold, up to the rounding of coefficients.
@@ -377,9 +377,7 @@ class Method(Outputs, ABC):
     def _check_nominal_order(self, error: type[MethodError]) -> None:
         assert self.nominal_residual is not None
         try:
-            residuals = conditions.residuals_at(
-                self.layout, to_floats(self.coefficients), self.order
-            )
+            residuals = conditions.residuals(self.layout, to_floats(self.coefficients), self.order)
         except (TypeError, ValueError) as problem:
             raise error(f"nominal_order: {problem}") from None
         largest = float(np.abs(residuals).max())

@@ -63,7 +63,7 @@ def test_source_is_given(name):
 @pytest.mark.parametrize("name", RATIONAL)
 def test_rational_methods_have_zero_residuals(name):
     method = methods[name]
-    residuals = conditions.exact_residuals_of(method, method.order)
+    residuals = conditions.residuals(method, method.order, arithmetic="exact")
     assert residuals == (Fraction(0),) * len(residuals)
 
 
@@ -79,7 +79,7 @@ def test_residuals_vanish_through_the_order_and_not_beyond(name):
     method = methods[name]
     order = method.exact_order
     assert order == method.order
-    residuals = conditions.exact_residuals_of(method, order + 1)
+    residuals = conditions.residuals(method, order + 1, arithmetic="exact")
     through = conditions.count(order)
     assert max(map(abs, residuals[:through])) < Fraction(1, 10**32)
     assert max(map(abs, residuals[through:])) > Fraction(1, 10**6)  # of CG7b 7e-6 is left

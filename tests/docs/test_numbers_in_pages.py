@@ -40,8 +40,8 @@ def certificates():
 
 def reproduction():
     cg6a = cg.methods["CG6a"]
-    residuals = conditions.exact_residuals_of(cg6a, 6)
-    independent = conditions.exact_residuals_of(cg6a, 6, independent=True)
+    residuals = conditions.residuals(cg6a, 6, arithmetic="exact")
+    independent = conditions.residuals(cg6a, 6, independent=True, arithmetic="exact")
     held = sum(abs(residual) <= Fraction(1, 10**6) for residual in residuals)
     over_all, over_independent = (
         power_of_ten(sum(r * r for r in rs), 1) for rs in (residuals, independent)

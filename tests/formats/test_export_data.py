@@ -54,7 +54,7 @@ class TestDigits:
         assert table["b"] == b
         assert [row + ["0"] * (3 - len(row)) for row in table["a"]] == a
         loaded = loads(method.export("toml", digits=200))
-        residuals = cg.conditions.exact_residuals_of(loaded, 3)
+        residuals = cg.conditions.residuals(loaded, 3, arithmetic="exact")
         assert max(map(abs, residuals)) < Fraction(1, 10**198)
         assert loaded.order == 3
 

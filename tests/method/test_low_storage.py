@@ -153,7 +153,7 @@ class TestOrderOnManifolds:
         actual = tool.closest(parameters, 5)
         assert max(abs(x - y) for x, y in zip(actual, parameters, strict=True)) < 1e-35
         refined = tool.weights_of(actual)
-        assert max(map(abs, conditions.exact_residuals_of(refined, 5))) < 1e-55
+        assert max(map(abs, conditions.residuals(refined, 5, arithmetic="exact"))) < 1e-55
         assert max(map(abs, flat_residuals(*refined.exact, 6))) > 1e-5
         slopes = tool.slopes(np.array(parameters, dtype=float), 5)
         assert np.linalg.svd(slopes, compute_uv=False)[-1] > 1e-4

@@ -56,7 +56,7 @@ class TestMethods:
             assert same.exact == tableau.exact
             assert same.exponentials == tableau.exponentials
             np.testing.assert_array_equal(same.c, tableau.c)
-            residuals = conditions.residuals_of(same, 4)
+            residuals = conditions.residuals(same, 4)
             np.testing.assert_allclose(residuals, 0, atol=1e-14)
 
     def test_shared_flows_count_once(self):

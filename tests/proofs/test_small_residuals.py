@@ -62,7 +62,7 @@ def test_bounds_are_tight_and_limit_the_digits(name):
 
 def test_all_conditions_hold_to_the_digits_that_are_proved():
     a, b = methods["CG5a"].digits(150)
-    residuals = conditions.residuals_exact(a, b, 5)
+    residuals = conditions.residuals(a, b, 5, arithmetic="exact")
     assert len(residuals) == 64
     assert max(map(abs, residuals)) < Fraction(1, 10**148)
 
