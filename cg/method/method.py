@@ -20,7 +20,6 @@ from ..structure.points import MethodError, Point, PointTree
 from ..support.checks import check_flag, check_integer
 from ..support.parsing import visible
 from .coefficients import Coefficient
-from .outputs import Outputs
 from .tolerance import satisfies, to_floats, tolerance
 
 Result = TypeVar("Result")
@@ -30,7 +29,7 @@ ExactTableau = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]
 _MAX_SHOWN = 200  # coefficients of a method whose repr computes the order: half a second
 
 
-class Method(Outputs, ABC):
+class Method(ABC):
     """A Runge–Kutta method on manifolds: a tree of points with exact coefficients.
 
     Methods are immutable. They keep all coefficients as they were given; numbers derived from them
@@ -50,8 +49,8 @@ class Method(Outputs, ABC):
     coefficients : tuple of Coefficient
         All coefficients, packed as `layout` describes.
     file : Path or None
-        The file that `load` read the method from; None for other methods. Its certificate may lie
-        beside it. It isn't compared or pickled.
+        The file that `cg.load` read the method from; None for other methods. Its certificate may
+        lie beside it. It isn't compared or pickled.
 
     Examples
     --------

@@ -149,9 +149,9 @@ class TestFromAStoreToTheCatalogue:
         result = best(store.run(1), "principal_error", 1)[0]
         publication = publish(store.run(1), "Mine", tmp_path, number=result.record.number)
         file = str(tmp_path / "Mine.toml")
-        assert cg.Method.load(file) == publication.method
+        assert cg.load(file) == publication.method
         assert certificate_beside(file, publication.method) == publication.certificate
-        assert publication.method.digits(60, certificate=publication.certificate) is not None
+        assert cg.digits(publication.method, 60, certificate=publication.certificate) is not None
         assert main(["show", file, "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["certificate"] == str(publication.certificate)
         assert main(["certify", file]) == 0

@@ -133,7 +133,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(cg.MuntheKaas, tableau=CG3, name="x", source="y"),
     call(cg.methods.__getitem__, KeyError, name="CG3"),
     call(SOLVED.sol.__call__, t=[0.25, 0.5]),
-    call(CG3.digits, digits=20),
+    call(cg.digits, method="CG3", digits=20),
     call(CG3.largest_residual, order=3),
     call(CG3.satisfies, order=3),
     call(CG3.description),

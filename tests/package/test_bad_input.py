@@ -127,11 +127,15 @@ def masked(x):
         ),
         (lambda: make_method(Layout.tableau(1), [1], digits=1.5), TypeError, "digits must be"),
         *((lambda s=s: unknowns(s), TypeError, "stages must be an integer") for s in (True, 1.0)),
-        (lambda: CG5A.digits(20, certificate="x"), TypeError, "certificate must be a Certificate"),
-        (lambda: CG5A.digits(20, embedded="no"), TypeError, "embedded must be True or False"),
+        (
+            lambda: cg.digits(CG5A, 20, certificate="x"),
+            TypeError,
+            "certificate must be a Certificate",
+        ),
+        (lambda: cg.digits(CG5A, 20, embedded="no"), TypeError, "embedded must be True or False"),
         # also for rational coefficients, which need no certificate for their digits
         (
-            lambda: CG5A.digits(20, certificate=cg.certify("CG3")),
+            lambda: cg.digits(CG5A, 20, certificate=cg.certify("CG3")),
             cg.CertificationError,
             "it is for 'CG3', not for 'CG5a'",
         ),
@@ -278,6 +282,6 @@ def test_digits_prove_rational_methods():
     certificate = certificate_of(CG3)
     a, b = CG3.exact
     wrong = cg.Tableau(a, [b[0] + 1, *b[1:]], name="CG3")
-    assert CG3.digits(20, certificate=certificate)[1] == [str(entry) for entry in b]
+    assert cg.digits(CG3, 20, certificate=certificate)[1] == [str(entry) for entry in b]
     with pytest.raises(cg.CertificationError, match="is violated"):
-        wrong.digits(20, certificate=certificate)
+        cg.digits(wrong, 20, certificate=certificate)
