@@ -101,13 +101,7 @@ class TestCompiledTables:
 class TestExactOracle:
     def test_independent_residuals_are_a_subset(self):
         a, b = [[0, 0], ["2/3", "1/7"]], ["1/4", "3/4"]
-        residuals = dict(
-            zip(
-                conditions.condition_trees(5),
-                exactly(a, b, 5),
-                strict=True,
-            )
-        )
+        residuals = dict(zip(conditions.condition_trees(5), exactly(a, b, 5), strict=True))
         independent = exactly(a, b, 5, independent=True)
         chosen = conditions.condition_trees(5, independent=True)
         assert independent == tuple(residuals[t] for t in chosen)
