@@ -10,7 +10,7 @@ from statistics import median
 
 import numpy as np
 
-from cg.catalogue import munthe_kaas, resolve_method
+from cg.catalogue import resolve_method
 from cg.catalogue.summary import summary_of
 from cg.method.estimate import MAX_RATIO, jump_ratio
 from cg.support.markdown import replace_between, table
@@ -174,7 +174,11 @@ def _defaults(quotients: Quotients, problems: list[Runs]) -> str:
     curves = _curves(problems)
     rows = []
     for frames, kinds in _COSTS.items():
-        fit = [n for n in names if n not in munthe_kaas or frames != _NO_BRACKETS]
+        fit = [
+            n
+            for n in names
+            if not isinstance(resolve_method(n), cg.MuntheKaas) or frames != _NO_BRACKETS
+        ]
         cells = [_cheapest(fit, curves, error, kinds) for error in _DECISIVE]
         rows.append([frames, " + ".join(kinds), *cells])
     header = ["frames", "cost", *(f"for errors of {error:g}" for error in _DECISIVE)]

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import cg
 from cg import _core_r64
-from cg.catalogue import magnus
 from cg.frames import LinearAction
 from cg.integration.step.plan import has_brackets
 
@@ -124,7 +123,11 @@ def _work_rows(problem: LinearCase, quick: bool) -> list[Row]:
         best = [curve(solver.name, _with_products(solver.solve)) for solver in candidates]
         there = [best, [curve(_SCIPY, _with_evaluations(dop853(problem)))]]
     else:
-        names = [name for name, method in magnus.items() if method.embedded_order is not None]
+        names = [
+            name
+            for name, method in cg.methods.items()
+            if isinstance(method, cg.MagnusMethod) and method.embedded_order is not None
+        ]
         kaas = [solver.name for solver in candidates if solver.kind == "rkmk"]
         here = [[curve(n, linear_solver(problem, n)) for n in group] for group in (names, kaas)]
         there = [[curve(solver.name, solver.solve) for solver in candidates]]

@@ -29,7 +29,11 @@ _TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 _MAX_STEPS = 4000
 # Of numbers of size one: errors at the steps below this are rounding.
 _ROUNDING = 1e-14
-_PAIRS = tuple(n for n, m in methods.items() if m.exact_embedded is not None)
+_PAIRS = tuple(
+    n
+    for n, m in methods.items()
+    if m.exact_embedded is not None and isinstance(m, cg.Tableau | cg.CommutatorFree)
+)
 
 
 def _top() -> _Problem:

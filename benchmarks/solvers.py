@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cg
-from cg.catalogue import methods, munthe_kaas
 
 from . import projected
 from .cases import Case
@@ -63,20 +62,22 @@ class Solver:
 
 def pairs(case: Case, tolerances: tuple[float, ...]) -> Iterator[Solver]:
     """Yield all explicit pairs, those of Munthe-Kaas last."""
-    for name, method in (*methods.items(), *munthe_kaas.items()):
-        if method.explicit and method.embedded_order is not None and method.embedded_order > 0:
-            kind: Kind = "rkmk" if name in munthe_kaas else "pair"
+    for name, method, kind in _explicit():
+        if method.embedded_order is not None and method.embedded_order > 0:
             yield Solver(name, kind, method.order, tolerances, _adaptive(case, name))
+
+
+def _explicit() -> Iterator[tuple[str, cg.Method, Kind]]:
+    for name, method in sorted(cg.methods.items(), key=lambda m: isinstance(m[1], cg.MuntheKaas)):
+        if method.explicit and not isinstance(method, cg.MagnusMethod):
+            yield name, method, "rkmk" if isinstance(method, cg.MuntheKaas) else "pair"
 
 
 def solvers(case: Case, quick: bool) -> Iterator[Solver]:
     """Yield all solvers that can solve a case."""
     tolerances = tuple(10.0**-k for k in range(3, 9 if quick else 14))
     yield from pairs(case, tolerances)
-    for name, method in (*methods.items(), *munthe_kaas.items()):
-        if not method.explicit:
-            continue
-        kind: Kind = "rkmk" if name in munthe_kaas else "pair"
+    for name, method, kind in _explicit():
         if method.order >= _MIN_ORDER:
             steps = _steps(case.budget // (8 if quick else 1), method.stages)
             label = f"{name}, fixed" if method.embedded_order else name

@@ -5,6 +5,7 @@ The public names are listed in ``__init__.pyi``, and imported at their first use
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -33,6 +34,20 @@ def __getattr__(name: str) -> Any:
     if name.startswith("__") or find_spec(f"{__name__}.{name}") is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return import_module(f"{__name__}.{name}")
+
+
+def _show_in_notebooks() -> None:
+    """Register the views of methods with IPython, which imports them at their first use."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    for mime, view in (("text/html", "to_html"), ("text/latex", "to_formula")) if shell else ():
+        shell.display_formatter.formatters[mime].for_type_by_name(
+            f"{__name__}.method.method",
+            "Method",
+            lambda method, view=view: getattr(__getattr__("formats.notebooks"), view)(method),
+        )
+
+
+_show_in_notebooks()
 
 
 def __dir__() -> list[str]:

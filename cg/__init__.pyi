@@ -2,7 +2,7 @@
 from . import conditions, frames, plot, problems
 from . import jax as jax  # not in __all__: `from cg import *` would import JAX
 from .analysis.diagnosis import Diagnosis, diagnose
-from .catalogue import methods
+from .catalogue import load, methods, save
 from .construction import construct
 from .construction.lifting import Lifted, LiftError, lift
 from .construction.search.random_search import search
@@ -34,6 +34,7 @@ from .method.method import Method
 from .method.munthe_kaas import MuntheKaas
 from .method.tableau import Tableau, TableauError
 from .proofs import Certificate, CertificationError, certify
+from .proofs.digits import digits
 from .structure.points import MethodError
 from .support.quads import MissingQuadsError
 
@@ -67,14 +68,17 @@ __all__ = [
     "conditions",
     "construct",
     "diagnose",
+    "digits",
     "export",
     "frames",
     "integrate",
     "lift",
     "lmdif",
+    "load",
     "methods",
     "plot",
     "problems",
+    "save",
     "search",
     "solve_ensemble",
     "solve_ivp",

@@ -17,7 +17,6 @@ import method_work
 from matplotlib import pyplot
 
 import cg
-from cg.catalogue import magnus, munthe_kaas
 from cg.catalogue.summary import summary_of
 from cg.formats import FORMATS
 from cg.method.method import Method
@@ -27,7 +26,6 @@ ROOT = Path(__file__).parent.parent
 sys.path.append(str(ROOT))  # for the package benchmarks
 FOLDER = Path(__file__).parent / "methods"
 CITATIONS = Path(__file__).with_name("references.bib")
-METHODS: dict[str, Method] = {**cg.methods, **munthe_kaas, **magnus}
 MAX_POINTS = 60  # larger trees are not drawn
 
 
@@ -315,7 +313,7 @@ def claims() -> str:
 def generate(app: Any) -> None:
     """Write all pages; Sphinx calls this before it reads the sources."""
     write(FOLDER / "claims.md", claims())
-    methods = sorted(METHODS.values(), key=lambda m: (m.order, m.exponentials, m.name))
+    methods = sorted(cg.methods.values(), key=lambda m: (m.order, m.exponentials, m.name))
     for method in methods:
         path, stamp = FOLDER / f"{slug(method.name)}.md", stamp_of(method)
         mark = FOLDER / "stamps" / slug(method.name)

@@ -12,8 +12,8 @@ from importlib.resources import files
 import numpy as np
 from scipy.optimize import linprog
 
+from cg import conditions
 from cg.catalogue import methods
-from cg.conditions import exact_residuals_of, jacobian_at
 from cg.method.tableau import Tableau
 
 _SOLVED = 1e-5  # units of the last place, to which conditions are to hold
@@ -107,8 +107,9 @@ def nearest_exact(name: str, method: Tableau | None = None, *, truncated: bool) 
     digits = Tableau(paper.a, paper.b) if method is None else method
     order, unit = methods[name].order, Fraction(1, 10**16)
     x = np.array([float(entry.value) for entry in digits.coefficients])
-    residuals = np.array([float(r / unit) for r in exact_residuals_of(digits, order)])
-    slopes = jacobian_at(digits.layout, x, order, independent=False)
+    exact = conditions.residuals(digits, order, arithmetic="exact")
+    residuals = np.array([float(r / unit) for r in exact])
+    slopes = conditions.jacobian(digits.layout, x, order, independent=False)
     middle = 0.5 * np.sign(x) if truncated else np.zeros_like(x)
     # least d such that |step - middle| <= d and |residuals + slopes step| is next to nothing
     ones, nothing = np.ones((x.size, 1)), np.zeros((residuals.size, 1))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.conditions import jacobian_at
+from cg import conditions
 from cg.frames.arrays import Array
 from cg.method.method import Method
 from cg.method.tableau import Tableau
@@ -73,7 +73,7 @@ def condition_number(method: Method, order: int) -> float | None:
 def singular_values(method: Method, order: int) -> Array:
     """Return the decreasing singular values of the Jacobian of the independent conditions."""
     x = np.array([float(entry.value) for entry in method.coefficients])
-    derivatives = jacobian_at(method.layout, x, order, independent=True)
+    derivatives = conditions.jacobian(method.layout, x, order, independent=True)
     return np.asarray(np.linalg.svd(derivatives, compute_uv=False))
 
 

@@ -177,7 +177,7 @@ def method(recipe: Recipe) -> Tableau:
     for candidate in candidates(recipe):
         try:
             tableau = to_method(candidate, name=recipe.name, source=recipe.source)
-            certify(tableau, small=True)
+            certify(tableau)
         except (NotExactError, CertificationError):
             continue
         return tableau

@@ -19,7 +19,6 @@ from fractions import Fraction
 from recipes import run
 
 import cg
-from cg.catalogue import magnus
 from cg.method.estimate import estimate_ratio
 
 _HALF = Fraction(1, 2)
@@ -31,7 +30,8 @@ NOTE = "; second result research/make_magnus_second_results.py"
 
 def make(name: str) -> cg.MagnusMethod:
     """Return a method of the catalogue with other second and third results."""
-    method = magnus[name]
+    method = cg.methods[name]
+    assert isinstance(method, cg.MagnusMethod)
     rows = [{k: row[k].value for k in range(len(row))} for row in method.weights]
     nodes = dict(enumerate(method.abscissae))
     if _HALF not in nodes.values():

@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cg import conditions
 from cg.catalogue import save
-from cg.conditions import exact_residuals_of, jacobian_at
 from cg.method.commutator_free import CommutatorFree
 from cg.method.low_storage import from_two_registers
 from cg.support.quads import to_decimal
@@ -119,12 +119,12 @@ def closest(a: Sequence[Fraction], b: Sequence[Fraction], order: int) -> Commuta
     for _ in range(10):
         a, b = parameters[: len(a)], parameters[len(a) :]
         method = from_two_registers([Fraction(0), *a], b)
-        residuals = exact_residuals_of(method, order, independent=True)
+        residuals = conditions.residuals(method, order, independent=True, arithmetic="exact")
         size = max(map(abs, residuals))
         if size < ENOUGH:
             return method
         x = np.array([float(weight.value) for weight in method.coefficients])
-        slopes = jacobian_at(method.layout, x, order, independent=True) @ derivatives(a, b)
+        slopes = conditions.jacobian(method.layout, x, order, independent=True) @ derivatives(a, b)
         step = np.linalg.pinv(slopes, rcond=RANK_CUT) @ [float(r / size) for r in residuals]
         parameters = [
             p - Fraction(round(Fraction(move) * size * GRID), GRID)

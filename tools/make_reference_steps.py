@@ -17,7 +17,8 @@ from typing import Any
 
 from flint import arb, arb_mat, ctx
 
-from cg.catalogue import methods, munthe_kaas
+from cg.catalogue import methods
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.structure.points import START
@@ -46,8 +47,8 @@ def main() -> int:
     """Write the file."""
     steps = {
         method.name: entry_of(method)
-        for catalogue in (methods, munthe_kaas)
-        for method in catalogue.values()
+        for method in methods.values()
+        if not isinstance(method, MagnusMethod)
     }
     problem = {
         "equation": "y' = y hat(v), y a rotation, hat(v) x = v × x",

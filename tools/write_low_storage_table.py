@@ -11,13 +11,14 @@ import sys
 import tomllib
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.conditions import exact_residuals_of
+from cg.conditions import residuals
 from cg.method.commutator_free import CommutatorFree
 from cg.method.flat import flat_residuals
 from cg.method.low_storage import from_two_registers
@@ -32,6 +33,7 @@ RANK_CUT = 1e-7  # singular values below this fraction of the largest count as z
 ZERO = Fraction(1, 10**55)  # what is below counts as zero where residuals are exact
 
 Numbers = Sequence[Fraction]
+exactly = partial(residuals, arithmetic="exact")
 
 
 class Row(NamedTuple):
@@ -142,7 +144,8 @@ def row_of(entry: dict[str, Any]) -> Row:
     refined = weights_of(exact)
     orders = range(1, order + 2)
     order_on_manifolds = next(
-        (q - 1 for q in orders if _largest(exact_residuals_of(refined, q)) > ZERO), order + 1
+        (q - 1 for q in orders if _largest(exactly(refined, q)) > ZERO),
+        order + 1,
     )
     return Row(
         entry["name"],
@@ -150,12 +153,12 @@ def row_of(entry: dict[str, Any]) -> Row:
         len(entry["b"]),
         order,
         _largest(flat_residuals(*printed.exact, order)),
-        _largest(exact_residuals_of(printed, order)),
+        _largest(exactly(printed, order)),
         _largest(flat_residuals(*printed.exact, order + 1)),
         max(abs(x - y) for x, y in zip(exact, parameters, strict=True)),
         order_on_manifolds,
         _largest(flat_residuals(*refined.exact, order)),
-        _largest(exact_residuals_of(refined, order)),
+        _largest(exactly(refined, order)),
     )
 
 

@@ -7,9 +7,8 @@ from 0), ``stage_points``, ``result`` and, for pairs, ``embedded_result``. Coeff
 with all their digits; TOML numbers are read as strings as well. A method that satisfies its order
 conditions only approximately has a table ``nominal`` with the intended ``order`` and an upper bound
 ``residual`` of its residuals. A tableau with ``kind = "Munthe-Kaas"`` is a Munthe-Kaas method and
-may have ``b_third``; the Munthe-Kaas methods of this package are in the folder ``munthe_kaas``.
-A file with ``kind = "Magnus"`` has ``nodes``, ``weights`` and, for pairs, ``embedded`` and
-``b_third``, as for `cg.MagnusMethod`; those of this package are in the folder ``magnus``.
+may have ``b_third``. A file with ``kind = "Magnus"`` has ``nodes``, ``weights`` and, for pairs,
+``embedded`` and ``b_third``, as for `cg.MagnusMethod`.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
 
+from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..structure.points import MethodError
 from ..support import checks
@@ -26,16 +26,13 @@ from .entries import dumps, dumps_json, is_file, load, loads, read, save
 
 __all__ = [
     "Catalogue",
-    "catalogues",
     "dumps",
     "dumps_json",
     "find_method",
     "is_file",
     "load",
     "loads",
-    "magnus",
     "methods",
-    "munthe_kaas",
     "resolve_method",
     "save",
     "similar_names",
@@ -73,7 +70,7 @@ class Catalogue(Mapping[str, Method]):
         if not isinstance(name, Hashable):
             raise TypeError(f"the name of a method must be a str, got {name!r}")
         if name not in self._files:
-            raise KeyError(f"no method is named {name!r}{self._hint(name)}")
+            raise KeyError(f"no method is named {name!r}{similar_names(name)}; {_ALL}")
         if name not in self._loaded:
             method = read(self._files[name])
             if method.name != name:
@@ -82,12 +79,6 @@ class Catalogue(Mapping[str, Method]):
                 )
             self._loaded[name] = method
         return self._loaded[name]
-
-    def _hint(self, name: object) -> str:
-        for place, other in catalogues.items():
-            if name in other:
-                return f"; cg.catalogue.{place} has it, and method={name!r} finds it"
-        return f"{similar_names(name)}; {_ALL}"
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and name in self._files
@@ -106,16 +97,7 @@ class Catalogue(Mapping[str, Method]):
 
 
 methods = Catalogue(files(__name__))
-"""The methods whose steps follow flows of frozen fields, by name."""
-
-munthe_kaas = Catalogue(files(__name__) / "munthe_kaas")
-"""The Runge–Kutta–Munthe-Kaas methods, by name."""
-
-magnus = Catalogue(files(__name__) / "magnus")
-"""Commutator-free Magnus methods, for linear equations, by name."""
-
-catalogues = {"methods": methods, "munthe_kaas": munthe_kaas, "magnus": magnus}
-"""All catalogues, by their names in `cg.catalogue`; no two methods have the same name."""
+"""All methods, by name."""
 
 _STIFF = "RadauIIA5 is the one here for stiff equations"
 _ELSEWHERE = {
@@ -125,14 +107,14 @@ _ELSEWHERE = {
     "Dopri5": "diffrax has a method of that name; RKMK5(4) and DP5(4) have its coefficients",
     "Dopri8": "diffrax has a method of that name; RKMK8(5,3) has its order",
 } | dict.fromkeys(("Radau", "BDF", "LSODA"), f"SciPy has a method of that name; {_STIFF}")
-
-
-_ALL = "all names are in list(cg.methods) and list(cg.catalogue.munthe_kaas)"
+_ALL = "all names are in list(cg.methods)"
 
 
 def find_method(name: str) -> Method | None:
-    """Return the method with a name in one of the catalogues, None without one."""
-    return next((own[name] for own in catalogues.values() if name in own), None)
+    """Return the method with a name, None without one, faster than `methods.get` does."""
+    if name not in methods:
+        return None
+    return methods[name]
 
 
 def similar_names(name: object) -> str:
@@ -143,7 +125,7 @@ def similar_names(name: object) -> str:
         return f"; {_ELSEWHERE[name]}"
     linear = name.upper().startswith("CFM")  # no others are for linear equations alone
     return checks.similar_names(
-        name, (n for own in catalogues.values() for n in own if linear or own is not magnus)
+        name, (n for n, m in methods.items() if linear or not isinstance(m, MagnusMethod))
     )
 
 

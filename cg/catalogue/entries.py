@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from importlib.resources.abc import Traversable
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ..method.abscissae import read_abscissae, wrong_abscissae
 from ..method.coefficients import Coefficient
@@ -20,8 +20,6 @@ from ..method.munthe_kaas import MuntheKaas
 from ..method.tableau import Tableau, TableauError
 from ..structure.points import MethodError
 from ..support.parsing import file_in, quoted, read_file, read_json, read_toml, to_json, write_file
-
-T = TypeVar("T", bound=Method)
 
 CERTIFICATE_SUFFIX = ".certificate.toml"
 """Ending of the file of a certificate beside the file of its method."""
@@ -141,29 +139,28 @@ def check_keys(table: dict[str, Any], required: set[str], optional: set[str], wh
 def load(path: str | PathLike[str]) -> Method:
     """Read a method from a file, in TOML or JSON.
 
+    A certificate beside the file proves digits beyond the stored ones; see `cg.digits`.
+
     Raises
     ------
     TypeError
         If `path` isn't a path.
     MethodError
-        As for `loads`; the message names the file.
+        If the file holds no method; the message names the file.
     OSError
         If the file can't be read.
+
+    Examples
+    --------
+    >>> import tempfile, cg
+    >>> file = tempfile.mkdtemp() + "/mine.toml"
+    >>> cg.save(cg.Tableau([[], ["2/3"]], ["1/4", "3/4"], name="Ralston"), file)
+    >>> cg.load(file)
+    <Tableau Ralston: order 2, 2 evaluations, 3 flows>
     """
     path = check_path(path)
     method = read(path)
     object.__setattr__(method, "file", path.absolute())
-    return method
-
-
-def load_kind(kind: type[T], path: str | PathLike[str]) -> T:
-    """Read a method of a class from a file; see `cg.Method.load`."""
-    method = load(path)
-    if not isinstance(method, kind):
-        raise MethodError(
-            f"{path} must be the file of a {kind.__name__}, got a {type(method).__name__}; "
-            "cg.Method.load reads all kinds"
-        )
     return method
 
 
@@ -278,6 +275,11 @@ def save(method: Method, path: str | PathLike[str]) -> None:
         If `path` is a folder and the name of the method can't be a file name.
     OSError
         If the file can't be written.
+
+    Examples
+    --------
+    >>> import tempfile, cg
+    >>> cg.save(cg.methods["CG3"], tempfile.mkdtemp())
     """
     path = check_path(path)
     if path.is_dir():

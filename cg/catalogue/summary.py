@@ -17,7 +17,7 @@ from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..method.stability import stability_limits, too_large
 from ..support.parsing import write_file
-from . import catalogues, find_method
+from . import find_method, methods
 
 _FILE = files("cg.catalogue") / "summaries.json"
 
@@ -109,7 +109,7 @@ def summary_of(method: Method) -> MethodSummary:
 
 def write_summaries(path: Any) -> None:
     """Write the summaries of all methods in the catalogue to a JSON file."""
-    entries = [compute_summary(m).as_dict() for c in catalogues.values() for m in c.values()]
+    entries = [compute_summary(method).as_dict() for method in methods.values()]
     lines = ",\n".join(json.dumps(entry, ensure_ascii=False) for entry in entries)
     write_file(path, f"[\n{lines}\n]\n")
 

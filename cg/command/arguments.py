@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from cg.catalogue import catalogues, is_file, load, resolve_method, similar_names
+from cg.catalogue import is_file, load, methods, similar_names
 from cg.method.method import Method
 from cg.structure.points import MethodError
 from cg.support.parsing import to_json, visible_lines
@@ -36,8 +36,8 @@ workers_option = count_option("--workers", "Threads; all cores by default.")
 
 def named(name: str) -> Method:
     """Return the method of a name; the ValueError for an unknown name lists similar ones."""
-    if any(name in catalogue for catalogue in catalogues.values()):
-        return resolve_method(name)
+    if name in methods:
+        return methods[name]
     raise ValueError(
         f"no method is named {name!r}, and no .toml or .json file is there{similar_names(name)}"
     )
@@ -52,12 +52,7 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
         """Return the names in the catalogue that begin so, then files."""
-        names = [
-            n
-            for catalogue in catalogues.values()
-            for n in catalogue
-            if n.isprintable() and n.lower().startswith(incomplete.lower())
-        ]
+        names = [n for n in methods if n.isprintable() and n.lower().startswith(incomplete.lower())]
         return [*(CompletionItem(n) for n in names), CompletionItem(incomplete, type="file")]
 
     def _refused(self, param: click.Parameter | None, problem: Exception) -> click.BadParameter:

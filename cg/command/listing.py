@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cg.catalogue import catalogues
+from cg.catalogue import methods
 from cg.catalogue.summary import MethodSummary, summary_of
 from cg.proofs import proved
 from cg.support.parsing import visible
@@ -76,10 +76,9 @@ def list_command(
       crouch-grossman list --order 6 --proved
       crouch-grossman list --kind implicit --json
     """
-    catalogue = {name: method for own in catalogues.values() for name, method in own.items()}
     selected = [
         facts
-        for facts in (summary_of(method) for method in catalogue.values())
+        for facts in (summary_of(method) for method in methods.values())
         if (order is None or facts.order == order)
         and (min_order is None or facts.order >= min_order)
         and (max_order is None or facts.order <= max_order)
@@ -89,7 +88,7 @@ def list_command(
         and (kind is None or facts.kind == kind)
     ]
     selected.sort(key=lambda f: (_KEYS[sort](f), f.evaluations, f.flows, f.name))
-    proofs = {facts.name: proved(catalogue[facts.name]) for facts in selected}
+    proofs = {facts.name: proved(methods[facts.name]) for facts in selected}
     if only_proved:
         selected = [facts for facts in selected if proofs[facts.name] == "yes"]
     if in_json:

@@ -17,15 +17,16 @@ from .main import NO
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @output_option("Output file of the certificate.")
 @click.option(
-    "--small", is_flag=True,
-    help="Accept a proof in part: some conditions are only shown to be small.",
+    "--complete", is_flag=True,
+    help="Demand a complete proof: without it some conditions may only be shown to be small.",
 )  # fmt: skip
 @json_option
-def certify_command(method: Method, output: Path | None, small: bool, in_json: bool) -> int:
+def certify_command(method: Method, output: Path | None, complete: bool, in_json: bool) -> int:
     """Prove the order of a method in ball arithmetic.
 
     Prints the certificate: a box around the coefficients contains exactly one method that has the
-    order exactly. `python -m cg.proofs --check` proves the certificates of the catalogue again.
+    order exactly, or almost for a proof in part. `python -m cg.proofs --check` proves the
+    certificates of the catalogue again.
 
     Exits with 1 if the proof fails.
 
@@ -33,11 +34,11 @@ def certify_command(method: Method, output: Path | None, small: bool, in_json: b
     Examples:
       crouch-grossman certify CG4a
       crouch-grossman certify my_method.toml -o my_method.certificate.toml
-      crouch-grossman certify CF7b --small
+      crouch-grossman certify CF5a --complete
     """
     check_output(output)
     try:
-        certificate = certify(method, small=small)
+        certificate = certify(method, complete=complete)
     except TypeError as error:
         raise click.BadParameter(str(error), param_hint="NAME|FILE") from None
     except CertificationError as error:

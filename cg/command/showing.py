@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
+from cg import conditions
 from cg.analysis.diagnosis import draw_points
 from cg.catalogue.summary import MethodSummary, summary_of
-from cg.conditions import MAX_ORDER, ball_residuals_of, condition_trees, right_sides
 from cg.formats import export
 from cg.formats.digits import MAX_DIGITS, known_digits, numbers_of
 from cg.method.commutator_free import CommutatorFree
@@ -34,7 +34,7 @@ _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
     help="Significant digits, by default 6; beyond the stored ones they come from the certificate.",
 )  # fmt: skip
 @click.option(
-    "--conditions", type=click.IntRange(1, MAX_ORDER), metavar="N",
+    "--conditions", type=click.IntRange(1, conditions.MAX_ORDER), metavar="N",
     help="List the order conditions through order N with their trees and residuals.",
 )  # fmt: skip
 @json_option
@@ -186,11 +186,11 @@ def _conditions(method: Method, order: int) -> list[dict[str, Any]]:
         orders = [tree.nodes for tree in trees]
         sides = [Fraction(1, density(tree)) for tree in rooted_trees_through(order)]
     else:
-        trees = [forest(order + 1).tree(index) for index in condition_trees(order)]
-        balls = ball_residuals_of(method.tree, order)
+        trees = [forest(order + 1).tree(index) for index in conditions.condition_trees(order)]
+        balls = conditions.residuals(method.tree, order, arithmetic="balls")
         residuals = [0.0 if ball.contains(0) else float(ball.mid()) for ball in balls]
         orders = [tree.nodes - 1 for tree in trees]
-        sides = list(right_sides(order))
+        sides = list(conditions.right_sides(order))
     columns = {"order": orders, "tree": map(str, trees), "right_side": map(str, sides)}
     rows = zip(*columns.values(), residuals, strict=True)
     return [dict(zip([*columns, "residual"], row, strict=True)) for row in rows]

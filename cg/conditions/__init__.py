@@ -19,13 +19,13 @@ and ``Φ`` itself has ``b`` in place of ``a_r``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
-from ..structure.points import check_not_sums
+from ..structure.points import PointTree, check_not_sums
 from . import compiled as compiled_conditions
 from .counts import (
     MAX_ORDER,
@@ -36,38 +36,24 @@ from .counts import (
     right_sides,
     table_rows,
 )
-from .exact import (
-    HasTree,
-    ball_residuals_of,
-    exact_residuals_of,
-    exact_weights,
-    residuals_exact,
-    result_tree,
-)
+from .exact import exact_tree, exact_weights, result_tree, tree_residuals
 
 __all__ = [
     "MAX_ORDER",
     "Rows",
-    "ball_residuals_of",
     "check_rows",
     "condition_trees",
     "count",
     "count_classical",
-    "exact_residuals_of",
     "exact_weights",
     "jacobian",
-    "jacobian_at",
     "pack",
     "residuals",
-    "residuals_at",
-    "residuals_exact",
-    "residuals_of",
     "right_sides",
     "table_rows",
     "unknowns",
     "unpack",
     "weights",
-    "weights_at",
 ]
 
 
@@ -121,7 +107,7 @@ def unpack(
 
 
 def weights(
-    a: ArrayLike, b: ArrayLike, order: int, independent: bool = False
+    a: ArrayLike | Layout, b: ArrayLike, order: int, independent: bool = False
 ) -> NDArray[np.float64]:
     """Return ``Φ(t)`` for the trees of `condition_trees`; arguments as for `residuals`.
 
@@ -130,33 +116,64 @@ def weights(
     >>> weights([[0, 0], [0.5, 0]], [0, 1], 2)
     array([1. , 0.5, 0.5])
     """
-    order = check_order(order)
-    return weights_at(*_packed(*_check_tableau(a, b)), order, independent)
+    order, layout, x = _packed(a, b, order)
+    return compiled_conditions.weights(order, layout, x, _trees(order, independent))
 
 
+@overload
 def residuals(
-    a: ArrayLike, b: ArrayLike, order: int, independent: bool = False
-) -> NDArray[np.float64]:
-    """Return ``Φ(t) - 1/γ(t)`` for all conditions through an order, in double precision.
+    a: Any, b: Any = ..., order: int | None = ..., independent: bool = ..., *,
+    embedded: bool = ..., arithmetic: Literal["double"] = ..., bits: int = ...,
+) -> NDArray[np.float64]: ...  # fmt: skip
+@overload
+def residuals(
+    a: Any, b: Any = ..., order: int | None = ..., independent: bool = ..., *,
+    embedded: bool = ..., arithmetic: Literal["exact", "balls"], bits: int = ...,
+) -> tuple[Any, ...]: ...  # fmt: skip
+def residuals(
+    a: Any,
+    b: Any = None,
+    order: int | None = None,
+    independent: bool = False,
+    *,
+    embedded: bool = False,
+    arithmetic: str = "double",
+    bits: int = 512,
+) -> Any:
+    """Return ``Φ(t) - 1/γ(t)`` for all conditions through an order.
+
+    ``residuals(method, order)`` are those of a method, ``residuals(a, b, order)`` those of
+    coefficients.
 
     Parameters
     ----------
-    a : array_like, shape (s, s)
-        Any real matrix; implicit tableaux are those with entries on or above the diagonal.
-    b : array_like, shape (s,)
+    a : Method, PointTree, Layout or array_like, shape (s, s)
+        A method; any real matrix, where implicit tableaux are those with entries on or above the
+        diagonal; or the layout of packed coefficients.
+    b : array_like, shape (s,) or (layout.size,)
+        The weights of a tableau, or the packed coefficients.
     order : int
-        Between 1 and `MAX_ORDER`.
+        Between 1 and `MAX_ORDER`, or 13 in other arithmetics than double.
     independent : bool, optional
         Only the conditions that don't follow from conditions of lower order.
+    embedded : bool, optional
+        Use the second result of a method that is a pair.
+    arithmetic : {"double", "exact", "balls"}, optional
+        ``"exact"`` takes arguments of `fractions.Fraction` as coefficients: integers, floats,
+        ``"119/216"``, ``"0.25"``. ``"balls"`` is faster.
+    bits : int, optional
+        Precision of the midpoints of balls, at most a million.
 
     Returns
     -------
-    ndarray, shape (count(order, independent),)
+    ndarray of float, tuple of Fraction, or tuple of flint.arb
+        With count(order, independent) entries.
 
     Raises
     ------
     ValueError
-        If a shape doesn't match, an entry isn't finite, or the order is out of range.
+        If a shape doesn't match, an entry isn't finite, the order is out of range, or the method
+        has no second result.
 
     Examples
     --------
@@ -167,13 +184,38 @@ def residuals(
     array([0., 0., 0.])
     >>> residuals([[0, 0], [0.5, 0]], [0, 1], 3).round(3)
     array([ 0.   ,  0.   ,  0.   ,  0.   , -0.083,  0.083, -0.042, -0.167])
+
+    Heun's method of order three has order two on manifolds.
+
+    >>> a, b = [[0, 0, 0], ["1/3", 0, 0], [0, "2/3", 0]], ["1/4", 0, "3/4"]
+    >>> [str(residual) for residual in residuals(a, b, 3, arithmetic="exact")[3:]]
+    ['0', '-1/48', '1/48', '0', '0']
+    >>> all(0 in ball for ball in residuals(cg.methods["CF4"], 4, arithmetic="balls"))
+    True
     """
-    order = check_order(order)
-    return residuals_at(*_packed(*_check_tableau(a, b)), order, independent)
+    if arithmetic not in ("double", "exact", "balls"):
+        raise ValueError(f"arithmetic must be double, exact or balls, got {arithmetic!r}")
+    tree = None
+    if isinstance(getattr(a, "tree", None), PointTree):
+        order, tree = b if order is None else order, result_tree(a, embedded)
+    elif embedded:
+        raise ValueError(f"embedded must be False for coefficients, got {embedded!r}")
+    if arithmetic != "double":
+        tree = exact_tree(a, b) if tree is None else tree
+        return tree_residuals(tree, order, independent, bits if arithmetic == "balls" else None)
+    if tree is not None:
+        a = Layout.of_tree(tree)
+        b = [float(weight) for point in tree.points for weight in point.weights.values()]
+    order, layout, x = _packed(a, b, order)
+    return compiled_conditions.residuals(order, layout, x, _trees(order, independent))
 
 
 def jacobian(
-    a: ArrayLike, b: ArrayLike, order: int, independent: bool = False, rows: Rows | None = None
+    a: ArrayLike | Layout,
+    b: ArrayLike,
+    order: int,
+    independent: bool = False,
+    rows: Rows | None = None,
 ) -> NDArray[np.float64]:
     """Return the derivatives of `residuals` with respect to the packed entries.
 
@@ -182,11 +224,12 @@ def jacobian(
     a, b, order, independent
         As for `residuals`.
     rows : Rows, optional
-        The entries to differentiate by; by default the narrowest pattern that contains ``a``.
+        The entries to differentiate by; by default the narrowest pattern that contains ``a``, or
+        those of the layout.
 
     Returns
     -------
-    ndarray, shape (count(order, independent), unknowns(s, rows))
+    ndarray, shape (count(order, independent), unknowns)
 
     Examples
     --------
@@ -195,108 +238,9 @@ def jacobian(
            [0. , 1. , 1. ],
            [1. , 0. , 0.5]])
     """
-    order = check_order(order)
-    return jacobian_at(*_packed(*_check_tableau(a, b), rows), order, independent)
-
-
-def weights_at(
-    layout: Layout, x: NDArray[np.float64], order: int, independent: bool = False
-) -> NDArray[np.float64]:
-    """Return ``Φ(t)`` for the trees of `condition_trees`; arguments as for `residuals_at`.
-
-    Examples
-    --------
-    >>> import cg
-    >>> layout = cg.methods["CG2"].layout
-    >>> weights_at(layout, np.array([0.5, 0.0, 1.0]), 2)
-    array([1. , 0.5, 0.5])
-    """
-    order, x = _check_packed(layout, x, order)
-    return compiled_conditions.weights(order, layout, x, _trees(order, independent))
-
-
-def residuals_at(
-    layout: Layout, x: NDArray[np.float64], order: int, independent: bool = False
-) -> NDArray[np.float64]:
-    """Return ``Φ(t) - 1/γ(t)`` of the result of a step, in double precision.
-
-    Parameters
-    ----------
-    layout : Layout
-    x : ndarray, shape (layout.size,)
-        Packed weights.
-    order : int
-        Between 1 and `MAX_ORDER`.
-    independent : bool, optional
-        As for `residuals`.
-
-    Returns
-    -------
-    ndarray, shape (count(order, independent),)
-
-    Examples
-    --------
-    >>> from cg.structure.layout import Layout
-    >>> residuals_at(Layout.tableau(2), np.array([0.5, 0.0, 1.0]), 2)
-    array([0., 0., 0.])
-    """
-    order, x = _check_packed(layout, x, order)
-    return compiled_conditions.residuals(order, layout, x, _trees(order, independent))
-
-
-def jacobian_at(
-    layout: Layout, x: NDArray[np.float64], order: int, independent: bool = False
-) -> NDArray[np.float64]:
-    """Return the derivatives of `residuals_at` with respect to the packed weights.
-
-    Returns
-    -------
-    ndarray, shape (count(order, independent), layout.size)
-
-    Examples
-    --------
-    >>> from cg.structure.layout import Layout
-    >>> jacobian_at(Layout.tableau(2), np.array([0.5, 0.0, 1.0]), 1)
-    array([[0., 1., 1.]])
-    """
-    order, x = _check_packed(layout, x, order)
+    order, layout, x = _packed(a, b, order, rows)
     trees = _trees(order, independent)
     return np.ascontiguousarray(compiled_conditions.jacobian(order, layout, x, trees))
-
-
-def residuals_of(
-    method: HasTree, order: int, independent: bool = False, *, embedded: bool = False
-) -> NDArray[np.float64]:
-    """Return ``Φ(t) - 1/γ(t)`` of a method, in double precision.
-
-    Parameters
-    ----------
-    method : Method or PointTree
-    order, independent
-        As for `residuals`.
-    embedded : bool, optional
-        Use the second result of a pair.
-
-    Returns
-    -------
-    ndarray, shape (count(order, independent),)
-
-    Raises
-    ------
-    ValueError
-        If the order is out of range, or the method has no second result.
-
-    Examples
-    --------
-    >>> import cg
-    >>> [bool(abs(residuals_of(cg.methods["CF4"], order)).max() < 1e-15) for order in (4, 5)]
-    [True, False]
-    """
-    order = check_order(order)
-    tree = result_tree(method, embedded)
-    layout = Layout.of_tree(tree)
-    x = [float(weight) for point in tree.points for weight in point.weights.values()]
-    return residuals_at(layout, np.array(x, dtype=np.float64), order, independent)
 
 
 def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -325,26 +269,24 @@ def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDA
     return checked[0], weights_
 
 
-def _check_packed(
-    layout: Layout, x: NDArray[np.float64], order: int
-) -> tuple[int, NDArray[np.float64]]:
-    """Check the arguments; compiled code reads ``layout.size`` numbers from `x` unchecked."""
-    if not isinstance(layout, Layout):
-        raise TypeError(f"layout must be a Layout, got {layout!r}")
+def _packed(
+    a: ArrayLike | Layout, b: ArrayLike, order: Any, rows: Rows | None = None
+) -> tuple[int, Layout, NDArray[np.float64]]:
+    """Check the arguments; compiled code reads ``layout.size`` numbers unchecked."""
+    order = check_order(order)
+    if not isinstance(a, Layout):
+        tableau = _check_tableau(a, b)
+        rows = rows_of(tableau[0]) if rows is None else check_rows(rows)
+        return order, Layout.tableau(tableau[1].size, rows), pack(*tableau, rows)
+    if rows is not None:
+        raise ValueError(f"rows must be None with a layout, got {rows!r}")
     try:
-        array = np.asarray(x)
+        array = np.asarray(b)
     except ValueError:  # lists of several lengths
         array = np.array(None)
-    if np.ma.is_masked(x) or array.dtype.kind not in "iuf" or array.shape != (layout.size,):
-        raise ValueError(f"x must have {layout.size} real numbers, got {x!r}")
-    return check_order(order), array.astype(np.float64, copy=False)
-
-
-def _packed(
-    a: NDArray[np.float64], b: NDArray[np.float64], rows: Rows | None = None
-) -> tuple[Layout, NDArray[np.float64]]:
-    rows = rows_of(a) if rows is None else check_rows(rows)
-    return Layout.tableau(b.size, rows), pack(a, b, rows)
+    if np.ma.is_masked(b) or array.dtype.kind not in "iuf" or array.shape != (a.size,):
+        raise ValueError(f"b must have {a.size} real numbers for the layout, got {b!r}")
+    return order, a, array.astype(np.float64, copy=False)
 
 
 def _trees(order: int, independent: bool) -> NDArray[np.intc]:

@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from math import factorial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from ..structure.layout import Layout
 from ..structure.points import START, PointTree, check_not_sums, points_of, tree_of_rows
 from ..support.balls import to_ball, to_flint, to_fraction, working_precision
 from ..support.checks import check_flag, check_integer
@@ -20,58 +21,13 @@ from ..support.parsing import read_fraction
 from ..trees.ordered import forest
 from .counts import check_order, condition_trees, right_sides
 
-if TYPE_CHECKING:
-    from flint import arb
-
-ExactRows = Sequence[Sequence[Any]]
-
 _MAX_BITS = 1_000_000  # with more bits a sum of products would take hours
 
 
-class HasTree(Protocol):
-    """An object with a tree of points: a method, or a tree itself."""
-
-    @property
-    def tree(self) -> PointTree:
-        """The points."""
-
-
-def residuals_exact(
-    a: ExactRows, b: Sequence[Any], order: int, independent: bool = False
-) -> tuple[Fraction, ...]:
-    """Return ``Φ(t) - 1/γ(t)`` of a tableau in exact rational arithmetic.
-
-    Parameters
-    ----------
-    a : sequence of s sequences of s numbers
-        Arguments of `fractions.Fraction`: integers, floats, ``"119/216"``, ``"0.25"``.
-    b : sequence of s numbers
-    order : int
-        Between 1 and 13; the compiled tables are not used.
-    independent : bool, optional
-        As for `residuals`.
-
-    Returns
-    -------
-    tuple of Fraction
-
-    Raises
-    ------
-    ValueError
-        If a shape doesn't match, an entry isn't a finite real number, or the order is out of
-        range.
-
-    Examples
-    --------
-    Heun's method of order three has order two on manifolds.
-
-    >>> a, b = [[0, 0, 0], ["1/3", 0, 0], [0, "2/3", 0]], ["1/4", 0, "3/4"]
-    >>> any(residuals_exact(a, b, 2))
-    False
-    >>> [str(residual) for residual in residuals_exact(a, b, 3)[3:]]
-    ['0', '-1/48', '1/48', '0', '0']
-    """
-    order = check_order(order, None)
+def exact_tree(a: Any, b: Any) -> PointTree:
+    """Return the tree of coefficients as `cg.conditions.residuals` takes them, or ValueError."""
+    if isinstance(a, Layout):
+        return a.tree(_rationals(b, "b"))
     weights_row = _rationals(b, "b")
     check_not_sums(a)
     if not isinstance(a, Iterable) or isinstance(a, str | bytes):
@@ -81,72 +37,20 @@ def residuals_exact(
     if stages == 0 or len(rows) != stages or any(len(row) != stages for row in rows):
         shape = (len(rows), sorted({len(row) for row in rows}))
         raise ValueError(f"a must have shape ({stages}, {stages}) to match b, got {shape}")
-    return exact_residuals_of(tree_of_rows(rows, weights_row), order, independent)
+    return tree_of_rows(rows, weights_row)
 
 
-def exact_residuals_of(
-    method: HasTree, order: int, independent: bool = False, *, embedded: bool = False
-) -> tuple[Fraction, ...]:
-    """Return ``Φ(t) - 1/γ(t)`` of a method in exact rational arithmetic.
-
-    Parameters
-    ----------
-    method, embedded
-        As for `residuals_of`.
-    order, independent
-        As for `residuals_exact`.
-
-    Returns
-    -------
-    tuple of Fraction
-
-    Examples
-    --------
-    >>> import cg
-    >>> any(exact_residuals_of(cg.methods["CG3"], 3))
-    False
-    >>> any(exact_residuals_of(cg.methods["CG3"], 4))
-    True
-    """
+def tree_residuals(
+    tree: PointTree, order: Any, independent: bool, bits: int | None
+) -> tuple[Any, ...]:
+    """Return ``Φ(t) - 1/γ(t)`` of the result of a tree as fractions, with `bits` as balls."""
     order = check_order(order, None)
-    tree = result_tree(method, embedded)
-    weights = exact_weights(tree, order, condition_trees(order, independent), to_flint)
-    return tuple(
-        to_fraction(phi) - side
-        for phi, side in zip(weights, right_sides(order, independent), strict=True)
-    )
-
-
-def ball_residuals_of(
-    method: HasTree, order: int, independent: bool = False, *, bits: int = 512
-) -> tuple[arb, ...]:
-    """Return balls that contain the ``Φ(t) - 1/γ(t)`` of a method; faster than exact arithmetic.
-
-    Parameters
-    ----------
-    method : Method or PointTree
-    order, independent
-        As for `residuals_exact`.
-    bits : int, optional
-        Precision of the midpoints, at most a million.
-
-    Returns
-    -------
-    tuple of arb
-
-    Examples
-    --------
-    >>> import cg
-    >>> balls = ball_residuals_of(cg.methods["CF4"], 4)
-    >>> all(0 in ball for ball in balls)
-    True
-    """
-    order = check_order(order, None)
-    tree = result_tree(method, False)
-    bits = check_integer("bits", bits, 2, _MAX_BITS)
-    with working_precision(bits):
-        weights = exact_weights(tree, order, condition_trees(order, independent), to_ball)
-        sides = right_sides(order, independent)
+    trees, sides = condition_trees(order, independent), right_sides(order, independent)
+    if bits is None:
+        weights = exact_weights(tree, order, trees, to_flint)
+        return tuple(to_fraction(phi) - side for phi, side in zip(weights, sides, strict=True))
+    with working_precision(check_integer("bits", bits, 2, _MAX_BITS)):
+        weights = exact_weights(tree, order, trees, to_ball)
         return tuple(phi - to_ball(side) for phi, side in zip(weights, sides, strict=True))
 
 
@@ -235,7 +139,7 @@ def word_weights(
     return {m: row[-1] for m, row in prefixes.items()}
 
 
-def result_tree(method: HasTree, embedded: bool) -> PointTree:
+def result_tree(method: Any, embedded: bool) -> PointTree:
     """Return the tree of a method with only one of its results."""
     tree = points_of(method)
     if not check_flag("embedded", embedded):

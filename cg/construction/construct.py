@@ -14,7 +14,7 @@ from ..support import quads
 from ..support.checks import MAX_COUNT, check_integer
 from ..support.parallel import single_threads
 from .attempt import Attempt, read_attempt, refined, run_attempt, succeeded
-from .settings import ConstructionArguments, ConstructionSettings
+from .settings import ConstructionSettings
 from .solvers.system import Structure
 
 
@@ -52,7 +52,7 @@ class Construction:
 def construct(
     order: int,
     stages: int,
-    seed: int,
+    seed: int = 0,
     *,
     tries: int = 400,
     largest: float = 3.0,
@@ -84,7 +84,7 @@ def construct(
     ----------
     order, stages : int
         Order and number of stages of the method.
-    seed : int
+    seed : int, optional
         Seed of all tries, not negative; on one machine try k depends on (seed, k) alone.
     tries : int, optional
         Largest number of random starts.
@@ -145,27 +145,10 @@ def construct(
 
     Examples
     --------
-    >>> construct(order=3, stages=3, seed=1).method.order
+    >>> construct(order=3, stages=3).method.order
     3
     """
-    settings = ConstructionArguments(
-        order=order,
-        stages=stages,
-        seed=seed,
-        largest=largest,
-        restarts=restarts,
-        full_rank=full_rank,
-        structure=structure,
-        first_stages=first_stages,
-        width=width,
-        iterations=iterations,
-        force=force,
-        tree=tree,
-        flows=flows,
-        first_flows=first_flows,
-        embedded=embedded,
-        first_same_as_last=first_same_as_last,
-    ).checked()
+    settings = ConstructionSettings.of(locals()).checked(force)
     quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, MAX_COUNT)
     return _construct(settings, tries, RunOptions.checked(workers, executor, store, progress))

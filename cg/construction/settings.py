@@ -15,46 +15,31 @@ from ..support.checks import (
     check_integer,
     check_real,
 )
-from .search.shapes import ShapeArguments, ShapeSettings
+from .search.shapes import ShapeSettings
 from .solvers.system import ConditionSystem, Structure
 from .start import default_start, likely_structure, tree_start
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConstructionSettings(ShapeSettings):
-    """All that determines the result of a construction; see `construct`."""
+    """The arguments of `construct` that determine its result, and how its starts are solved."""
 
     structure: Structure
     first_stages: int
     iterations: int
-    promising: float
+    promising: float = 0.0
     largest: float
     restarts: int
     full_rank: bool
     first_flows: int | None = None
 
-
-@dataclass(frozen=True, kw_only=True)
-class ConstructionArguments(ShapeArguments):
-    """Arguments of `construct` that determine its result, not yet checked."""
-
-    seed: int
-    largest: float
-    restarts: int
-    full_rank: bool
-    structure: Structure | None
-    first_stages: int | None
-    first_flows: int | None
-    width: float | None
-    iterations: int | None
-
     @property
     def of_points(self) -> bool:
-        """Whether the arguments describe a method of points, not a tableau."""
+        """Whether they describe a method of points, not a tableau."""
         return super().of_points or self.first_flows is not None
 
-    def checked(self) -> ConstructionSettings:
-        """Return the settings of the construction.
+    def checked(self, force: bool) -> ConstructionSettings:
+        """Return the settings with defaults for None.
 
         TypeError or ValueError for an argument of the wrong type or out of range.
         """
@@ -62,18 +47,19 @@ class ConstructionArguments(ShapeArguments):
         stages = check_integer("stages", self.stages, 1, MAX_STAGES)
         full_rank = check_flag("full_rank", self.full_rank)
         if self.of_points:
-            start, shape = tree_start(order), self._check_tree()
+            start, shape = tree_start(order), self._check_tree(force)
         else:
-            structure = self._check_structure(order, stages, full_rank)
+            structure = self._check_structure(force)
             start = default_start(order, structure)
             first_stages = self.first_stages
             if first_stages is None:
                 first_stages = max(stages, start.stages)
             first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
-            shape = {"structure": structure, "first_stages": first_stages}
+            shape = {"structure": structure, "first_stages": first_stages, "embedded": False}
         width = start.width if self.width is None else self.width
         iterations = start.iterations if self.iterations is None else self.iterations
-        return ConstructionSettings(
+        return replace(
+            self,
             order=order,
             stages=stages,
             seed=check_integer("seed", self.seed, 0),
@@ -86,9 +72,10 @@ class ConstructionArguments(ShapeArguments):
             **shape,
         )
 
-    def _check_structure(self, order: int, stages: int, full_rank: bool) -> Structure:
+    def _check_structure(self, force: bool) -> Structure:
         """Return the simplifying assumptions of a tableau."""
         self.check_tableau()
+        order, stages, full_rank = self.order, self.stages, self.full_rank
         structure = self.structure
         if structure is None:
             structure = Structure.GENERAL if full_rank else likely_structure(order, stages)
@@ -96,7 +83,7 @@ class ConstructionArguments(ShapeArguments):
         structure = system.structure
         if full_rank and structure:
             raise ValueError(f"structure must be GENERAL with full_rank, got {structure.name}")
-        if not check_flag("force", self.force) and system.free.size < system.equations:
+        if not check_flag("force", force) and system.free.size < system.equations:
             kind = f" with structure {structure.name}" if structure else ""
             raise ValueError(
                 f"stages = {stages} gives {system.free.size} unknowns for {system.equations} "
@@ -105,7 +92,7 @@ class ConstructionArguments(ShapeArguments):
             )
         return structure
 
-    def _check_tree(self) -> dict[str, Any]:
+    def _check_tree(self, force: bool) -> dict[str, Any]:
         """Return the settings that only methods of points have."""
         for name, value in (("structure", self.structure), ("first_stages", self.first_stages)):
             if value:
@@ -113,7 +100,7 @@ class ConstructionArguments(ShapeArguments):
         if self.flows is None and self.tree is None:
             raise ValueError("first_flows needs flows, the number of flows to reach")
         shape = self if self.tree is None else replace(self, flows=None)
-        layout, most = shape.check_points()
+        layout, most = shape.check_points(force)
         embedded, flows, first_flows = self.embedded, self.flows, self.first_flows
         if layout is None:
             flows, first_flows = most, most if first_flows is None else first_flows

@@ -17,39 +17,26 @@ The page of benchmarks lists the pairs that the rules select; a test checks thei
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 from cg.frames import Frame
-from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import has_brackets
 
 AUTO = "auto"
 """Value of ``method`` for which `choose_method` chooses."""
 
-# The tolerance at which the costs of both pairs are about equal
+_WITH_BRACKETS = "RKMK8(5,3)"
+# For loose and for tight tolerances; the costs of both are about equal at this tolerance
+_WITHOUT = ("CF5(4)", "DOP853")
 _LOOSE = 1e-4
-# For loose and for tight tolerances
-_COMPILED = ("CF5(4)", "RKMK8(5,3)")
-_WITH_BRACKETS = ("RKMK5(4)", "RKMK8(5,3)")
-_WITHOUT = ("CF5(4)", "CF6(5)")
+_FIXED_STEPS = "CF5(4)"
 
 
 def choose_method(frame: Frame, rtol: float | None) -> str:
     """Return the name of the default method.
 
-    It depends on whether the frame is compiled and has brackets.  At relative tolerances of 1e-4 or
-    more the pair is one of order five, below it of order eight where there are brackets and six
-    where there are none.  None stands for fixed steps, for which the pair of order five is used.
+    With brackets it is one of Munthe-Kaas. Without, at relative tolerances of 1e-4 or more the pair
+    is one of order five, below it of order eight. None stands for fixed steps, for which the pair
+    of order five is used.
     """
-    try:
-        pairs = _pairs(frame)
-    except TypeError:  # a frame of the user that can't be hashed
-        pairs = _pairs.__wrapped__(frame)
-    return pairs[0 if rtol is None or rtol >= _LOOSE else 1]
-
-
-@lru_cache(maxsize=64)
-def _pairs(frame: Frame) -> tuple[str, str]:
-    if not has_brackets(frame):
-        return _WITHOUT
-    return _COMPILED if is_compiled(frame) else _WITH_BRACKETS
+    if rtol is None:
+        return _FIXED_STEPS
+    return _WITH_BRACKETS if has_brackets(frame) else _WITHOUT[0 if rtol >= _LOOSE else 1]

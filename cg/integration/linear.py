@@ -55,7 +55,7 @@ def solve_linear(
     t_span, y0, frame
         As for `cg.solve_ivp`.
     method : str or Method, optional
-        A name in ``cg.catalogue.magnus``, or a `cg.MagnusMethod`. By default ``"CFM8(4)"``, on
+        A name in `cg.methods`, or a `cg.MagnusMethod`. By default ``"CFM8(4)"``, on
         `cg.frames.LinearAction` the nine nodes of Lobatto's formula. Other methods take the steps
         of `cg.solve_ivp` without computing points of stages, so that those of Munthe-Kaas need one
         flow per step.

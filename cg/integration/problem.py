@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.catalogue import catalogues, resolve_method
+from cg.catalogue import find_method, resolve_method
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.integration.arguments import (
@@ -133,7 +133,7 @@ class Problem:
         """Return what the plan and the right-hand side are made of, and all other fields."""
         frame, method = self.plan.frame, self.plan.method
         # a method is sent by its name, so that each process has one instance with its cached data
-        known = any(catalogue.get(method.name) is method for catalogue in catalogues.values())
+        known = find_method(method.name) is method
         state = {name: value for name, value in vars(self).items() if name not in ("plan", "rhs")}
         state["plan"] = frame, method.name if known else method
         state["rhs"] = self.rhs.parameters, self.rhs.vectorized

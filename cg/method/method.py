@@ -20,7 +20,6 @@ from ..structure.points import FlatSums, MethodError, Point, PointTree
 from ..support.checks import check_flag, check_integer
 from ..support.parsing import visible
 from .coefficients import Coefficient
-from .outputs import Outputs
 from .tolerance import satisfies, to_floats, tolerance
 
 Result = TypeVar("Result")
@@ -30,7 +29,7 @@ ExactTableau = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]
 _MAX_SHOWN = 200  # coefficients of a method whose repr computes the order: half a second
 
 
-class Method(Outputs, ABC):
+class Method(ABC):
     """A Runge–Kutta method on manifolds: a tree of points with exact coefficients.
 
     Methods are immutable. They keep all coefficients as they were given; numbers derived from them
@@ -50,8 +49,8 @@ class Method(Outputs, ABC):
     coefficients : tuple of Coefficient
         All coefficients, packed as `layout` describes.
     file : Path or None
-        The file that `load` read the method from; None for other methods. Its certificate may lie
-        beside it. It isn't compared or pickled.
+        The file that `cg.load` read the method from; None for other methods. Its certificate may
+        lie beside it. It isn't compared or pickled.
 
     Examples
     --------
@@ -335,7 +334,7 @@ class Method(Outputs, ABC):
         >>> [str(t) for t, r in zip(trees, residuals, strict=True) if abs(r) > 0.05]
         ['[[][[[]]]]', '[[[[]]][]]']
         """
-        return conditions.exact_residuals_of(self.tree, order)
+        return conditions.residuals(self.tree, order, arithmetic="exact")
 
     def largest_residual(self, order: int | None = None) -> float:
         """Return the magnitude of the largest residual through an order.
@@ -357,7 +356,7 @@ class Method(Outputs, ABC):
 
     def _next_residuals(self) -> NDArray[np.float64]:
         lower = conditions.count(self.order) if self.order else 0
-        return conditions.residuals_of(self.tree, self.order + 1)[lower:]
+        return conditions.residuals(self.tree, self.order + 1)[lower:]
 
     def satisfies(self, order: int) -> bool:
         """Return whether the conditions through an order hold, up to the rounding of coefficients.
@@ -384,9 +383,7 @@ class Method(Outputs, ABC):
     def _check_nominal_order(self, error: type[MethodError]) -> None:
         assert self.nominal_residual is not None
         try:
-            residuals = conditions.residuals_at(
-                self.layout, to_floats(self.coefficients), self.order
-            )
+            residuals = conditions.residuals(self.layout, to_floats(self.coefficients), self.order)
         except (TypeError, ValueError) as problem:
             raise error(f"nominal_order: {problem}") from None
         largest = float(np.abs(residuals).max())

@@ -31,8 +31,8 @@ def satisfies(
 ) -> bool:
     """Return whether the conditions through an order hold, up to the rounding of coefficients."""
     x, units = to_floats(coefficients), _units(coefficients)
-    rough = np.abs(conditions.residuals_at(layout, x, order, independent=True))
-    sizes = conditions.weights_at(layout, np.abs(x), order, independent=True)
+    rough = np.abs(conditions.residuals(layout, x, order, independent=True))
+    sizes = conditions.weights(layout, np.abs(x), order, independent=True)
     rounding = _DOUBLE_ROUNDING * (1 + sizes)
     if (rough > _bound(layout, x, units, order, sizes) + rounding).any():
         return False  # rejected without derivatives
@@ -42,11 +42,11 @@ def satisfies(
     if (rough > allowed + rounding).any():
         return False  # rejected without exact arithmetic
     if (allowed > 0).all():
-        balls = conditions.ball_residuals_of(tree, order, independent=True)
+        balls = conditions.residuals(tree, order, independent=True, arithmetic="balls")
         pairs = [(abs(r), float(t)) for r, t in zip(balls, allowed, strict=True)]
         if all(r <= t for r, t in pairs) or any(r > t for r, t in pairs):
             return all(r <= t for r, t in pairs)
-    residuals = conditions.exact_residuals_of(tree, order, independent=True)
+    residuals = conditions.residuals(tree, order, independent=True, arithmetic="exact")
     return all(abs(r) <= Fraction(t) for r, t in zip(residuals, allowed, strict=True))
 
 
@@ -61,7 +61,7 @@ def tolerance(
     if not units.any():
         return np.zeros(conditions.count(order, independent=True))
     x = to_floats(coefficients)
-    jacobian = conditions.jacobian_at(layout, x, order, independent=True)
+    jacobian = conditions.jacobian(layout, x, order, independent=True)
     bounds: NDArray[np.float64] = TOLERANCE_FACTOR * (np.abs(jacobian) @ units)
     return bounds
 
@@ -93,7 +93,7 @@ def _bound(
     if not units.any():
         return np.zeros_like(sizes)
     probe = np.abs(x) + units * (_PROBE / units.max())
-    wide = conditions.weights_at(layout, probe, order, independent=True)
+    wide = conditions.weights(layout, probe, order, independent=True)
     # huge coefficients overflow; infinite and NaN bounds decide nothing
     with np.errstate(over="ignore", invalid="ignore"):
         quotient: NDArray[np.float64] = (wide - sizes + _DOUBLE_ROUNDING * wide) / _PROBE

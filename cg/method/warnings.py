@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conditions import MAX_ORDER, residuals_of
+from ..conditions import MAX_ORDER, residuals
 from .magnus import MagnusMethod
 from .method import Method, cached
 from .munthe_kaas import MuntheKaas
@@ -67,7 +67,7 @@ def _fault(method: Method) -> str:
 def _residuals(method: Method, order: int, embedded: bool) -> NDArray[np.float64]:
     if isinstance(method, MuntheKaas):
         return np.array(method.residuals(order, embedded=embedded), dtype=np.float64)
-    return residuals_of(method, order, embedded=embedded)
+    return residuals(method, order, embedded=embedded)
 
 
 def _name(method: Method) -> str:

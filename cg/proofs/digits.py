@@ -6,6 +6,7 @@ from typing import Any
 
 from flint import arb
 
+from ..catalogue import resolve_method
 from ..method.method import Method
 from ..support.balls import exact_midpoint
 from ..support.balls import working_precision as precision
@@ -81,12 +82,18 @@ def _stored(method: Method) -> Certificate | None:
 
 
 def digits(
-    self: Method, digits: int, *, certificate: Certificate | None = None, embedded: bool = False
+    method: Method | str,
+    digits: int,
+    *,
+    certificate: Certificate | None = None,
+    embedded: bool = False,
 ) -> Any:
     """Return the coefficients of the exact method, to any number of digits.
 
     Parameters
     ----------
+    method : Method or str
+        A name is looked up in the catalogue.
     digits : int
         Significant digits of the coefficients that the certificate doesn't hold fixed.
     certificate : cg.Certificate, optional
@@ -110,16 +117,23 @@ def digits(
         If an argument isn't of the type listed.
     ValueError
         If `digits` is out of range, or there are no second weights.
+
+    Examples
+    --------
+    >>> import cg
+    >>> cg.digits("CG4b", 40)[1][0]
+    '0.1733158389077557335176411113901044187491'
     """
-    if check_flag("embedded", embedded) and not self.layout.pair:
-        raise ValueError(f"embedded: {self.name or 'the method'} has no second weights")
+    method = resolve_method(method)
+    if check_flag("embedded", embedded) and not method.layout.pair:
+        raise ValueError(f"embedded: {method.name or 'the method'} has no second weights")
     if certificate is None:
-        certificate = certificate_of(self)
-    texts = refined_digits(self, certificate, digits)
-    if self.layout.rows is None:
-        return self.layout.point_weights(texts)
-    rows = [[str(entry) for entry in row] for row in self.layout.full_rows(texts)]
-    return rows[: self.stages], rows[self.stages + embedded]
+        certificate = certificate_of(method)
+    texts = refined_digits(method, certificate, digits)
+    if method.layout.rows is None:
+        return method.layout.point_weights(texts)
+    rows = [[str(entry) for entry in row] for row in method.layout.full_rows(texts)]
+    return rows[: method.stages], rows[method.stages + embedded]
 
 
 def _rounded(ball: arb, digits: int) -> str | None:

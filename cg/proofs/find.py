@@ -27,11 +27,11 @@ class _Proved(NamedTuple):
     attempt: KrawczykTest
 
 
-def find_box(packed: Packed, bits: int, small: bool = False) -> Box:
+def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
     """Return a box in which the conditions have a zero that is proved.
 
-    With `small`, conditions that depend on others need no proof but that they are small.
-    CertificationError if no zero can be proved.
+    Conditions that depend on others for unknown reasons are only shown to be small, unless
+    `complete` proofs are demanded. CertificationError if no zero can be proved.
     """
     values, derivatives = packed.system().linearise(packed.balls())
     check_places(packed, values, derivatives)
@@ -41,28 +41,24 @@ def find_box(packed: Packed, bits: int, small: bool = False) -> Box:
         return outcome.box
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     dependent = len(jacobian) - numerical_rank(jacobian[:, nonzero])[0]
-    if small:
-        pivots = linalg.qr(jacobian[:, nonzero].T, mode="r", pivoting=True)[1]
-        outcome = _try(packed, pivots[len(jacobian) - dependent :], jacobian)
-        if isinstance(outcome, _Proved):
-            return _bounded(packed, *outcome, bits)
-        raise CertificationError(f"{packed.name}: no zero of independent conditions", **outcome)
-    relations = np.zeros((0, len(jacobian)))
-    if dependent:
-        relations = find_relations(packed.layout, packed.orders, packed.balls(), dependent)
-    if dependent and len(relations) == dependent:
-        pivots = linalg.qr(relations, mode="r", pivoting=True)[1][:dependent]
-        again = _try(packed, pivots, jacobian)
-        if isinstance(again, _Proved):
-            check_left_out(packed, *again, bits)
-            return again.box
-        outcome = again
     message = f"{packed.name}: no zero of the conditions of order {packed.orders[0]} is proved"
     if dependent:
+        relations = find_relations(packed.layout, packed.orders, packed.balls(), dependent)
+        explained = len(relations) == dependent
+        matrix = relations if explained else jacobian[:, nonzero].T
+        pivots = linalg.qr(matrix, mode="r", pivoting=True)[1]
         message += (
             f", their derivatives are dependent and orthogonality explains {len(relations)} of "
-            f"{dependent} dependences; small=True accepts a proof in part"
+            f"{dependent} dependences"
         )
+        if explained or not complete:
+            left_out = pivots[:dependent] if explained else pivots[-dependent:]
+            outcome = _try(packed, left_out, jacobian)
+        if isinstance(outcome, _Proved):
+            if not explained:
+                return _bounded(packed, *outcome, bits)
+            check_left_out(packed, *outcome, bits)
+            return outcome.box
     raise CertificationError(message, **outcome)
 
 

@@ -20,7 +20,9 @@ from .zero import check_rational, prove_box
 _GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
 
 
-def certify(method: Method | str, order: int | None = None, *, small: bool = False) -> Certificate:
+def certify(
+    method: Method | str, order: int | None = None, *, complete: bool = False
+) -> Certificate:
     """Prove the order of a method.
 
     Shows by Krawczyk's test in ball arithmetic that close to the stored coefficients there
@@ -33,15 +35,15 @@ def certify(method: Method | str, order: int | None = None, *, small: bool = Fal
         A name is looked up in the catalogue. Second weights of a pair are proved as well.
     order : int, optional
         By default the order of the method. It must be the order exactly.
-    small : bool, optional
-        Accept less where conditions depend on others for unknown reasons: as many as are
-        independent have a zero close to the stored coefficients, and the others are below a
-        bound there, mostly 1e-300, which the certificate names. That is no proof of the
-        order; `Certificate.complete` is false then.
+    complete : bool, optional
+        Raise CertificationError unless all conditions are proved.
 
     Returns
     -------
     Certificate
+        Where conditions depend on others for unknown reasons, it is a proof in part, and its
+        attribute `complete` is false: as many conditions as are independent have a zero close
+        to the stored coefficients, and the others are below a bound there, mostly 1e-300.
 
     Raises
     ------
@@ -58,7 +60,7 @@ def certify(method: Method | str, order: int | None = None, *, small: bool = Fal
     3
     """
     method = resolve_method(method)
-    small = check_flag("small", small)
+    complete = check_flag("complete", complete)
     if isinstance(method, MuntheKaas):
         raise TypeError(
             f"method must not be a Munthe-Kaas method, whose order is that of its tableau, "
@@ -82,7 +84,7 @@ def certify(method: Method | str, order: int | None = None, *, small: bool = Fal
     try:
         with precision(bits):
             if any(coefficient.unit for coefficient in packed.coefficients):
-                box = find_box(packed, bits, small)
+                box = find_box(packed, bits, complete)
             else:
                 check_rational(packed)
                 box = Box(Decimal(0), tuple(packed.layout.names))

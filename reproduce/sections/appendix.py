@@ -7,8 +7,8 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
+from cg import conditions
 from cg.catalogue import methods
-from cg.conditions import exact_residuals_of
 from cg.method.method import Method
 from cg.method.tableau import Tableau
 from cg.support.quads import to_decimal
@@ -67,8 +67,8 @@ def compute(context: Context) -> Data:
 
 
 def _residuals(method: Method, order: int) -> dict[str, float]:
-    every = exact_residuals_of(method, order)
-    independent = exact_residuals_of(method, order, independent=True)
+    every = conditions.residuals(method, order, arithmetic="exact")
+    independent = conditions.residuals(method, order, independent=True, arithmetic="exact")
     total = sum((r * r for r in every), Fraction(0))
     return {
         "norm": float(total) ** 0.5,

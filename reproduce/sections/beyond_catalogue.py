@@ -8,7 +8,9 @@ from typing import Any
 
 from cg.catalogue import methods
 from cg.conditions import count
+from cg.method.commutator_free import CommutatorFree
 from cg.method.method import Method
+from cg.method.tableau import Tableau
 from cg.proofs import certificate_of
 from cg.proofs.files import certificate_names
 from cg.support.markdown import table as markdown_table
@@ -34,7 +36,7 @@ _EXPLANATION = (
 
 
 def compute(context: Context) -> Data:
-    """Describe all methods, the explicit ones first, by order.
+    """Describe all methods of flows, the explicit ones first, by order.
 
     Returns
     -------
@@ -42,8 +44,9 @@ def compute(context: Context) -> Data:
         ``methods``: a list of what `describe` returns.
     """
     entries = []
-    for done, method in enumerate(methods.values()):
-        context.progress(done, len(methods))
+    described = [m for m in methods.values() if isinstance(m, Tableau | CommutatorFree)]
+    for done, method in enumerate(described):
+        context.progress(done, len(described))
         entries.append(describe(method))
     return {"methods": sorted(entries, key=_place)}
 

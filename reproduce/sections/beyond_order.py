@@ -9,7 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cg.catalogue import methods
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places
@@ -33,7 +35,9 @@ def select(catalogue: Mapping[str, Method] = methods) -> list[str]:
     chosen = [
         name
         for name, method in catalogue.items()
-        if method.explicit and method.order >= _LOWEST_ORDER
+        if method.order >= _LOWEST_ORDER
+        and method.explicit
+        and not isinstance(method, MuntheKaas | MagnusMethod)
     ]
     return sorted(chosen, key=lambda name: (catalogue[name].order, name))
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cg import conditions
 from cg.catalogue import methods
-from cg.conditions import exact_residuals_of
 
 from ..blocks import Block, Data, Table, Text, number
 from ..context import Context
@@ -111,7 +111,9 @@ _PROBLEM = (
 
 def _square(*, independent: bool = False) -> float:
     """Return the sum of squared residuals of CG6a."""
-    residuals = exact_residuals_of(methods["CG6a"], 6, independent=independent)
+    residuals = conditions.residuals(
+        methods["CG6a"], 6, independent=independent, arithmetic="exact"
+    )
     return float(sum(r * r for r in residuals))
 
 

@@ -44,7 +44,7 @@ def test_show_and_export_find_it(
     )
     code, output, _ = run_command("export", str(file), "json", "--digits", "60")
     assert code == 0
-    residuals = cg.conditions.exact_residuals_of(loads(output), 3)
+    residuals = cg.conditions.residuals(loads(output), 3, arithmetic="exact")
     assert max(map(abs, residuals)) < 1e-58
     assert proof.is_file()
 

@@ -81,7 +81,7 @@ class TestResiduals:
         paper = printed()[name]
         stages = len(paper.b)
         a = [[*row, *["0"] * (stages - len(row))] for row in paper.a]
-        residuals = conditions.residuals_exact(a, paper.b, methods[name].order)
+        residuals = conditions.residuals(a, paper.b, methods[name].order, arithmetic="exact")
         assert UNIT / 100 < max(map(abs, residuals)) < 2 * UNIT
 
     def test_cg6a_is_approximate(self):

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kinds import FROZEN, MUNTHE_KAAS
 
 import cg
-from cg.catalogue import munthe_kaas
 from cg.problems import StateDependentRotation
 from cg.problems import rotation as problem_module
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.no_core
 
 FILE = Path(cg.catalogue.__file__).parent / "reference_steps.json"
 REFERENCE = json.loads(FILE.read_text(encoding="utf-8"))
-METHODS = {**cg.methods, **munthe_kaas}
+METHODS = {**FROZEN, **MUNTHE_KAAS}
 H = 0.25
 
 

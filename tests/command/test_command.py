@@ -91,10 +91,12 @@ class TestNewMethods:
         code, output, _ = run("certify", "CG6a", "--json")
         assert (code, json.loads(output)["proved"]) == (1, "no")
 
-    def test_certify_small(self, run):
-        code, output, _ = run("certify", "CF5c", "--small", "--json")
+    def test_certify_in_part(self, run):
+        code, output, _ = run("certify", "DICG4", "--json")
         assert (code, json.loads(output)["proved"]) == (0, "in part")
-        assert json.loads(output)["message"] == str(cg.certify("CF5c", small=True))
+        assert json.loads(output)["message"] == str(cg.certify("DICG4"))
+        code, output, _ = run("certify", "DICG4", "--complete")
+        assert (code, output.splitlines()[0][:24]) == (1, "not proved: DICG4: no ze")
 
 
 class TestExport:
@@ -114,12 +116,12 @@ class TestExport:
             cg.methods["CG3(2)"].coefficients, name="mine"
         )
         certificate = cg.certify(method)
-        method.save(tmp_path / "mine.toml")
+        cg.save(method, tmp_path / "mine.toml")
         certificate.save(tmp_path / "proof.toml")
         command = ["export", str(tmp_path / "mine.toml"), "json", "--digits", "50"]
         assert run(*command)[0] != 0
         _, text, _ = run(*command, "--certificate", str(tmp_path / "proof.toml"))
-        assert json.loads(text)["b"] == method.digits(50, certificate=certificate)[1]
+        assert json.loads(text)["b"] == cg.digits(method, 50, certificate=certificate)[1]
         code, _, error = run(*command, "--certificate", str(tmp_path / "mine.toml"))
         assert code != 0
         assert "mine.toml" in error
@@ -214,7 +216,7 @@ def test_messages_name_options_and_files(run, tmp_path):
     error = run("runs", "list", str(tmp_path / "none" / "runs.db"))[2]
     assert "Errno" not in error
     with pytest.raises(FileNotFoundError, match=r"No such file or directory: '.*none/x.toml'$"):
-        cg.methods["CG3"].save(tmp_path / "none" / "x.toml")
+        cg.save(cg.methods["CG3"], tmp_path / "none" / "x.toml")
 
 
 def test_publish_checks_folder_first(run, tmp_path):

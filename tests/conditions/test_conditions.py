@@ -1,5 +1,6 @@
 import re
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from cg.trees.tables import fortran_tables, main
 
 pytestmark = pytest.mark.sanitize
 
+exactly = partial(conditions.residuals, arithmetic="exact")
 FLOATS = {"dtype": np.float64}
 
 
@@ -99,16 +101,14 @@ class TestCompiledTables:
 class TestExactOracle:
     def test_independent_residuals_are_a_subset(self):
         a, b = [[0, 0], ["2/3", "1/7"]], ["1/4", "3/4"]
-        residuals = dict(
-            zip(conditions.condition_trees(5), conditions.residuals_exact(a, b, 5), strict=True)
-        )
-        independent = conditions.residuals_exact(a, b, 5, independent=True)
+        residuals = dict(zip(conditions.condition_trees(5), exactly(a, b, 5), strict=True))
+        independent = exactly(a, b, 5, independent=True)
         chosen = conditions.condition_trees(5, independent=True)
         assert independent == tuple(residuals[t] for t in chosen)
 
     def test_orders_beyond_the_compiled_tables(self):
         order = conditions.MAX_ORDER + 1
-        residuals = conditions.residuals_exact([[0]], [1], order)
+        residuals = exactly([[0]], [1], order)
         assert len(residuals) == conditions.count(order)
         assert residuals[0] == 0
 
@@ -120,7 +120,7 @@ class TestExactOracle:
         trees = forest(6)
         sides = conditions.right_sides(5)
         weight = [Fraction(1)]
-        for side, residual in zip(sides, conditions.residuals_exact(a, b, 5), strict=True):
+        for side, residual in zip(sides, exactly(a, b, 5), strict=True):
             weight.append(residual + side)
         exact = [Fraction(1), *sides]
         n = data.draw(st.integers(2, 4))
@@ -144,7 +144,7 @@ class TestExactOracle:
     )
     def test_bad_input(self, a, b, message):
         with pytest.raises(ValueError, match=message):
-            conditions.residuals_exact(a, b, 2)
+            exactly(a, b, 2)
 
 
 class TestCompiledCore:
@@ -178,7 +178,7 @@ class TestCompiledCore:
 
         def along(h):
             moved = [p + h * q for p, q in zip(x, v, strict=True)]
-            return conditions.residuals_exact(*conditions.unpack(moved, stages, rows), order)
+            return exactly(*conditions.unpack(moved, stages, rows), order)
 
         # residuals have degree 5 at most, so this difference formula has no error
         stencil = {3: Fraction(1, 60), 2: Fraction(-3, 20), 1: Fraction(3, 4)}

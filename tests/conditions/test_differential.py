@@ -49,14 +49,10 @@ def compare(seed):
     rng = random.Random(seed)
     layout, x = random_points(rng) if seed % 2 else random_tableau(rng)
     order, independent = rng.randint(1, HIGHEST), rng.random() < 0.3
-    if seed % 2:
-        expected = conditions.exact_residuals_of(layout.tree(x), order, independent)
-    else:
-        *a, b = layout.full_rows(x)
-        expected = conditions.residuals_exact(a, b, order, independent)
+    expected = conditions.residuals(layout, x, order, independent, arithmetic="exact")
     doubles = np.array([float(value) for value in x])
-    sizes = 1 + conditions.weights_at(layout, np.abs(doubles), order, independent)
-    residuals = conditions.residuals_at(layout, doubles, order, independent)
+    sizes = 1 + conditions.weights(layout, np.abs(doubles), order, independent)
+    residuals = conditions.residuals(layout, doubles, order, independent)
     quads = residuals_quad(layout, x, order, independent)
     assert len(residuals) == len(quads) == len(expected) == conditions.count(order, independent)
     worst = [0.0, 0.0]

@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from cg.proofs.words import condition_words
 from cg.structure.layout import Layout
 from cg.structure.points import START, PointTree, tree_of_rows
 from cg.trees.ordered import forest
+
+exactly = partial(conditions.residuals, arithmetic="exact")
 
 
 def by_definition(tree, t):
@@ -56,7 +59,7 @@ class TestResiduals:
     @settings(deadline=None, max_examples=30)
     @given(point_trees(dyadics, most_points=4))
     def test_exact_weights_equal_the_definition(self, tree):
-        residuals = conditions.exact_residuals_of(tree, 3)
+        residuals = exactly(tree, 3)
         trees = forest(4)
         expected = [
             by_definition(tree, t) - Fraction(1, trees.density[t - 1])
@@ -69,11 +72,11 @@ class TestResiduals:
     def test_tableau_equals_its_points(self, tableau):
         a, b = tableau
         tree = tree_of_rows(a, b)
-        assert conditions.exact_residuals_of(tree, 4) == conditions.residuals_exact(a, b, 4)
+        assert exactly(tree, 4) == exactly(a, b, 4)
         packed = conditions.residuals(a, b, 4)
         sizes = 1 + conditions.weights(np.abs(np.array(a, float)), np.abs(np.array(b, float)), 4)
         np.testing.assert_allclose(
-            conditions.residuals_of(tree, 4), packed, rtol=0, atol=1e-14 * sizes.max()
+            conditions.residuals(tree, 4), packed, rtol=0, atol=1e-14 * sizes.max()
         )
 
     @settings(deadline=None, max_examples=40)
@@ -81,15 +84,15 @@ class TestResiduals:
     @given(point_trees(), st.integers(2, 5))
     def test_derivatives_are_exact_differences(self, tree, order):
         layout, x = Layout.of_tree(tree), floats(tree)
-        jacobian = conditions.jacobian_at(layout, x, order, independent=True)
+        jacobian = conditions.jacobian(layout, x, order, independent=True)
         step = Fraction(1, 2**40)  # the differences are exact, so that what they miss is step²
         for k in range(layout.size):
             ahead, behind = values(tree), values(tree)
             ahead[k] += step
             behind[k] -= step
             pairs = zip(
-                conditions.exact_residuals_of(moved(tree, ahead), order, True),
-                conditions.exact_residuals_of(moved(tree, behind), order, True),
+                exactly(moved(tree, ahead), order, independent=True),
+                exactly(moved(tree, behind), order, independent=True),
                 strict=True,
             )
             slopes = [float((one - other) / (2 * step)) for one, other in pairs]
@@ -98,22 +101,20 @@ class TestResiduals:
 
     def test_a_tree_without_weights_has_none(self):
         tree = PointTree((), (START,), START)
-        assert set(conditions.exact_residuals_of(tree, 2)) == {-1, Fraction(-1, 2)}
-        np.testing.assert_array_equal(conditions.residuals_of(tree, 2), [-1, -0.5, -0.5])
+        assert set(exactly(tree, 2)) == {-1, Fraction(-1, 2)}
+        np.testing.assert_array_equal(conditions.residuals(tree, 2), [-1, -0.5, -0.5])
 
     def test_the_second_result(self):
         tree = CommutatorFree(CF3, [-1, 0, 1], embedded_result=1).tree
         second = PointTree(tree.points, tree.stage_points, 1)
         for order in (1, 3):
-            assert conditions.exact_residuals_of(
-                tree, order, embedded=True
-            ) == conditions.exact_residuals_of(second, order)
+            assert exactly(tree, order, embedded=True) == exactly(second, order)
             np.testing.assert_array_equal(
-                conditions.residuals_of(tree, order, embedded=True),
-                conditions.residuals_of(second, order),
+                conditions.residuals(tree, order, embedded=True),
+                conditions.residuals(second, order),
             )
         with pytest.raises(ValueError, match="has no second result"):
-            conditions.residuals_of(second, 1, embedded=True)
+            conditions.residuals(second, 1, embedded=True)
 
 
 def moved(tree, weights):
@@ -126,14 +127,14 @@ class TestBalls:
     def test_rationals_agree_with_the_oracle(self, tree, order):
         layout = Layout.of_tree(tree)
         residuals = exact_residuals(layout, values(tree), condition_words(order))
-        assert tuple(residuals) == conditions.exact_residuals_of(tree, order, independent=True)
+        assert tuple(residuals) == exactly(tree, order, independent=True)
 
     @settings(deadline=None, max_examples=30)
     @given(point_trees(), st.integers(1, 5))
     def test_derivatives_agree_with_the_compiled_core(self, tree, order):
         layout, x = Layout.of_tree(tree), floats(tree)
         actual = to_double(order_system(layout, [order]).linearise([arb(v) for v in x])[1])
-        expected = conditions.jacobian_at(layout, x, order, independent=True)
+        expected = conditions.jacobian(layout, x, order, independent=True)
         scale = 1 + np.abs(expected).max()
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13 * scale)
 

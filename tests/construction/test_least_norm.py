@@ -19,10 +19,10 @@ def reference(x, layout, first_damping, iterations, accurate):
     """Return x, f and the number of rejected steps after a number of iterations."""
 
     def residual(x):
-        return conditions.residuals_at(layout, x, ORDER, independent=True)
+        return conditions.residuals(layout, x, ORDER, independent=True)
 
     def jacobian(x):
-        return conditions.jacobian_at(layout, x, ORDER, independent=True)
+        return conditions.jacobian(layout, x, ORDER, independent=True)
 
     r, jac = residual(x), jacobian(x)
     f, refused, growth = r @ r, 0, 2.0

@@ -142,7 +142,7 @@ def test_search_status_is_that_of_solver():
 
     def residual(x):
         rows = np.zeros(max(len(conditions.table_rows(3)), layout.size))
-        residuals = conditions.residuals_at(layout, x, 3)
+        residuals = conditions.residuals(layout, x, 3)
         for k, t in enumerate(conditions.table_rows(3)):
             rows[k] = residuals[position[t]] if t in trees else 0
         return rows

@@ -95,8 +95,8 @@ class TestSolvers:
         tree = replace(tree, embedded_result=second)
         system = ConditionSystem(4, Layout.of_tree(tree))
         exact = [
-            *conditions.exact_residuals_of(tree, 4, True),
-            *conditions.exact_residuals_of(tree, 3, True, embedded=True),
+            *conditions.residuals(tree, 4, independent=True, arithmetic="exact"),
+            *conditions.residuals(tree, 3, independent=True, embedded=True, arithmetic="exact"),
         ]
         scale = 1 + max(map(abs, exact))
         actual = system.residual(floats(tree))

@@ -10,7 +10,7 @@ from quad_core import residuals_quad
 
 from cg import conditions
 from cg.catalogue import methods
-from cg.conditions import MAX_ORDER, Rows, residuals_exact, unknowns, unpack
+from cg.conditions import MAX_ORDER, Rows, residuals, unknowns, unpack
 from cg.construction.search.random_search import search
 from cg.construction.search.start import EXACT, random_start, run_start
 from cg.structure.layout import Layout
@@ -40,7 +40,7 @@ def paper_way():
 
 def largest_exact(x, settings):
     a, b = unpack([Fraction(entry) for entry in x], settings.stages, settings.rows)
-    return max(map(abs, residuals_exact(a, b, settings.order)))
+    return max(map(abs, residuals(a, b, settings.order, arithmetic="exact")))
 
 
 class TestReproducible:

@@ -20,13 +20,10 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
 LAYER = {folder: level for level, folders in enumerate(LAYERS) for folder in folders}
 
 
-IN_CALLS = ROOT / "cg" / "method" / "outputs.py"  # imports later folders when they are called
-
-
 def imported_folders(path):
     """Folders of cg that a module imports from."""
     tree = ast.parse(path.read_text("utf-8"))
-    for node in tree.body if path == IN_CALLS else ast.walk(tree):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             targets = [alias.name.split(".") for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

@@ -10,15 +10,16 @@ import heisenberg
 import numpy as np
 import pytest
 from heisenberg import START, STEP, TIME, Heisenberg
+from kinds import FROZEN, MUNTHE_KAAS
 from python_steps import Step
 
 import cg
-from cg.catalogue import munthe_kaas, resolve_method
+from cg.catalogue import resolve_method
 from cg.formats.program import identifier
 
 pytestmark = pytest.mark.no_core
 
-ALL = [name for name in [*cg.methods, *munthe_kaas] if resolve_method(name).explicit]
+ALL = [name for name, method in {**FROZEN, **MUNTHE_KAAS}.items() if method.explicit]
 SOME = [
     "LieEuler", "CG2(3)", "CG4a", "CG4(3)b", "CF4", "CF5(4)", "CF5r", "DP5(4)", "BS3(2)",
     "RKMK4", "RKMK5(4)", "RKMK3(2)", "CF6(5)", "DOP853",
@@ -320,7 +321,7 @@ def swapped():
     """Return pairs whose second result has the higher order."""
     rows = cg.methods["CG2(3)"]
     yield cg.Tableau(rows.entries, rows.embedded_weights, b_embedded=rows.weights)
-    flat = munthe_kaas["RKMK3(2)"].tableau
+    flat = cg.methods["RKMK3(2)"].tableau
     tableau = cg.Tableau(flat.entries, flat.embedded_weights, b_embedded=flat.weights)
     yield cg.MuntheKaas(tableau)
     points = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]

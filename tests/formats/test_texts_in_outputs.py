@@ -12,6 +12,7 @@ import cg
 from cg.catalogue import dumps, dumps_json, loads
 from cg.command import main
 from cg.formats import FORMATS
+from cg.formats.notebooks import to_html
 from cg.support.parsing import visible
 
 CODE = ["python", "c", "fortran", "julia", "matlab"]
@@ -87,7 +88,7 @@ def test_data_escape_texts(what: str) -> None:
 @pytest.mark.parametrize("what", TEXTS)
 def test_notebooks_escape_texts(what: str) -> None:
     method = method_of(what)
-    text = method._repr_html_()
+    text = to_html(method)
     assert text.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
     assert 'class="tex2jax_ignore mathjax_ignore"' in text  # dollars begin no formula
     assert visible(repr(method)) == repr(method)

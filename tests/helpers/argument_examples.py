@@ -86,7 +86,7 @@ def constant_in_time(t, *args):
 
 
 EULER = {"a": [[0.0, 0.0], [0.5, 0.0]], "b": [0.0, 1.0], "order": 3}
-AT_X = {"layout": CG3.layout, "x": X, "order": 3}
+AT_X = {"a": CG3.layout, "b": X, "order": 3}
 SHORT = {"f": turning, "t_span": (0.0, 0.5), "y0": np.eye(3), "frame": SO3}
 TWO = SHORT | {"y0": np.stack([np.eye(3)] * 2)}
 LONG = SHORT | {"t_span": (0.0, 1.0)}
@@ -137,15 +137,14 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(cg.MuntheKaas, tableau=CG3, name="x", source="y"),
     call(cg.methods.__getitem__, KeyError, name="CG3"),
     call(SOLVED.sol.__call__, t=[0.25, 0.5]),
-    call(CG3.digits, digits=20),
+    call(cg.digits, method="CG3", digits=20),
     call(CG3.largest_residual, order=3),
     call(CG3.satisfies, order=3),
     call(CG3.description),
-    call(catalogue.munthe_kaas["RKMK5(4)"].residuals, order=3),
+    call(cg.methods["RKMK5(4)"].residuals, order=3),
     call(cg.Certificate.loads, cg.CertificationError, text=CERTIFICATE.dumps()),
     call(certification.check, cg.CertificationError, certificate=CERTIFICATE, method=CG3),
-    call(conditions.residuals, **EULER),
-    call(conditions.residuals_exact, **EULER),
+    call(conditions.residuals, **EULER, arithmetic="exact"),
     call(conditions.weights, **EULER),
     call(conditions.jacobian, **EULER),
     call(conditions.pack, a=EULER["a"], b=EULER["b"]),
@@ -157,12 +156,11 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(conditions.table_rows, order=4),
     call(conditions.unknowns, stages=4, rows="explicit"),
     call(conditions.check_rows, rows="explicit"),
-    call(conditions.residuals_of, method=PAIR, order=3, embedded=True),
-    call(conditions.exact_residuals_of, method=PAIR, order=3, embedded=True),
-    call(conditions.weights_at, **AT_X),
-    call(conditions.residuals_at, **AT_X),
-    call(conditions.jacobian_at, **AT_X),
-    call(conditions.ball_residuals_of, method=CG3, order=3, bits=128),
+    call(conditions.residuals, a=PAIR, order=3, embedded=True, arithmetic="exact"),
+    call(conditions.weights, **AT_X),
+    call(conditions.residuals, **AT_X),
+    call(conditions.jacobian, **AT_X),
+    call(conditions.residuals, a=CG3, order=3, arithmetic="balls", bits=128),
     call(trees.OrderedTree.parse, text="[[]]"),
     call(trees.forest, max_nodes=4),
     call(quads.encode, values=["1/3", 2, 0.5]),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from frame_examples import HEISENBERG, generic
+from kinds import FROZEN
 from python_steps import Step, choose_steps, error, uncompiled
 from slow_cases import cases
 
@@ -20,7 +21,7 @@ from cg.problems import StateDependentRotation
 
 pytestmark = pytest.mark.sanitize
 
-PAIRS = {name: m for name, m in cg.methods.items() if m.exact_embedded is not None}
+PAIRS = {name: m for name, m in FROZEN.items() if m.exact_embedded is not None}
 PROBLEM = StateDependentRotation()
 FRAMES = [
     SO3(),

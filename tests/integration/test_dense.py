@@ -6,13 +6,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from frame_examples import generic
+from kinds import FROZEN, MUNTHE_KAAS
 from numpy.polynomial import Polynomial
 from scipy.interpolate import CubicHermiteSpline
 from slow_cases import cases
 
 import cg
 from cg.analysis.convergence import observed_order
-from cg.catalogue import munthe_kaas
 from cg.frames import (
     GL,
     SE3,
@@ -68,7 +68,7 @@ def one_step(frame, h, method):
     return step, fine
 
 
-IMPLICIT = [name for name, m in cg.methods.items() if not m.explicit and m.order < 6]
+IMPLICIT = [name for name, m in FROZEN.items() if not m.explicit and m.order < 6]
 
 
 @pytest.mark.parametrize(
@@ -227,8 +227,7 @@ def test_evaluations_of_dense_output(method):
     assert some.nfev == plain.nfev + extra  # only one step has output inside of it
 
 
-PAIRS = [n for n, m in cg.methods.items() if m.explicit and m.embedded_order]
-PAIRS += [n for n, m in munthe_kaas.items() if m.explicit and m.embedded_order]
+PAIRS = [n for n, m in {**FROZEN, **MUNTHE_KAAS}.items() if m.explicit and m.embedded_order]
 
 
 def worst_ratio(solution, points, frame, exact):
@@ -256,7 +255,7 @@ KINDS = {"CG4(3)", "CF5(4)", "RKMK8(5,3)"}
     ),
 )
 def test_errors_between_steps_are_those_at_the_steps(method, tolerance, frame):
-    if (cg.methods.get(method) or munthe_kaas[method]).order < 4:
+    if cg.methods[method].order < 4:
         tolerance = max(tolerance, 1e-6)  # or the steps would be too many
     f, y0 = generic(frame, seed=5)
     options = {"rtol": tolerance, "atol": tolerance, "method": method, "dense_output": True}
@@ -287,7 +286,7 @@ def test_times_beyond_the_ends_are_refused(t):
 
 
 SINGLE = [
-    n for n, m in cg.methods.items() if m.order > 1 and not m.embedded_order and not m.approximate
+    n for n, m in FROZEN.items() if m.order > 1 and not m.embedded_order and not m.approximate
 ]
 SINGLE.append("RKMK4")
 

@@ -15,12 +15,7 @@ from cg.method.estimate import MAX_RATIO, estimate_ratio, jump_ratio
 ROOT = Path(__file__).parents[2]
 FRAMES = (SO3(), Stiefel(3, 2), HEISENBERG)
 DEFAULTS = sorted({choose_method(frame, rtol) for frame in FRAMES for rtol in (None, 1e-3, 1e-8)})
-PAIRS = [
-    method
-    for catalogue in cg.catalogue.catalogues.values()
-    for method in catalogue.values()
-    if method.embedded_order is not None
-]
+PAIRS = [method for method in cg.methods.values() if method.embedded_order is not None]
 SPIN = LinearAction(
     [
         -0.5j * m

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from kinds import FROZEN
 
 import cg
 from cg.analysis.convergence import final_errors, observed_order
@@ -22,7 +23,7 @@ GAUSS = Tableau(
     name="Gauss",
 )
 KINDS = list(STAGE_SOLVERS)
-IMPLICIT = {name: m for name, m in cg.methods.items() if not m.explicit}
+IMPLICIT = {name: m for name, m in FROZEN.items() if not m.explicit}
 METHODS = [MIDPOINT, TRAPEZOIDAL, BACKWARD_EULER, GAUSS, *IMPLICIT.values()]
 INERTIA = np.array([1.0, 2.0, 3.0])
 MOMENTUM = np.array([0.8, 1.1, -0.6])

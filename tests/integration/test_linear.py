@@ -4,9 +4,9 @@ import subprocess
 
 import numpy as np
 import pytest
+from kinds import MAGNUS
 
 import cg
-from cg.catalogue import magnus
 from cg.frames import SE3, SO, SO3, SU, Euclidean, LinearAction, Product, Sphere, UnitQuaternion
 
 FRAMES = [SO3(), SO3("space"), UnitQuaternion(), SE3(), SO(4), SU(2), Sphere(2),
@@ -23,7 +23,7 @@ def coefficients_for(frame):
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
-@pytest.mark.parametrize("name", list(magnus))
+@pytest.mark.parametrize("name", list(MAGNUS))
 def test_orders_on_manifolds(frame, name):
     a = coefficients_for(frame)
     y0 = frame.random_point(np.random.default_rng(2))
@@ -36,7 +36,7 @@ def test_orders_on_manifolds(frame, name):
         for n in counts
     ]
     slope = np.log2(errors[0] / errors[1])
-    assert magnus[name].order - 0.4 < slope < magnus[name].order + 1.2
+    assert cg.methods[name].order - 0.4 < slope < cg.methods[name].order + 1.2
 
 
 def test_the_reference_agrees_with_methods_for_nonlinear_equations():
@@ -118,7 +118,7 @@ def test_coefficients_are_evaluated_at_the_nodes_alone():
         return [t, 0.0, 1.0]
 
     solution = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="CFM6(4)", h=0.5)
-    nodes = magnus["CFM6(4)"].c
+    nodes = cg.methods["CFM6(4)"].c
     assert solution.nfev == len(times) == 9
     assert solution.nexp == 8
     expected = sorted({*(0.5 * nodes), *(0.5 + 0.5 * nodes)})
@@ -250,7 +250,7 @@ class TestVectorized:
         run = self.solve(a, True, method="CFM8(4)")
         assert [len(t) for t in calls] == [1, 4, 4, 4, 4]
         assert run.nfev == 17
-        np.testing.assert_allclose(calls[1], 0.25 * magnus["CFM8(4)"].c[1:], rtol=1e-15)
+        np.testing.assert_allclose(calls[1], 0.25 * cg.methods["CFM8(4)"].c[1:], rtol=1e-15)
 
     def test_times_stay_before_a_breakpoint(self):
         calls = []
@@ -368,7 +368,7 @@ def test_bad_input_is_refused(change, error, message):
 )
 def test_only_linear_equations_take_these_methods(call):
     with pytest.raises((TypeError, ValueError), match="method"):
-        call(magnus["CFM4"])
+        call(cg.methods["CFM4"])
 
 
 FIELD = "int field(double t, const double *y, double *f, void *data) { (void) data; %s return 0; }"

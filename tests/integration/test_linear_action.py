@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from kinds import MAGNUS
 from scipy import sparse
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import cg
 from cg import _core_r64
-from cg.catalogue import magnus
 from cg.frames import LinearAction
 
 
@@ -137,12 +137,12 @@ class TestPolynomialFlows:
         )  # fmt: skip
         return solution.y[:, -1]
 
-    @pytest.mark.parametrize("name", list(magnus))
+    @pytest.mark.parametrize("name", list(MAGNUS))
     def test_orders(self, name):
         generators = 0.5 * self.DENSE
         y0 = np.ones(5)
         exact = self.exact(generators, y0, 2.0)
-        order = {"CFM6(4)b": 8}.get(name, magnus[name].order)
+        order = {"CFM6(4)b": 8}.get(name, cg.methods[name].order)
         errors = []
         for n in {4: (40, 80), 6: (20, 40), 8: (10, 20)}[order]:
             run = cg.solve_linear(

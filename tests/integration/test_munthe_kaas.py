@@ -5,10 +5,10 @@ import pytest
 import scipy.integrate
 from bracket_examples import WITH
 from frame_examples import HEISENBERG, MAX_SCALE, generic, name
+from kinds import MUNTHE_KAAS
 from python_steps import Step
 
 import cg
-from cg.catalogue import munthe_kaas
 from cg.frames import (
     SE3,
     SO,
@@ -24,7 +24,7 @@ from cg.frames import (
 from cg.integration.step.interpolant import extension_of
 from cg.integration.step.plan import error_exponent
 
-METHODS = dict(munthe_kaas)
+METHODS = MUNTHE_KAAS
 
 
 STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}

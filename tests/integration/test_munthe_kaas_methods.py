@@ -39,10 +39,6 @@ class TestMethods:
         assert (again, hash(again)) == (method, hash(method))
         assert resolve_method(key) is method
 
-    def test_message_names_the_other_catalogue(self):
-        with pytest.raises(KeyError, match=r"RKMK4'; cg\.catalogue\.munthe_kaas has it"):
-            cg.methods["RKMK4"]
-
     def test_coefficients_of_scipy(self):
         for key, theirs in (
             ("RKMK3(2)", scipy.integrate.RK23),

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from ambient import solve_in_ambient_space
 from frame_examples import HEISENBERG, generic
+from kinds import FROZEN
 from reversed_flows import reverse_flows
 from slow_cases import slow
 
-from cg.catalogue import methods
 from cg.frames import (
     GL,
     SE3,
@@ -28,7 +28,7 @@ from cg.method.tableau import Tableau
 
 pytestmark = pytest.mark.no_core
 
-EXACT = {name: method for name, method in methods.items() if not method.approximate}
+EXACT = {name: method for name, method in FROZEN.items() if not method.approximate}
 WEIGHTS = {name: (method, method.order) for name, method in EXACT.items()} | {
     f"{name}, embedded": (method.embedded, method.embedded_order)
     for name, method in EXACT.items()

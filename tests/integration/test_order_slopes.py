@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from kinds import FROZEN
 
 from cg.analysis.convergence import observed_order, slopes
-from cg.catalogue import methods
 from cg.frames import SE3, SO3, Sphere, UnitQuaternion
 from cg.problems.affine import AffineField
 from cg.reproduce.reference_runs import integrate_compiled
 
-EXPLICIT = {name: tableau for name, tableau in methods.items() if tableau.explicit}
+EXPLICIT = {name: tableau for name, tableau in FROZEN.items() if tableau.explicit}
 EXACT = {name: tableau for name, tableau in EXPLICIT.items() if not tableau.approximate}
 WEIGHTS = {
     **{name: (tableau, tableau.order) for name, tableau in EXACT.items()},

@@ -12,11 +12,10 @@ from scipy.linalg import expm
 
 import cg
 from cg.analysis.convergence import final_errors, observed_order
-from cg.catalogue import munthe_kaas
 from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, UnitQuaternion
 from cg.integration.step.collocation import transformation
 
-RADAU = munthe_kaas["RadauIIA5"]
+RADAU = cg.methods["RadauIIA5"]
 PLANE = Euclidean(2)
 START = [2.0, 0.0]
 MU = 100.0

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
 from jax_setup import diffrax, jax
+from kinds import FROZEN, MUNTHE_KAAS
 from slow_cases import slow
 
 import cg
-from cg.catalogue import munthe_kaas
 from cg.frames import (
     SE3,
     SO,
@@ -27,7 +27,7 @@ from cg.frames import (
 )
 
 jnp = jax.numpy
-METHODS = {**cg.methods, **munthe_kaas}
+METHODS = {**FROZEN, **MUNTHE_KAAS}
 FRAMES = [SO3(), UnitQuaternion(), Sphere(2), SU(2)]
 EXPLICIT = [name for name, method in METHODS.items() if method.explicit]
 

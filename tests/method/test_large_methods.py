@@ -10,6 +10,7 @@ import cg
 from cg.catalogue import save
 from cg.catalogue.summary import compute_summary
 from cg.command import main
+from cg.formats.notebooks import to_html
 from cg.method.stability import too_large
 
 
@@ -59,10 +60,10 @@ def test_notebook_output_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[object] = []
     plain = latex._plain
     monkeypatch.setattr(latex, "_plain", lambda entry: written.append(entry) or plain(entry))
-    text = dense(100)._repr_html_()
+    text = to_html(dense(100))
     assert "and 61 more" in text
     assert len(written) <= 40 * 101
     written.clear()
     points = [(m - 1, {0: f"1/{m + 7}"}) for m in range(200)]
-    assert "and 161 more" in cg.CommutatorFree(points, [-1], 199)._repr_html_()
+    assert "and 161 more" in to_html(cg.CommutatorFree(points, [-1], 199))
     assert len(written) <= 200

@@ -8,7 +8,8 @@ from math import factorial
 
 import pytest
 
-from cg.catalogue import dumps, loads, magnus
+import cg
+from cg.catalogue import dumps, loads
 from cg.conditions.linear import linear_residuals, words
 from cg.method.magnus import MagnusMethod
 from cg.structure.points import MethodError
@@ -38,7 +39,7 @@ def test_residuals_of_the_midpoint_rule():
 
 @pytest.mark.parametrize("name", ORDERS)
 def test_orders_flows_and_evaluations(name):
-    method = magnus[name]
+    method = cg.methods[name]
     orders = method.order, method.embedded_order, method.third_order
     assert (*orders, method.exponentials, method.pair_exponentials, method.stages) == ORDERS[name]
     assert method.largest_residual() < 1e-34
@@ -48,14 +49,14 @@ def test_orders_flows_and_evaluations(name):
 
 @pytest.mark.parametrize("name", ORDERS)
 def test_constant_coefficients_are_solved_exactly(name):
-    residuals = dict(zip(words(8), magnus[name].residuals(8), strict=True))
+    residuals = dict(zip(words(8), cg.methods[name].residuals(8), strict=True))
     for n in range(1, 9):
         assert abs(residuals[(1,) * n]) < Decimal(10) ** -34 / factorial(n - 1)
 
 
 @pytest.mark.parametrize("name", ["CFM4", "CFM6(4)b", "CFM8(4)"])
 def test_symmetric_methods_read_backwards_are_themselves(name):
-    method = magnus[name]
+    method = cg.methods[name]
     rows = [[a.value for a in row] for row in method.weights]
     for row, other in zip(rows, reversed(rows), strict=True):
         assert row == other[::-1]
@@ -63,13 +64,13 @@ def test_symmetric_methods_read_backwards_are_themselves(name):
 
 @pytest.mark.parametrize("name", ORDERS)
 def test_files_give_back_an_equal_method(name):
-    method = magnus[name]
+    method = cg.methods[name]
     assert loads(dumps(method)) == method
     assert hash(loads(dumps(method))) == hash(method)
 
 
 def test_a_changed_coefficient_is_another_method_of_lower_order():
-    method = magnus["CFM6(4)"]
+    method = cg.methods["CFM6(4)"]
     weights = [[a.value for a in row] for row in method.weights]
     weights[0][0] += Fraction(1, 10**30)
     changed = MagnusMethod(method.nodes, weights)
@@ -101,5 +102,5 @@ def test_bad_coefficients_are_refused(arguments, message):
 
 @pytest.mark.parametrize("name", ORDERS)
 def test_packed_weights_make_the_same_method(name):
-    method = magnus[name]
+    method = cg.methods[name]
     assert method.with_coefficients(method.coefficients) == method

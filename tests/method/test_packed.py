@@ -5,14 +5,13 @@ from fractions import Fraction
 import pytest
 
 import cg
-from cg.catalogue import munthe_kaas
 from cg.method.packed import make_method
 from cg.structure.layout import Layout
 
 METHODS = [
     *map(cg.methods.get, ("CG3(2)", "DICG3", "CF4(3)", "CG4a")),
     cg.methods["DOP853"],
-    munthe_kaas["RKMK8(5,3)"],
+    cg.methods["RKMK8(5,3)"],
 ]
 
 

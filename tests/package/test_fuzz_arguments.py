@@ -275,4 +275,4 @@ def test_every_public_function_has_an_example():
     }
     called = [call.function for call in EXAMPLES.values()]
     left = {name for (_, name), one in public.items() if callable(one) and one not in called}
-    assert left == RETURNED
+    assert left == RETURNED | {"load", "save"}  # which have paths

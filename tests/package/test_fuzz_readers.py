@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import cg
-from cg.catalogue import dumps, loads, munthe_kaas
+from cg.catalogue import dumps, loads
 from cg.proofs import Certificate, CertificationError, certificate_of
 from cg.trees.ordered import OrderedTree
 from research.impossibility import ImpossibilityError
@@ -21,7 +21,7 @@ MANY = int(os.environ.get("CG_FUZZ", "1"))
 METHODS = [
     dumps(cg.methods[name]) for name in ("CG3", "CG4(3)", "CF4", "CF3b", "DICG3(2)", "CF4(3)")
 ]
-METHODS.append(dumps(munthe_kaas["RKMK5(4)"]))
+METHODS.append(dumps(cg.methods["RKMK5(4)"]))
 CERTIFICATES = [certificate_of(cg.methods[name]).dumps() for name in ("CG3", "CG4(3)", "CF4b")]
 
 NASTY = [

@@ -15,7 +15,7 @@ from argument_examples import FUNCTION_EXAMPLES
 from frame_argument_examples import FRAME_EXAMPLES
 
 import cg
-from cg import catalogue, frames, problems
+from cg import frames, problems
 
 COPIES = {"pickle": lambda x: pickle.loads(pickle.dumps(x)), "deepcopy": copy.deepcopy}
 ABSTRACT = {cg.Method, frames.Frame, frames.MatrixGroup, frames.HomogeneousSpace}
@@ -43,8 +43,8 @@ ARGUMENTS = {"str": "a reason", "int": 3, "float": 0.125}
 
 def examples():
     """Yield objects by name: methods, and all that the calls of everything public return."""
-    for names in catalogue.catalogues.values():
-        yield from ((name, names[name]) for name in list(names)[:3])
+    first = {type(method): name for name, method in reversed(cg.methods.items())}
+    yield from ((name, cg.methods[name]) for name in first.values())
     libm = ctypes.util.find_library("m")
     yield "CompiledFunction", cg.CompiledFunction(libm, "nextafter", [1.0, 2.0])
     yield "Structure", cg.Structure.MIDDLE

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.conditions import residuals_of
+from cg.conditions import residuals
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.reproduce.reference_runs import integrate_compiled
@@ -45,7 +45,7 @@ def test_doubles_work_without_quads():
     compiled = integrate_compiled(top, method="CG4a", h="1/100", steps=20)
     run = cg.integrate(top.f, (0, 0.2), top.y0, frame=top.frame, method="CG4a", h=0.01)
     np.testing.assert_allclose(compiled.y[-1], run.y[-1], atol=1e-13)
-    assert np.abs(residuals_of(cg.methods["CG6f"], 6)).max() < 1e-13
+    assert np.abs(residuals(cg.methods["CG6f"], 6)).max() < 1e-13
     assert cg.certify(cg.methods["CG4b"]).order == 4
     assert cg.lift(cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"])).method.order == 3
     fit = cg.lmdif(lambda x: np.array([x[0] - 1, 10 * (x[1] - x[0] ** 2)]), [2.0, 2.0])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from ambient import solve_in_ambient_space
 from flint import arb
+from kinds import FROZEN
 
 from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
@@ -147,7 +148,7 @@ def test_taylor_series_of_known_solutions():
         assert error < 1e-40
 
 
-@pytest.mark.parametrize("name", [name for name in methods if methods[name].explicit])
+@pytest.mark.parametrize("name", [name for name, method in FROZEN.items() if method.explicit])
 def test_compiled_stepper_agrees_with_python(top, name):
     slow = integrate(top.f, (0, 1), top.y0, frame=top.frame, method=name, h=1 / 16)
     fast = integrate_compiled(top, method=name, h=1 / 16, steps=16)

@@ -6,9 +6,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from kinds import MAGNUS
 
 import cg
-from cg.catalogue import loads, magnus
+from cg.catalogue import loads
 from cg.conditions.linear import linear_residuals, words
 from cg.proofs import CertificationError, certificate_of, certify, check
 from cg.proofs.certificate import ViolatedCondition
@@ -24,7 +25,7 @@ def words_of_time(order):
 
 @pytest.mark.parametrize("name", ["CFM6(4)", "CFM6(4)b", "CFM8(4)"])
 def test_digits_are_those_of_exact_coefficients_and_of_lobattos_nodes(name):
-    method = magnus[name]
+    method = cg.methods[name]
     texts = cg.proofs.refined_digits(method, certificate_of(method), 60)
     numbers = list(map(Fraction, texts))
     for stored, x in zip(method.coefficients, numbers, strict=True):
@@ -44,7 +45,7 @@ def test_numbers_of_conditions():
 
 @pytest.mark.parametrize("name", ["CFM4", "CFM6(4)"])
 def test_residuals_are_those_of_words_in_derivatives(name):
-    method = magnus[name]
+    method = cg.methods[name]
     given = method.abscissae, [[a.value for a in row] for row in method.weights]
     expected = dict(zip(words(7), linear_residuals(*given, 7), strict=True))
     every = words_of_time(7)
@@ -57,10 +58,10 @@ def test_residuals_are_those_of_words_in_derivatives(name):
         assert float(residual) * factor == pytest.approx(float(expected[degrees]), abs=1e-15)
 
 
-@pytest.mark.parametrize("name", [name for name in magnus if magnus[name].order > 4])
+@pytest.mark.parametrize("name", [name for name in MAGNUS if cg.methods[name].order > 4])
 def test_all_conditions_hold_to_more_places_than_are_stored(name):
     """Also those that a certificate leaves out, and those that aren't independent."""
-    method = magnus[name]
+    method = cg.methods[name]
     refined = loads(cg.export(method, "toml", digits=60))
     for one in (refined, refined.embedded):
         weights = [[a.value for a in row] for row in one.weights]
@@ -81,7 +82,7 @@ def test_nodes_may_be_anywhere():
 
 
 def test_wrong_coefficients_are_refused():
-    method = magnus["CFM8(4)"]
+    method = cg.methods["CFM8(4)"]
     texts = [coefficient.text for coefficient in method.coefficients]
     texts[9] = texts[9][:-4] + "0000"
     with pytest.raises(CertificationError, match="satisfy no order conditions"):
@@ -91,7 +92,7 @@ def test_wrong_coefficients_are_refused():
 
 
 def test_certificates_that_say_something_else():
-    method = magnus["CFM6(4)"]
+    method = cg.methods["CFM6(4)"]
     honest = certificate_of(method)
     left_out = honest.left_out
     kept = next(word for word in condition_words(6, of_time=True) if (0, word) not in left_out)

@@ -25,12 +25,12 @@ class TestCommand:
         assert out.splitlines()[-1] == f"{len(PROVED_HERE)} proved"
 
     def test_partial_proofs_are_counted_separately(self, tmp_path, capsys):
-        path = tmp_path / "CF5c.toml"
-        certify("CF5c", small=True).save(path)
+        path = tmp_path / "CG5a.toml"
+        certify("CG5a").save(path)
         assert main(["--check", "CG3", str(path), "nonsense"]) == 1
         first, second, _, last = capsys.readouterr().out.splitlines()
         assert first.startswith("CG3: order 3 is proved: ")
-        assert second.startswith("CF5c: order 5 is proved in part: ")
+        assert second.startswith("CG5a: order 5 is proved in part: ")
         assert last == "1 proved, 1 in part, 1 failed"
 
     def test_failures_have_an_exit_code(self, tmp_path, capsys):

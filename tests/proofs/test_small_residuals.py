@@ -7,6 +7,7 @@ from fractions import Fraction
 import pytest
 from flint import arb
 
+import cg
 from cg import conditions
 from cg.catalogue import methods
 from cg.proofs import Certificate, CertificationError, certificate_of, certify, check
@@ -24,16 +25,12 @@ def changed(certificate, **changes):
 
 
 def test_dependent_conditions_are_below_a_bound():
-    method = methods["CF5c"]
-    certificate = certify(method, small=True)
-    assert not certificate.complete
-    assert certificate_of(method).complete
-    assert "all but 8 of the independent conditions" in str(certificate)
+    method = methods["CG5a"]
+    certificate = certificate_of(method)
+    left_out = certificate.left_out
+    assert f"all but {len(left_out)} of the independent conditions" in str(certificate)
     assert "the residuals of the rest are below 1e-300" in str(certificate)
     assert Certificate.loads(certificate.dumps()) == certificate
-    check(certificate, method)
-    left_out = certificate.left_out
-    assert len(left_out) == 8
     for bound in ("1e-20", "0", "-1e-50"):
         with pytest.raises(CertificationError):
             changed(certificate, bound=Decimal(bound))
@@ -46,26 +43,27 @@ def test_dependent_conditions_are_below_a_bound():
 def test_bounds_are_tight_and_limit_the_digits(name):
     """Where residuals are quadratic in the distance from a solution, they are no smaller."""
     method = methods[name]
-    certificate = certify(method, small=True)
+    certificate = certify(method)
     assert certificate == certificate_of(method)
+    assert not certificate.complete
     check(certificate, method)
     bound = certificate.box.bound
     assert (bound == Decimal("1e-300")) == (name not in ("CG4", "CF5r"))
     if bound > Decimal("1e-300"):
         with pytest.raises(CertificationError, match="small is not proved"):
             check(changed(certificate, bound=bound / 1000), method)
-    with pytest.raises(CertificationError, match="small=True"):
-        certify(method)
+    with pytest.raises(CertificationError, match="orthogonality explains"):
+        certify(method, complete=True)
     most = max_digits(certificate)
     assert most == -bound.adjusted() // 2
-    assert method.digits(most, certificate=certificate)
+    assert cg.digits(method, most, certificate=certificate)
     with pytest.raises(CertificationError, match=f"at most {most}, got {most + 1}"):
-        method.digits(most + 1, certificate=certificate)
+        cg.digits(method, most + 1, certificate=certificate)
 
 
 def test_all_conditions_hold_to_the_digits_that_are_proved():
-    a, b = methods["CG5a"].digits(150)
-    residuals = conditions.residuals_exact(a, b, 5)
+    a, b = cg.digits(methods["CG5a"], 150)
+    residuals = conditions.residuals(a, b, 5, arithmetic="exact")
     assert len(residuals) == 64
     assert max(map(abs, residuals)) < Fraction(1, 10**148)
 
@@ -110,7 +108,6 @@ def test_where_the_zero_is():
             enclose_zero(system, packed.balls(), free, test, 100)
 
 
-def test_not_needed_where_all_are_independent():
-    assert certify("CG3", small=True).complete
-    with pytest.raises(TypeError, match="small"):
-        certify("CG3", small=1)
+@pytest.mark.parametrize("name", ["CG3", "CF5c"])
+def test_complete_proofs(name):
+    assert certify(name, complete=True).complete

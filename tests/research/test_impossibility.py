@@ -11,7 +11,7 @@ import pytest
 from flint import fmpq
 
 import cg
-from cg.conditions import condition_trees, exact_residuals_of, residuals_exact
+from cg.conditions import condition_trees, residuals
 from cg.structure.points import Point, PointTree
 from cg.trees.ordered import OrderedTree, catalan, forest
 from research.impossibility import (
@@ -111,7 +111,7 @@ def test_conditions_of_tableaux_agree_with_the_oracle(seed: int) -> None:
     values = _values(shape, seed)
     rows = _rows(4, values)
     actual = [_at(p, shape.ring.names, values) for p in shape.conditions(4).values()]
-    assert actual == list(residuals_exact(rows[:-1], rows[-1], 4))
+    assert actual == list(residuals(rows[:-1], rows[-1], 4, arithmetic="exact"))
 
 
 @pytest.mark.parametrize("parents", [(-1, 0, 1, 2), (-1, -1, 0, 1), (-1, 0, -1, 2)])
@@ -125,7 +125,7 @@ def test_conditions_of_points_agree_with_the_oracle(parents: tuple[int, ...]) ->
         points.append(Point(parent, dict(enumerate(row))))
     tree = PointTree(tuple(points), (-1, 0, 1, 2), 3)
     actual = [_at(p, shape.ring.names, values) for p in shape.conditions(4).values()]
-    assert actual == list(exact_residuals_of(tree, 4))
+    assert actual == list(residuals(tree, 4, arithmetic="exact"))
 
 
 def test_the_flat_conditions_vanish_at_the_classical_method_alone() -> None:

@@ -122,11 +122,11 @@ def test_certificates_and_digits_in_eight_threads() -> None:
     names = ["CG3", "CG4a", "CF3", "CG3"]
     certificates = {name: cg.certify(name) for name in names}
     method = cg.methods["CG4a"]
-    digits = method.digits(50)
+    digits = cg.digits(method, 50)
 
     def work(k: int) -> bool:
         if k % 2:
-            return bool(method.digits(50) == digits)
+            return bool(cg.digits(method, 50) == digits)
         name = names[k // 2 % 4]
         return bool(cg.certify(name) == certificates[name])
 

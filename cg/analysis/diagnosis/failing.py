@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ... import conditions
@@ -86,7 +87,8 @@ def _first(method: Method, order: int) -> FailingCondition:
     lower = conditions.count(order - 1, independent=True) if order > 1 else 0
     trees = conditions.condition_trees(order, independent=True)[lower:]
     sides = conditions.right_sides(order, independent=True)[lower:]
-    residuals = conditions.ball_residuals_of(method.tree, order, independent=True)[lower:]
+    residuals_in = partial(conditions.residuals, method.tree, order, independent=True)
+    residuals = residuals_in(arithmetic="balls")[lower:]
     allowed = method.tolerance(order)[lower:].tolist()
     failing = [
         k for k, (r, t) in enumerate(zip(residuals, allowed, strict=True)) if not _within(r, t)
@@ -94,7 +96,7 @@ def _first(method: Method, order: int) -> FailingCondition:
     if failing:
         residual = float(residuals[failing[0]].mid())
     else:  # the balls contain zero: decide in exact arithmetic
-        exact = conditions.exact_residuals_of(method.tree, order, independent=True)[lower:]
+        exact = residuals_in(arithmetic="exact")[lower:]
         pairs = enumerate(zip(exact, allowed, strict=True))
         failing = [k for k, (r, t) in pairs if abs(r) > Fraction(t)]
         residual = float(exact[failing[0]])

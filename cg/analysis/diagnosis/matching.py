@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from ...catalogue import methods, munthe_kaas
+from ...catalogue import methods
 from ...method.coefficients import Coefficient
 from ...method.commutator_free import CommutatorFree
 from ...method.method import Method
@@ -45,14 +45,11 @@ def closest_match(method: Method, *, within: Fraction = Fraction(0)) -> Catalogu
     return min(matches, key=distance, default=None)
 
 
-def _comparable(method: Method) -> Iterator[Method]:
-    catalogues = (
-        (munthe_kaas, methods) if isinstance(method, MuntheKaas) else (methods, munthe_kaas)
+def _comparable(method: Method) -> list[Method]:
+    return sorted(
+        (known for known in methods.values() if known.stages == method.stages),
+        key=lambda known: isinstance(known, MuntheKaas) != isinstance(method, MuntheKaas),
     )
-    for catalogue in catalogues:
-        for known in catalogue.values():
-            if known.stages == method.stages:
-                yield known
 
 
 def _compare(method: Method, known: Method, within: Fraction) -> CatalogueMatch | None:

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...catalogue import catalogues, save
+from ...catalogue import methods, save
 from ...catalogue.entries import CERTIFICATE_SUFFIX
 from ...method.method import Method
 from ...proofs import Certificate, CertificationError, certify
@@ -91,7 +91,7 @@ def publish(
     folder = Path(folder)
     if not folder.is_dir():
         raise NotADirectoryError(f"folder must be an existing folder, got {str(folder)!r}")
-    if any(name in catalogue for catalogue in catalogues.values()):
+    if name in methods:
         raise ValueError(f"name must be new, got {name!r}, a method of the package")
     proofs = folder / "certificates"
     file = file_in(folder, name)
@@ -109,7 +109,12 @@ def publish(
         f"{', then along the solution set' if max_iterations else ''}"
     )
     method = to_method(candidate, name=name, source=source)
-    certificate, reason = _certify(method)
+    certificate, reason = None, ""
+    try:
+        certificate = certify(method)
+        reason = "" if certificate.complete else certificate.statement
+    except CertificationError as error:
+        reason = str(error)
     save(method, file)
     files = [file]
     if certificate is not None:
@@ -123,18 +128,6 @@ def publish(
         reason=reason,
         files=tuple(files),
     )
-
-
-def _certify(method: Method) -> tuple[Certificate | None, str]:
-    """Return a complete certificate if possible, else a partial one or None, and the reason."""
-    try:
-        return certify(method), ""
-    except CertificationError as error:
-        reason = str(error)
-    try:
-        return certify(method, small=True), reason
-    except CertificationError:
-        return None, reason
 
 
 def _choose(run: StoredRun, number: int | None) -> StoredSolution:

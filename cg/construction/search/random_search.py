@@ -22,15 +22,15 @@ from ...support.checks import MAX_COUNT, check_integer
 from .records import RandomStart
 from .requirements import Requirements
 from .result import SearchResult, StoredStarts
-from .settings import SearchArguments, SearchSettings
+from .settings import SearchSettings
 from .start import read_start, run_start, start_layout
 
 
 def search(
     order: int,
     stages: int,
-    starts: int,
-    seed: int,
+    starts: int = 100,
+    seed: int = 0,
     *,
     algorithm: str = "minimum-norm",
     rows: Rows | str = Rows.EXPLICIT,
@@ -62,9 +62,9 @@ def search(
         Order of the methods, between 1 and `cg.conditions.MAX_ORDER`.
     stages : int
         Number of stages, at most 1000.
-    starts : int
+    starts : int, optional
         Number of random starts.
-    seed : int
+    seed : int, optional
         Seed of all starts, not negative.
     algorithm : {"minimum-norm", "lmdif"}, optional
         The first uses the exact Jacobian, steps of least norm and a cheap refinement
@@ -146,7 +146,7 @@ def search(
 
     Examples
     --------
-    >>> result = search(order=2, stages=2, starts=4, seed=1)
+    >>> result = search(order=2, stages=2)
     >>> result.methods[0].order
     2
     >>> search(order=4, stages=4, flows=5, starts=10, seed=1).methods[0].exponentials
@@ -159,22 +159,7 @@ def search(
     >>> method.name, method.order, bool(method.c.max() <= 1)
     ('CG3-1-1', 3, True)
     """
-    settings = SearchArguments(
-        order=order,
-        stages=stages,
-        seed=seed,
-        algorithm=algorithm,
-        rows=rows,
-        width=width,
-        maxfev=maxfev,
-        refine_below=refine_below,
-        refine_maxfev=refine_maxfev,
-        force=force,
-        tree=tree,
-        flows=flows,
-        embedded=embedded,
-        first_same_as_last=first_same_as_last,
-    ).checked()
+    settings = SearchSettings.of(locals()).checked(force)
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)
     requirements = Requirements.checked(settings.order, abscissae, bound, minimise)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...conditions import Rows, check_rows, count, unknowns
 from ...conditions.counts import check_order
@@ -15,7 +15,7 @@ from ...support.checks import (
     check_integer,
     check_real,
 )
-from .shapes import ShapeArguments, ShapeSettings, most_unknowns
+from .shapes import ShapeSettings, most_unknowns
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
@@ -32,7 +32,7 @@ _TREE_BOUND = 600
 
 @dataclass(frozen=True, kw_only=True)
 class SearchSettings(ShapeSettings):
-    """All that determines the result of a search; see `cg.search`."""
+    """The arguments of `cg.search` that determine its result."""
 
     algorithm: str
     rows: Rows
@@ -40,21 +40,8 @@ class SearchSettings(ShapeSettings):
     refine_below: float
     refine_maxfev: int
 
-
-@dataclass(frozen=True, kw_only=True)
-class SearchArguments(ShapeArguments):
-    """Arguments of `cg.search` that determine its result, not yet checked."""
-
-    seed: int
-    algorithm: str
-    rows: Rows | str
-    width: float | None
-    maxfev: int | None
-    refine_below: float
-    refine_maxfev: int | None
-
-    def checked(self) -> SearchSettings:
-        """Return the settings of the search.
+    def checked(self, force: bool) -> SearchSettings:
+        """Return the settings with defaults for None.
 
         TypeError or ValueError for an argument of the wrong type or out of range.
         """
@@ -65,7 +52,7 @@ class SearchArguments(ShapeArguments):
             names = ", ".join(ALGORITHMS)
             raise ValueError(f"algorithm must be one of {names}, got {self.algorithm!r}")
         rows = check_rows(self.rows)
-        layout, flows, size = self._check_shape(order, stages, rows)
+        layout, flows, size = self._check_shape(rows, force)
         lmdif = self.algorithm == "lmdif"
         width, maxfev, refine_maxfev = self.width, self.maxfev, self.refine_maxfev
         if width is None:
@@ -76,7 +63,8 @@ class SearchArguments(ShapeArguments):
             maxfev = 200 * (size + 1) if lmdif else bound
         if refine_maxfev is None:
             refine_maxfev = 20 * (size + 1)
-        return SearchSettings(
+        return replace(
+            self,
             order=order,
             stages=stages,
             seed=seed,
@@ -85,28 +73,26 @@ class SearchArguments(ShapeArguments):
             embedded=bool(self.embedded),
             tree=layout,
             first_same_as_last=bool(self.first_same_as_last),
-            algorithm=self.algorithm,
             rows=rows,
             maxfev=check_integer("maxfev", maxfev, 1, MAX_COUNT),
             refine_below=check_real("refine_below", self.refine_below),
             refine_maxfev=check_integer("refine_maxfev", refine_maxfev, 1, MAX_COUNT),
         )
 
-    def _check_shape(
-        self, order: int, stages: int, rows: Rows
-    ) -> tuple[Layout | None, int | None, int]:
+    def _check_shape(self, rows: Rows, force: bool) -> tuple[Layout | None, int | None, int]:
         """Return the layout of a given tree, the number of flows, and that of unknowns."""
+        order, stages = self.order, self.stages
         if not self.of_points:
             self.check_tableau()
             size, conditions = unknowns(stages, rows), count(order, independent=True)
-            if not check_flag("force", self.force) and size < conditions:
+            if not check_flag("force", force) and size < conditions:
                 raise ValueError(
                     f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for "
                     f"{conditions} independent conditions of order {order}; pass force=True to "
                     "try nevertheless"
                 )
             return None, None, size
-        layout, flows = self.check_points()
+        layout, flows = self.check_points(force)
         if rows is not Rows.EXPLICIT:
             raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
         if self.algorithm == "lmdif" and (self.embedded or (layout is not None and layout.pair)):

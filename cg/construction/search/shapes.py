@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -214,37 +214,15 @@ class ShapeSettings:
     tree: Layout | None = None
     first_same_as_last: bool = False
 
-    def tree_for(self, flows: int, random: np.random.Generator) -> Layout:
-        """Return the given tree, or one that is drawn at random."""
-        return self.tree or draw_layout(
-            self.stages,
-            flows,
-            random,
-            embedded=self.embedded,
-            first_same_as_last=self.first_same_as_last,
-        )
-
-
-def start_generator(seed: int, index: int) -> np.random.Generator:
-    """Return the random generator of a start: one for each index, spawned from the seed."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShapeArguments:
-    """Arguments of `cg.search` and `cg.construct` about the shape of methods, not yet checked."""
-
-    order: int
-    stages: int
-    force: bool
-    tree: Any
-    flows: int | None
-    embedded: bool
-    first_same_as_last: bool
+    @classmethod
+    def of(cls, arguments: Mapping[str, Any]) -> Self:
+        """Return the settings of the arguments of a function, not yet checked."""
+        names = [field.name for field in fields(cls) if field.name in arguments]
+        return cls(**{name: arguments[name] for name in names})
 
     @property
     def of_points(self) -> bool:
-        """Whether the arguments describe methods of points, not tableaux."""
+        """Whether they describe methods of points, not tableaux."""
         return self.tree is not None or self.flows is not None
 
     def check_tableau(self) -> None:
@@ -253,7 +231,7 @@ class ShapeArguments:
             if check_flag(name, getattr(self, name)):
                 raise ValueError(f"{name} needs flows; it is for commutator-free methods")
 
-    def check_points(self) -> tuple[Layout | None, int]:
+    def check_points(self, force: bool) -> tuple[Layout | None, int]:
         """Return the layout of a given tree, None if trees are drawn, and the number of flows.
 
         Shapes that can't have the order where flows commute, and so not on a manifold either, are
@@ -262,7 +240,6 @@ class ShapeArguments:
         """
         embedded, flows, stages = check_flag("embedded", self.embedded), self.flows, self.stages
         last = int(check_flag("first_same_as_last", self.first_same_as_last))
-        force = check_flag("force", self.force)
         layout = None
         if self.tree is not None:
             if last:
@@ -280,10 +257,25 @@ class ShapeArguments:
                 check_integer("stages", stages, 2)
             flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
             unknowns = most_unknowns(stages - last, flows)
-        if not force:
+        if not check_flag("force", force):
             second = 0 if layout is None else int(layout.pair)
             _check_counts(self.order, stages - last, flows - second, unknowns)
         return layout, flows
+
+    def tree_for(self, flows: int, random: np.random.Generator) -> Layout:
+        """Return the given tree, or one that is drawn at random."""
+        return self.tree or draw_layout(
+            self.stages,
+            flows,
+            random,
+            embedded=self.embedded,
+            first_same_as_last=self.first_same_as_last,
+        )
+
+
+def start_generator(seed: int, index: int) -> np.random.Generator:
+    """Return the random generator of a start: one for each index, spawned from the seed."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
 
 
 def _check_counts(order: int, stages: int, flows: int, unknowns: int) -> None:

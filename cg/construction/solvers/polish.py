@@ -13,7 +13,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...conditions import exact_residuals_of
+from ... import conditions
 from .rational import RationalZero, refine_rational
 from .singular import pseudo_inverse
 from .system import ConditionSystem, Structure
@@ -84,9 +84,11 @@ def polish_zeros(
 
 def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction, ...]:
     tree = system.layout.tree(x)
-    residuals = exact_residuals_of(tree, system.order, independent=True)
+    residuals = conditions.residuals(tree, system.order, independent=True, arithmetic="exact")
     if system.embedded:
-        residuals += exact_residuals_of(tree, system.order - 1, independent=True, embedded=True)
+        residuals += conditions.residuals(
+            tree, system.order - 1, independent=True, embedded=True, arithmetic="exact"
+        )
     return residuals
 
 
