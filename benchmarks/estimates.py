@@ -11,8 +11,8 @@ import numpy as np
 
 import cg
 from cg.catalogue import munthe_kaas, resolve_method
+from cg.formats.markdown import replace_between, table
 from cg.frames import SO3
-from cg.support.markdown import replace_between, table
 
 from .cases import Case, cases
 from .record import Aim, Result, Row

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cg.formats.markdown import table
 from cg.frames import SE3
 from cg.problems.affine import AffineField
-from cg.support.markdown import table
 
 from .cases import Case, cases, top_in_c
 from .record import Result

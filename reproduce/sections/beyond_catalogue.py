@@ -8,10 +8,10 @@ from typing import Any
 
 from cg.catalogue import methods
 from cg.conditions import count
+from cg.formats.markdown import table as markdown_table
 from cg.method.method import Method
 from cg.proofs import certificate_of
 from cg.proofs.files import certificate_names
-from cg.support.markdown import table as markdown_table
 
 from ..blocks import Block, Data, Table, Text, number, places
 from ..coefficients import RANK_THRESHOLD, singular_values

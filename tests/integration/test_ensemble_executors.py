@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import cg
+from cg.executors import Finished
 from cg.frames import SO3, Euclidean
 from cg.integration import ensemble
-from cg.runs import Finished
 
 pytestmark = pytest.mark.sanitize
 

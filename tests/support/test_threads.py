@@ -11,7 +11,7 @@ from flint import arb, ctx
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
-from cg.runs import as_finished
+from cg.executors import as_finished
 from cg.support.balls import working_precision
 from cg.support.parallel import available_cores, single_threads
 
