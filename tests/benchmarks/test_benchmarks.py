@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import cg
-from cg import conditions
 from cg.analysis.convergence import observed_order
 from cg.problems import FreeRigidBody, HeavyTop
 
@@ -23,17 +22,6 @@ def _importable():
     sys.path.insert(0, str(ROOT))
     yield
     sys.path.remove(str(ROOT))
-
-
-@pytest.mark.parametrize(("order", "stages"), [(3, 3), (5, 9)])
-def test_numpy_residual_agrees_with_the_exact_residual(order, stages):
-    from benchmarks.weights import NumpyResidual
-
-    x = np.random.default_rng(1).uniform(-1, 1, conditions.unknowns(stages))
-    rows, weights = conditions.unpack(x, stages)
-    exact = conditions.residuals_exact(rows, weights, order, independent=True)
-    actual = NumpyResidual(order, stages)(x)
-    np.testing.assert_allclose(actual, np.array(exact, dtype=float), rtol=0, atol=1e-12)
 
 
 def test_jacobian_for_leastsq_agrees_with_differences():
@@ -193,48 +181,10 @@ def test_bodies_compare_with_the_fastest_competitor(monkeypatch):
     assert row.met
 
 
-def test_tableaux_compare_both_forms():
-    from benchmarks.tableaux import _line
-    from benchmarks.work_curves import Curve, Point
-
-    (case,) = _cases("two_levels")
-    lifted, algebra = (
-        Curve(name, "pair", 5, tuple(Point(10.0**-k, s * k, k, 2 * k, 0.1) for k in (4, 6, 8)))
-        for name, s in (("DP5(4)", 1.0), ("RKMK5(4)", 2.0))
-    )
-    won = dict.fromkeys(("evaluations", "flows", "time"), 0)
-    line = _line(case, lifted, algebra, 1e-6, won)
-    assert line == [
-        "Two-level system",
-        "5(4)",
-        "1e-06",
-        "6",
-        "6",
-        "12",
-        "12",
-        "6e+03",
-        "1.2e+04",
-        "2.00",
-    ]
-    assert won == {"evaluations": 0, "flows": 0, "time": 1}
-    assert _line(case, lifted, algebra, 1e-12, won) is None
-
-
 def _cases(*names):
     from benchmarks.cases import cases
 
     return cases(names)
-
-
-@needs_gcc
-def test_parts_compare_a_step_with_the_sum(tmp_path):
-    from benchmarks import parts
-    from benchmarks.compiled import field
-
-    f = field("linear", tmp_path, [3])
-    row = parts._row("SO(3)", cg.frames.SO3(), "RKMK4", f, 1)
-    assert 0.0 < row.value < 1e3
-    assert row.ratio == pytest.approx(row.value / row.other)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
@@ -278,7 +228,7 @@ def test_pages_are_rendered_from_the_stored_results(tmp_path):
     file = ROOT / "benchmarks" / "results.json"
     results = page.read(file)
     assert list(results) == [name for name in NAMES if name in results]
-    assert {"kernels", "rivals", "estimates"} <= set(results)
+    assert {"rivals", "estimates"} <= set(results)
     environments = page.read_environments(file)
     assert set(environments) == set(results)
     page.write_pages(results, environments, tmp_path)
@@ -299,9 +249,7 @@ def test_pages_are_rendered_from_the_stored_results(tmp_path):
         "bodies",
         "calls",
         "ensemble",
-        "kernels",
         "linear",
-        "parts",
         "rivals",
         "steps",
         "stiff",
