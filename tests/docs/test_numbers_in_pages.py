@@ -142,14 +142,7 @@ def tableaux(order):
 @pytest.mark.parametrize(
     "page",
     [
-        catalogue,
-        certificates,
-        compared,
-        implicit,
-        impossible,
-        in_jax,
-        readme,
-        reproduction,
+        *(catalogue, certificates, compared, implicit, impossible, in_jax, readme, reproduction),
     ],
     ids=lambda page: page.__name__,
 )

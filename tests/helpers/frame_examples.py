@@ -72,17 +72,8 @@ QUATERNIONS = [
 ]
 POSES = [SE3(), SE3("space")]
 COMPACT_GROUPS = [
-    SO(2),
-    SO(3, "space"),
-    SO(4),
-    SO(5, "space"),
-    U(1),
-    U(2, "body"),
-    U(3),
-    SU(2),
-    SU(2, "body"),
-    SU(3),
-    SU(4, "body"),
+    *(SO(2), SO(3, "space"), SO(4), SO(5, "space"), U(1), U(2, "body"), U(3), SU(2)),
+    *(SU(2, "body"), SU(3), SU(4, "body")),
 ]
 COMPACT_SPACES = [
     Sphere(1),

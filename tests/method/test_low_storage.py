@@ -119,16 +119,6 @@ class TestConversion:
             from_two_registers(a, b)
 
 
-class TestFlatConditions:
-    def test_flat_order_exceeds_order_on_manifolds(self):
-        # a flat method of order four, its rows as flows in a wrong sequence
-        b = ["1/6", "1/3", "1/3", "1/6"]
-        kutta = cg.Tableau([[], ["1/2"], [0, "1/2"], [0, 0, 1]], b)
-        assert not any(flat_residuals(*kutta.exact, 4))
-        assert any(flat_residuals(*kutta.exact, 5))
-        assert kutta.order == 2
-
-
 class TestOrderOnManifolds:
     """Methods of two registers that have an order in flat space have it on manifolds."""
 

@@ -344,11 +344,6 @@ def test_page_escapes():
     assert "<b>" not in page(state, {})
 
 
-def test_claims_name_their_section():
-    assert all(claim.section and claim.text.endswith((".", "…")) for claim in CLAIMS)
-    assert len({(claim.section, claim.text) for claim in CLAIMS}) == len(CLAIMS)
-
-
 def test_documented_verdicts_match_the_judges():
     counts = [sum(claim.default_verdict == verdict for claim in CLAIMS) for verdict in VERDICTS]
     assert sum(counts) == len(CLAIMS)
@@ -359,12 +354,6 @@ def test_documented_verdicts_match_the_judges():
     assert expected in text
     rows = text.partition("| claim that fails | result |\n|---|---|\n")[2].partition("\n\n")[0]
     assert len(rows.splitlines()) == failed
-
-
-def test_claims_about_other_papers_need_no_numbers():
-    for claim in CLAIMS:
-        if claim.default_verdict == "not reproducible":
-            assert claim.judge({}, {})[0] is None
 
 
 @pytest.mark.slow
