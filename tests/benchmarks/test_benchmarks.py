@@ -244,10 +244,7 @@ def test_pages_are_rendered_from_the_stored_results(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        *("bodies", "calls", "ensemble", "linear", "rivals", "steps", "stiff", "variational"),
-    ],
+    "name", [*("bodies", "calls", "ensemble", "linear", "rivals", "steps", "stiff", "variational")]
 )
 def test_stored_titles_and_methods_are_those_of_the_module(name):
     from importlib import import_module

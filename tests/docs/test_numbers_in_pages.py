@@ -141,9 +141,7 @@ def tableaux(order):
 
 @pytest.mark.parametrize(
     "page",
-    [
-        *(catalogue, certificates, compared, implicit, impossible, in_jax, readme, reproduction),
-    ],
+    [*(catalogue, certificates, compared, implicit, impossible, in_jax, readme, reproduction)],
     ids=lambda page: page.__name__,
 )
 def test_numbers_in_page_match_stored_data(page):
