@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
-from . import compiled as compiled_conditions
+from . import core_calls
 from .counts import (
     MAX_ORDER,
     check_order,
@@ -211,7 +211,7 @@ def weights_at(
     array([1. , 0.5, 0.5])
     """
     order, x = _check_packed(layout, x, order)
-    return compiled_conditions.weights(order, layout, x, _trees(order, independent))
+    return core_calls.weights(order, layout, x, _trees(order, independent))
 
 
 def residuals_at(
@@ -240,7 +240,7 @@ def residuals_at(
     array([0., 0., 0.])
     """
     order, x = _check_packed(layout, x, order)
-    return compiled_conditions.residuals(order, layout, x, _trees(order, independent))
+    return core_calls.residuals(order, layout, x, _trees(order, independent))
 
 
 def jacobian_at(
@@ -260,7 +260,7 @@ def jacobian_at(
     """
     order, x = _check_packed(layout, x, order)
     trees = _trees(order, independent)
-    return np.ascontiguousarray(compiled_conditions.jacobian(order, layout, x, trees))
+    return np.ascontiguousarray(core_calls.jacobian(order, layout, x, trees))
 
 
 def residuals_of(

@@ -12,7 +12,7 @@ import numpy as np
 from cg.frames import SO, SU, Frame, MatrixGroup, Semidirect, U
 from cg.jax.dexpinv import motion_dexpinv, series_dexpinv, turning_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine, dexpinv_factor, stumpff
-from cg.jax.rotations import rotation_logarithm, rotation_matrix
+from cg.jax.rotation_rules import rotation_logarithm, rotation_matrix
 from cg.jax.rules import Rules, adjoint, linear, newton_schulz, real_dtype, same
 
 _ROOTS = 3  # square roots before a logarithm's series

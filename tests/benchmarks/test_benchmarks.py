@@ -97,7 +97,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C co
 @needs_gcc
 @pytest.mark.parametrize("key", ["CF4", "CG4a", "CF6a", "CG5a"])
 def test_plain_loop_in_c_takes_the_same_steps(tmp_path, key):
-    from benchmarks.compiled import PlainLoop, field, top_field
+    from benchmarks.in_c import PlainLoop, field, top_field
 
     loop, top = PlainLoop(tmp_path), HeavyTop()
     in_c = top_field(top, tmp_path)
@@ -116,7 +116,7 @@ def test_plain_loop_in_c_takes_the_same_steps(tmp_path, key):
 @needs_gcc
 @pytest.mark.parametrize("key", ["DP5(4)", "CF5r"])
 def test_plain_loop_rejects_unsupported_methods(tmp_path, key):
-    from benchmarks.compiled import PlainLoop, field
+    from benchmarks.in_c import PlainLoop, field
 
     with pytest.raises(ValueError, match=r"steps\.c"):
         PlainLoop(tmp_path).integrate(field("free_body", tmp_path), key, 0.1, 1, np.ones((1, 7)))
@@ -125,8 +125,8 @@ def test_plain_loop_rejects_unsupported_methods(tmp_path, key):
 @needs_gcc
 def test_ensemble_functions_agree_in_c_and_python(tmp_path):
     from benchmarks import ensemble
-    from benchmarks.compiled import field
     from benchmarks.ensemble import fields, level
+    from benchmarks.in_c import field
 
     frame = ensemble._FRAME
     points = frame.random_point(np.random.default_rng(1), (4,))

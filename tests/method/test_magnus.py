@@ -9,7 +9,7 @@ from math import factorial
 import pytest
 
 from cg.catalogue import dumps, loads, magnus
-from cg.conditions.linear import linear_residuals, words
+from cg.conditions.linear_equations import linear_residuals, words
 from cg.method.magnus import MagnusMethod
 from cg.structure.points import MethodError
 

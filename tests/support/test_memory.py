@@ -95,7 +95,7 @@ x = np.zeros(layout.size)
 trees, owner = system.conditions(True)
 flag = np.zeros(1, dtype=np.intc)
 free = np.arange(1, layout.size + 1, dtype=np.intc)
-from cg.conditions import compiled as door
+from cg.conditions import core_calls as door
 from cg.construction.solvers.lmdif import fit_lmdif
 from cg.construction.solvers.minimum_norm import fit_minimum_norm
 from cg.support import quads

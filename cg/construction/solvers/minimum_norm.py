@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import _core_r64
-from ...conditions.compiled import Trees, Vector, derivatives_bytes, described
+from ...conditions.core_calls import Trees, Vector, derivatives_bytes, described
 from ...structure.layout import Layout
 from ...support.capsules import provide_lapack
 from ...support.checks import MAX_COUNT, check_flag, check_integer, check_real
