@@ -59,18 +59,17 @@ def at_call(number: int, then: Callable[[np.ndarray], object]) -> Callable[[np.n
         ({"maxfev": 10.0}, TypeError, "maxfev must be an integer, got 10.0"),
         ({"diag": [1.0]}, ValueError, r"diag must have shape \(2,\).*\(1,\)"),
         ({"diag": [1.0, 0.0]}, ValueError, "diag must be positive"),
+        ({"f": 3}, TypeError, "f must be callable, got 3"),
+        ({"f": rosenbrock, "x0": np.ones(3)}, ValueError, "at least.*: 2 residuals, 3 unknowns"),
+        ({"f": lambda x: [np.inf, 1.0]}, ValueError, r"f\[0\] = inf at x0 = \[-1.2  1. \]"),
+        ({"f": lambda x: np.where(x > 1, 1e308, -1e307), "x0": [1.0, 1.0]}, ValueError, "overflow"),
     ],
 )
-def test_rejects_bad_arguments_before_calling_f(
+def test_rejects_bad_arguments(
     options: dict[str, object], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        cg.lmdif(never, **{"x0": START, **options})
-
-
-def test_f_must_be_callable() -> None:
-    with pytest.raises(TypeError, match="f must be callable, got 3"):
-        cg.lmdif(3, START)
+        cg.lmdif(**{"f": never, "x0": START, **options})
 
 
 # Calls 2 and 3 are differences, call 4 is the first step.
@@ -99,21 +98,6 @@ def test_rejects_bad_residuals(
 def test_rejects_changing_number_of_residuals(call: int, size: int) -> None:
     with pytest.raises(ValueError, match=f"f must return 2 residuals as it did at x0, got {size}"):
         cg.lmdif(at_call(call, lambda x: np.ones(size)), START)
-
-
-def test_rejects_fewer_residuals_than_unknowns() -> None:
-    with pytest.raises(ValueError, match=r"f must return at least.*: 2 residuals, 3 unknowns"):
-        cg.lmdif(rosenbrock, [1.0, 2.0, 3.0])
-
-
-def test_error_names_x0_if_f_is_not_finite_there() -> None:
-    with pytest.raises(ValueError, match=r"f\[0\] = inf at x0 = \[-1.2  1. \]"):
-        cg.lmdif(lambda x: [np.inf, 1.0], START)
-
-
-def test_rejects_overflowing_differences() -> None:
-    with pytest.raises(ValueError, match="f varies too much: its differences overflow"):
-        cg.lmdif(lambda x: np.where(x > 1, 1e308, -1e307), [1.0, 1.0])
 
 
 class Interrupted(BaseException):
