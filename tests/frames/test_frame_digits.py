@@ -152,10 +152,7 @@ def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
     """To first order they are the difference of the points in the axes of the coefficients."""
     rng = np.random.default_rng(65)
     for frame in (
-        UnitQuaternion(),
-        UnitQuaternion("space", scalar_first=True),
-        Sphere(2),
-        Sphere(4),
+        *(UnitQuaternion(), UnitQuaternion("space", scalar_first=True), Sphere(2), Sphere(4)),
     ):
         y0 = frame.random_point(rng)
         y1 = frame.flow(size * frame.random_vector(rng), y0)

@@ -65,9 +65,7 @@ HEISENBERG_CONSTANTS = (
 
 ROTATIONS = [SO3(), SO3("space")]
 QUATERNIONS = [
-    UnitQuaternion(),
-    UnitQuaternion("space"),
-    UnitQuaternion(scalar_first=True),
+    *(UnitQuaternion(), UnitQuaternion("space"), UnitQuaternion(scalar_first=True)),
     UnitQuaternion("space", scalar_first=True),
 ]
 POSES = [SE3(), SE3("space")]
