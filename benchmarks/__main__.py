@@ -24,18 +24,11 @@ NAMES = (
     "steps",
     "calls",
     "ensemble",
-    "output",
     "variational",
     "stiff",
     "estimates",
-    "tableaux",
-    "parts",
-    "workers",
     "search",
-    "order_six",
     "linear",
-    "kernels",
-    "growth",
 )
 """All benchmarks in the order of the page, each a module with ``run(quick, figures)``."""
 

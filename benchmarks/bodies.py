@@ -15,7 +15,7 @@ import cg
 from cg.frames import Euclidean, Product, UnitQuaternion
 
 from .cases import Case, cases
-from .compiled import field
+from .in_c import field
 from .record import Aim, Result, Row
 from .solvers import Run, solvers
 from .work_curves import run_curves

@@ -16,7 +16,7 @@ import cg
 from cg.frames import Frame
 from cg.problems import ForcedRigidBody, FreeRigidBody, HeavyTop
 
-from .compiled import top_field
+from .in_c import top_field
 
 GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
 

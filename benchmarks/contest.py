@@ -16,7 +16,7 @@ from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 
-from .leastsq import OutOfTime, PaddedResidual, solve
+from .leastsq import PaddedResidual, solve
 
 SEED = 1
 """Seed of all random starts."""
@@ -56,8 +56,8 @@ def compete(contest: dict[str, Contestant], budget: float, turns: int) -> str:
     )
 
 
-def contestants(order: int, stages: int, most: float = np.inf) -> dict[str, Contestant]:
-    """Return the fast solver, the paper's, and SciPy's with at most `most` seconds a start."""
+def contestants(order: int, stages: int) -> dict[str, Contestant]:
+    """Return the fast solver, the paper's, and SciPy's."""
     fast = search(order, stages, 1, SEED, workers=1).settings
     settings = {
         "minimum-norm": fast,
@@ -67,7 +67,7 @@ def contestants(order: int, stages: int, most: float = np.inf) -> dict[str, Cont
     }
     settings["lmdif"] = _with_default_budget(settings["lmdif"])
     contest = {name: Contestant(_searcher(setting)) for name, setting in settings.items()}
-    contest["leastsq"] = Contestant(_scipy(order, stages, fast.width, most))
+    contest["leastsq"] = Contestant(_scipy(order, stages, fast.width))
     return contest
 
 
@@ -84,15 +84,12 @@ def _searcher(settings: SearchSettings) -> Callable[[int], bool]:
     return lambda index: run_start(settings, index).exact
 
 
-def _scipy(order: int, stages: int, width: float, most: float) -> Callable[[int], bool]:
+def _scipy(order: int, stages: int, width: float) -> Callable[[int], bool]:
     residual = PaddedResidual(order, stages)
     size = unknowns(stages)
 
     def solve_start(index: int) -> bool:
-        try:
-            x, f = solve(residual, random_start(SEED, index, size, width), most)
-        except OutOfTime:
-            return False
+        x, f = solve(residual, random_start(SEED, index, size, width))
         if not f <= 1e-15:
             return False
         refined = refine(quads.from_float(x), ConditionSystem.tableau(order, stages))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import cg
 from cg.frames import Euclidean, Product, UnitQuaternion
 
-from .compiled import field
+from .in_c import field
 from .record import Aim, Result
 from .timing import measure
 

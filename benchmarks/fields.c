@@ -56,12 +56,3 @@ double level(double t, const double *y, void *user_data)
     (void)t, (void)user_data;
     return y[3] * y[3] + y[2] * y[2] - y[0] * y[0] - y[1] * y[1];
 }
-
-// One that costs next to nothing, for coefficients of any number: the data.
-int linear(double t, const double *y, double *f, void *user_data)
-{
-    const int size = (int)*(const double *)user_data;
-    for (int i = 0; i < size; i++)
-        f[i] = 0.25 * (i % 5 - 2) + 0.125 * y[i] + 0.5 * t;
-    return 0;
-}

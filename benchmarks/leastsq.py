@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
@@ -11,10 +9,6 @@ from scipy.optimize import leastsq
 from cg import _core_r64
 from cg.conditions import table_rows, unknowns
 from cg.structure.layout import Layout
-
-
-class OutOfTime(Exception):
-    """The time allowed for a run is used up."""
 
 
 class PaddedResidual:
@@ -32,12 +26,9 @@ class PaddedResidual:
         rows = np.array(table_rows(order), dtype=np.intc)
         self.trees = np.pad(rows, (0, max(0, unknowns(stages) - len(rows))))
         self.trees_alone = rows[rows > 0]
-        self.stop_at = np.inf
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the residuals, shape ``(rows,)``."""
-        if time.process_time() > self.stop_at:
-            raise OutOfTime
         residuals: NDArray[np.float64] = _core_r64.residuals(*self.shape, x, self.trees)
         return residuals
 
@@ -50,16 +41,9 @@ class PaddedResidual:
 
 
 def solve(
-    residual: PaddedResidual, guess: NDArray[np.float64], seconds: float = np.inf
+    residual: PaddedResidual, guess: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
-    """Run ``leastsq`` with the paper's tolerances; return where it ended and the sum of squares.
-
-    Raises
-    ------
-    OutOfTime
-        After `seconds` of processor time.
-    """
-    residual.stop_at = time.process_time() + seconds
+    """Run ``leastsq`` with the paper's tolerances; return where it ended and the sum of squares."""
     x, _, info, _, _ = leastsq(
         residual,
         guess,

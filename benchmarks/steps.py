@@ -13,7 +13,7 @@ from cg.frames import Euclidean, Product, UnitQuaternion
 from cg.problems import HeavyTop
 
 from . import lielab_top
-from .compiled import PlainLoop, field, top_field
+from .in_c import PlainLoop, field, top_field
 from .record import Aim, Result, Row
 from .timing import measure
 

@@ -13,7 +13,7 @@ import cg
 from cg.frames import SO3, Frame
 from cg.problems import HeavyTop
 
-from .compiled import top_field
+from .in_c import top_field
 from .record import Aim, Result, Row
 from .timing import Times, measure
 

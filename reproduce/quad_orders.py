@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from cg.analysis.convergence import observed_order, slopes
-from cg.runs.execution import as_finished
+from cg.executors import as_finished
 
 from . import top
 from .context import Context

@@ -20,7 +20,7 @@ from recipes import run
 from scipy import linalg
 
 import cg
-from cg.conditions import compiled as compiled_conditions
+from cg.conditions import core_calls as compiled_conditions
 from cg.construction import Candidate, pack_method, to_method
 from cg.construction.solvers.system import next_trees
 from cg.structure.points import START

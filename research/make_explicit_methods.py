@@ -34,10 +34,10 @@ from cg.construction.drop import solve_start
 from cg.construction.search.start import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.start import default_start, random_candidate
+from cg.executors import as_finished
 from cg.method.estimate import MAX_RATIO, estimate_ratio
 from cg.method.tableau import Tableau
 from cg.proofs import CertificationError, certify
-from cg.runs import as_finished
 from cg.support.parallel import available_cores
 
 SEED = 1

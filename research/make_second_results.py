@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from recipes import run
 
 import cg
-from cg.conditions import compiled as compiled_conditions
-from cg.conditions import condition_trees
+from cg.conditions import condition_trees, core_calls
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.solver import fit
 from cg.construction.lifting.splitting import (
@@ -86,7 +85,7 @@ class SecondResult(Splitting):
         order = self.embedded_order + 1
         trees = np.array(condition_trees(order)[len(condition_trees(order - 1)) :], dtype=np.intc)
         owner = np.full(len(trees), -1, dtype=np.intc)
-        residuals = compiled_conditions.residuals(order, self.layout, x, trees, owner)
+        residuals = core_calls.residuals(order, self.layout, x, trees, owner)
         return float(np.linalg.norm(residuals))
 
 

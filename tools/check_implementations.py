@@ -1,12 +1,10 @@
 """Diagnose tableaux of other implementations: ``python tools/check_implementations.py``.
 
-Reads docs/implementations.toml and the slopes stored in benchmarks/, and writes the tables of
-docs/implementations.md.
+Reads docs/implementations.toml, and writes the table of docs/implementations.md.
 """
 
 from __future__ import annotations
 
-import json
 import sys
 import tomllib
 from dataclasses import dataclass
@@ -19,14 +17,13 @@ import numpy as np
 from cg.analysis.convergence import final_errors, observed_order
 from cg.analysis.diagnosis import Diagnosis
 from cg.analysis.diagnosis.files import diagnose_entry
+from cg.formats import markdown
 from cg.method.method import Method
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
-from cg.support import markdown
 
 DOCS = Path(__file__).parent.parent / "docs"
 DATA, PAGE = DOCS / "implementations.toml", DOCS / "implementations.md"
-MEASURED = DOCS.parent / "benchmarks"
 _FLOOR = 2e-13  # of errors: rounding over all steps
 _STEPS = (16, 24, 32, 48, 64)
 
@@ -109,47 +106,10 @@ def table(checked: list[Checked]) -> str:
     return "\n".join([shown, "", "Sources:", "", *sources]) + "\n"
 
 
-def linear_table() -> str:
-    """Return the table of slopes on the test problems of OrdinaryDiffEq.jl."""
-    slopes = json.loads((MEASURED / "linear_test.json").read_text(encoding="utf-8"))
-    rows = []
-    for name, row in slopes.items():
-        keys = ("sin(t)", "sin(u)", "rotation")
-        rows.append([name, *(f"{row[key]:.1f}" if key in row else "–" for key in keys)])
-    return markdown.table(("stages", "s = sin t", "s = sin u₁", "rotation"), rows) + "\n"
-
-
-def rotation_table() -> str:
-    """Return the table of orders at which simulators move a rotation."""
-    rows = json.loads((MEASURED / "rotation_order.json").read_text(encoding="utf-8"))
-    merged: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        key = (row["package"], row["integrator"], f"{row['slope']:.1f}")
-        merged.setdefault(key, []).append(row)
-    rows_of_table = []
-    ranked = sorted(merged.items(), key=lambda item: (item[0][0], -float(item[0][2])))
-    for (package, integrator, slope), equal in ranked:
-        versions = ", ".join(row["version"] for row in sorted(equal, key=_release))
-        error = max(row["errors"][-1] for row in equal)
-        rows_of_table.append((package, versions, integrator, slope, f"{error:.0e}"))
-    heads = ("package", "version", "integrator", "observed order", "error with 800 steps")
-    return markdown.table(heads, rows_of_table) + "\n"
-
-
-def _release(row: dict[str, Any]) -> list[int]:
-    return [int(part) for part in row["version"].split(".") if part.isdigit()]
-
-
-def replace(name: str, text: str) -> None:
-    """Write the page with the text between two comments replaced."""
-    markdown.replace_between(PAGE, f"<!-- {name} -->\n", f"<!-- end of {name} -->\n", text)
-
-
 def main() -> int:
     """Write the page."""
-    replace("table", table([check(entry) for entry in read()]))
-    replace("slopes", linear_table())
-    replace("rotations", rotation_table())
+    text = table([check(entry) for entry in read()])
+    markdown.replace_between(PAGE, "<!-- table -->\n", "<!-- end of table -->\n", text)
     return 0
 
 

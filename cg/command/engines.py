@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cg.runs import ExecutorLike
+from cg.executors import ExecutorLike
 
 from .arguments import F
 

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
 from ..structure.points import PointTree, check_not_sums
-from . import compiled as compiled_conditions
+from . import core_calls
 from .counts import (
     MAX_ORDER,
     check_order,
@@ -117,7 +117,7 @@ def weights(
     array([1. , 0.5, 0.5])
     """
     order, layout, x = _packed(a, b, order)
-    return compiled_conditions.weights(order, layout, x, _trees(order, independent))
+    return core_calls.weights(order, layout, x, _trees(order, independent))
 
 
 @overload
@@ -207,7 +207,7 @@ def residuals(
         a = Layout.of_tree(tree)
         b = [float(weight) for point in tree.points for weight in point.weights.values()]
     order, layout, x = _packed(a, b, order)
-    return compiled_conditions.residuals(order, layout, x, _trees(order, independent))
+    return core_calls.residuals(order, layout, x, _trees(order, independent))
 
 
 def jacobian(
@@ -240,7 +240,7 @@ def jacobian(
     """
     order, layout, x = _packed(a, b, order, rows)
     trees = _trees(order, independent)
-    return np.ascontiguousarray(compiled_conditions.jacobian(order, layout, x, trees))
+    return np.ascontiguousarray(core_calls.jacobian(order, layout, x, trees))
 
 
 def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ..conditions import compiled as compiled_conditions
-from ..conditions import count
+from ..conditions import core_calls, count
 from ..method.method import Method
 from ..method.packed import make_method
 from ..structure.layout import Layout, Rows
@@ -79,7 +78,7 @@ class Candidate:
     @property
     def principal_error(self) -> float:
         """Norm of all residuals of order q + 1 of the (first) weights."""
-        return float(np.linalg.norm(compiled_conditions.residuals(*self.next_order)))
+        return float(np.linalg.norm(core_calls.residuals(*self.next_order)))
 
     @property
     def estimate(self) -> float:

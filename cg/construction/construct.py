@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from ..executors import ExecutorLike
 from ..method.method import Method
-from ..runs import ExecutorLike, Failure, LongRun, ProgressLine, RunOptions, Score
+from ..runs import Failure, LongRun, ProgressLine, RunOptions, Score
 from ..support import quads
 from ..support.checks import MAX_COUNT, check_integer
 from ..support.parallel import single_threads

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ..conditions import compiled as compiled_conditions
+from ..conditions import core_calls
 from ..support.checks import check_integer, check_interval, check_real
 from .candidate import Candidate, check_candidate, correct, solved
 from .solvers.singular import Decomposition, decompose, retract
@@ -203,8 +203,8 @@ def _objective(candidate: Candidate, goals: Goals) -> Terms:
     if goals.principal_error:
         problem = candidate.next_order
         values, jac = (
-            compiled_conditions.residuals(*problem),
-            compiled_conditions.jacobian(*problem),
+            core_calls.residuals(*problem),
+            core_calls.jacobian(*problem),
         )
         parts.append((goals.principal_error * values, goals.principal_error * jac))
     x = candidate.x

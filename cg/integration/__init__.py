@@ -4,10 +4,10 @@ from cg.integration.ensemble import solve_ensemble
 from cg.integration.ivp import integrate, solve_ivp
 from cg.integration.linear import solve_linear
 from cg.integration.loop.dense import DenseOutput
+from cg.integration.loop.messages import StepTooLongError
 from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.events import Event
 from cg.integration.rhs.function import CompiledFunction
-from cg.integration.rhs.python import StepTooLongError
 from cg.integration.step.implicit import ConvergenceError
 from cg.integration.stepper import Stepper
 from cg.integration.variational import (

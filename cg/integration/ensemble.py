@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
+from cg.executors import ExecutorLike, check_executor, completed
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
@@ -28,7 +29,6 @@ from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.runs import ExecutorLike, check_executor, completed
 from cg.support.checks import check_flag
 from cg.support.parallel import single_threads
 from cg.support.shared_numbers import Stop

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from cg.frames import SE3, SO3, Euclidean, Frame, Product, UnitQuaternion
 from cg.jax.entire import JaxArray
 from cg.jax.products import join, split
-from cg.jax.rotations import quaternion_of
+from cg.jax.rotation_rules import quaternion_of
 from cg.jax.rules import read_point
 
 _T = TypeVar("_T")

@@ -32,7 +32,7 @@ from cg.frames import (
 from cg.jax.groups import group_rules, semidirect_rules
 from cg.jax.manifolds import euclidean_rules, own_rules, sphere_rules, stiefel_rules
 from cg.jax.products import power_rules, product_rules
-from cg.jax.rotations import quaternion_rules
+from cg.jax.rotation_rules import quaternion_rules
 from cg.jax.rules import Rules
 
 

@@ -10,7 +10,7 @@ from cg.frames import SO, SU, Frame, MatrixGroup, Semidirect, U
 from cg.jax.dexpinv import motion_dexpinv, series_dexpinv, turning_dexpinv
 from cg.jax.entire import JaxArray, dexpinv_factor, rotation_vector, stumpff
 from cg.jax.matrices import expm, logarithm_of, projection
-from cg.jax.rotations import rotation_logarithm, rotation_matrix
+from cg.jax.rotation_rules import rotation_logarithm, rotation_matrix
 from cg.jax.rules import Rules, adjoint, linear, newton_schulz, real_dtype, same
 
 

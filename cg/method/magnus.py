@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conditions.linear import (
+from ..conditions.linear_equations import (
     LINEAR_ROUNDING,
     estimated_order,
     linear_residuals,

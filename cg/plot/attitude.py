@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..frames.arrays import check_finite, real_array
 from ..frames.rotations import is_rotation
 from ..support.checks import check_flag
-from .rotations import drawn_rotations, rotations_of
+from .drawn_rotations import drawn_rotations, rotations_of
 from .style import COLOURS, axes_for
 
 _SEQUENCES = {"".join(axes) for axes in permutations("xyz")} | {

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..frames.arrays import check_finite, real_array
 from ..support.checks import check_integer
-from .rotations import drawn_rotations
+from .drawn_rotations import drawn_rotations
 from .style import COLOURS, check_label, spatial_axes_for
 
 _NAMES = "xyz"

@@ -1,9 +1,8 @@
-"""Long runs on any executor, with a store for their results."""
+"""Long runs, with a store for their results."""
 
 from __future__ import annotations
 
 from .database import StoreError
-from .execution import ExecutorLike, Finished, as_finished, check_executor, completed
 from .long_run import LongRun, RunOptions, stored_run
 from .one_run import StoredRun
 from .progress import ProgressLine, Score
@@ -11,9 +10,7 @@ from .records import Failure, Record, RunSummary
 from .store import Store
 
 __all__ = [
-    "ExecutorLike",
     "Failure",
-    "Finished",
     "LongRun",
     "ProgressLine",
     "Record",
@@ -23,8 +20,5 @@ __all__ = [
     "Store",
     "StoreError",
     "StoredRun",
-    "as_finished",
-    "check_executor",
-    "completed",
     "stored_run",
 ]

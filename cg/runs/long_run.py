@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any, Generic, TypeVar
 
-from .execution import ExecutorLike, check_executor, completed
+from ..executors import ExecutorLike, check_executor, completed
 from .one_run import StoredRun
 from .progress import ProgressLine, Score, Tally
 from .records import Failure, Record

@@ -159,7 +159,8 @@ def check_not_sums(a: Any) -> None:
         if isinstance(a, FlatSums):
             raise ValueError(
                 "a must be the rows of a Crouch-Grossman tableau, got sums of the weights of "
-                "several flows, which don't determine a method: cg.conditions.residuals(method, order) takes it"
+                "several flows, which don't determine a method: "
+                "cg.conditions.residuals(method, order) takes it"
             )
         a = a.base
 

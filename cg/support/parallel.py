@@ -120,7 +120,7 @@ def _take_control() -> None:
 def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Result:
     """Return ``call(flag)`` for a compiled call that reads the flag and releases the GIL.
 
-    In a worker of `cg.runs.completed` the flag is that of its run, and `Stopped` is raised if the
+    In a worker of `cg.executors` the flag is that of its run, and `Stopped` is raised if the
     run has ended, after which the call may be incomplete. Otherwise, in the main thread, the call
     runs in a new thread, so that an interrupt takes effect at once; with `brief` it runs in the
     main thread itself, since a new thread may take a millisecond on a busy machine.
@@ -148,7 +148,7 @@ def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Res
 
 
 def raise_if_stopped() -> None:
-    """Raise `Stopped` in a worker of `cg.runs.completed` whose run has ended."""
+    """Raise `Stopped` in a worker of `cg.executors.completed` whose run has ended."""
     if _worker.stop_flag is not None and _worker.stop_flag[0]:
         raise Stopped
 

@@ -8,12 +8,12 @@ from typing import Any
 
 from cg.catalogue import methods
 from cg.conditions import count
+from cg.formats.markdown import table as markdown_table
 from cg.method.commutator_free import CommutatorFree
 from cg.method.method import Method
 from cg.method.tableau import Tableau
 from cg.proofs import certificate_of
 from cg.proofs.files import certificate_names
-from cg.support.markdown import table as markdown_table
 
 from ..blocks import Block, Data, Table, Text, number, places
 from ..coefficients import RANK_THRESHOLD, singular_values

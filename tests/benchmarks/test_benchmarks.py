@@ -109,7 +109,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C co
 @needs_gcc
 @pytest.mark.parametrize("key", ["CF4", "CG4a", "CF6a", "CG5a"])
 def test_plain_loop_in_c_takes_the_same_steps(tmp_path, key):
-    from benchmarks.compiled import PlainLoop, field, top_field
+    from benchmarks.in_c import PlainLoop, field, top_field
 
     loop, top = PlainLoop(tmp_path), HeavyTop()
     in_c = top_field(top, tmp_path)
@@ -128,7 +128,7 @@ def test_plain_loop_in_c_takes_the_same_steps(tmp_path, key):
 @needs_gcc
 @pytest.mark.parametrize("key", ["DP5(4)", "CF5r"])
 def test_plain_loop_rejects_unsupported_methods(tmp_path, key):
-    from benchmarks.compiled import PlainLoop, field
+    from benchmarks.in_c import PlainLoop, field
 
     with pytest.raises(ValueError, match=r"steps\.c"):
         PlainLoop(tmp_path).integrate(field("free_body", tmp_path), key, 0.1, 1, np.ones((1, 7)))
@@ -137,8 +137,8 @@ def test_plain_loop_rejects_unsupported_methods(tmp_path, key):
 @needs_gcc
 def test_ensemble_functions_agree_in_c_and_python(tmp_path):
     from benchmarks import ensemble
-    from benchmarks.compiled import field
     from benchmarks.ensemble import fields, level
+    from benchmarks.in_c import field
 
     frame = ensemble._FRAME
     points = frame.random_point(np.random.default_rng(1), (4,))
@@ -193,48 +193,10 @@ def test_bodies_compare_with_the_fastest_competitor(monkeypatch):
     assert row.met
 
 
-def test_tableaux_compare_both_forms():
-    from benchmarks.tableaux import _line
-    from benchmarks.work_curves import Curve, Point
-
-    (case,) = _cases("two_levels")
-    lifted, algebra = (
-        Curve(name, "pair", 5, tuple(Point(10.0**-k, s * k, k, 2 * k, 0.1) for k in (4, 6, 8)))
-        for name, s in (("DP5(4)", 1.0), ("RKMK5(4)", 2.0))
-    )
-    won = dict.fromkeys(("evaluations", "flows", "time"), 0)
-    line = _line(case, lifted, algebra, 1e-6, won)
-    assert line == [
-        "Two-level system",
-        "5(4)",
-        "1e-06",
-        "6",
-        "6",
-        "12",
-        "12",
-        "6e+03",
-        "1.2e+04",
-        "2.00",
-    ]
-    assert won == {"evaluations": 0, "flows": 0, "time": 1}
-    assert _line(case, lifted, algebra, 1e-12, won) is None
-
-
 def _cases(*names):
     from benchmarks.cases import cases
 
     return cases(names)
-
-
-@needs_gcc
-def test_parts_compare_a_step_with_the_sum(tmp_path):
-    from benchmarks import parts
-    from benchmarks.compiled import field
-
-    f = field("linear", tmp_path, [3])
-    row = parts._row("SO(3)", cg.frames.SO3(), "RKMK4", f, 1)
-    assert 0.0 < row.value < 1e3
-    assert row.ratio == pytest.approx(row.value / row.other)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
@@ -278,7 +240,7 @@ def test_pages_are_rendered_from_the_stored_results(tmp_path):
     file = ROOT / "benchmarks" / "results.json"
     results = page.read(file)
     assert list(results) == [name for name in NAMES if name in results]
-    assert {"kernels", "rivals", "estimates"} <= set(results)
+    assert {"rivals", "estimates"} <= set(results)
     environments = page.read_environments(file)
     assert set(environments) == set(results)
     page.write_pages(results, environments, tmp_path)
@@ -294,19 +256,7 @@ def test_pages_are_rendered_from_the_stored_results(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "bodies",
-        "calls",
-        "ensemble",
-        "kernels",
-        "linear",
-        "parts",
-        "rivals",
-        "steps",
-        "stiff",
-        "variational",
-    ],
+    "name", [*("bodies", "calls", "ensemble", "linear", "rivals", "steps", "stiff", "variational")]
 )
 def test_stored_titles_and_methods_are_those_of_the_module(name):
     from importlib import import_module

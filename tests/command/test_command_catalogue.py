@@ -83,20 +83,6 @@ class TestList:
         (stored,) = (entry for entry in json.loads(text) if entry["name"] == name)
         assert stored == summary_of(method).as_dict() == compute_summary(method).as_dict()
 
-    @pytest.mark.parametrize(
-        ("name", "counts", "error", "limits"),
-        [
-            ("LieEuler", (1, 1, 1), 0.5, (2.0, 0.0)),  # |1 + z|
-            ("CF4", (4, 4, 5), 0.02252, (2.785, 2.828)),  # as all of order four with four stages
-            ("DP5(4)", (5, 7, 12), 0.001885, (3.307, 0.9972)),  # as RK45 in flat space
-        ],
-    )
-    def test_facts(self, name, counts, error, limits):
-        facts = summary_of(cg.methods[name])
-        assert (facts.order, facts.evaluations, facts.flows) == counts
-        assert facts.principal_error == pytest.approx(error, rel=1e-3)
-        assert (facts.real_stability, facts.imaginary_stability) == pytest.approx(limits, rel=1e-3)
-
     @pytest.mark.slow
     @pytest.mark.parametrize("name", {**FROZEN, **MUNTHE_KAAS})
     def test_stored_facts_of_all(self, name):
@@ -196,12 +182,6 @@ class TestShow:
         code, _, error = run("show", str(file))
         assert (code, "row 2 of a sums to 1, not to c_2 = 1/2" in error) == (2, True)
         assert "mistake: row 2 of a sums to 1" in run("check", str(file))[1]
-
-    def test_a_file(self, run, tmp_path):
-        file = tmp_path / "mine.toml"
-        file.write_text(dumps(cg.Tableau([[], [1]], ["1/2", "1/2"], name="Heun")))
-        code, output, _ = run("show", str(file))
-        assert (code, output.splitlines()[0]) == (0, "Heun, Crouch-Grossman")
 
 
 class TestCheck:

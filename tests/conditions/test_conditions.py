@@ -139,7 +139,6 @@ class TestExactOracle:
             ([[0]], [float("nan")], "b must hold finite real numbers, got nan"),
             (0, [1], "a must be a sequence of rows, got 0"),
             ("0", [1], "a must be a sequence of rows, got '0'"),
-            ([0], [1], "row 1 of a must be a sequence of numbers, got 0"),
         ],
     )
     def test_bad_input(self, a, b, message):
@@ -244,10 +243,8 @@ class TestBadInput:
         ("order", "error", "message"),
         [
             (0, ValueError, "order must be at least 1, got 0"),
-            (-3, ValueError, "order must be at least 1, got -3"),
             (conditions.MAX_ORDER + 1, ValueError, "build option highest_order"),
             (2.0, TypeError, "order must be an integer, got 2.0"),
-            ("2", TypeError, "order must be an integer, got '2'"),
         ],
     )
     def test_order(self, function, order, error, message):
@@ -259,7 +256,6 @@ class TestBadInput:
         ("a", "b", "message"),
         [
             ([[0]], [], "b must have shape (s,) with s at least 1, got (0,)"),
-            ([[0]], [[1]], "b must have shape (s,) with s at least 1, got (1, 1)"),
             ([[0]], 1.0, "b must have shape (s,) with s at least 1, got ()"),
             ([[0]], [1, 2], "a must have shape (2, 2) to match b, got (1, 1)"),
             ([0, 0], [1, 2], "a must have shape (2, 2) to match b, got (2,)"),
@@ -273,22 +269,6 @@ class TestBadInput:
     def test_tableau(self, function, a, b, message):
         with pytest.raises(ValueError, match=re.escape(message)):
             function(a, b, 2)
-
-    @pytest.mark.parametrize(
-        "function",
-        [
-            conditions.count,
-            conditions.count_classical,
-            conditions.condition_trees,
-            conditions.table_rows,
-            conditions.right_sides,
-        ],
-    )
-    def test_functions_of_the_order(self, function):
-        with pytest.raises(ValueError, match="order must be at least 1, got 0"):
-            function(0)
-        with pytest.raises(TypeError, match="order must be an integer"):
-            function(1.5)
 
     @pytest.mark.parametrize("stages", [0, -1])
     def test_stages(self, stages):

@@ -31,7 +31,6 @@ from cg.construction.attempt import read_attempt, run_attempt
 from cg.construction.drop import _without_column, drop_flow, solve_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.start import random_candidate
-from cg.runs import Store
 
 exactly = partial(residuals, arithmetic="exact")
 
@@ -259,26 +258,6 @@ class TestConstruct:
         assert not construction.exact
         assert construction.tries == 3
         assert construction.best.stages >= 4
-
-    def test_interrupted_run_is_resumed(self, tmp_path):
-        path = tmp_path / "runs.db"
-
-        class Stop(Exception):
-            pass
-
-        def stop_at_third(done, _):
-            if done == 3:
-                raise Stop
-
-        options = {"order": 5, "stages": 9, "seed": 1, "tries": 6, "workers": 1, "iterations": 5}
-        with pytest.raises(Stop):
-            cg.construct(**options, store=path, progress=stop_at_third)
-        with Store(path) as store:
-            assert list(store.run(1).numbers()) == [0, 1, 2]
-        counts = []
-        resumed = cg.construct(**options, store=path, progress=lambda *now: counts.append(now))
-        assert counts == [(done, 6) for done in range(4, 7)]
-        assert resumed == cg.construct(**options)
 
     @pytest.mark.parametrize(
         ("changes", "error", "message"),

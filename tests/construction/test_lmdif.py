@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import leastsq
 
 import cg
-from cg.support.shared_numbers import Status
 
 pytestmark = pytest.mark.sanitize
 
@@ -108,6 +107,8 @@ def test_iterates_equal_scipy(name: str, factor: int) -> None:
         {"ftol": 0.0, "xtol": 0.0},
         {"ftol": 0.0, "xtol": 0.0, "gtol": 1e-3},
         {"ftol": 1e-3, "xtol": 1e-3},
+        {"ftol": 1e-4, "xtol": 0.0},
+        {"ftol": 0.0, "xtol": 1e-3},
         {"maxfev": 20},
         {"factor": 0.1},
         {"epsfcn": 1e-10},
@@ -123,6 +124,7 @@ def test_iterates_equal_scipy_with_options(name: str, options: dict[str, object]
     _, (x, _, details, _, info) = scipy_solve(problem, problem.start(1), **{**defaults, **options})
     fit = cg.lmdif(problem.residual, problem.start(1), **options)
     assert (fit.info, fit.nfev) == (info, details["nfev"])
+    assert fit.success is (info < 5)
     assert_allclose(fit.x, x, rtol=1e-12)
 
 
@@ -178,22 +180,6 @@ def test_reaches_published_minimum(name: str) -> None:
     ), reached
 
 
-def test_counts_of_bard_as_published() -> None:
-    fit = cg.lmdif(BY_NAME["bard"].residual, [1.0, 1.0, 1.0])
-    assert (fit.info, fit.nfev) == (1, 21)
-    assert_allclose(fit.x, [0.08241058, 1.133037, 2.343695], rtol=1e-6)
-    assert_allclose(fit.residual_norm, 0.09063596, rtol=1e-6)
-
-
-def test_result_factors_the_last_jacobian() -> None:
-    rng = np.random.default_rng(5)
-    a, b = rng.normal(size=(7, 4)), rng.normal(size=7)
-    fit = cg.lmdif(lambda x: a @ x - b, np.ones(4))
-    r = np.triu(fit.fjac[:4])
-    assert_allclose(r.T @ r, a[:, fit.ipvt].T @ a[:, fit.ipvt], atol=1e-5)
-    assert (np.diff(abs(r.diagonal())) <= 0).all()
-
-
 def linear_systems() -> st.SearchStrategy[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     def draw(size: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         n, extra, seed = size
@@ -231,26 +217,3 @@ def test_scaling_by_powers_of_two(name: str, power: int, what: str) -> None:
         scaled = cg.lmdif(residual, start, diag=diag * unit)
     assert (scaled.info, scaled.nfev) == (plain.info, plain.nfev)
     assert_array_equal(scaled.x * (unit if what == "x" else 1.0), plain.x)
-
-
-def test_diag_changes_iterates() -> None:
-    problem = BY_NAME["bard"]
-    counts = {
-        cg.lmdif(problem.residual, problem.start(1), diag=diag, factor=0.1).nfev
-        for diag in ([1.0, 1.0, 1.0], [1e4, 1.0, 1e-4])
-    }
-    assert len(counts) == 2
-
-
-def test_zero_at_start_is_solution() -> None:
-    fit = cg.lmdif(lambda x: x - 1, np.ones(3))
-    assert fit.info is Status.SMALL_GRADIENT
-    assert fit.nfev == 4
-    assert fit.success
-
-
-def test_status_of_maxfev() -> None:
-    fit = cg.lmdif(BY_NAME["rosenbrock"].residual, [-1.2, 1.0], maxfev=5)
-    assert fit.info is Status.TOO_MANY_EVALUATIONS
-    assert not fit.success
-    assert "maxfev" in fit.message

@@ -44,43 +44,32 @@ def at_call(number: int, then: Callable[[np.ndarray], object]) -> Callable[[np.n
     ("options", "error", "message"),
     [
         ({"x0": [[1.0, 2.0]]}, ValueError, r"x0 must have shape \(n,\).*\(1, 2\)"),
-        ({"x0": []}, ValueError, r"x0 must have shape \(n,\)"),
         ({"x0": 1.0}, ValueError, r"x0 must have shape \(n,\)"),
         ({"x0": [1.0, np.nan]}, ValueError, "x0 must be finite"),
-        ({"x0": [1.0, np.inf]}, ValueError, "x0 must be finite"),
         ({"x0": ["a", "b"]}, TypeError, "x0 must hold real numbers"),
-        ({"x0": [1j, 2j]}, TypeError, "x0 must hold real numbers"),
         ({"x0": [[1.0], [1.0, 2.0]]}, ValueError, "x0 must be an array"),
         ({"ftol": -1e-8}, ValueError, "ftol must be a finite number, not negative, got -1e-08"),
         ({"xtol": -1e-8}, ValueError, "xtol must be a finite number"),
         ({"gtol": -1e-8}, ValueError, "gtol must be a finite number"),
         ({"epsfcn": -1e-8}, ValueError, "epsfcn must be a finite number"),
-        ({"ftol": np.nan}, ValueError, "ftol must be a finite number"),
-        ({"xtol": np.inf}, ValueError, "xtol must be a finite number"),
         ({"gtol": "small"}, ValueError, "gtol must be a finite number.*got 'small'"),
-        ({"ftol": None}, ValueError, "ftol must be a finite number.*got None"),
         ({"factor": 0.0}, ValueError, "factor must be a finite positive number, got 0.0"),
-        ({"factor": -1}, ValueError, "factor must be a finite positive number"),
-        ({"factor": True}, ValueError, "factor must be a finite positive number"),
         ({"maxfev": 0}, ValueError, "maxfev must be at least 1"),
         ({"maxfev": 2**31}, ValueError, "maxfev must be at most"),
         ({"maxfev": 10.0}, TypeError, "maxfev must be an integer, got 10.0"),
         ({"diag": [1.0]}, ValueError, r"diag must have shape \(2,\).*\(1,\)"),
         ({"diag": [1.0, 0.0]}, ValueError, "diag must be positive"),
-        ({"diag": [1.0, np.inf]}, ValueError, "diag must be finite"),
-        ({"diag": 1.0}, ValueError, "diag must have shape"),
+        ({"f": 3}, TypeError, "f must be callable, got 3"),
+        ({"f": rosenbrock, "x0": np.ones(3)}, ValueError, "at least.*: 2 residuals, 3 unknowns"),
+        ({"f": lambda x: [np.inf, 1.0]}, ValueError, r"f\[0\] = inf at x0 = \[-1.2  1. \]"),
+        ({"f": lambda x: np.where(x > 1, 1e308, -1e307), "x0": [1.0, 1.0]}, ValueError, "overflow"),
     ],
 )
-def test_rejects_bad_arguments_before_calling_f(
+def test_rejects_bad_arguments(
     options: dict[str, object], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        cg.lmdif(never, **{"x0": START, **options})
-
-
-def test_f_must_be_callable() -> None:
-    with pytest.raises(TypeError, match="f must be callable, got 3"):
-        cg.lmdif(3, START)
+        cg.lmdif(**{"f": never, "x0": START, **options})
 
 
 # Calls 2 and 3 are differences, call 4 is the first step.
@@ -89,7 +78,6 @@ def test_f_must_be_callable() -> None:
     ("returned", "error", "message"),
     [
         (None, TypeError, "f must return real numbers, got None"),
-        ("ab", TypeError, "f must return real numbers"),
         ([1j, 2j], TypeError, "f must return real numbers"),
         (3.0, ValueError, r"f must return an array of shape \(m,\), got shape \(\)"),
         (np.ones((2, 1)), ValueError, r"f must return an array of shape .* got shape \(2, 1\)"),
@@ -110,21 +98,6 @@ def test_rejects_bad_residuals(
 def test_rejects_changing_number_of_residuals(call: int, size: int) -> None:
     with pytest.raises(ValueError, match=f"f must return 2 residuals as it did at x0, got {size}"):
         cg.lmdif(at_call(call, lambda x: np.ones(size)), START)
-
-
-def test_rejects_fewer_residuals_than_unknowns() -> None:
-    with pytest.raises(ValueError, match=r"f must return at least.*: 2 residuals, 3 unknowns"):
-        cg.lmdif(rosenbrock, [1.0, 2.0, 3.0])
-
-
-def test_error_names_x0_if_f_is_not_finite_there() -> None:
-    with pytest.raises(ValueError, match=r"f\[0\] = inf at x0 = \[-1.2  1. \]"):
-        cg.lmdif(lambda x: [np.inf, 1.0], START)
-
-
-def test_rejects_overflowing_differences() -> None:
-    with pytest.raises(ValueError, match="f varies too much: its differences overflow"):
-        cg.lmdif(lambda x: np.where(x > 1, 1e308, -1e307), [1.0, 1.0])
 
 
 class Interrupted(BaseException):
@@ -212,17 +185,6 @@ def test_calls_from_several_threads() -> None:
     assert [fit.nfev for fit in together] == [fit.nfev for fit in alone]
     for a, b in zip(alone, together, strict=True):
         assert_array_equal(a.x, b.x)
-
-
-def test_nfev_is_number_of_calls() -> None:
-    calls = 0
-
-    def f(x: np.ndarray) -> np.ndarray:
-        nonlocal calls
-        calls += 1
-        return rosenbrock(x)
-
-    assert cg.lmdif(f, START).nfev == calls == 54
 
 
 def test_f_may_modify_and_keep_its_argument() -> None:

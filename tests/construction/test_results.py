@@ -157,14 +157,6 @@ class TestFromAStoreToTheCatalogue:
         assert main(["certify", file]) == 0
         assert main(["export", file, "json", "--digits", "60"]) == 0
 
-    def test_the_certificate_of_another_method_is_rejected(self, store, tmp_path):
-        first = publish(store.run(1), "Mine", tmp_path)
-        publish(store.run(2), "Other", tmp_path)
-        other = (tmp_path / "Other.certificate.toml").read_text()
-        (tmp_path / "Mine.certificate.toml").write_text(other)
-        with pytest.raises(cg.proofs.CertificationError):
-            certificate_beside(tmp_path / "Mine.toml", first.method)
-
     def test_publish_into_catalogue_folder(self, store, tmp_path, monkeypatch):
         folder = tmp_path / "catalogue"
         (folder / "certificates").mkdir(parents=True)

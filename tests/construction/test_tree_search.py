@@ -44,11 +44,6 @@ def test_start_reruns_alone(drawn):
         assert run_start(drawn.settings, start.index) == start
 
 
-def test_results_do_not_depend_on_workers():
-    one, two = (cg.search(**FIVE, starts=6, flows=9, maxfev=40, workers=n) for n in (1, 2))
-    assert one == two
-
-
 def test_first_weight_is_held_while_solving():
     result = cg.search(**FIVE, starts=20, tree=CHAIN, refine_below=0.0)
     first = np.array([float(start.x[0]) for start in result.starts])

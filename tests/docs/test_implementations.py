@@ -1,8 +1,5 @@
 """The page on other implementations matches the computed results."""
 
-import json
-from importlib.metadata import version
-
 import pytest
 
 import cg
@@ -85,40 +82,3 @@ def test_wrong_rational_coefficient_of_symmetric_method(checked):
     entry = checked["DiffMan", "CG4test"].entry
     right = [[x.replace("-443/2993", "-1087/7344") for x in row] for row in entry["a"]]
     assert cg.diagnose(cg.Tableau(right, entry["b"]), c=entry["c"]).order == 4
-
-
-def test_page_has_the_stored_slopes(tool):
-    page = tool.PAGE.read_text(encoding="utf-8")
-    for name, text in (("slopes", tool.linear_table()), ("rotations", tool.rotation_table())):
-        assert f"<!-- {name} -->\n{text}<!-- end of {name} -->" in page
-
-
-def test_slopes_on_linear_problems_are_reproduced():
-    from benchmarks import linear_test
-
-    stored = json.loads(linear_test.DATA.read_text("utf-8"))["`CG4a` as published"]
-    method = cg.methods["CG4a"]
-    assert linear_test.slope_on("sin(t)", method, list(method.c)) == pytest.approx(
-        stored["sin(t)"], abs=0.02
-    )
-
-
-def test_observed_order_of_installed_simulators_is_reproduced():
-    from benchmarks import rotation_order
-
-    stored = {
-        (row["package"], row["version"], row["integrator"]): row["errors"][:3]
-        for row in json.loads(rotation_order.DATA.read_text("utf-8"))
-    }
-    for simulator in (rotation_order.crouch_grossman, rotation_order.mujoco):
-        try:
-            integrators = dict(simulator())
-        except ImportError:
-            continue
-        package = simulator.__name__.replace("_", "-")
-        for name, turn in integrators.items():
-            errors = stored.get((package, version(package), name))
-            if errors:
-                assert rotation_order.errors_of(turn, rotation_order.STEPS[:3]) == pytest.approx(
-                    errors, rel=1e-3
-                )

@@ -83,8 +83,9 @@ def compared():
         f"commutator-free method takes the least time in {time}, and the fewest evaluations in "
         f"{evaluations}."
     )
-    *most, last = sorted(method.exponentials for method in magnus.values())
-    (more,) = {m.pair_exponentials - m.exponentials for m in magnus.values() if m.embedded_order}
+    magnus = [m for m in cg.methods.values() if isinstance(m, cg.MagnusMethod)]
+    *most, last = sorted(method.exponentials for method in magnus)
+    (more,) = {m.pair_exponentials - m.exponentials for m in magnus if m.embedded_order}
     yield f"need {', '.join(map(str, most))} or {last} exponentials, and {more} more for an"
 
 
@@ -132,8 +133,6 @@ def readme():
         for start in ("order 4", "order 5")
     )
     yield f"of order four in {1000 * four:.0f} ms each, of order five in {five:.1g} s"
-    constructed = [row for row in measured("order_six")["rows"] if "construct" in row["quantity"]]
-    assert all(1.0 < row["value"] < 10.0 for row in constructed)
 
 
 def in_jax():
@@ -164,17 +163,7 @@ def tableaux(order):
 
 @pytest.mark.parametrize(
     "page",
-    [
-        catalogue,
-        certificates,
-        compared,
-        implicit,
-        impossible,
-        in_jax,
-        lifting,
-        readme,
-        reproduction,
-    ],
+    [*(catalogue, certificates, compared, implicit, impossible, in_jax, readme, reproduction)],
     ids=lambda page: page.__name__,
 )
 def test_numbers_in_page_match_stored_data(page):

@@ -70,34 +70,6 @@ def test_code_of_frames_page():
     assert names["course"].success
 
 
-def test_equations_in_table_of_frames():
-    rng = np.random.default_rng(2)
-    omega = rng.standard_normal(3)
-    turn, pauli = Rotation.from_rotvec, cg.frames.SU(2)
-    h = 1e-6
-
-    def derivative(frame, y):
-        return (frame.flow(h * omega, y) - frame.flow(-h * omega, y)) / (2 * h)
-
-    start = Rotation.random(rng=rng)
-    for convention in ("body", "space"):
-        frame = cg.frames.UnitQuaternion(convention)
-        both = (start, turn(h * omega))
-        moved = both[0] * both[1] if convention == "body" else both[1] * both[0]
-        end = Rotation.from_quat(frame.flow(h * omega, start.as_quat()))
-        assert (end * moved.inv()).magnitude() < 1e-14
-        matrix = cg.frames.SO3(convention).flow(h * omega, start.as_matrix())
-        np.testing.assert_allclose(matrix, moved.as_matrix(), atol=1e-14)
-    y = start.apply([0.0, 0.0, 1.0])
-    np.testing.assert_allclose(derivative(cg.frames.Sphere(2), y), np.cross(omega, y), atol=1e-9)
-    orbit = cg.frames.CoadjointOrbit(cg.frames.SO3(), y)
-    np.testing.assert_allclose(derivative(orbit, y), np.cross(y, omega), atol=1e-9)
-    x, y, z = omega
-    hamiltonian = np.array([[z, x - 1j * y], [x + 1j * y, -z]]) / 2
-    point = pauli.random_point(rng)
-    np.testing.assert_allclose(derivative(pauli, point), -1j * hamiltonian @ point, atol=1e-9)
-
-
 def test_code_of_problems_page():
     assert run("docs/problems.md")["error"] < 1e-8
 

@@ -149,12 +149,6 @@ def test_rejects():
 def test_names_become_identifiers():
     assert identifier("Ünïcode – 5") == "n_code_5"
     assert identifier("x" * 100) == "x" * 40
-    odd = cg.Tableau([[]], [1], name='*/ "\n\\', source="*/ ''' \n% end\0")
-    for format in CODE:
-        text = cg.export(odd, format)
-        assert "\0" not in text
-        heads = [line for line in text.split("\n") if "*/" in line and "'''" in line]
-        assert all(line.lstrip()[0] in "#/!%" for line in heads)
 
 
 class TestLatex:

@@ -14,7 +14,6 @@ from cg.frames import (
     CoadjointOrbit,
     Euclidean,
     FieldFrame,
-    HomogeneousSpace,
     Hyperbolic,
     IsospectralOrbit,
     Product,
@@ -137,19 +136,6 @@ def test_coefficients_of_tangents_have_minimum_norm(frame):
         right = np.concatenate([tangent[k].real.ravel(), tangent[k].imag.ravel()])
         expected = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
         np.testing.assert_allclose(actual[k], expected, rtol=0, atol=2e-14)
-
-
-def test_closed_form_and_general_local_coordinates_agree():
-    class Plain(Stiefel):
-        _coefficients_at = HomogeneousSpace._coefficients_at
-
-    rng = np.random.default_rng(77)
-    y0 = Stiefel(4, 2).random_point(rng, (3,))
-    y1 = Stiefel(4, 2).flow(0.1 * rng.standard_normal((3, 6)), y0)
-    plain, closed = Plain(4, 2), Stiefel(4, 2)
-    np.testing.assert_allclose(
-        plain.local_coordinates(y0, y1), closed.local_coordinates(y0, y1), rtol=0, atol=1e-13
-    )
 
 
 @every_frame

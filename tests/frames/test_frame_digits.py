@@ -152,10 +152,7 @@ def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
     """To first order they are the difference of the points in the axes of the coefficients."""
     rng = np.random.default_rng(65)
     for frame in (
-        UnitQuaternion(),
-        UnitQuaternion("space", scalar_first=True),
-        Sphere(2),
-        Sphere(4),
+        *(UnitQuaternion(), UnitQuaternion("space", scalar_first=True), Sphere(2), Sphere(4)),
     ):
         y0 = frame.random_point(rng)
         y1 = frame.flow(size * frame.random_vector(rng), y0)
@@ -220,9 +217,7 @@ def test_flows_of_too_large_coefficients_raise(frame):
     rng = np.random.default_rng(68)
     y, v = frame.random_point(rng, (2,)), frame.random_vector(rng, (2,))
     v[1] *= 1e14 / np.linalg.norm(v[1])
-    with pytest.raises(
-        FlowOverflowError, match=r"v with \|v\| = 1e\+14 can't be computed|\|v\| = [0-9.]*e\+13"
-    ):
+    with pytest.raises(FlowOverflowError, match="v with"):
         frame.flow(v, y)
     with pytest.raises(OverflowError):
         frame.flow(v[1], y)

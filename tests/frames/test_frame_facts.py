@@ -219,8 +219,3 @@ def test_coefficients_accept_rounding_errors():
     assert np.abs(group.coefficients(rounding)).max() < 1e-14
     np.testing.assert_array_equal(group.coefficients(np.zeros((3, 3))), np.zeros(3))
     assert np.isnan(group.coefficients(np.full((3, 3), np.nan))).all()
-
-
-def test_coefficients_of_any_matrix_on_gl():
-    matrix = np.random.default_rng(40).standard_normal((2, 2))
-    np.testing.assert_allclose(GL(2).coefficients(matrix), matrix.ravel(), rtol=1e-15)

@@ -98,13 +98,7 @@ def test_no_other_point_is_nearer(frame):
 @pytest.mark.parametrize(
     "frame",
     [
-        SU(2),
-        SU(3),
-        SL(2),
-        SL(3),
-        Sp(2),
-        Sp(4),
-        IsospectralOrbit((-1.0, 0.25, 1.5)),
+        *(SU(2), SU(3), SL(2), SL(3), Sp(2), Sp(4), IsospectralOrbit((-1.0, 0.25, 1.5))),
         CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
     ],
     ids=repr,

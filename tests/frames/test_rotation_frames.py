@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from flint import arb, arb_mat, ctx
+from flint import arb, ctx
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -205,23 +205,6 @@ def test_scipy_rotations_are_accepted_as_points(frame, batch):
     np.testing.assert_allclose(frame.distance(rotation, points), 0.0, rtol=0, atol=1e-15)
     if not batch:
         np.testing.assert_array_equal(frame.check_point(rotation), points)
-
-
-def test_matrices_and_quaternions_of_one_rotation_agree():
-    rotation = rotations_of_scipy(np.random.default_rng(25), 3)
-    vector = np.array([0.3, -1.0, 0.5])
-    expected = rotation.apply(vector)
-    for frame in ROTATION_FRAMES:
-        points = frame.read_points(rotation, "y")
-        if isinstance(frame, SO):
-            np.testing.assert_allclose(points @ vector, expected, rtol=0, atol=1e-15)
-        elif frame.scalar_first:
-            np.testing.assert_array_equal(points, rotation.as_quat(scalar_first=True))
-        else:
-            np.testing.assert_array_equal(points, rotation.as_quat())
-        np.testing.assert_allclose(
-            frame.as_rotation(points).as_matrix(), rotation.as_matrix(), rtol=0, atol=1e-15
-        )
 
 
 def test_scipy_rotations_in_products():

@@ -109,11 +109,8 @@ def of_problem(problem):
 
 
 PROBLEMS = [
-    problems.AffineField(SO3, np.eye(3)),
-    problems.ForcedRigidBody(),
-    problems.FreeRigidBody(),
-    problems.HeavyTop(),
-    problems.StateDependentRotation(),
+    *(problems.AffineField(SO3, np.eye(3)), problems.ForcedRigidBody(), problems.FreeRigidBody()),
+    *(problems.HeavyTop(), problems.StateDependentRotation()),
 ]
 
 for _name, _frame in FRAMES.items():

@@ -65,24 +65,13 @@ HEISENBERG_CONSTANTS = (
 
 ROTATIONS = [SO3(), SO3("space")]
 QUATERNIONS = [
-    UnitQuaternion(),
-    UnitQuaternion("space"),
-    UnitQuaternion(scalar_first=True),
+    *(UnitQuaternion(), UnitQuaternion("space"), UnitQuaternion(scalar_first=True)),
     UnitQuaternion("space", scalar_first=True),
 ]
 POSES = [SE3(), SE3("space")]
 COMPACT_GROUPS = [
-    SO(2),
-    SO(3, "space"),
-    SO(4),
-    SO(5, "space"),
-    U(1),
-    U(2, "body"),
-    U(3),
-    SU(2),
-    SU(2, "body"),
-    SU(3),
-    SU(4, "body"),
+    *(SO(2), SO(3, "space"), SO(4), SO(5, "space"), U(1), U(2, "body"), U(3), SU(2)),
+    *(SU(2, "body"), SU(3), SU(4, "body")),
 ]
 COMPACT_SPACES = [
     Sphere(1),

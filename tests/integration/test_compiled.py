@@ -125,10 +125,7 @@ def test_workers_run_at_the_same_time(function):
 
 def test_ensembles_and_complex_points_from_python(function):
     growth = compiled_rhs(function("growth"))
-    assert growth.on(Euclidean(1), None)(0.0, np.array([[2.0], [3.0]])).tolist() == [
-        [2.0],
-        [3.0],
-    ]
+    assert growth.on(Euclidean(1), None)(0.0, np.array([[2.0], [3.0]])).tolist() == [[2.0], [3.0]]
     # SU(2) has three coefficients; the others stay unwritten.
     y = np.array([[0.6 + 0.8j, 0.0], [0.0, 0.6 - 0.8j]])
     actual = growth.on(SU(2), None)(0.0, y)

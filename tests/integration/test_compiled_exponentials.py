@@ -18,17 +18,7 @@ from cg.integration.step.flows import (
 pytestmark = pytest.mark.sanitize
 
 GROUPS = [
-    SO(2),
-    SO(4),
-    SO(5),
-    SO(6),
-    SO(8, "space"),
-    SO(12),
-    SU(3),
-    SU(4),
-    U(2),
-    U(3),
-    U(3, "body"),
+    *(SO(2), SO(4), SO(5), SO(6), SO(8, "space"), SO(12), SU(3), SU(4), U(2), U(3), U(3, "body"))
 ]
 SIZES = [0.0, 1e-200, 1e-9, 1e-3, 0.05, 0.5, 0.86, 1.9, 2.1, 7.0, 90.0]
 
@@ -62,11 +52,7 @@ def test_what_is_not_finite_stays_so():
             assert not np.isfinite(moved).all()
 
 
-ACTED_ON = [
-    Sphere(3),
-    Stiefel(5, 2),
-    IsospectralOrbit((1.0, 2.0, 4.0), hermitian=True),
-]
+ACTED_ON = [Sphere(3), Stiefel(5, 2), IsospectralOrbit((1.0, 2.0, 4.0), hermitian=True)]
 
 
 @pytest.mark.parametrize("frame", ACTED_ON, ids=name)

@@ -9,11 +9,7 @@ import cg
 from cg.analysis.convergence import observed_order
 from cg.frames import SO3, Euclidean, IsospectralOrbit, Product
 from cg.integration.step.blocks import block_constants, is_compiled
-from cg.integration.step.flows import (
-    _Dexpinv,
-    _Flows,
-    flows_of,
-)
+from cg.integration.step.flows import _Dexpinv, _Flows, flows_of
 from cg.problems.affine import AffineField
 from cg.reproduce.reference_runs import integrate_compiled
 from cg.support.shared_numbers import BlockKind

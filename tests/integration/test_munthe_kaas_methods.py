@@ -4,7 +4,6 @@ import pickle
 
 import numpy as np
 import pytest
-import scipy.integrate
 from frame_examples import generic
 from test_munthe_kaas import METHODS
 
@@ -38,21 +37,6 @@ class TestMethods:
         again = pickle.loads(pickle.dumps(method))
         assert (again, hash(again)) == (method, hash(method))
         assert resolve_method(key) is method
-
-    def test_coefficients_of_scipy(self):
-        for key, theirs in (
-            ("RKMK3(2)", scipy.integrate.RK23),
-            ("RKMK5(4)", scipy.integrate.RK45),
-            ("RKMK8(5,3)", scipy.integrate.DOP853),
-        ):
-            method, stages = METHODS[key], len(theirs.B)
-            size = min(theirs.A.shape[1], stages)
-            a = theirs.A[:stages, :size]
-            np.testing.assert_allclose(method.a[:stages, :size], a, rtol=0, atol=1e-14)
-            np.testing.assert_allclose(method.b[:stages], theirs.B, rtol=0, atol=1e-15)
-        weights = np.array(METHODS["RKMK8(5,3)"].error_weights, dtype=float)
-        np.testing.assert_allclose(weights[0], scipy.integrate.DOP853.E5[:-1], rtol=0, atol=1e-15)
-        np.testing.assert_allclose(weights[1], scipy.integrate.DOP853.E3[:-1], rtol=0, atol=1e-15)
 
     def test_one_of_a_user(self):
         method = cg.MuntheKaas(HEUN)
@@ -92,10 +76,6 @@ class TestMethods:
     def test_rejected_arguments(self, make, message):
         with pytest.raises(MethodError, match=message):
             make()
-
-    def test_there_are_no_certificates(self):
-        with pytest.raises(TypeError, match="method must not be a Munthe-Kaas method"):
-            cg.certify("RKMK4")
 
     def test_it_is_no_method_of_two_registers(self):
         chain = from_two_registers([0], ["1"])

@@ -100,8 +100,7 @@ def test_flows_in_reverse_order_lower_the_order(frame, name, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("frame", "name"),
-    [("SU2", "CG4a"), ("SU2", "DICG4"), *slow(("SU2", "CG6d"), ("SU2", "DICG6"))],
+    ("frame", "name"), [("SU2", "CG4a"), ("SU2", "DICG4"), *slow(("SU2", "CG6d"), ("SU2", "DICG6"))]
 )
 def test_each_coefficient_counts(frame, name):
     method = EXACT[name]

@@ -76,10 +76,7 @@ class TestConversion:
     def test_number_of_places_of_weights(self):
         a = ["0", "-0.4801594388478", "-1.4042471952", "-2.016477077503", "-1.056444269767"]
         b = [
-            "0.1028639988105",
-            "0.7408540575767",
-            "0.7426530946684",
-            "0.4694937902358",
+            *("0.1028639988105", "0.7408540575767", "0.7426530946684", "0.4694937902358"),
             "0.1881733382888",
         ]
         method = from_two_registers(a, b)
@@ -118,16 +115,6 @@ class TestConversion:
     def test_bad_input(self, a, b, words):
         with pytest.raises(MethodError, match=words):
             from_two_registers(a, b)
-
-
-class TestFlatConditions:
-    def test_flat_order_exceeds_order_on_manifolds(self):
-        # a flat method of order four, its rows as flows in a wrong sequence
-        b = ["1/6", "1/3", "1/3", "1/6"]
-        kutta = cg.Tableau([[], ["1/2"], [0, "1/2"], [0, 0, 1]], b)
-        assert not any(flat_residuals(*kutta.exact, 4))
-        assert any(flat_residuals(*kutta.exact, 5))
-        assert kutta.order == 2
 
 
 class TestOrderOnManifolds:

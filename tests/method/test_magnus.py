@@ -10,7 +10,7 @@ import pytest
 
 import cg
 from cg.catalogue import dumps, loads
-from cg.conditions.linear import linear_residuals, words
+from cg.conditions.linear_equations import linear_residuals, words
 from cg.method.magnus import MagnusMethod
 from cg.structure.points import MethodError
 

@@ -262,7 +262,6 @@ class TestBadInput:
         [
             ([[]], [], "b must have at least one entry"),
             ([[0]], 1, "b must be a sequence of numbers, got 1"),
-            ([[0]], "1", "b must be a sequence of numbers, got '1'"),
             (0, [1], "a must be a sequence of numbers, got 0"),
             ([0], [1], "row 1 of a must be a sequence of numbers, got 0"),
             ([[], "1"], [0, 1], "row 2 of a must be a sequence of numbers, got '1'"),
@@ -270,10 +269,7 @@ class TestBadInput:
             ([[], [1], [1]], [1, 2, 3], "got lengths [0, 1, 1]"),
             ([[0, 0]], [1, 2], "a must have 2 rows to match b"),
             ([[], [1], [1, np.nan]], [1, 2, 3], "a_32: expected a finite real number, got nan"),
-            ([[], ["1/0"]], [1, 2], "a_21: expected a finite real number, got '1/0'"),
-            ([[]], [np.inf], "b_1: expected a finite real number, got inf"),
             ([[]], ["1e400"], "b_1: 1e400 is beyond the range of doubles"),
-            ([[]], ["0x1p9999"], "b_1: 0x1p9999 is beyond the range of doubles"),
         ],
     )
     def test_tableau(self, a, b, message):
@@ -285,7 +281,6 @@ class TestBadInput:
         [
             ([[0, 0], [1, "1/7"]], "explicit tableau, but a_22 = 1/7"),
             ([[0, 0.5], [1, 0]], "explicit tableau, but a_12 = 0x1"),
-            ([["2"], [1, 0]], "explicit tableau, but a_11 = 2"),
         ],
     )
     def test_explicit_argument(self, a, message):

@@ -25,7 +25,7 @@ from cg.problems import FreeRigidBody
 from cg.proofs import certificate_of
 from cg.proofs import check as prove
 from cg.structure.layout import Layout
-from cg.support.quads import decode, encode, from_float, to_decimal, to_float
+from cg.support.quads import decode, encode, from_float, to_float
 from cg.trees.ordered import forest
 
 exactly = partial(conditions.residuals, arithmetic="exact")
@@ -34,6 +34,12 @@ MASKED = np.ma.masked_array([[0.0, 0.0], [1.0, 0.0]], mask=[[0, 0], [1, 0]])
 CG3, CG5A, CF4 = (cg.methods[name] for name in ("CG3", "CG5a", "CF4"))
 POINT = pack_method(CG3)
 HALF, EULER = [[], ["1/2"]], [[0, 0], [1, 0]]
+
+
+OF_THE_ORDER = [
+    *(count, count_classical, conditions.condition_trees, conditions.table_rows),
+    conditions.right_sides,
+]
 
 
 def search(**changes):
@@ -55,19 +61,13 @@ def masked(x):
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: search(width=True), ValueError, "width must be a finite number, not negative"),
-        (lambda: search(refine_below=False), ValueError, "refine_below must be a finite number"),
         (lambda: search(rows=True), ValueError, "rows must be one of explicit, diagonal, full"),
         (lambda: search(force="no"), TypeError, "force must be True or False, got 'no'"),
         (lambda: search(stages=1001), ValueError, "stages must be at most 1000, got 1001"),
-        (lambda: construct(width=True), ValueError, "width must be a finite positive number"),
         (lambda: construct(width=1e308), ValueError, r"width must be at most 1e\+300"),
-        (lambda: construct(largest=True), ValueError, "largest must be a finite positive number"),
         (lambda: construct(full_rank="no"), TypeError, "full_rank must be True or False, got 'no'"),
         (lambda: construct(force=None), TypeError, "force must be True or False, got None"),
         (lambda: construct(first_stages=10**6), ValueError, "first_stages must be at most 1000"),
-        (lambda: lmdif(ftol=HUGE), ValueError, "ftol must be a finite number, not negative"),
-        (lambda: lmdif(x0=masked(0)), TypeError, "x0 must hold real numbers"),
         (lambda: lmdif(x0=[True]), TypeError, r"x0 must hold real numbers, got \[True\]"),
         (lambda: lmdif(masked), TypeError, "f must return real numbers, got masked"),
         (lambda: cg.certify("CG9z"), ValueError, r"got 'CG9z'; similar names are CG4"),
@@ -119,7 +119,6 @@ def masked(x):
         *((lambda v=v: save(CG3, v), TypeError, "path must be a path") for v in (1, None, b"x")),
         *((lambda v=v: dumps(v), TypeError, "method must be a Tableau,") for v in (1, None, b"x")),
         (lambda: save(1, "method.toml"), TypeError, "method must be a Tableau,"),
-        (lambda: pack_method("CG3"), TypeError, "method must be a Method, got 'CG3'"),
         (lambda: pack_method(CG3, 2.5), TypeError, r"order must be an integer, got 2\.5"),
         (lambda: ConditionSystem.tableau(True, 3), TypeError, "order must be an integer, got True"),
         (lambda: ConditionSystem.tableau(3, 3, "half"), ValueError, "rows must be one of explicit"),
@@ -129,31 +128,20 @@ def masked(x):
         (lambda: optimise(None, Goals()), TypeError, "candidate must be a Candidate, got None"),
         (lambda: optimise(POINT, 3), TypeError, "goals must be Goals, got 3"),
         (lambda: optimise(POINT, Goals(), max_iterations=1.5), TypeError, "max_iterations must be"),
-        (lambda: optimise(POINT, Goals(), max_iterations=-1), ValueError, "must be at least 0"),
         (lambda: optimise(POINT, Goals(), tolerance=np.nan), ValueError, "tolerance must be a fin"),
         (lambda: optimise(POINT, Goals(), frozen=["a"]), ValueError, r"frozen must be .*\['a'\]"),
         (lambda: fewer_exponentials(CG3), TypeError, "candidate must be a Candidate, got <Tableau"),
         (lambda: correct(POINT, [99]), ValueError, r"integers from 0 to 5, got \[99\]"),
         (lambda: correct(POINT, [1.5]), ValueError, r"frozen must be .*, got \[1\.5\]"),
-        (
-            lambda: to_method(POINT, name="", source="", frozen=3),
-            ValueError,
-            "frozen must be a sequence of integers from 0 to 5, got 3",
-        ),
+        (lambda: to_method(POINT, name="", source="", frozen=3), ValueError, "frozen must be a"),
         (lambda: eliminate_stage(POINT, 3), ValueError, "stage must be at most 2, got 3"),
-        (lambda: encode([np.nan]), ValueError, "values must be finite real numbers, got nan"),
         (lambda: encode([1j]), ValueError, "values must be finite real numbers, got 1j"),
-        (lambda: to_decimal(1, 1.5), TypeError, r"digits must be an integer, got 1\.5"),
-        (lambda: decode(7), TypeError, "quads must be an array of int8, got 7"),
         (lambda: decode(np.zeros(16)), TypeError, "quads must be an array of int8, got float64"),
         (lambda: decode(np.int8([1])), ValueError, r"must have shape \(n, 16\), got \(1,\)"),
         (lambda: to_float([1.0]), TypeError, r"quads must be an array of int8, got \[1\.0\]"),
-        (lambda: to_float(np.int8(1)), TypeError, "quads must be an array of int8, got"),
         (lambda: to_float(np.int8([[1]])), ValueError, r"16\), got \(1, 1\)"),
         (lambda: from_float("x"), ValueError, "values must be an array of real numbers, got 'x'"),
-        (lambda: from_float(1j), ValueError, "values must be an array of real numbers, got 1j"),
         *((lambda i=i: forest(3).tree(i), TypeError, "index must be an int") for i in (1.0, "1")),
-        (lambda: forest(3).tree(True), TypeError, "index must be an integer, got True"),
         (lambda: forest(3).is_independent(None), TypeError, "index must be an integer, got None"),
         (lambda: forest(3).index([]), TypeError, r"tree must be an OrderedTree, got \[\]"),
         (lambda: forest(40), ValueError, "max_nodes must be between 1 and 14, got 40"),
@@ -200,10 +188,7 @@ def test_unknown_methods_get_similar_names(refused):
 @pytest.mark.parametrize(
     "function",
     [
-        count,
-        count_classical,
-        conditions.condition_trees,
-        conditions.table_rows,
+        *OF_THE_ORDER,
         lambda order: conditions.residuals([[0]], [1], order),
         lambda order: exactly([[0]], [1], order),
         CG3.largest_residual,

@@ -32,12 +32,7 @@ SCALARS = [
     *("np.nan", "np.inf", "-np.inf", "1e308", "5e-324", "1j", "Fraction(1, 3)", "Decimal('0.5')"),
     *("Decimal('nan')", "'x'", "''", r"'\ud800'", r"'\0'", "b'x'", "object()", "int", "np"),
     *(
-        "lambda *arguments: None",
-        "iter([1, 2])",
-        "[]",
-        "{}",
-        "{1, 2}",
-        "[[]]",
+        *("lambda *arguments: None", "iter([1, 2])", "[]", "{}", "{1, 2}", "[[]]"),
         "[[1.0], [1.0, 2.0]]",
     ),
     *("[None, None]", "['x', 'y']", "range(3)", "np.array(1.0)", "np.array(1)", "np.array(None)"),

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import cg
-from cg import conditions
 from cg.problems import HeavyTop
 from cg.trees.ordered import forest
 
@@ -51,11 +50,6 @@ class TestTrees:
         assert len(sums) == len(theirs)
         for tree in theirs:
             assert sums[tree] == Fraction(nodes, tree.factorial() * tree.sigma())
-
-    def test_count_classical_equals_kauri(self, kauri):
-        for order in range(1, 10):
-            actual = sum(1 for tree in kauri.trees_up_to_order(order) if tree.nodes())
-            assert conditions.count_classical(order) == actual
 
 
 class TestLielab:

@@ -72,16 +72,6 @@ class TestTrees:
             level = sorted(x for x, y in nodes if y == height)
             assert all(np.diff(level) >= 1.0)
 
-    def test_rejects(self, ax):
-        with pytest.raises(ValueError, match="expected exactly one tree"):
-            cg.plot.tree("[[]", ax)
-        with pytest.raises(TypeError, match="tree must be an OrderedTree or its text, got 3"):
-            cg.plot.tree(3, ax)
-        with pytest.raises(ValueError, match="tree must have at most 200 nodes, got 201"):
-            cg.plot.tree("[" * 201 + "]" * 201, ax)
-        with pytest.raises(TypeError, match="ax must be None or axes of matplotlib, got 'ax'"):
-            cg.plot.tree("[]", "ax")
-
 
 class TestMethods:
     def test_a_tableau(self, ax):
@@ -120,14 +110,6 @@ class TestMethods:
         assert len(ax.lines) == flows
         dotted = [line for line in ax.lines if line.get_linestyle() == ":"]
         assert len(dotted) == (name == "CF6(5)")
-
-    def test_rejects(self, ax):
-        with pytest.raises(ValueError, match="method must be explicit, got"):
-            cg.plot.points("DICG4", ax)
-        with pytest.raises(ValueError, match="method must be the name of a method"):
-            cg.plot.tableau("XX", ax)
-        with pytest.raises(ValueError, match="digits must be at least 1, got 0"):
-            cg.plot.tableau("CG3", ax, digits=0)
 
 
 class TestStability:
@@ -171,12 +153,6 @@ class TestStability:
         assert 8.3 < single.get_xlim()[1] < 12  # the unstable region is from 0 to 8.3
         left, right = cg.plot.stability_region("ImplicitMidpoint").get_xlim()
         assert left == -right < -1
-
-    def test_rejects(self, ax):
-        with pytest.raises(ValueError, match=r"x must be a pair of increasing finite numbers, got"):
-            cg.plot.stability_region("CG3", ax, x=(1, 0))
-        with pytest.raises(ValueError, match="method must be one or more methods, got none"):
-            cg.plot.stability_region([], ax)
 
 
 class TestErrors:
@@ -260,19 +236,33 @@ class TestTrajectories:
         legend = [text.get_text() for text in spatial.get_legend().get_texts()]
         assert legend == ["x axis", "y axis", "z axis"]
 
-    def test_rejects(self, ax, spatial):
-        with pytest.raises(ValueError, match="ax must be three-dimensional, made with projection="):
-            cg.plot.trajectory_on_sphere(np.eye(3), ax)
-        with pytest.raises(ValueError, match=r"y must have shape \(n, 3\), got \(3, 4\)"):
-            cg.plot.trajectory_on_sphere(np.ones((3, 4)), spatial)
-        with pytest.raises(ValueError, match=r"matrices of shape \(n, 3, 3\).* got shape \(5, 2\)"):
-            cg.plot.trajectory_of_axes(np.ones((5, 2)), spatial)
-        with pytest.raises(ValueError, match=r"y must hold points of UnitQuaternion\(\)"):
-            cg.plot.trajectory_of_axes(np.ones((5, 4)), spatial)
-        with pytest.raises(ValueError, match="y must be finite"):
-            cg.plot.trajectory_on_sphere(np.full((2, 3), np.nan), spatial)
-        with pytest.raises(ValueError, match="triads must be at least 0, got -1"):
-            cg.plot.trajectory_of_axes(np.eye(3)[None], spatial, triads=-1)
+
+ONES = np.ones((5, 4))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda ax: cg.plot.tree("[[]", ax), "expected exactly one tree"),
+        (lambda ax: cg.plot.tree(3, ax), "tree must be an OrderedTree or its text"),
+        (lambda ax: cg.plot.tree("[" * 201 + "]" * 201), "at most 200 nodes, got 201"),
+        (lambda ax: cg.plot.tree("[]", "ax"), "ax must be None or axes"),
+        (lambda ax: cg.plot.points("DICG4", ax), "method must be explicit"),
+        (lambda ax: cg.plot.tableau("XX", ax), "method must be the name of a method"),
+        (lambda ax: cg.plot.tableau("CG3", ax, digits=0), "digits must be at least 1"),
+        (lambda ax: cg.plot.stability_region("CG3", ax, x=(1, 0)), "x must be a pair"),
+        (lambda ax: cg.plot.stability_region([], ax), "method must be one or more"),
+        (lambda ax: cg.plot.trajectory_on_sphere(np.eye(3), ax), "ax must be three-dim"),
+        (lambda ax: cg.plot.trajectory_on_sphere(np.ones((3, 4))), "y must have shape"),
+        (lambda ax: cg.plot.trajectory_of_axes(ONES[:, :2]), "matrices of shape"),
+        (lambda ax: cg.plot.trajectory_of_axes(ONES), "y must hold points of UnitQ"),
+        (lambda ax: cg.plot.trajectory_on_sphere(np.nan * np.eye(3)), "y must be finite"),
+        (lambda ax: cg.plot.trajectory_of_axes(np.eye(3)[None], triads=-1), "triads must"),
+    ],
+)
+def test_bad_input(ax, call, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        call(ax)
 
 
 class TestAttitude:
@@ -385,9 +375,7 @@ class TestAttitude:
         run = cg.solve_ensemble(
             lambda t, y: [0, 0, 1.0], (0, 1), np.stack([np.eye(3)] * 2), frame=cg.frames.SO3()
         )
-        with pytest.raises(
-            ValueError, match=r"y must be a solution of one point, such as run\[0\]"
-        ):
+        with pytest.raises(ValueError, match="y must be a solution of one point, such as"):
             cg.plot.attitude(run, ax)
         cg.plot.attitude(run[0], ax)
 

@@ -9,8 +9,6 @@ from ambient import solve_in_ambient_space
 from flint import arb
 from kinds import FROZEN
 
-from cg.analysis.convergence import observed_order
-from cg.catalogue import methods
 from cg.frames import SO3, Euclidean, Product, hat
 from cg.integration import integrate
 from cg.problems import HeavyTop, StateDependentRotation
@@ -193,20 +191,3 @@ def test_rotations_are_orthogonal_to_the_rounding_of_either_kind(top):
     assert max(orthogonality(wide.exact(k)) for k in (1, 10, 100, 1000)) < 4e-34
     narrow = integrate_compiled(top, method="CG3", h="1/100", steps=10_000)
     assert top.frame.membership_error(narrow.y).max() < 1e-14
-
-
-def errors_in_quadruple(top, exact, name, steps):
-    return [
-        float(max(abs(x - y) for x, y in zip(actual.exact(-1), exact, strict=True)))
-        for actual in (
-            integrate_compiled(top, method=name, h=Fraction(1, n), steps=n, kind="real128")
-            for n in steps
-        )
-    ]
-
-
-@pytest.mark.parametrize(("name", "steps"), [("CG3", (64, 128, 256)), ("CG4a", (128, 256, 512))])
-def test_slopes_in_quadruple_precision(top, reference, name, steps):
-    errors = errors_in_quadruple(top, reference.values[-1], name, steps)
-    slope = observed_order(1 / np.array(steps), errors)
-    assert slope.order == pytest.approx(methods[name].order, abs=0.1)

@@ -10,7 +10,7 @@ from kinds import MAGNUS
 
 import cg
 from cg.catalogue import loads
-from cg.conditions.linear import linear_residuals, words
+from cg.conditions.linear_equations import linear_residuals, words
 from cg.proofs import CertificationError, certificate_of, certify, check
 from cg.proofs.certificate import ViolatedCondition
 from cg.proofs.systems import exact_residuals

@@ -9,8 +9,6 @@ from cg.reproduce import fingerprint
 from cg.reproduce.appendix_a import printed
 from cg.reproduce.display import Display
 from cg.reproduce.items import ITEMS
-from cg.reproduce.sections import beyond_catalogue, differences, table3_2
-from cg.reproduce.sections.search import PLANS
 
 pytestmark = pytest.mark.no_core
 
@@ -29,23 +27,6 @@ def test_printed_digits_have_their_checksum(name):
     assert (len(lines), total) == DIGITS[name]
 
 
-def test_printed_abscissae_are_row_sums():
-    # a check of the digits that needs no second reading: each c is printed beside its row
-    for name, unit in (("CG4a", 1e-15), ("CG5a", 1e-15), ("CG6a", 2e-7)):
-        paper = printed()[name]
-        for row, c in zip(paper.a, paper.c, strict=True):
-            assert abs(sum(map(float, row)) - float(c)) < unit
-        assert abs(sum(map(float, paper.b)) - 1) < unit
-
-
-def test_table_of_the_paper():
-    assert [tuple(row.values()) for row in table3_2.PAPER] == [
-        (4, 5, 15, 13, 8),
-        (5, 9, 45, 38, 17),
-        (6, 16, 136, 113, 37),
-    ]
-
-
 def test_digests_change_with_files_and_arguments(tmp_path, monkeypatch):
     monkeypatch.setattr(fingerprint.cg, "__file__", str(tmp_path / "__init__.py"))
     path = tmp_path / "folder" / "module.py"
@@ -58,21 +39,6 @@ def test_digests_change_with_files_and_arguments(tmp_path, monkeypatch):
     fingerprint._of_package.cache_clear()
     assert digests[0] == digests[1]
     assert len(set(digests)) == 3
-
-
-def test_differences_from_the_paper_are_listed():
-    rows = {row["what"]: row["ours"] for row in differences.compute(None)["differences"]}
-    text = " ".join(rows.values())
-    for word in ("Python", "modern Fortran", "rows of zeros", "[−1, 1]", "NumPy", "binary128"):
-        assert word in text
-    for order, plan in PLANS.items():
-        assert f"order {order}: {plan.maxfev} in double, {plan.refine_maxfev} in real(16)" in text
-
-
-def test_radii_are_labelled_as_read_from_files():
-    text = beyond_catalogue.present({"methods": []})[0].text
-    assert "read from the certificates' files" in text
-    assert beyond_catalogue.table({"methods": []}).header[-1] == "certificate (from its file)"
 
 
 class Clock:

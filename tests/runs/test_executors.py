@@ -27,7 +27,8 @@ from typing import Any, ClassVar
 import pytest
 
 import cg
-from cg.runs import Store, completed, execution
+from cg.executors import completed, execution
+from cg.runs import Store
 
 SEARCH: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
 CONSTRUCT: dict[str, Any] = {"order": 5, "stages": 6, "flows": 9, "first_flows": 10, "seed": 1}

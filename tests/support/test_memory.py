@@ -95,26 +95,28 @@ x = np.zeros(layout.size)
 trees, owner = system.conditions(True)
 flag = np.zeros(1, dtype=np.intc)
 free = np.arange(1, layout.size + 1, dtype=np.intc)
-from cg.conditions import compiled as door
+from cg.conditions import core_calls as door
+from cg.construction.solvers.lmdif import fit_lmdif
+from cg.construction.solvers.minimum_norm import fit_minimum_norm
 from cg.support import quads
 start = np.zeros(small.size)
 enough = np.resize(ConditionSystem(5, small).conditions(True)[0], small.size)
 start_quad = quads.from_float(start)
 bits, tolerance = quads.from_float(x), quads.from_float([1e-9]).T
 cases = {
-    "door.weights(7, layout, x, trees)": door._evaluation(7, layout, trees.size),
-    "door.residuals(7, layout, x, trees, owner)": door._evaluation(7, layout, trees.size),
+    "door.weights(7, layout, x, trees)": door.evaluation_bytes(7, layout, trees.size),
+    "door.residuals(7, layout, x, trees, owner)": door.evaluation_bytes(7, layout, trees.size),
     "door.residuals_quad(7, layout, bits, trees, owner)":
-        door._evaluation(7, layout, trees.size, 16),
-    "door.jacobian(7, layout, x, trees, owner)": door._derivatives(7, layout, trees.size),
-    "door.fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, False, flag)":
-        door._derivatives(7, layout, trees.size),
-    "door.fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, True, flag)":
-        door._derivatives(7, layout, trees.size),
-    "door.fit_lmdif(5, small, start, enough, np.array([1e-9]), 1, flag)":
-        door._evaluation(5, small, enough.size) + 8 * enough.size * small.size,
-    "door.fit_lmdif(5, small, start_quad.T, enough, tolerance, 1, flag)":
-        door._evaluation(5, small, enough.size, 16) + 16 * enough.size * small.size,
+        door.evaluation_bytes(7, layout, trees.size, 16),
+    "door.jacobian(7, layout, x, trees, owner)": door.derivatives_bytes(7, layout, trees.size),
+    "fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, False, flag)":
+        door.derivatives_bytes(7, layout, trees.size),
+    "fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, True, flag)":
+        door.derivatives_bytes(7, layout, trees.size),
+    "fit_lmdif(5, small, start, enough, np.array([1e-9]), 1, flag)":
+        door.evaluation_bytes(5, small, enough.size) + 8 * enough.size * small.size,
+    "fit_lmdif(5, small, start_quad.T, enough, tolerance, 1, flag)":
+        door.evaluation_bytes(5, small, enough.size, 16) + 16 * enough.size * small.size,
 }
 door.jacobian(7, layout, x, trees, owner), door.residuals_quad(7, layout, bits, trees, owner)
 np.linalg.svd(np.ones((50, 50)))  # work space of the linear algebra

@@ -11,7 +11,7 @@ from flint import arb, ctx
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
-from cg.runs import as_finished
+from cg.executors import as_finished
 from cg.support.balls import working_precision
 from cg.support.parallel import available_cores, single_threads
 
@@ -140,10 +140,5 @@ def test_cores_are_counted_where_there_are_no_affinities(monkeypatch: pytest.Mon
     assert available_cores() == (os.cpu_count() or 1)
     assert len(cg.search(2, 2, 2, seed=0).starts) == 2
     assert cg.construct(2, 2, seed=0).exact
-    from cg.reproduce.context import Context, Settings
-    from cg.reproduce.main import main
-
-    assert main(["--list"]) == 0
-    assert Settings is not Context
     monkeypatch.setattr(os, "cpu_count", lambda: None)
     assert available_cores() == 1

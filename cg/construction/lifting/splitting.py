@@ -16,8 +16,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
 
-from ...conditions import MAX_ORDER, condition_trees
-from ...conditions import compiled as compiled_conditions
+from ...conditions import MAX_ORDER, condition_trees, core_calls
 from ...structure.layout import Layout
 from ...structure.points import START
 from ...support.balls import to_flint, to_fraction
@@ -300,7 +299,7 @@ class Splitting:
     def residual(self, x: Vector) -> Vector:
         """Return the scaled residuals, shape (m,)."""
         trees, owner = self.conditions
-        residuals = compiled_conditions.residuals(self.order, self.layout, x, trees, owner)
+        residuals = core_calls.residuals(self.order, self.layout, x, trees, owner)
         return np.asarray(self.scale * residuals)
 
     def jacobian(self, x: Vector, chosen: NDArray[np.intp] | slice = slice(None)) -> Vector:
@@ -309,18 +308,18 @@ class Splitting:
         The conditions can be restricted to a selection of indices.
         """
         trees, owner = (entries[chosen] for entries in self.conditions)
-        jacobian = compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
+        jacobian = core_calls.jacobian(self.order, self.layout, x, trees, owner)
         return np.asarray(self.scale[chosen, None] * (jacobian @ self.directions))
 
     def principal_residual(self, x: Vector) -> Vector:
         """Return the residuals of the next order, of all trees, not scaled."""
         trees = next_trees(self.order)
-        return compiled_conditions.residuals(self.order + 1, self.layout, x, trees)
+        return core_calls.residuals(self.order + 1, self.layout, x, trees)
 
     def principal_jacobian(self, x: Vector) -> Vector:
         """Return the derivatives of `principal_residual` with respect to all weights."""
         trees = next_trees(self.order)
-        return compiled_conditions.jacobian(self.order + 1, self.layout, x, trees)
+        return core_calls.jacobian(self.order + 1, self.layout, x, trees)
 
     def merged(self, x: Vector, point: int) -> tuple[Splitting, Vector] | None:
         """Return the splitting in which the flow to a point is merged with that to its parent.

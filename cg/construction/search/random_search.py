@@ -16,7 +16,8 @@ from operator import attrgetter
 from typing import Any
 
 from ...conditions import Rows
-from ...runs import ExecutorLike, Failure, LongRun, ProgressLine, Record, RunOptions, Score
+from ...executors import ExecutorLike
+from ...runs import Failure, LongRun, ProgressLine, Record, RunOptions, Score
 from ...support import quads
 from ...support.checks import MAX_COUNT, check_integer
 from .records import RandomStart

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...conditions import count, table_rows
-from ...conditions.compiled import fit_lmdif
 from ...runs import Record
 from ...structure.layout import Layout
 from ...support import quads
 from ...support.checks import MAX_COUNT
 from ...support.parallel import single_threads, stoppable
+from ..solvers.lmdif import fit_lmdif
 from ..solvers.minimum_norm import fit_conditions
 from ..solvers.refine import refine
 from ..solvers.singular import finish

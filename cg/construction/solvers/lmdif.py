@@ -1,4 +1,4 @@
-"""MINPACK's ``lmdif`` on a Python function, in double precision."""
+"""MINPACK's ``lmdif`` on a Python function, and on order conditions in both kinds."""
 
 from __future__ import annotations
 
@@ -10,9 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg._core_r64 import lmdif as _compiled_lmdif
+from cg import _core_r64
+from cg.conditions.core_calls import Trees, described, evaluation_bytes
+from cg.structure.layout import Layout
+from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_integer, check_real
 from cg.support.copies import ReadOnly
+from cg.support.memory import reserved
+from cg.support.parallel import StopFlag
 from cg.support.shared_numbers import Status
 
 Vector = NDArray[np.float64]
@@ -161,7 +166,7 @@ def lmdif(
     )
 
     callback = _Callback(f, start)
-    x, fvec, info, nfev, fjac, ipvt, qtf = _compiled_lmdif(
+    x, fvec, info, nfev, fjac, ipvt, qtf = _core_r64.lmdif(
         callback.evaluate, callback.rows, start, *arguments
     )
     callback.raise_failure()
@@ -180,6 +185,30 @@ def lmdif(
     for array in (result.x, result.fvec, result.fjac, result.ipvt, result.qtf):
         array.setflags(write=False)
     return result
+
+
+def fit_lmdif(
+    order: int,
+    layout: Layout,
+    x: NDArray[Any],
+    trees: Trees,
+    tolerance: NDArray[Any],
+    maxfev: int,
+    stop_flag: StopFlag,
+) -> tuple[Any, ...]:
+    """Call the compiled lmdif; return x, f, info and nfev, in the kind of x.
+
+    x has shape (n,), or (16, n) in real(16). There are at least as many trees as unknowns.
+    `tolerance`, shape (1,) or (16, 1), is that for the sum of squares and for x.
+    """
+    m, n = trees.size, layout.size
+    core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("lmdif in real(16)"), 16)
+    needed = evaluation_bytes(order, layout, m, size) + size * (m * n + 6 * m + 16 * n)
+    with reserved(needed, described("lmdif", order, layout)):
+        results: tuple[Any, ...] = core.fit_lmdif(
+            order, layout.code, x, trees, tolerance, tolerance, maxfev, stop_flag
+        )
+    return results
 
 
 class _Callback:

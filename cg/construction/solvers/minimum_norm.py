@@ -7,13 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...conditions.compiled import fit_minimum_norm
+from ... import _core_r64
+from ...conditions.core_calls import Trees, Vector, derivatives_bytes, described
+from ...structure.layout import Layout
 from ...support.capsules import provide_lapack
 from ...support.checks import MAX_COUNT, check_flag, check_integer, check_real
+from ...support.memory import reserved
 from ...support.parallel import stoppable
 from ...support.shared_numbers import MinimumNormStatus
 from .system import ConditionSystem
@@ -85,3 +89,27 @@ def fit_conditions(
     return MinimumNormFit(
         x_end, float(f), int(iterations), int(evaluations), MinimumNormStatus(status)
     )
+
+
+def fit_minimum_norm(
+    order: int,
+    layout: Layout,
+    x: Vector,
+    trees: Trees,
+    owner: Trees,
+    free: Trees,
+    *arguments: Any,
+) -> tuple[Any, ...]:
+    """Call the compiled solver; return its results.
+
+    `free` are the indices, from 1, of the unknowns that may move, intc of shape (k,).
+    """
+    m, n, k = trees.size, layout.size, free.size
+    solver = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
+    accurate = m * (2 * k + m)  # of the QR factorisation, with a transposed copy
+    needed = derivatives_bytes(order, layout, m) + 8 * (solver + accurate)
+    with reserved(needed, described("the fit", order, layout)):
+        results: tuple[Any, ...] = _core_r64.fit_minimum_norm(
+            order, layout.code, x, trees, owner, free, *arguments
+        )
+    return results

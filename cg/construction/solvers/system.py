@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import compiled as compiled_conditions
-from ...conditions import condition_trees, count
+from ...conditions import condition_trees, core_calls, count
 from ...conditions.counts import check_order
 from ...structure.layout import Layout, Rows
 from ...structure.points import check_tree
@@ -192,19 +191,17 @@ class ConditionSystem:
     def residual(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
         """Return the residuals at packed entries, shape (m,)."""
         trees, owner = self.conditions(independent)
-        return compiled_conditions.residuals(self.order, self.layout, x, trees, owner)
+        return core_calls.residuals(self.order, self.layout, x, trees, owner)
 
     def jacobian(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
         """Return the derivatives of `residual`, shape (m, size)."""
         trees, owner = self.conditions(independent)
-        return compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
+        return core_calls.jacobian(self.order, self.layout, x, trees, owner)
 
     def residual_quad(self, x: quads.Quads, independent: bool = False) -> NDArray[np.float64]:
         """Return the residuals, computed in real(16) and rounded to double."""
         trees, owner = self.conditions(independent)
-        return quads.to_float(
-            compiled_conditions.residuals_quad(self.order, self.layout, x, trees, owner)
-        )
+        return quads.to_float(core_calls.residuals_quad(self.order, self.layout, x, trees, owner))
 
 
 @cache

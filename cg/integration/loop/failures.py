@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cg.integration.loop.messages import (
+    StageOverflowError,
     failure,
     flow_not_finite,
     no_progress,
@@ -18,7 +19,6 @@ from cg.integration.loop.messages import (
 from cg.integration.loop.record import COUNTS
 from cg.integration.loop.run import Run
 from cg.integration.loop.stiffness import find_difficulty
-from cg.integration.rhs.python import StageOverflowError
 from cg.integration.step.implicit import STAGE_SOLVERS, ConvergenceError
 from cg.support.shared_numbers import Stop
 

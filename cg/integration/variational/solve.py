@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
+from cg.executors import ExecutorLike
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.ensemble import solve_members
@@ -27,7 +28,6 @@ from cg.integration.variational.results import (
     VariationalSolution,
     split_results,
 )
-from cg.runs import ExecutorLike
 from cg.support.checks import check_flag
 
 

@@ -1,0 +1,7 @@
+"""Pieces of work on any executor: pools, threads, clusters."""
+
+from __future__ import annotations
+
+from .execution import ExecutorLike, Finished, as_finished, check_executor, completed
+
+__all__ = ["ExecutorLike", "Finished", "as_finished", "check_executor", "completed"]
