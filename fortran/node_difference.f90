@@ -13,30 +13,35 @@ module node_difference_m
   private
   public :: node_difference
 
+  real(wp), parameter :: roundings = 64 * epsilon(1.0_wp)
+
 contains
 
-  ! Computes the largest of these differences between nodes of the step. Times are in units of the
-  ! step, from its start.
+  ! Computes the largest of these differences between nodes of the step, without those that rounding
+  ! explains. Times are in units of the step, from its start.
   pure subroutine node_difference(c, f, ratio, f_before, v)
     real(wp), intent(in) :: c(:)             ! (nodes) in a step
     real(wp), intent(in) :: f(:, :)          ! (dimension, nodes)
     real(wp), intent(in) :: ratio            ! of the size of the step before to that of this one
     real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
     real(wp), intent(out) :: v(:)            ! (dimension)
-    real(wp) :: t(2 * size(c)), largest
+    real(wp) :: t(2 * size(c)), sizes(size(v)), largest
     integer :: j, k, s
 
     s = size(c)
     t = [(c - 1) * ratio, c]
     v = 0.0_wp
+    sizes = 0.0_wp
     largest = 0.0_wp
     do k = 1, 2 * s
       if (.not. counts(k)) cycle
       associate (weight => 1 / product(t(k) - t, mask=[(j /= k .and. counts(j), j=1, 2 * s)]))
         if (k <= s) then
           v = v + weight * f_before(:, k)
+          sizes = sizes + abs(weight * f_before(:, k))
         else
           v = v + weight * f(:, k - s)
+          sizes = sizes + abs(weight * f(:, k - s))
         end if
       end associate
     end do
@@ -45,7 +50,7 @@ contains
         largest = max(largest, abs(product(middle - t, mask=[(counts(j), j=1, 2 * s)])))
       end associate
     end do
-    v = largest * v
+    v = largest * merge(v, 0.0_wp, abs(v) > roundings * sizes)
 
   contains
 

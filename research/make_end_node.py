@@ -110,7 +110,8 @@ def make(name: str) -> cg.CommutatorFree:
     """Return the pair with the least principal error."""
     method = cg.methods[name]
     problem = Constrained(pack_method(method))
-    x, end = problem.start.x, np.array([1.0, WEIGHT])
+    # a rounding before the end, so that no evaluation is beyond it
+    x, end = problem.start.x, np.array([1.0 - 1e-13, WEIGHT])
     begin = problem.rows @ x
     for part in np.linspace(0, 1, MOVES + 1)[1:]:
         x, directions, _ = problem.retract(x, begin + part * (end - begin))

@@ -22,7 +22,7 @@ import cg
 from cg.method.estimate import estimate_ratio
 
 _HALF = Fraction(1, 2)
-FACTORS = {"CFM6(4)": 1, "CFM6(4)b": 4, "CFM8(4)": 2}
+FACTORS = {"CFM6(4)": 1, "CFM6(4)b": 8, "CFM8(4)": 2}
 """Those of the third results: powers of two with ratios of error to estimate below 4."""
 
 NOTE = "; second result research/make_magnus_second_results.py"

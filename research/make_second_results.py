@@ -39,6 +39,7 @@ _WIDTH = 0.6
 _ITERATIONS = 100
 _SEED = 1
 _MAX_RATIO = 2.0
+_ROUNDING = 1e-30  # of sums of weights that are zero
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,7 @@ def splitting_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
         b = method.exact[1]
         scale = recipe.distance / max(abs(y - x) for x, y in zip(b, second, strict=True))
         second = tuple(x + scale * (y - x) for x, y in zip(b, second, strict=True))
+    second = tuple(x if abs(x) > _ROUNDING else Fraction(0) for x in second)
     used = tuple(k for k in range(method.stages) if second[k])
     chain = [START, *range(count, count + recipe.flows - 1)]
     layout = Layout(

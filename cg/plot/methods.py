@@ -7,7 +7,6 @@ from fractions import Fraction
 from typing import Any
 
 from ..catalogue import resolve_method
-from ..method.commutator_free import CommutatorFree
 from ..method.method import Method
 from ..structure.points import START, PointTree
 from ..support.checks import check_integer
@@ -97,8 +96,7 @@ def _flow(weights: Mapping[int, Fraction]) -> str:
 def points(method: str | Method, ax: Any = None) -> Any:
     """Draw the points of a step at their times; each line is a flow.
 
-    Stages are numbered circles, the result is a square and the second result a diamond. The flow
-    to a second result that is only used for the error, and not computed, is dotted. The
+    Stages are numbered circles, the result is a square and the second result a diamond. The
     weights of each flow are written on its line if there are at most twelve.
 
     Parameters
@@ -132,11 +130,9 @@ def points(method: str | Method, ax: Any = None) -> Any:
     places = _places(tree)
     used = [m for m in places if m != START]
     labelled = sum(len(tree.points[m].weights) for m in used) <= _MAX_TERMS
-    free = isinstance(method, CommutatorFree) and bool(method.error_weights)
     for m in used:
         xs, ys = zip(places[tree.points[m].parent], places[m], strict=True)
-        dotted = free and m == tree.embedded_result
-        ax.plot(xs, ys, color=FAINT, linewidth=1.2, linestyle=":" if dotted else "-", zorder=1)
+        ax.plot(xs, ys, color=FAINT, linewidth=1.2, zorder=1)
         if labelled:
             ax.text(
                 (xs[0] + xs[1]) / 2,

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import cg
-from cg import conditions
 from cg.analysis.convergence import observed_order
 from cg.problems import FreeRigidBody, HeavyTop
 
@@ -23,17 +22,6 @@ def _importable():
     sys.path.insert(0, str(ROOT))
     yield
     sys.path.remove(str(ROOT))
-
-
-@pytest.mark.parametrize(("order", "stages"), [(3, 3), (5, 9)])
-def test_numpy_residual_agrees_with_the_exact_residual(order, stages):
-    from benchmarks.weights import NumpyResidual
-
-    x = np.random.default_rng(1).uniform(-1, 1, conditions.unknowns(stages))
-    rows, weights = conditions.unpack(x, stages)
-    exact = conditions.residuals(rows, weights, order, independent=True, arithmetic="exact")
-    actual = NumpyResidual(order, stages)(x)
-    np.testing.assert_allclose(actual, np.array(exact, dtype=float), rtol=0, atol=1e-12)
 
 
 def test_jacobian_for_leastsq_agrees_with_differences():

@@ -278,7 +278,7 @@ class TestVectorized:
             (lambda t: np.ones(3), r"a must return an array of shape \(1, 3\), a row for each "
              r"time, since vectorized=True, got shape \(3,\)"),
             (lambda t: np.ones((3, len(t))), r"shape \(1, 3\), .* got shape \(3, 1\)"),
-            (lambda t: np.ones((1, 3)), r"shape \(3, 3\), .* got shape \(1, 3\) at t = 0.069"),
+            (lambda t: np.ones((1, 3)), r"shape \(4, 3\), .* got shape \(1, 3\) at t = 0.069"),
             (lambda t: np.stack([np.where(t > 0, np.nan, 1)] * 3, axis=-1),
              "a must return finite numbers"),
         ],

@@ -43,8 +43,8 @@ ARGUMENTS = {"str": "a reason", "int": 3, "float": 0.125}
 
 def examples():
     """Yield objects by name: methods, and all that the calls of everything public return."""
-    first = {type(method): name for name, method in reversed(cg.methods.items())}
-    yield from ((name, cg.methods[name]) for name in first.values())
+    kinds = {type(method): (name, method) for name, method in cg.methods.items()}
+    yield from kinds.values()
     libm = ctypes.util.find_library("m")
     yield "CompiledFunction", cg.CompiledFunction(libm, "nextafter", [1.0, 2.0])
     yield "Structure", cg.Structure.MIDDLE
