@@ -36,7 +36,7 @@ def step_of(method):
 
 def test_every_method_has_a_reference_step():
     """If this fails, `make catalogue` hasn't been run since a method was added."""
-    assert list(REFERENCE["steps"]) == list(METHODS)
+    assert set(REFERENCE["steps"]) == set(METHODS)
     pairs = {name for name, method in METHODS.items() if method.embedded is not None}
     assert {name for name, entry in REFERENCE["steps"].items() if "embedded" in entry} == pairs
 
