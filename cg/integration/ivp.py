@@ -77,9 +77,9 @@ def solve_ivp(
         Name of a method of the catalogue, or a method.  The result of higher order of a pair is
         used.  Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with brackets.
         The default, ``"auto"``, is the fastest in the benchmarks of the pairs with reliable error
-        estimates.  For ``rtol`` below 1e-4 it is ``"RKMK8(5,3)"`` on frames with brackets and
-        ``"CF6(5)"`` on others; else ``"RKMK5(4)"`` on frames in Python with brackets and
-        ``"CF5(4)"`` on all others.  ``"RadauIIA5"`` is for stiff equations, with Newton's method.
+        estimates: ``"RKMK8(5,3)"`` on frames with brackets, on others ``"CF5(4)"``, and
+        ``"DOP853"`` for ``rtol`` below 1e-4.  With ``h`` it is ``"CF5(4)"``.  ``"RadauIIA5"`` is
+        for stiff equations, with Newton's method.
         ``solution.method`` is the method used.
     h
         Size of fixed steps, positive; the last may be shorter.  No error is estimated.
