@@ -17,7 +17,7 @@ from cg.frames.linear_action import LinearAction
 from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
 from cg.integration.ivp import solve_ivp
-from cg.integration.options import Options, expand_options
+from cg.integration.options import Options, check_no_more, expand_options
 from cg.integration.results import Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
@@ -33,7 +33,7 @@ def solve_linear(
     a: Callable[..., ArrayLike] | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
-    *,
+    *rest: Any,
     frame: Frame,
     vectorized: bool = False,
     progress: Callable[[float, float], None] | None = None,
@@ -93,6 +93,7 @@ def solve_linear(
     >>> run.success, abs(run.y[-1][1, 0]).round(8)
     (True, np.float64(0.70710678))
     """
+    check_no_more(rest)
     compiled = compiled_rhs(a, "a")
     vectorized = check_flag("vectorized", vectorized)
     args = check_args(options.get("args"))
