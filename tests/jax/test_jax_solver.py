@@ -224,6 +224,23 @@ class TestErrors:
         exact = cg.solve_ivp(body(np), (0.0, 2.0), START, frame=frame, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(end.ys[-1], exact.y[-1], rtol=0.0, atol=1e-6)
 
+    @pytest.mark.parametrize("name", ["CF5(4)", "DOP853", "RKMK8(5,3)"])
+    def test_equations_of_time_alone(self, name):
+        """Two results of a pair might agree although both are wrong."""
+
+        def f(t, y, args):
+            return jax.numpy.array([5 + 10 * t, 3 - 4 * t, 6 * t**2 - 2])
+
+        exact = cg.solve_linear(
+            lambda t: [5 + 10 * t, 3 - 4 * t, 6 * t**2 - 2], (0, 2), np.eye(3), frame=SO3(),
+            method="CFM8(4)", h=0.005,
+        ).y[-1]  # fmt: skip
+        run = diffrax.diffeqsolve(
+            cg.jax.FrameTerm(f, SO3()), cg.jax.Solver(name), 0.0, 2.0, None, jax.numpy.eye(3),
+            stepsize_controller=cg.jax.controller(SO3(), rtol=1e-5, atol=1e-5), max_steps=1000,
+        )  # fmt: skip
+        assert np.abs(run.ys[-1] - exact).max() < 1e-4
+
     @pytest.mark.slow
     def test_backwards(self):
         frame = ATTITUDE_AND_VELOCITY
