@@ -126,7 +126,7 @@ run(int entries, field *f, void *data, const int *list, const double *weights, c
 }
 
 // entries: 9 of matrices, 4 of quaternions (scalar last); list, weights, c: as make_method of
-// fortran/method.f90 reads them; start, end: members x (entries + 3)
+// fortran/steps/method.f90 reads them; start, end: members x (entries + 3)
 int integrate(int entries, field *f, void *data, const int *list, const double *weights,
               const double *c, double h, int steps, int members, const double *start, double *end)
 {

@@ -1,4 +1,4 @@
-# The compiled core; its entries are declared in fortran/core.pyf.in.
+# The compiled core; its entries are declared in fortran/interface/core.pyf.in.
 from typing import Any
 
 def __getattr__(name: str) -> Any: ...

@@ -1,6 +1,6 @@
 """Calls of compiled elementary weights and residuals, with checks of memory before.
 
-The bounds of allocated memory follow the declarations in ``fortran/weights.f90``,
+The bounds of allocated memory follow the declarations in ``fortran/conditions/weights.f90``,
 ``gradient.f90`` and ``conditions.f90``. Change them together.
 """
 

@@ -18,7 +18,7 @@ from cg.jax.frames import rules_of
 from cg.jax.rules import real_dtype
 from cg.jax.term import rules_in
 
-# These numbers are those of fortran/controller.f90, which says where they are from.
+# These numbers are those of fortran/steps/controller.f90, which says where they are from.
 _SAFETY = 0.9
 _MIN_FACTOR = 0.2
 _MAX_FACTOR = 5.0

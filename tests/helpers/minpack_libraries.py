@@ -16,7 +16,10 @@ from cg.support.shared_numbers import fortran_module
 
 TESTS = Path(__file__).parents[1]
 SOURCES = TESTS.parent / "fortran"
-MODULES = ("stop_flag", "least_squares", "linalg", "levenberg_marquardt")
+MODULES = (
+    *("support/stop_flag", "conditions/least_squares", "support/linalg"),
+    "conditions/levenberg_marquardt",
+)
 KINDS = ("r64", "r128")
 FLAGS = [
     *("-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra"),
@@ -34,7 +37,7 @@ def compile_fortran(folder: Path, suffix: str, test_source: Path, output: str, *
     """Compile the solver and one source of the tests in one kind, into `output`."""
     shared = folder / "shared_numbers.f90"
     shared.write_text(fortran_module())
-    modules = [SOURCES / f"{module}.f90" for module in (f"kinds_{suffix}", *MODULES)]
+    modules = [SOURCES / f"{module}.f90" for module in (f"support/kinds_{suffix}", *MODULES)]
     sources = [str(source) for source in (shared, *modules, test_source)]
     target = folder / output
     command = ["gfortran", *FLAGS, *flags, f"-J{folder}", *sources, "-o", str(target)]

@@ -10,8 +10,9 @@ from cg.trees.ordered import forest
 from cg.trees.tables import fortran_tables
 
 MODULES = (
-    *("stop_flag", "least_squares", "linalg", "levenberg_marquardt"),
-    *("weights", "gradient", "conditions"),
+    *("support/stop_flag", "conditions/least_squares", "support/linalg"),
+    *("conditions/levenberg_marquardt", "conditions/weights"),
+    *("conditions/gradient", "conditions/conditions"),
 )
 
 
@@ -22,7 +23,7 @@ def test_core_passes_with_checks_and_traps(tmp_path, suffix):
     tables.write_text(fortran_tables(forest(7)))
     shared = tmp_path / "shared_numbers.f90"
     shared.write_text(fortran_module())
-    modules = [SOURCES / f"{module}.f90" for module in (f"kinds_{suffix}", *MODULES)]
+    modules = [SOURCES / f"{module}.f90" for module in (f"support/kinds_{suffix}", *MODULES)]
     program_source = TESTS / "fortran" / "core_checks.f90"
     sources = [str(source) for source in (tables, shared, *modules, program_source)]
     program = tmp_path / "core_checks"

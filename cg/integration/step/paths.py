@@ -137,7 +137,7 @@ class MethodPaths:
 
     @cached_property
     def integers(self) -> NDArray[np.intc]:
-        """The integers of the method, as ``make_method`` of ``fortran/method.f90`` reads it.
+        """The integers of the method, as ``make_method`` of ``fortran/steps/method.f90`` reads it.
 
         The numbers of paths, flows, terms and stages; the origins of the paths; from 1, where
         the flows of each path begin, and where the terms of each flow begin; the stages of the
