@@ -4,7 +4,8 @@ import ctypes
 from functools import cache
 from typing import Any
 
-_ROUTINES = "dsyrk dpotrf dpotrs dgeqrf dgetrf zgetrf dgetrs zgetrs"  # as in fortran/support/lapack.f90
+# as in fortran/support/lapack.f90
+_ROUTINES = "dsyrk dpotrf dpotrs dgeqrf dgetrf zgetrf dgetrs zgetrs"
 
 
 def address_in(capsule: Any) -> int:

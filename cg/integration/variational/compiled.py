@@ -32,7 +32,7 @@ class _Record(ctypes.Structure):
 class CompiledVariation(CompiledRhs):
     """A right-hand side of a solution with its derivatives, in compiled code.
 
-    The functions may be in Python; `fortran/interface/variational.f90` calls them and multiplies matrices.
+    The functions may be in Python; `fortran/interface/variational.f90` calls them.
 
     Attributes
     ----------
