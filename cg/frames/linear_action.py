@@ -146,7 +146,7 @@ class LinearAction(UserFrame):
 
     @cached_property
     def _numbers(self) -> Array:
-        """The generators as ``make_linear_action`` of ``fortran/frames/linear_action.f90`` reads them."""
+        """The generators as ``fortran/frames/linear_action.f90`` reads them."""
         values, pattern = self._values, self._pattern
         kind = _Entries.COMPLEX
         if values.dtype.kind != "c":
