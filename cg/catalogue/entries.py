@@ -41,14 +41,7 @@ _STAGE = re.compile(r"\d{1,6}", re.ASCII)
 
 
 def loads(text: str) -> Method:
-    """Read a method from the text of a catalogue file: TOML, or JSON with the same keys.
-
-    Raises
-    ------
-    MethodError
-        If the text is neither TOML nor JSON, a key is missing or unknown, or the method is
-        invalid. For tableaux it is a `TableauError`.
-    """
+    """Read a method from the text of a catalogue file: TOML, or JSON with the same keys."""
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
     return from_entry(read_entry(text))

@@ -74,12 +74,6 @@ def known_digits(method: Method) -> int | None:
     """Return the smallest number of correct digits of the coefficients; None if all are rational.
 
     It is 34 for binary128 numbers and 16 for doubles.
-
-    Examples
-    --------
-    >>> import cg
-    >>> known_digits(cg.methods["CG5d"]), known_digits(cg.methods["CG3"])
-    (34, None)
     """
     third = getattr(method, "third_weights", None) or ()
     digits = [

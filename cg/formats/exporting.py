@@ -115,12 +115,5 @@ def export(
 
 
 def summary(method: Method) -> str:
-    """Return a one-line summary of a method.
-
-    Examples
-    --------
-    >>> import cg
-    >>> summary(cg.methods["CG4(3)b"])
-    'CG4(3)b: order 4(3), 5 evaluations, 15 flows'
-    """
+    """Return a one-line summary of a method: ``CG4(3)b: order 4(3), 5 evaluations, 15 flows``."""
     return f"{visible(method.name) or 'without name'}: {method.description(complete=True)}"

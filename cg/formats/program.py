@@ -102,13 +102,7 @@ class Program:
 
 
 def identifier(name: str) -> str:
-    """Return the name of a method as an identifier in lower case.
-
-    Examples
-    --------
-    >>> identifier("RKMK8(5,3)"), identifier("4th order"), identifier("")
-    ('rkmk8_5_3', 'method_4th_order', 'method')
-    """
+    """Return the name of a method as an identifier in lower case, such as ``rkmk8_5_3``."""
     plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
     if not plain or plain[0].isdigit():
         plain = f"method_{plain}".strip("_")

@@ -20,13 +20,9 @@ def _log1p(difference: Points, far: Callable[[Points], Points]) -> Points:
     r"""Return logarithms of :math:`I + d`; near the identity with the relative accuracy of d.
 
     With :math:`z = d\,(2 I + d)^{-1}` it is :math:`2(z + \tfrac13 z^3 + \tfrac15 z^5 + \dots)`
-    [1]_.  Near the identity this series is summed; elsewhere ``far`` returns the logarithm of one
-    matrix.  Differences d have the shape ``(..., n, n)``; logarithms are NaN where an entry isn't
-    finite.
-
-    References
-    ----------
-    .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008, section 11.3.
+    (Higham, *Functions of Matrices*, 2008, section 11.3), summed near the identity; elsewhere
+    ``far`` returns the logarithm of one matrix. Shapes are ``(..., n, n)``; NaN where an entry
+    isn't finite.
     """
     identity = np.eye(difference.shape[-1])
     near = np.asarray(np.linalg.matrix_norm(difference, ord=1) <= _NEAR)

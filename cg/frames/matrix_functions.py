@@ -159,15 +159,11 @@ def newton_schulz(y: Points, adjoint: Points) -> Points:
     r"""Return :math:`\frac32 y - \frac12 y\, y^* y`, one step towards :math:`y^* y = I`.
 
     Products of rounded group elements leave the group: after 10^5 random flows on SO(3) the
-    distance is 1e-13, and for 10^5 equal ones 1e-12, since then the rounding errors add up.  The
+    distance is 1e-13, and for 10^5 equal ones 1e-12, since then the rounding errors add up. The
     step is the identity on the group and reduces a distance :math:`\epsilon` to
     :math:`\frac32\epsilon^2`, so it removes rounding errors without changing the order of a method.
-    With the conjugate transpose as ``adjoint`` it converges to the polar factor, section 8.3 of
-    [1]_.
-
-    References
-    ----------
-    .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008.
+    With the conjugate transpose as ``adjoint`` it converges to the polar factor (Higham, *Functions
+    of Matrices*, 2008, section 8.3).
     """
     return np.asarray(1.5 * y - 0.5 * (y @ (adjoint @ y)))
 
@@ -330,12 +326,8 @@ def random_unitary(
 ) -> Points:
     """Return matrices with orthonormal columns, uniform under the unitary (orthogonal) group.
 
-    The QR factorisation of a normal matrix, made unique by a positive diagonal of R [1]_.
-
-    References
-    ----------
-    .. [1] F. Mezzadri, "How to generate random matrices from the classical compact groups",
-       Notices Amer. Math. Soc. 54 (2007), 592-604.
+    The QR factorisation of a normal matrix, made unique by a positive diagonal of R (Mezzadri,
+    Notices Amer. Math. Soc. 54 (2007), 592-604).
     """
     normal = rng.standard_normal(shape)
     if complex_:

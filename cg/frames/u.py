@@ -96,20 +96,12 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
 
 def gell_mann(n: int) -> Points:
-    r"""Return the generalised Gell-Mann matrices of size ``n``.
+    r"""Return the generalised Gell-Mann matrices of size ``n``, shape ``(n * n - 1, n, n)``.
 
-    Parameters
-    ----------
-    n
-        Number of rows, at least 1.
-
-    Returns
-    -------
-    ndarray
-        Shape ``(n * n - 1, n, n)``, with :math:`\operatorname{tr} \lambda_j \lambda_k =
-        2\delta_{jk}`.  For each ``j`` from 1: for each ``i < j`` the symmetric and the
-        antisymmetric matrix of that pair, then the diagonal one with ``j + 1`` entries.  For
-        ``n = 2`` these are the Pauli matrices, for ``n = 3`` Gell-Mann's in his order.
+    :math:`\operatorname{tr} \lambda_j \lambda_k = 2\delta_{jk}`. For each ``j`` from 1: for each
+    ``i < j`` the symmetric and the antisymmetric matrix of that pair, then the diagonal one with
+    ``j + 1`` entries. For ``n = 2`` these are the Pauli matrices, for ``n = 3`` Gell-Mann's in his
+    order.
     """
     return gell_mann_entries(n).array(n * n - 1, n)
 

@@ -37,13 +37,7 @@ from cg.jax.rules import Rules
 
 
 def rules_of(frame: Frame) -> Rules:
-    """Return what a frame is in JAX.
-
-    Raises
-    ------
-    TypeError
-        If it is no frame, or none that JAX has functions for.
-    """
+    """Return the functions of a frame in JAX; TypeError if it has none."""
     if not isinstance(frame, Frame):
         raise TypeError(f"frame must be a cg.frames.Frame, got {frame!r}")
     return _rules(frame)

@@ -217,18 +217,11 @@ class Solver(diffrax.AbstractAdaptiveSolver):
 class _Stages:
     """What a step has computed at its stages.
 
-    Attributes
-    ----------
-    values
-        The coefficients at the stages, shape ``(stages, dim)``; of a method of Munthe-Kaas the
-        derivatives of coordinates.
-    result, embedded
-        The points that the step leads to; the second is None where no pair compares two points.
-    errors
-        Weighted sums of the values, further error estimates divided by the step, shape ``(0, 1 or
-        2, dim)``.
-    last
-        The coefficients at the result, None if no stage is there.
+    ``values`` are the coefficients at the stages, shape ``(stages, dim)``, of a method of
+    Munthe-Kaas the derivatives of coordinates; ``last`` those at the result, None if no stage is
+    there. ``embedded`` is the second result, None where no pair compares two points. ``errors`` are
+    weighted sums of the values, further error estimates divided by the step, shape ``(0, 1 or 2,
+    dim)``.
     """
 
     values: JaxArray

@@ -97,13 +97,7 @@ class FrameTerm(diffrax.AbstractTerm):
 
 
 def rules_in(terms: Any) -> Rules:
-    """Return the rules of the frame of a term.
-
-    Raises
-    ------
-    TypeError
-        If the term is none of a frame.
-    """
+    """Return the rules of the frame of a term; TypeError if it is no term of a frame."""
     term = terms
     while isinstance(term, diffrax._term.WrapTerm):
         term = term.term

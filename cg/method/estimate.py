@@ -63,17 +63,9 @@ def jump_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate where the field jumps.
 
     The field is constant before and after a time within the step. A pair without a node at the end
-    of the step doesn't see jumps after its last node, so that the ratio is infinite.
-
-    Parameters
-    ----------
-    method : Method
-
-    Returns
-    -------
-    float or None
-        None without an error estimate, and for Magnus methods, whose estimates also use the nodes
-        of the step before.
+    of the step doesn't see jumps after its last node, so that the ratio is infinite. None without
+    an error estimate, and for Magnus methods, whose estimates also use the nodes of the step
+    before.
     """
     if method.embedded_order is None or isinstance(method, MagnusMethod):
         return None
@@ -88,20 +80,11 @@ def jump_ratio(method: Method) -> float | None:
 
 @cached
 def estimate_ratio(method: Method) -> float | None:
-    """Return the largest ratio of the error of a step to its estimate.
+    """Return the largest ratio of the error of a step to its estimate; None without an estimate.
 
     Of all steps of up to `MAX_ANGLE` radians, of Munthe-Kaas methods less than a turn, and of
     perturbations by the powers 1 to 4 of time; and of the powers of time up to the order plus 4
     that the quadrature of the result misses.
-
-    Parameters
-    ----------
-    method : Method
-
-    Returns
-    -------
-    float or None
-        None without an error estimate.
     """
     if method.embedded_order is None:
         return None

@@ -55,14 +55,9 @@ class CertificationError(ArithmeticError):
 
 @dataclass(frozen=True)
 class ViolatedCondition:
-    """A violated condition of the next order.
+    """A violated condition of the next order: the word of its tree's children, and a bound.
 
-    Attributes
-    ----------
-    word : tuple
-        The children of its tree.
-    bound : Decimal
-        ``|Φ(t) - 1/γ(t)|`` is at least this for the exact solution.
+    ``|Φ(t) - 1/γ(t)|`` is at least the bound for the exact solution.
     """
 
     word: Word
@@ -81,16 +76,10 @@ class ViolatedCondition:
 class Box:
     """A box around the stored coefficients in which conditions have exactly one zero.
 
-    Attributes
-    ----------
-    radius : Decimal
-        0 for rational methods, which satisfy the conditions themselves.
-    fixed : tuple of str
-        The coefficients that are held, such as ``a_3,1``, ``b_2`` and ``b_embedded_2``.
-    left_out : tuple of (int, word)
-        The independent conditions that are no equations, with their rows of weights.
-    bound : Decimal or None
-        What the residuals of these are below, at the zero; None if they follow by orthogonality.
+    `radius` is 0 for rational methods, which satisfy the conditions themselves. `fixed` are the
+    coefficients that are held, such as ``a_3,1``, ``b_2`` and ``b_embedded_2``. `left_out` are the
+    independent conditions that are no equations, with their rows of weights; their residuals at the
+    zero are below `bound`, None if they follow by orthogonality.
     """
 
     radius: Decimal

@@ -98,18 +98,9 @@ def certify(
 
 
 def check(certificate: Certificate, method: Method) -> None:
-    """Prove what a certificate says from scratch.
+    """Prove what a certificate says of a method from scratch; CertificationError if that fails.
 
-    Parameters
-    ----------
-    certificate : Certificate
-        Used as a hint only.
-    method : Method
-
-    Raises
-    ------
-    CertificationError
-        If it doesn't belong to the method, or if it can't be proved.
+    The certificate is used as a hint only.
     """
     if not isinstance(certificate, Certificate):
         raise TypeError(f"certificate must be a Certificate, got {certificate!r}")

@@ -179,18 +179,9 @@ class Store:
                 raise
 
     def begin(self, kind: str, settings: Mapping[str, Any]) -> StoredRun:
-        """Begin a run, or resume the one with the same settings.
+        """Begin a run, or resume the one with the same settings, which are plain data.
 
-        Parameters
-        ----------
-        kind : str
-        settings : mapping
-            All that determines the results, as plain data.
-
-        Raises
-        ------
-        OSError
-            If another process is carrying out the same run.
+        OSError if another process is carrying out the same run.
         """
         text = json.dumps(settings, sort_keys=True)
         connection, owner = self._connection, new_owner()
@@ -224,13 +215,7 @@ class Store:
         return StoredRun(self, int(number), owner)
 
     def run(self, number: int) -> StoredRun:
-        """Return a run for reading.
-
-        Raises
-        ------
-        KeyError
-            If there is no run of that number; the message lists the numbers.
-        """
+        """Return a run for reading; KeyError, which lists the numbers, if there is none."""
         numbers = [each for (each,) in self._connection.execute("SELECT number FROM runs")]
         if number not in numbers:
             raise KeyError(f"no run {number!r} in {self.path}; there are {numbers}")

@@ -32,16 +32,11 @@ class MethodError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    r"""A point of a step, reached from an earlier point by one flow.
+    r"""A point of a step, reached from an earlier point `parent`, or `START`, by one flow.
 
     .. math:: y_m = \exp\Bigl(h \sum_k \alpha_{m,k} F_k\Bigr) y_{\mathrm{parent}(m)}
 
-    Attributes
-    ----------
-    parent : int
-        Index of the point where the flow starts, `START` for the initial point.
-    weights : mapping from int to Fraction
-        The nonzero weights α by the stages (from 0) whose frozen fields they multiply.
+    `weights` are the nonzero α by the stages (from 0) whose frozen fields they multiply.
     """
 
     parent: int
@@ -71,18 +66,9 @@ class Point:
 
 @dataclass(frozen=True)
 class PointTree:
-    """The points of a step, with the points of its stages and results.
+    """The points of a step, parents before children, with the points of its stages and results.
 
-    Attributes
-    ----------
-    points : tuple of Point
-        Parents come before their children.
-    stage_points : tuple of int
-        The point of each stage; the first stage of an explicit method is at `START`.
-    result : int
-        The result of the step.
-    embedded_result : int or None
-        The second result of a pair.
+    The first stage of an explicit method is at `START`; a pair has an `embedded_result`.
     """
 
     points: tuple[Point, ...]

@@ -40,13 +40,7 @@ def _escaped(text: str, escape: Callable[[str], str]) -> str:
 
 
 def visible(text: str) -> str:
-    r"""Return a text with all characters escaped that aren't printable, also line breaks.
-
-    Examples
-    --------
-    >>> visible("line\nbreak, \x1b[2J"), visible("König 5")
-    ('line\\nbreak, \\x1b[2J', 'König 5')
-    """
+    """Return a text with all characters escaped that aren't printable, also line breaks."""
 
     def escape(letter: str) -> str:
         if category(letter) == "Zs":  # spaces of other widths

@@ -88,13 +88,7 @@ class BlockOption(IntEnum):
 
 
 class Status(IntEnum):
-    """MINPACK's ``info``.
-
-    References
-    ----------
-    .. [1] J. J. Moré, B. S. Garbow, K. E. Hillstrom, User Guide for MINPACK-1,
-       Argonne National Laboratory report ANL-80-74 (1980).
-    """
+    """MINPACK's ``info`` (Moré, Garbow, Hillstrom, User Guide for MINPACK-1, ANL-80-74, 1980)."""
 
     STOPPED_BY_USER = -1
     IMPROPER_INPUT = 0

@@ -14,18 +14,7 @@ _NODE = "●"
 
 
 def draw_tree(tree: OrderedTree) -> str:
-    """Return an ordered tree as lines of text, each node above its children.
-
-    The first child is the leftmost, whose flow comes first.
-
-    Examples
-    --------
-    >>> print(draw_tree(OrderedTree.parse("[[][[]]]")))
-    ●
-    ├── ●
-    └── ●
-        └── ●
-    """
+    """Return an ordered tree as lines of text, each node above its children."""
     if not isinstance(tree, OrderedTree):
         raise TypeError(f"tree must be an OrderedTree, got {tree!r}")
     return _draw(tree, lambda node: node.children, lambda _: _NODE)
@@ -37,14 +26,6 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     Each line is one flow: the number of the point, the combination of frozen fields, and the role
     of the point.
 
-    Parameters
-    ----------
-    method : cg.Method or PointTree
-    digits : int, optional
-        Significant digits of weights.
-
-    Examples
-    --------
     >>> import cg
     >>> print(draw_points(cg.methods["CF3"]))
     start: stage 1

@@ -22,20 +22,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FailingCondition:
-    """A violated order condition ``Φ(t) = 1/γ(t)``.
+    """A violated order condition ``Φ(t) = 1/γ(t)``, with its residual ``Φ(t) - 1/γ(t)``.
 
-    Attributes
-    ----------
-    order : int
-        Order of the condition.
-    tree : OrderedTree
-        t; for a method of Munthe-Kaas it stands for a rooted tree, whose children have no order.
-    residual : float
-        ``Φ(t) - 1/γ(t)``, correctly rounded.
-    right_side : Fraction
-        1/γ(t).
-    failing, of : int
-        Number of violated independent conditions of that order, and of all of them.
+    For a Munthe-Kaas method the tree stands for a rooted tree, whose children have no order.
+    `right_side` is 1/γ(t). Of the `of` independent conditions of that order, `failing` are
+    violated.
     """
 
     order: int

@@ -56,23 +56,10 @@ class Structure(IntEnum):
 
 @dataclass(frozen=True)
 class ConditionSystem:
-    """The conditions of an order for a method, or for an embedded pair.
+    """The conditions of an order q for a method with unknowns `layout`, or for an embedded pair.
 
-    Parameters
-    ----------
-    order : int
-        Order q of the method. Second results of pairs have order q - 1.
-    layout : Layout
-        The unknowns.
-    structure : Structure, optional
-        Simplifying assumptions, for explicit tableaux of order 4 or more.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument is of the wrong type or out of its range.
-    MethodError
-        If the layout isn't that of a method: see `cg.structure.points.check_tree`.
+    Second results of pairs have order q - 1. The simplifying assumptions of a `structure` are for
+    explicit tableaux of order 4 or more. TypeError, ValueError or MethodError for a wrong argument.
     """
 
     order: int
