@@ -163,10 +163,7 @@ def is_file(text: str) -> bool:
 
 
 def certificate_path(file: Path) -> Path:
-    """Return where the certificate of the method in a file is, if there is one.
-
-    It is beside the file, or in a folder ``certificates`` beside it.
-    """
+    """Return the certificate beside the file of a method, or in a folder ``certificates`` there."""
     in_folder = file.parent / "certificates" / f"{file.stem}.toml"
     if in_folder.is_file():
         return in_folder
@@ -234,10 +231,7 @@ def dumps(method: Method) -> str:
 
 
 def dumps_json(method: Method) -> str:
-    """Return a method as JSON with the keys of a catalogue file; `loads` returns an equal method.
-
-    Each row of coefficients or point is one line.
-    """
+    """Return a method as JSON, which `loads` reads, with each row or point in one line."""
     entry = read_toml(dumps(method), MethodError)
     lines = []
     for key, value in entry.items():

@@ -23,7 +23,6 @@ def weights(order: int, layout: Layout, x: Vector, trees: Trees) -> Vector:
     """Return ``Φ(t)`` of the first result, shape (m,), at packed weights x, shape (layout.size,).
 
     `trees` are the indices of trees with at most ``order + 1`` nodes, intc of shape (m,).
-    MemoryError if the compiled call would allocate more memory than there is.
     """
     with reserved(evaluation_bytes(order, layout, trees.size), described("weights", order, layout)):
         phi: Vector = _core_r64.weights(order, layout.code, x, trees)

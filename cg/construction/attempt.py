@@ -59,10 +59,7 @@ class Attempt:
 
 
 def read_attempt(settings: ConstructionSettings, record: Record) -> Attempt:
-    """Return the try of a record, recomputed from its coefficients.
-
-    ValueError if the record isn't that of a try, or doesn't agree with its coefficients.
-    """
+    """Return the try of a record, recomputed; ValueError if its coefficients don't fit it."""
     where = f"not the record of an attempt: try {record.number}"
     try:
         layout = None if record.tree is None else layout_from_json(record.tree)

@@ -73,12 +73,7 @@ def drop_flow(
     largest: float = 4.0,
     accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a point that is neither a stage nor a result, and solve again.
-
-    Flows that start from the point start from its parent instead, with the sums of the weights of
-    both flows. The arguments, results and errors are those of `drop_stage`, for commutator-free
-    methods.
-    """
+    """Drop a point that is neither a stage nor a result, like `drop_stage`."""
     layout = _check_points(candidate)
     merged = (
         merge_point(layout, candidate.x.tolist(), m)

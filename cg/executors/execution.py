@@ -56,11 +56,7 @@ class Finished(Generic[Result]):
 
 
 def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, int | None]:
-    """Return the arguments `executor` and `workers` after checking them.
-
-    TypeError or ValueError if `executor` isn't an `ExecutorLike`, or `workers` isn't a positive
-    integer.
-    """
+    """Return the arguments `executor` and `workers` after checking them."""
     if workers is not None:
         workers = check_integer("workers", workers, 1)
     if isinstance(executor, str) and executor not in ("threads", "processes"):

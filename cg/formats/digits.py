@@ -71,10 +71,7 @@ class Numbers:
 
 
 def known_digits(method: Method) -> int | None:
-    """Return the smallest number of correct digits of the coefficients; None if all are rational.
-
-    It is 34 for binary128 numbers and 16 for doubles.
-    """
+    """Return the smallest number of correct digits of coefficients; None if all are rational."""
     third = getattr(method, "third_weights", None) or ()
     digits = [
         max(math.floor(math.log10(abs(coefficient.value) / coefficient.unit)) + 1, 1)
@@ -85,10 +82,7 @@ def known_digits(method: Method) -> int | None:
 
 
 def numbers_of(method: Method, digits: int | None, certificate: Certificate | None) -> Numbers:
-    """Return the coefficients of a method, from its certificate if the stored digits are too few.
-
-    The arguments and errors are those of `cg.export`.
-    """
+    """Return the coefficients of a method, from its certificate if it has too few digits."""
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     if certificate is not None:

@@ -203,10 +203,7 @@ def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
 def _slots(
     tree: PointTree, order: list[int], before: tuple[int, ...]
 ) -> tuple[dict[int, int], int]:
-    """Return the slot of each point, and the number of slots.
-
-    A slot is reused after the last move, stage or result that needs its point.
-    """
+    """Return the slot of each point, reused when it isn't needed any more, and their number."""
     last: dict[int, int] = {}
     for k, m in enumerate(order):
         last[tree.points[m].parent] = k

@@ -73,10 +73,7 @@ def _real_logarithm(x: Points) -> Points:
 
 
 def rotation_log1p(difference: Points) -> Points:
-    r"""Return logarithms of rotations I + ``difference``, with angles of at most :math:`\pi`.
-
-    The results are skew up to rounding.
-    """
+    r"""Return logarithms of rotations I + ``difference``, with angles of at most :math:`\pi`."""
     return _log1p(difference, _rotation_logarithm)
 
 

@@ -33,10 +33,9 @@ _ROUNDING = 1e-15
 
 
 def expm(matrix: Points, v: Array) -> Points:
-    """Return the exponentials of stacked square matrices, not finite where they overflow.
+    """Return the exponentials of square matrices, not finite where they overflow.
 
-    FlowOverflowError, with the coefficients ``v`` in its message, is raised if a matrix has a norm
-    greater than `MAX_EXPONENT`.
+    FlowOverflowError, which names ``v``, for a norm greater than `MAX_EXPONENT`.
     """
     # A cheap sufficient test
     if not np.vdot(matrix, matrix).real <= MAX_EXPONENT**2:
@@ -248,10 +247,7 @@ def relative_correction(y: Points, correction: Callable[[Points], Points]) -> Ar
 
 
 def singular_values(y: Points) -> Array:
-    """Return the decreasing singular values of matrices, NaN for matrices that aren't finite.
-
-    For the latter LAPACK may raise an error.
-    """
+    """Return the decreasing singular values of matrices, NaN where LAPACK may raise."""
     finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))[..., None]
     singular = np.linalg.svd(np.where(finite[..., None], y, 0.0), compute_uv=False)
     return np.where(finite, singular, np.nan)
@@ -338,10 +334,7 @@ def random_unitary(
 
 
 def eigh_where_finite(matrices: Points) -> tuple[Array, Points]:
-    """Return the increasing eigenvalues and the eigenvectors of stacked symmetric matrices.
-
-    They are NaN for matrices that are not finite.
-    """
+    """Return eigenvalues and eigenvectors of symmetric matrices, NaN where not finite."""
     finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
     safe = np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1]))
     values, vectors = np.linalg.eigh(safe)

@@ -53,11 +53,7 @@ class Coefficient:
 
     @classmethod
     def read(cls, number: Any) -> Coefficient:
-        """Return the coefficient that a number or a text stands for.
-
-        ValueError if it isn't finite and real; OverflowError if it is hexadecimal and beyond
-        doubles.
-        """
+        """Return the coefficient that a finite number or a text stands for, else ValueError."""
         if isinstance(number, Coefficient):
             return number
         if isinstance(number, str):

@@ -65,10 +65,7 @@ def _failing(
 def flat_residuals(
     a: Sequence[Sequence[Fraction]], b: Sequence[Fraction], order: int
 ) -> tuple[Fraction, ...]:
-    """Return ``Φ(t) - 1/γ(t)`` for the classical order conditions, in exact arithmetic.
-
-    They are in the sequence of `cg.trees.rooted.rooted_trees_through`.
-    """
+    """Return the exact ``Φ(t) - 1/γ(t)`` of the trees of `rooted_trees_through`."""
     trees = rooted_trees_through(order)
     weights = _weights(a, b, trees)
     return tuple(phi - Fraction(1, density(t)) for phi, t in zip(weights, trees, strict=True))
@@ -130,10 +127,7 @@ def _tolerances(
 
 
 def stage_orders(tableau: Tableau) -> tuple[int, ...]:
-    """Return the order of each stage as an approximation of the solution at its abscissa.
-
-    The order is the classical one, of the row of the stage as weights of a step of length c.
-    """
+    """Return the classical order of each row of ``a`` as weights of a step to its abscissa."""
     orders = []
     for row in tableau.entries:
         c = sum((entry.value for entry in row), Fraction(0))

@@ -230,10 +230,7 @@ class MuntheKaas(Method):
 
 
 def _is_collocation(tableau: Tableau) -> bool:
-    """Return whether compiled code can solve the stages of an implicit tableau.
-
-    Its inverse must have a real eigenvalue, and a pair of complex ones.
-    """
+    """Return whether a tableau is one of collocation, with a real and two complex eigenvalues."""
     a, b = tableau.exact
     if len(b) != 4 or any(a[0]) or any(row[0] for row in a) or a[-1] != b:
         return False

@@ -55,10 +55,7 @@ class CertificationError(ArithmeticError):
 
 @dataclass(frozen=True)
 class ViolatedCondition:
-    """A violated condition of the next order: the word of its tree's children, and a bound.
-
-    ``|Φ(t) - 1/γ(t)|`` is at least the bound for the exact solution.
-    """
+    """A condition by the word of its tree's children, for which ``|Φ(t) - 1/γ(t)| ≥ bound``."""
 
     word: Word
     bound: Decimal

@@ -28,10 +28,7 @@ def certificate_names() -> list[str]:
 
 
 def certificate_of(method: Method) -> Certificate:
-    """Return the certificate of a method of the catalogue, or the one beside the method's file.
-
-    It isn't proved again here: see `check`. CertificationError if there is none for this method.
-    """
+    """Return the certificate in the catalogue or beside the method's file, unchecked."""
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     name = method.name
@@ -68,12 +65,7 @@ def proved(method: Method) -> str:
 
 
 def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:
-    """Return the certificate beside the file of a method, None if there is none.
-
-    It has the file's name with ``.certificate.toml`` at its end, or is in a folder ``certificates``
-    beside the file. It isn't proved again here: see `check`. CertificationError if the file is no
-    certificate, or another method's.
-    """
+    """Return the certificate beside the file of a method, None if there is none; see `check`."""
     path = certificate_path(Path(file))
     if not path.is_file():
         return None
@@ -83,11 +75,7 @@ def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate
 
 
 def check_file(path: str | PathLike[str], method: Method | None = None) -> Certificate:
-    """Prove what a certificate file says from scratch, and return it.
-
-    The method is by default the one of the catalogue that the certificate names. CertificationError
-    if the file is no certificate, the method isn't known, or the proof fails.
-    """
+    """Prove what a certificate file says, by default of the method that it names, and return it."""
     certificate = Certificate.load(path)
     if method is None:
         method = find_method(certificate.name)

@@ -72,10 +72,7 @@ def numerical_rank(jacobian: NDArray[np.float64]) -> tuple[int, NDArray[np.float
 
 
 def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> list[int]:
-    """Choose as many of the candidates as there are equations, by QR with column pivoting.
-
-    `jacobian` has shape (m, unknowns). Returns m indices in increasing order.
-    """
+    """Choose as many of the candidates as there are equations, by QR with column pivoting."""
     indices = np.array(candidates)
     pivots = linalg.qr(jacobian[:, indices], mode="r", pivoting=True)[1]
     return sorted(int(k) for k in indices[pivots[: len(jacobian)]])

@@ -98,10 +98,7 @@ def certify(
 
 
 def check(certificate: Certificate, method: Method) -> None:
-    """Prove what a certificate says of a method from scratch; CertificationError if that fails.
-
-    The certificate is used as a hint only.
-    """
+    """Prove what a certificate, which is a hint only, says of a method; else CertificationError."""
     if not isinstance(certificate, Certificate):
         raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
     if not isinstance(method, Method):

@@ -110,11 +110,7 @@ def shuffle(left: Word, right: Word) -> dict[Word, int]:
 
 
 def closure(words: Iterable[Word]) -> list[Word]:
-    """Return all nonempty factors of some words, and of the trees among their letters.
-
-    They come by increasing number of nodes, so that letters stand before words that
-    have them.
-    """
+    """Return all nonempty factors of words, and of trees among their letters, letters first."""
     factors: set[Word] = set()
 
     def add(word: Word) -> None:
@@ -140,11 +136,7 @@ def text(word: Word) -> str:
 
 
 def parse(tree: str) -> Word:
-    """Read what `text` writes.
-
-    ValueError if the text isn't one tree in balanced brackets, or the tree has more than
-    `cg.trees.ordered.MAX_NODES` nodes.
-    """
+    """Read what `text` writes; ValueError if that isn't one tree in balanced brackets."""
     if tree.count("[") > MAX_NODES:
         raise ValueError(f"a tree must have at most {MAX_NODES} nodes, got {tree[:80]!r}")
 

@@ -76,10 +76,7 @@ def zero_of(packed: Packed, box: Box, attempt: KrawczykTest, places: int) -> lis
 def largest_residual(
     packed: Packed, box: Box, attempt: KrawczykTest, places: int, bits: int
 ) -> arb:
-    """Return an upper bound of the residuals that are left out, at the zero of the others.
-
-    The zero is known to some more than the given decimal places.
-    """
+    """Return an upper bound of the residuals that are left out, at the zero of the others."""
     places += _GUARD_PLACES
     with precision(precise(places, bits)):
         zero = zero_of(packed, box, attempt, places)

@@ -39,10 +39,7 @@ class Record:
 
     @property
     def quads(self) -> NDArray[np.int8]:
-        """The coefficients in binary128, shape (n, 16), see `cg.support.quads`.
-
-        ValueError if the number of bytes isn't a multiple of 16.
-        """
+        """The coefficients in binary128, shape (n, 16), see `cg.support.quads`."""
         return np.frombuffer(self.coefficients, np.int8).reshape(-1, 16)
 
 

@@ -103,10 +103,7 @@ class PointTree:
         return tuple(map(self.flat_row, self.stage_points)), self.flat_row(self.result)
 
     def flows(self, ends: Iterable[int]) -> int:
-        """Return the number of different flows on the paths to some points.
-
-        Points with the same parent and weights count once; points without weights don't count.
-        """
+        """Return the number of different flows, those with weights, on the paths to points."""
         return len({self.merged[m] for end in ends for m in self.path(end)} - {START})
 
     def same(self, one: int, other: int) -> bool:
@@ -160,12 +157,7 @@ def points_of(method: Any) -> PointTree:
 
 
 def check_tree(tree: PointTree) -> None:
-    """Check that points make an explicit method.
-
-    MethodError is raised if a parent or a stage isn't a point, a parent comes after its child, the
-    first stage isn't at the initial point, a weight is on a stage that is evaluated later, or a
-    result depends on no stage.
-    """
+    """Raise MethodError unless points make an explicit method."""
     _check_shape(tree)
     _check_sequence(tree)
     for label, end in (("result", tree.result), ("embedded_result", tree.embedded_result)):
@@ -253,10 +245,7 @@ def tree_of_rows(
 
 
 def tree_of_flat_rows(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
-    """Return the tree of a Munthe-Kaas method: one flow from the start to each stage and result.
-
-    Equal rows share a point; a row of zeros makes none.
-    """
+    """Return the tree of a Munthe-Kaas method: one flow from the start to each stage and result."""
     index: dict[tuple[Fraction, ...], int] = {}
 
     def point(row: Sequence[Fraction]) -> int:

@@ -67,12 +67,7 @@ def core(what: str) -> Any:
 
 
 def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
-    """Round exact values to binary128, to nearest, ties to even; shape (n, 16).
-
-    Strings are decimal or rational, as for `fractions.Fraction`. OverflowError if a value is beyond
-    the largest binary128 number, ValueError if it isn't a finite number, TypeError if `values`
-    isn't a sequence.
-    """
+    """Round exact values, or texts that `fractions.Fraction` reads, to binary128; shape (n, 16)."""
     if not isinstance(values, Iterable) or (isinstance(values, np.ndarray) and values.ndim == 0):
         raise TypeError(f"values must be a sequence of numbers, got {values!r}")
     packed = b"".join(_encode_one(_exact(value)) for value in values)
@@ -106,11 +101,7 @@ def _encode_one(value: Fraction) -> bytes:
 
 
 def decode(quads: Quads) -> list[Fraction]:
-    """Return the exact values of binary128 numbers, of shape (n, 16).
-
-    ValueError if one of them is infinite or not a number, or the shape isn't (n, 16); TypeError for
-    anything but an array of int8.
-    """
+    """Return the exact values of binary128 numbers, of shape (n, 16)."""
     quads = _checked(quads, "n")
     data = quads.tobytes()
     return [_decode_one(data[i : i + 16]) for i in range(0, len(data), 16)]
@@ -139,11 +130,7 @@ def _checked(quads: Any, lead: str) -> Quads:
 
 
 def to_float(quads: Quads) -> NDArray[np.float64]:
-    """Round binary128 numbers of shape (..., 16) to doubles of shape (...).
-
-    ValueError for another shape, TypeError for anything but an array of int8, and MissingQuadsError
-    in a build without quadruple precision.
-    """
+    """Round binary128 numbers of shape (..., 16) to doubles of shape (...)."""
     quads = _checked(quads, "...")
     flat = quads.reshape(-1, 16)
     values: NDArray[np.float64] = core("cg.support.quads.to_float").to_double(flat.T)
@@ -151,11 +138,7 @@ def to_float(quads: Quads) -> NDArray[np.float64]:
 
 
 def from_float(values: Any) -> Quads:
-    """Widen doubles of shape (...) to binary128 numbers of shape (..., 16), exactly.
-
-    ValueError if `values` aren't real numbers, MissingQuadsError in a build without quadruple
-    precision.
-    """
+    """Widen doubles of shape (...) to binary128 numbers of shape (..., 16), exactly."""
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "iufO":

@@ -64,10 +64,7 @@ class FailingCondition:
 
 
 def first_failing(method: Method) -> FailingCondition | None:
-    """Return the first violated condition of lowest order; None beyond the highest tabulated order.
-
-    Residuals within the uncertainty of the coefficients count as zero, as in `Method.exact_order`.
-    """
+    """Return the first violated condition of lowest order; None beyond the highest known order."""
     order = method.exact_order + 1
     if order > conditions.MAX_ORDER:
         return None

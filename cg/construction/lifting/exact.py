@@ -27,11 +27,7 @@ _GAP = 1e-10
 
 @dataclass(frozen=True)
 class Exact:
-    """Weights of a splitting whose sums are exact: unknowns with 36 digits, exact remainders.
-
-    `largest_residual` is that before the unknowns were rounded, `rank` the numerical rank of the
-    derivatives.
-    """
+    """Weights whose sums are exact, the residual before rounding to 36 digits, and the rank."""
 
     weights: tuple[str | Fraction, ...]
     largest_residual: float

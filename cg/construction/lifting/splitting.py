@@ -144,10 +144,7 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
 
 
 def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Fraction]]:
-    """Return the sets of weights that lie on one path and multiply one stage, and their sums.
-
-    ArithmeticError if the sums contradict each other.
-    """
+    """Return the sets of weights that lie on one path and multiply one stage, and their sums."""
     sums: dict[frozenset[int], Fraction] = {}
     for end, row in rows.ends(layout):
         on_path: dict[int, list[int]] = {k: [] for k in range(rows.count)}
@@ -303,10 +300,7 @@ class Splitting:
         return np.asarray(self.scale * residuals)
 
     def jacobian(self, x: Vector, chosen: NDArray[np.intp] | slice = slice(None)) -> Vector:
-        """Return the derivatives of `residual` along `directions`, shape (m, unknowns).
-
-        The conditions can be restricted to a selection of indices.
-        """
+        """Return the derivatives of `residual` along `directions`, shape (m, unknowns)."""
         trees, owner = (entries[chosen] for entries in self.conditions)
         jacobian = core_calls.jacobian(self.order, self.layout, x, trees, owner)
         return np.asarray(self.scale[chosen, None] * (jacobian @ self.directions))

@@ -62,10 +62,7 @@ class StoredSolution:
 
 
 def solutions(run: StoredRun) -> Iterator[StoredSolution]:
-    """Yield the distinct solutions of a run, by number of the start.
-
-    ValueError if a record says that a start is solved and its coefficients aren't a solution.
-    """
+    """Yield the distinct solutions of a run, by number of the start."""
     settings = run.settings()
     seen: set[tuple[Layout, tuple[float, ...]]] = set()
     for record in run.records("AND solved ORDER BY number"):

@@ -49,11 +49,7 @@ class RandomStart:
         return (self.quad or self.double).f
 
     def record(self, layout: Layout, *, drawn: bool, seconds: float = 0.0) -> Record:
-        """Return the record of the start in a store; see `from_record`.
-
-        `layout` is the shape of its methods; if it was `drawn` at random with the start, it is
-        stored.
-        """
+        """Return the record of the start, with its `layout` if that was `drawn` at random."""
         bits = quads.encode(self.x)
         return Record(
             number=self.index,

@@ -34,11 +34,7 @@ _BACK = 0.3  # probability that a flow starts from a random earlier point, not t
 
 
 def layout_of(tree: Any) -> Layout:
-    """Return the layout of a tree of points, as `cg.search` takes it.
-
-    TypeError if `tree` is none, MethodError if it isn't that of an explicit method: see
-    `cg.structure.points.check_tree`.
-    """
+    """Return the layout of a tree of points, as `cg.search` takes it."""
     if isinstance(tree, Layout):
         layout = tree
     elif isinstance(getattr(tree, "tree", None), PointTree):
@@ -114,10 +110,7 @@ def draw_layout(
 
 
 def layout_from_json(text: str | Mapping[str, Any]) -> Layout:
-    """Return the layout of a tree as the settings and records of a store have it.
-
-    KeyError, TypeError or ValueError if it isn't one.
-    """
+    """Return the layout of a tree as the settings and records of a store have it."""
     fields = json.loads(text) if isinstance(text, str) else text
     return Layout(
         tuple(fields["parents"]),

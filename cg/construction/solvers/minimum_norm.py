@@ -29,10 +29,7 @@ provide_lapack()
 
 @dataclass(frozen=True)
 class MinimumNormFit:
-    """Packed weights x, shape (n,), with the sum f of squared residuals, and how they were reached.
-
-    `iterations` and `evaluations` are the numbers of steps tried and of evaluations of residuals.
-    """
+    """Packed weights x, the sum f of squared residuals, and the steps and evaluations taken."""
 
     x: NDArray[np.float64]
     f: float
