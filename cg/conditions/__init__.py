@@ -60,26 +60,7 @@ __all__ = [
 def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.float64]:
     """Pack the entries of a tableau row by row, ``b`` last.
 
-    Parameters
-    ----------
-    a : array_like, shape (s, s)
-    b : array_like, shape (s,)
-    rows : Rows, optional
-        The entries to pack; by default the narrowest pattern with all nonzero entries.
-
-    Returns
-    -------
-    ndarray, shape (unknowns(s, rows),)
-
-    Raises
-    ------
-    ValueError
-        If shapes don't match, an entry isn't finite, or a nonzero entry is outside `rows`.
-
-    Examples
-    --------
-    >>> pack([[0, 0], [0.5, 0]], [0, 1])
-    array([0.5, 0. , 1. ])
+    They are those of the pattern `rows`, by default the narrowest one with all nonzero entries.
     """
     a_array, b_array = _check_tableau(a, b)
     narrowest = rows_of(a_array)

@@ -99,11 +99,9 @@ class FieldAlgebra(ABC):
         ------
         NotImplementedError
             If the frame has no `bracket`.
-        TypeError
-            If ``order`` isn't an integer.
-        ValueError
-            If the last axis of an argument hasn't length ``dim``, or ``order`` is less than 1 or
-            greater than 200.
+        TypeError, ValueError
+            If ``order`` isn't an integer; if the last axis of an argument hasn't length ``dim``, or
+            ``order`` is less than 1 or greater than 200.
         """
         order = check_integer("order", order, 1, _MAX_ORDER)
         return self._dexpinv(self._vectors(u, "u"), self._vectors(v), order)

@@ -107,13 +107,7 @@ class HomogeneousSpace(Frame):
         return self._act_infinitesimally(self.group.algebra(vector), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return the action on ``y`` of the group element of ``v``, shape ``(..., *point_shape)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes have other lengths.
-        """
+        """Return the action on ``y`` of the group element of ``v``, ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self.restore(self._act(self.group.exponential(vector), point))
 

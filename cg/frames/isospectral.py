@@ -76,18 +76,7 @@ class IsospectralOrbit(ConjugationSpace):
 
     @classmethod
     def through(cls, y0: ArrayLike) -> IsospectralOrbit:
-        """Return the orbit of a matrix.
-
-        Parameters
-        ----------
-        y0
-            Symmetric, or Hermitian if complex, shape ``(n, n)``.
-
-        Raises
-        ------
-        ValueError
-            If ``y0`` isn't a finite square matrix, or not symmetric.
-        """
+        """Return the orbit of a matrix, symmetric, or Hermitian if complex, ``(n, n)``."""
         is_complex = is_complex_array(y0)
         point: Points = complex_array(y0, "y0") if is_complex else real_array(y0, "y0")
         if point.ndim != 2 or point.shape[0] != point.shape[1] or not np.isfinite(point).all():

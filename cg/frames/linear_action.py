@@ -65,11 +65,9 @@ class LinearAction(UserFrame):
 
     Raises
     ------
-    TypeError
-        If one of the functions isn't callable.
-    ValueError
-        If ``generators`` aren't square matrices of finite numbers, all of one shape, or a generator
-        isn't skew-Hermitian with ``unitary=True``.
+    TypeError, ValueError
+        If one of the functions isn't callable; if ``generators`` aren't square matrices of finite
+        numbers, all of one shape, or a generator isn't skew-Hermitian with ``unitary=True``.
 
     References
     ----------
@@ -183,15 +181,7 @@ class LinearAction(UserFrame):
         return np.array(rows, dtype=self.dtype).reshape(points.shape)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\exp(\sum_i v_i G_i)\, y`, shape ``(..., n)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes have other lengths.
-        FlowOverflowError
-            If the norm of the matrix is so large that no digits of the flow are known.
-        """
+        r"""Return :math:`\exp(\sum_i v_i G_i)\, y`, shape ``(..., n)``."""
         import cg._core_r64 as core
 
         vectors, points = self._rows(v, y)

@@ -44,10 +44,9 @@ class MatrixFrame(UserFrame):
 
     Raises
     ------
-    TypeError
-        If one of the functions isn't callable, or ``columns`` isn't an integer.
-    ValueError
-        If ``matrices`` aren't finite numbers of that shape, or ``columns`` is less than 1.
+    TypeError, ValueError
+        If one of the functions isn't callable, or ``columns`` isn't an integer; if ``matrices``
+        aren't finite numbers of that shape, or ``columns`` is less than 1.
 
     Notes
     -----
@@ -155,12 +154,6 @@ class MatrixFrame(UserFrame):
         return self._apply(combine(vector, self._matrices), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\exp(\sum_i v_i A_i)\, y`, shape ``(..., *point_shape)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes have other lengths.
-        """
+        r"""Return :math:`\exp(\sum_i v_i A_i)\, y`, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self.restore(self._apply(expm(combine(vector, self._matrices), vector), point))

@@ -36,10 +36,8 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is too small, or ``convention`` is neither of the two.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
 
     Notes
     -----

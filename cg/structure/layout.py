@@ -34,18 +34,7 @@ class Rows(IntEnum):
 
 
 def check_rows(rows: Rows | str | int) -> Rows:
-    """Return the pattern with a name or a number.
-
-    Raises
-    ------
-    ValueError
-        If `rows` is neither a pattern nor the name or number of one.
-
-    Examples
-    --------
-    >>> check_rows("diagonal")
-    <Rows.DIAGONAL: 1>
-    """
+    """Return the pattern with a name or a number; ValueError if there is none."""
     if isinstance(rows, Rows):
         return rows
     names = {pattern.name.lower(): pattern for pattern in Rows}
