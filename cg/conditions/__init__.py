@@ -32,7 +32,6 @@ from .counts import (
     check_order,
     condition_trees,
     count,
-    count_classical,
     right_sides,
     table_rows,
 )
@@ -44,7 +43,6 @@ __all__ = [
     "check_rows",
     "condition_trees",
     "count",
-    "count_classical",
     "exact_weights",
     "jacobian",
     "pack",

@@ -7,8 +7,8 @@ length 16, in little-endian byte order.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
+from decimal import MAX_EMAX, MIN_EMIN, ROUND_HALF_EVEN, Context, Decimal
 from fractions import Fraction
 from functools import cache
 from importlib import import_module
@@ -162,29 +162,13 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = F
     digits = check_integer("digits", digits, 1, _MAX_DIGITS)
     if value == 0:
         return "0"
-    magnitude = abs(value)
-    exponent = _decimal_exponent(magnitude)
-    sign = "-" if value < 0 else ""
+    context = Context(prec=digits, rounding=ROUND_HALF_EVEN, Emax=MAX_EMAX, Emin=MIN_EMIN)
+    number = context.divide(Decimal(value.numerator), Decimal(value.denominator))
+    exponent = number.adjusted()
+    if zeros:
+        number = number.quantize(Decimal((0, (1,), exponent - digits + 1)), context=context)
+    else:
+        number = number.normalize(context)
     if abs(exponent) > _MAX_PLACES:
-        significand = to_decimal(magnitude / Fraction(10) ** exponent, digits, zeros=zeros)
-        return f"{sign}{significand}e{exponent}"
-    places = digits - exponent - 1
-    scaled = round(magnitude * Fraction(10) ** places)
-    if scaled == 10**digits:  # rounded up to one digit more
-        scaled, places = scaled // 10, places - 1
-    if places <= 0:
-        return f"{sign}{scaled * 10**-places}"
-    text = str(scaled).rjust(places + 1, "0")
-    whole, part = text[:-places], text[-places:]
-    if not zeros:
-        part = part.rstrip("0")
-    return f"{sign}{whole}.{part}" if part else f"{sign}{whole}"
-
-
-def _decimal_exponent(value: Fraction) -> int:
-    # from bits, since Python limits the number of digits of str(int)
-    bits = value.numerator.bit_length() - value.denominator.bit_length()
-    exponent = math.floor((bits - 1) * math.log10(2)) - 1
-    while value >= Fraction(10) ** (exponent + 1):
-        exponent += 1
-    return exponent
+        return f"{number.scaleb(-exponent, context):f}e{exponent}"
+    return f"{number:f}"

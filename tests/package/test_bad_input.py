@@ -8,7 +8,7 @@ import pytest
 import cg
 from cg import conditions
 from cg.catalogue import dumps, load, loads, resolve_method, save
-from cg.conditions import Rows, check_rows, count, count_classical, unknowns
+from cg.conditions import Rows, check_rows, count, unknowns
 from cg.construction import (
     Goals,
     correct,
@@ -37,8 +37,7 @@ HALF, EULER = [[], ["1/2"]], [[0, 0], [1, 0]]
 
 
 OF_THE_ORDER = [
-    *(count, count_classical, conditions.condition_trees, conditions.table_rows),
-    conditions.right_sides,
+    *(count, conditions.condition_trees, conditions.table_rows, conditions.right_sides),
 ]
 
 
@@ -86,7 +85,6 @@ def masked(x):
         (lambda: count(99), ValueError, "order must be at most 13, got 99"),
         (lambda: exactly([[0]], [1], 99), ValueError, "order must be at most 13"),
         (lambda: CG3.largest_residual(99), ValueError, "order must be at most 13, got 99"),
-        (lambda: count_classical(2001), ValueError, "order must be at most 2000, got 2001"),
         (lambda: exactly(MASKED, [0, 1], 2), ValueError, "row 2 of a must hold finite"),
         (lambda: exactly([[0]], [np.inf], 2), ValueError, "b must hold finite real numb"),
         (lambda: exactly([[1j]], [1], 2), ValueError, "row 1 of a must hold finite real"),

@@ -106,7 +106,7 @@ bits, tolerance = quads.from_float(x), quads.from_float([1e-9]).T
 cases = {
     "door.weights(7, layout, x, trees)": door.evaluation_bytes(7, layout, trees.size),
     "door.residuals(7, layout, x, trees, owner)": door.evaluation_bytes(7, layout, trees.size),
-    "door.residuals_quad(7, layout, bits, trees, owner)":
+    "door.residuals(7, layout, bits, trees, owner)":
         door.evaluation_bytes(7, layout, trees.size, 16),
     "door.jacobian(7, layout, x, trees, owner)": door.derivatives_bytes(7, layout, trees.size),
     "fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, False, flag)":
@@ -118,7 +118,7 @@ cases = {
     "fit_lmdif(5, small, start_quad.T, enough, tolerance, 1, flag)":
         door.evaluation_bytes(5, small, enough.size, 16) + 16 * enough.size * small.size,
 }
-door.jacobian(7, layout, x, trees, owner), door.residuals_quad(7, layout, bits, trees, owner)
+door.jacobian(7, layout, x, trees, owner), door.residuals(7, layout, bits, trees, owner)
 np.linalg.svd(np.ones((50, 50)))  # work space of the linear algebra
 for case, bound in cases.items():
     for k in range(25):

@@ -14,6 +14,7 @@ from ...method.commutator_free import plain_index
 from ...structure.layout import Layout
 from ...structure.points import START, MethodError, Point, PointTree, check_tree
 from ...support.checks import MAX_STAGES, check_flag, check_integer
+from ...trees.rooted import rooted_trees_through
 
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
 """Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.
@@ -23,9 +24,6 @@ References
 .. [1] J. C. Butcher, Numerical Methods for Ordinary Differential Equations, 3rd ed., 2016,
    Section 324.
 """
-
-FLAT_CONDITIONS = (1, 2, 4, 8, 17, 37, 85, 200)
-"""Numbers of order conditions of orders 1, 2, ... where flows commute: of unordered trees."""
 
 _FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
 _FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
@@ -283,8 +281,8 @@ def _check_counts(order: int, stages: int, flows: int, unknowns: int) -> None:
             "flows = 4 is too few for order 4, which needs 5: see the page 'Methods that do not "
             "exist' of the documentation; pass force=True to try nevertheless"
         )
-    if unknowns < FLAT_CONDITIONS[order - 1]:
+    if unknowns < (conditions := len(rooted_trees_through(order))):
         raise ValueError(
-            f"the flows have {unknowns} unknowns for {FLAT_CONDITIONS[order - 1]} conditions of "
-            f"order {order} where flows commute; pass force=True to try nevertheless"
+            f"the flows have {unknowns} unknowns for {conditions} conditions of order {order} "
+            "where flows commute; pass force=True to try nevertheless"
         )

@@ -188,7 +188,7 @@ class ConditionSystem:
     def residual_quad(self, x: quads.Quads, independent: bool = False) -> NDArray[np.float64]:
         """Return the residuals, computed in real(16) and rounded to double."""
         trees, owner = self.conditions(independent)
-        return quads.to_float(core_calls.residuals_quad(self.order, self.layout, x, trees, owner))
+        return quads.to_float(core_calls.residuals(self.order, self.layout, x, trees, owner))
 
 
 @cache
