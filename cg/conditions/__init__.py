@@ -35,7 +35,7 @@ from .counts import (
     right_sides,
     table_rows,
 )
-from .exact import exact_tree, exact_weights, result_tree, tree_residuals
+from .exact import exact_tree, result_tree, tree_residuals
 
 __all__ = [
     "MAX_ORDER",
@@ -43,7 +43,6 @@ __all__ = [
     "check_rows",
     "condition_trees",
     "count",
-    "exact_weights",
     "jacobian",
     "pack",
     "residuals",

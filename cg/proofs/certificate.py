@@ -10,8 +10,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from ..conditions.words import Condition, Word, parse, text
 from ..support.parsing import quoted, read_file, read_toml, write_file
-from .words import Condition, Word, parse, text
 
 MAX_SMALL = Decimal("1e-40")
 """Larger bounds don't tell conditions that hold from coefficients that are rounded."""

@@ -11,10 +11,10 @@ import pytest
 
 import cg
 from cg.catalogue import dumps, load, loads, save
+from cg.conditions.words import Condition, parse
 from cg.problems import HeavyTop
 from cg.proofs import Certificate, CertificationError, certificate_of, check
 from cg.proofs.__main__ import main
-from cg.proofs.words import Condition, parse
 from cg.reproduce.reference_runs import integrate_compiled
 from cg.structure.points import MethodError
 from cg.support import quads

@@ -12,6 +12,7 @@ import cg
 from cg import conditions
 from cg.catalogue import methods
 from cg.conditions import Rows
+from cg.conditions.words import Condition
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
@@ -28,7 +29,6 @@ from cg.proofs import (
 )
 from cg.proofs.files import certificate_names, folder
 from cg.proofs.statement import fitting
-from cg.proofs.words import Condition
 from cg.structure.layout import Layout
 from cg.support.balls import working_precision as precision
 

@@ -7,17 +7,17 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from flint import arb, fmpq
+from word_residuals import word_residuals
 
 import cg
 from cg.catalogue import find_method
+from cg.conditions.word_weights import Quantity, Weights
+from cg.conditions.words import Condition, condition_words, conditions_of, parse, reciprocal_density
 from cg.proofs import CertificationError, certify, check
 from cg.proofs.dependent.contexts import basis, depth, fill, moments, outer_nodes
 from cg.proofs.dependent.orthogonality import find_relations, follow
 from cg.proofs.dependent.pairings import pairings
 from cg.proofs.dependent.reduction import Reduction
-from cg.proofs.systems import exact_residuals
-from cg.proofs.weights import Quantity, Weights
-from cg.proofs.words import Condition, condition_words, conditions_of, parse, reciprocal_density
 from cg.support.balls import working_precision as precision
 
 pytestmark = pytest.mark.no_core
@@ -99,7 +99,7 @@ def test_residuals_of_all_words_by_those_of_conditions():
     layout = cg.methods["CF5c"].layout
     x = random_rationals(layout.size, 4)
     words = list(condition_words(5, independent=False))
-    residuals = dict(zip(words, exact_residuals(layout, x, words), strict=True))
+    residuals = dict(zip(words, word_residuals(layout, x, words), strict=True))
     reduction = Reduction(Fraction, lambda word: residuals[word] + reciprocal_density(word))
     conditions = set(condition_words(5))
     for word in words:

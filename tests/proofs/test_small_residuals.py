@@ -10,11 +10,11 @@ from flint import arb
 import cg
 from cg import conditions
 from cg.catalogue import methods
+from cg.conditions.words import Condition, parse
 from cg.proofs import Certificate, CertificationError, certificate_of, certify, check
 from cg.proofs.digits import max_digits
 from cg.proofs.krawczyk import enclose_zero, krawczyk
 from cg.proofs.statement import fitting
-from cg.proofs.words import Condition, parse
 from cg.support.balls import working_precision as precision
 
 pytestmark = pytest.mark.no_core

@@ -16,7 +16,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
 
-from ...conditions import MAX_ORDER, condition_trees, core_calls
+from ...conditions import condition_trees, core_calls
 from ...structure.layout import Layout
 from ...structure.points import START
 from ...support.balls import to_flint, to_fraction
@@ -281,11 +281,6 @@ class Splitting:
             trees += more
             owner += [end] * len(more)
         return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
-
-    @staticmethod
-    def nodes(index: int) -> int:
-        """Return the number of nodes of a tree without its root."""
-        return forest(MAX_ORDER + 1).nodes[index - 1] - 1
 
     @cached_property
     def scale(self) -> Vector:

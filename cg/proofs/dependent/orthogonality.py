@@ -25,10 +25,8 @@ import numpy as np
 from flint import arb, arb_mat
 from numpy.typing import NDArray
 
-from ...structure.layout import Layout
-from ...support.balls import to_ball, working_precision
-from ..weights import Quantity, Weights
-from ..words import (
+from ...conditions.word_weights import Quantity, Weights
+from ...conditions.words import (
     Condition,
     Word,
     add_multiple,
@@ -36,6 +34,8 @@ from ..words import (
     conditions_of,
     reciprocal_density,
 )
+from ...structure.layout import Layout
+from ...support.balls import to_ball, working_precision
 from .pairings import Pairing, pairings
 from .reduction import Reduction
 from .spanned import Spanned, doubles, independent_rows

@@ -11,8 +11,8 @@ from fractions import Fraction
 from functools import cache
 from typing import Any, NamedTuple
 
-from ..conditions import condition_trees
 from ..trees.ordered import MAX_NODES, OrderedTree, forest
+from .counts import condition_trees
 
 Word = tuple[Any, ...]
 """A tuple of words, the letters."""
@@ -50,7 +50,7 @@ def is_of_time(word: Word) -> bool:
 def condition_words(
     order: int, independent: bool = True, of_time: bool = False
 ) -> tuple[Word, ...]:
-    """Return the words whose conditions give an order, as `conditions.condition_trees`.
+    """Return the words whose conditions give an order, as `condition_trees`.
 
     If ``of_time`` only those for linear equations: words of powers of the time.
     """
