@@ -58,6 +58,9 @@ def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.flo
     """Pack the entries of a tableau row by row, ``b`` last.
 
     They are those of the pattern `rows`, by default the narrowest one with all nonzero entries.
+
+    >>> pack([[0, 0], [0.5, 0]], [0, 1])
+    array([0.5, 0. , 1. ])
     """
     a_array, b_array = _check_tableau(a, b)
     narrowest = rows_of(a_array)

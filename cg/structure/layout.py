@@ -34,7 +34,11 @@ class Rows(IntEnum):
 
 
 def check_rows(rows: Rows | str | int) -> Rows:
-    """Return the pattern with a name or a number; ValueError if there is none."""
+    """Return the pattern with a name or a number; ValueError if there is none.
+
+    >>> check_rows("diagonal")
+    <Rows.DIAGONAL: 1>
+    """
     if isinstance(rows, Rows):
         return rows
     names = {pattern.name.lower(): pattern for pattern in Rows}
