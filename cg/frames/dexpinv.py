@@ -29,7 +29,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Array, Points
+from cg.frames.arrays import Array
 from cg.frames.rotations import half_angle
 
 _SERIES_BELOW = 1.0  # largest squared angle for which series replace formulas that cancel
@@ -47,11 +47,6 @@ def bernoulli_terms(count: int) -> tuple[Fraction, ...]:
     for k in range(1, count + 1):
         terms.append(-sum((terms[j] / math.factorial(k + 1 - j) for j in range(k)), Fraction(0)))
     return tuple(terms)
-
-
-def frobenius(matrices: Points) -> Array:
-    """Return the Frobenius norms of matrices, shape ``(...)``."""
-    return np.asarray(np.sqrt((matrices.real**2 + matrices.imag**2).sum(axis=(-2, -1))))
 
 
 def series_dexpinv(

@@ -109,10 +109,8 @@ class FieldFrame(UserFrame):
         kinds = (float, complex, np.float64, np.complex128)
         if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")
-        object.__setattr__(self, "_fields", functions)
-        object.__setattr__(self, "_flow", flow)
-        object.__setattr__(self, "_point_shape", shape)
-        object.__setattr__(self, "_dtype", np.dtype(dtype))
+        parts = {"_fields": functions, "_flow": flow, "_point_shape": shape}
+        vars(self).update(parts, _dtype=np.dtype(dtype))
         self._store_functions(
             membership_error=membership_error,
             restore=restore,

@@ -282,13 +282,12 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
     value is changed, so that a reflection has distance 2; the polar factor of a complex matrix,
     with determinant :math:`e^{i\theta}`, is multiplied by :math:`e^{-i\theta / n}`.
     """
+    if not special:
+        return np.asarray(np.abs(singular_values(y) - 1.0).max(axis=-1))
     finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))
     if not finite.all():  # np.linalg.svd may raise
         error = distance_from_unitary(np.where(finite[..., None, None], y, 0.0), special=special)
         return np.where(finite, error, np.nan)
-    if not special:
-        singular = np.linalg.svd(y, compute_uv=False)
-        return np.asarray(np.abs(singular - 1.0).max(axis=-1))
     left, singular, right = np.linalg.svd(y)
     determinant = np.linalg.det(left) * np.linalg.det(right)
     if np.iscomplexobj(y):

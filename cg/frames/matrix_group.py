@@ -22,7 +22,7 @@ from cg.frames.arrays import (
     check_random,
 )
 from cg.frames.base import Frame
-from cg.frames.dexpinv import frobenius, series_dexpinv
+from cg.frames.dexpinv import series_dexpinv
 from cg.frames.entries import Entries, dual_of
 from cg.frames.logarithms import real_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -214,7 +214,7 @@ class MatrixGroup(Frame):
         if self.dim <= MAX_CONSTANTS:
             return super()._dexpinv(u, v, order)
         generator, side = self.algebra(u), self._side
-        bound = 2.0 * frobenius(generator)
+        bound = 2.0 * np.linalg.matrix_norm(generator)
 
         def adjoint(x: Points) -> Points:
             return np.asarray(side * (generator @ x - x @ generator))

@@ -44,9 +44,10 @@ def test_bases_span_lie_algebras(group):
 
 
 def test_gell_mann_matrices():
-    np.testing.assert_array_equal(gell_mann(2)[1], [[0, -1j], [1j, 0]])
-    np.testing.assert_allclose(gell_mann(3)[7], np.diag([1, 1, -2]) / np.sqrt(3))
-    gram = np.einsum("aij,bji->ab", gell_mann(4), gell_mann(4))
+    made = {n: gell_mann(n).array(n * n - 1, n) for n in (2, 3, 4)}
+    np.testing.assert_array_equal(made[2][1], [[0, -1j], [1j, 0]])
+    np.testing.assert_allclose(made[3][7], np.diag([1, 1, -2]) / np.sqrt(3))
+    gram = np.einsum("aij,bji->ab", made[4], made[4])
     np.testing.assert_allclose(gram, 2 * np.eye(15), rtol=0, atol=1e-15)
 
 
