@@ -12,13 +12,10 @@ from ..method.coefficients import Coefficient
 from ..method.method import Method
 from ..structure.points import MethodError
 from ..support.checks import check_integer
-from ..support.quads import DECIMAL_DIGITS, to_decimal
+from ..support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
 
 if TYPE_CHECKING:
     from ..proofs import Certificate
-
-MAX_DIGITS = 4000
-"""Limit of `digits`: Python converts integers of up to 4300 digits to text by default."""
 
 _GUARD_DIGITS = 10
 
@@ -93,7 +90,7 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     stored = tuple(coefficient.value for coefficient in method.coefficients)
     if digits is None:
         return Numbers(method, stored, None)
-    digits = check_integer("digits", digits, 1, MAX_DIGITS)
+    digits = check_integer("digits", digits, 1, MAX_WRITTEN)
     known = known_digits(method)
     if known is None or digits <= known:
         return Numbers(method, stored, digits)

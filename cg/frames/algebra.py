@@ -113,9 +113,9 @@ class FieldAlgebra(ABC):
         if self.dim <= MAX_CONSTANTS:
             flat = u @ self._adjoint_basis.reshape(self.dim, -1)
             matrix = flat.reshape(*u.shape, self.dim)
-            bound = np.linalg.matrix_norm(matrix)
+            bound = np.asarray(np.linalg.matrix_norm(matrix))
             return series_dexpinv(lambda w: (w[..., None, :] @ matrix)[..., 0, :], v, order, bound)
-        bound = np.linalg.matrix_norm(self._bracket(u[..., None, :], np.eye(self.dim)))
+        bound = np.asarray(np.linalg.matrix_norm(self._bracket(u[..., None, :], np.eye(self.dim))))
         return series_dexpinv(lambda w: self._bracket(u, w), v, order, bound)
 
     @cached_property

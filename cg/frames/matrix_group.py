@@ -214,7 +214,7 @@ class MatrixGroup(Frame):
         if self.dim <= MAX_CONSTANTS:
             return super()._dexpinv(u, v, order)
         generator, side = self.algebra(u), self._side
-        bound = 2.0 * np.linalg.matrix_norm(generator)
+        bound = np.asarray(2.0 * np.linalg.matrix_norm(generator))
 
         def adjoint(x: Points) -> Points:
             return np.asarray(side * (generator @ x - x @ generator))

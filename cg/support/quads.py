@@ -26,6 +26,9 @@ Quads = NDArray[np.int8]
 DECIMAL_DIGITS = 36
 """Number of significant decimal digits that distinguish all binary128 numbers."""
 
+MAX_WRITTEN = 4000
+"""Largest number of digits to write: Python writes integers of up to 4300 digits by default."""
+
 _PRECISION = 113
 _MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
 _MAX_EXPONENT = 16383 - 112

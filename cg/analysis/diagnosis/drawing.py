@@ -7,7 +7,7 @@ from typing import Any
 
 from ...structure.points import START, points_of
 from ...support.checks import check_integer
-from ...support.quads import to_decimal
+from ...support.quads import MAX_WRITTEN, to_decimal
 from ...trees.ordered import OrderedTree
 
 _NODE = "●"
@@ -33,7 +33,7 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     │   └── point 3: -0.0833333 F1 + 0.75 F3; result
     └── point 2: 0.666667 F2; stage 3
     """
-    tree, digits = points_of(method), check_integer("digits", digits, 1, 4000)
+    tree, digits = points_of(method), check_integer("digits", digits, 1, MAX_WRITTEN)
     below: dict[int, list[int]] = {m: [] for m in range(START, len(tree.points))}
     for m, point in enumerate(tree.points):
         below[point.parent].append(m)
