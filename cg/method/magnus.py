@@ -205,13 +205,7 @@ class MagnusMethod(Method):
         return next((order for order in orders if self.satisfies(order)), 0)
 
     def residuals(self, order: int) -> list[Decimal]:
-        """Return the residuals of the conditions of all words through a degree, to 50 digits.
-
-        Parameters
-        ----------
-        order : int
-            From 1 to ``MAX_LINEAR_ORDER``.
-        """
+        """Return the residuals of the conditions of all words through a degree, to 50 digits."""
         return linear_residuals(self.abscissae, self._values, order)
 
     def _next_residuals(self) -> NDArray[np.float64]:
