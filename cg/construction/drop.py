@@ -95,11 +95,9 @@ def drop_point_stage(
     largest: float = 4.0,
     accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a stage of a commutator-free method, and solve again.
+    """Drop a stage of a commutator-free method, and solve again, like `drop_stage`.
 
-    The weights on the stage are added to those on a neighbour, or dropped. The point of the stage
-    stays if flows start from it. The arguments, results and errors are those of `drop_stage`, for
-    commutator-free methods.
+    The point of the stage stays if flows start from it.
     """
     layout = _check_points(candidate)
     starts = [

@@ -22,11 +22,7 @@ _GUARD_DIGITS = 10
 
 @dataclass(frozen=True)
 class Numbers:
-    """Coefficients of a method, in the order of its layout, correct to more than `digits` digits.
-
-    `method` has the stored coefficients; `digits` is the number of significant digits to write,
-    None for the stored ones.
-    """
+    """The coefficients of a method in the order of its layout, and the digits to write, or None."""
 
     method: Method
     values: tuple[Fraction, ...]

@@ -21,11 +21,7 @@ from .digits import Numbers
 
 @dataclass(frozen=True)
 class Move:
-    """A flow from the point in slot `origin` to the one in slot `target`, along weighted fields.
-
-    The slots are equal if the initial point of the flow isn't needed any more. `terms` are stages,
-    counted from 0, and their weights as decimal numbers.
-    """
+    """A flow from the point in slot `origin` to slot `target`, along the sum of `terms`."""
 
     origin: int
     target: int
@@ -83,11 +79,7 @@ class Program:
         return tuple(weight for move in self.moves for _, weight in move.terms)
 
     def integer_tables(self, *, slot: int, term: int) -> dict[str, list[str]]:
-        """Return the integers that define the moves, by the names of their arrays.
-
-        `slot` is the number of the first slot, `term` that of the first stage and of the first
-        term.
-        """
+        """Return the integers of the moves by array, from numbers of the first slot and term."""
         first_terms = accumulate((len(move.terms) for move in self.moves), initial=term)
         stages = (stage for move in self.moves for stage, _ in move.terms)
         tables = {

@@ -226,15 +226,7 @@ class Certificate:
 
     @classmethod
     def loads(cls, text: str) -> Certificate:
-        """Read what `dumps` writes.
-
-        Raises
-        ------
-        CertificationError
-            If a key is missing, unknown, or has a value of the wrong kind.
-        TypeError
-            If `text` isn't a str.
-        """
+        """Read what `dumps` writes; CertificationError if a key or a value is wrong."""
         if not isinstance(text, str):
             raise TypeError(f"text must be a str, got {text!r}")
         entry = read_toml(text, CertificationError)

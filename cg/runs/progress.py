@@ -17,11 +17,7 @@ _REPORT = 30.0  # seconds between lines in a file
 
 @dataclass(frozen=True)
 class Score:
-    """How good the result of a piece of work is, for the progress line.
-
-    The result with the smallest `size`, then with the smallest sum of squared residuals f, is the
-    best one; `note` is shown after its f. `solved` says whether the piece led to a method.
-    """
+    """How good a result is: the smallest `size`, then f, is the best; `note` is shown after f."""
 
     f: float
     solved: bool

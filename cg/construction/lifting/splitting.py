@@ -61,11 +61,7 @@ class FlatRows:
     def layout(
         self, parents: Sequence[int], at: Sequence[int], result: int, uses: Sequence[set[int]]
     ) -> Layout:
-        """Return the layout with these points, and one for the second result of a pair.
-
-        `parents` are those of the points, `at` the points of the stages in `moved_stages`, `uses`
-        the stages that each point has weights on.
-        """
+        """Return the layout with points, those of `moved_stages`, and one for a second result."""
         parents, weights = list(parents), [tuple(sorted(used)) for used in uses]
         stage_points = (START, *at, *([result] if self.at_result else []))
         results = [result]
@@ -268,10 +264,7 @@ class Splitting:
 
     @cached_property
     def conditions(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        """Trees and owners of the conditions, as `ConditionSystem.conditions` returns them.
-
-        The owner is the number of the stage, from 1, for the assumed order of a stage.
-        """
+        """Trees and owners of conditions; the owner of an assumed order is the stage, from 1."""
         trees = list(condition_trees(self.order, independent=True))
         owner = [0] * len(trees)
         further = [(-1, self.embedded_order)] if self.embedded_order else []

@@ -21,10 +21,8 @@ from .solutions import StoredSolution, solutions
 
 @dataclass(frozen=True)
 class Publication:
-    """A method made of a solution, and its files: that of the method, and that of a certificate.
+    """A method made of a solution, its files and principal errors, the first before optimisation.
 
-    `initial_principal_error` is that of the solution before optimisation. `certificate` is None if
-    the order isn't proved, and isn't `complete` if some conditions are only shown to be small;
     `reason` says why there is no complete certificate.
     """
 

@@ -144,10 +144,7 @@ def select_points(
 def merge_point(
     layout: Layout, x: Sequence[float], point: int
 ) -> tuple[Layout, NDArray[np.float64]]:
-    """Return the layout without a point that is neither a stage nor a result, and its weights.
-
-    Flows that start from the point start from its parent instead, with its weights added to theirs.
-    """
+    """Return the layout without a point that is neither a stage nor a result, and its weights."""
     parents, weights = list(layout.parents), layout.point_weights(x)
     for m, parent in enumerate(layout.parents):
         if parent == point:

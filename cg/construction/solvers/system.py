@@ -158,8 +158,7 @@ class ConditionSystem:
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
         """Return the trees and owners of the conditions, both of shape (m,).
 
-        The owner is 0 for conditions on the result, -1 for those on the second result, and the
-        number of the stage, from 1, for simplifying assumptions.
+        The owner is a `ConditionOwner`, or the stage, from 1, of a simplifying assumption.
         """
         trees = condition_trees(self.order, independent)
         second = condition_trees(self.order - 1, independent) if self.embedded else ()

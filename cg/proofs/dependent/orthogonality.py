@@ -53,10 +53,7 @@ def follow(
     y: Sequence[arb],
     left_out: Sequence[Condition],
 ) -> bool:
-    """Return whether conditions are satisfied wherever all others are, for coefficients in balls y.
-
-    `orders` are those of the rows of weights.
-    """
+    """Return whether conditions left out hold wherever all others do, for coefficients in y."""
     relations = _Relations(layout, orders, y)
     chosen = relations.choose(len(left_out), [relations.position[one] for one in left_out])
     if len(chosen) < len(left_out):
