@@ -15,6 +15,7 @@ except ImportError as error:
 
 from cg.jax.control import controller
 from cg.jax.conversions import from_jaxlie, to_jaxlie
+from cg.jax.divergence import divergence
 from cg.jax.points import cotangent, flow, log
 from cg.jax.products import join, split
 from cg.jax.solver import Solver
@@ -25,6 +26,7 @@ __all__ = [
     "Solver",
     "controller",
     "cotangent",
+    "divergence",
     "flow",
     "from_jaxlie",
     "join",
