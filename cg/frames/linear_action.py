@@ -174,6 +174,10 @@ class LinearAction(UserFrame):
         entries = v @ self._values
         return sparse.csr_array((entries, pattern.indices, pattern.indptr), shape=pattern.shape)
 
+    def dense(self) -> Points:
+        """Return the generators as one array, shape ``(m, n, n)``."""
+        return np.array([self._matrix(unit).toarray() for unit in np.eye(self.dim)])
+
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         r"""Return :math:`\sum_i v_i G_i y`, shape ``(..., n)``."""
         vectors, points = self._rows(v, y)

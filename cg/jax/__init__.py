@@ -15,6 +15,8 @@ except ImportError as error:
 
 from cg.jax.control import controller
 from cg.jax.conversions import from_jaxlie, to_jaxlie
+from cg.jax.divergence import divergence
+from cg.jax.linear import LinearTerm
 from cg.jax.points import cotangent, flow, log
 from cg.jax.products import join, split
 from cg.jax.solver import Solver
@@ -22,9 +24,11 @@ from cg.jax.term import FrameTerm
 
 __all__ = [
     "FrameTerm",
+    "LinearTerm",
     "Solver",
     "controller",
     "cotangent",
+    "divergence",
     "flow",
     "from_jaxlie",
     "join",

@@ -20,6 +20,7 @@ from cg.frames import (
     Euclidean,
     FieldFrame,
     Frame,
+    LinearAction,
     MatrixFrame,
     Power,
     Product,
@@ -71,4 +72,5 @@ _MAKERS: dict[type[Frame], Callable[[Any], Rules]] = {
     Power: lambda frame: power_rules(frame, rules_of(frame.factor)),
     FieldFrame: own_rules,
     MatrixFrame: own_rules,
+    LinearAction: own_rules,
 }

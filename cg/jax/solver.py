@@ -20,9 +20,17 @@ from cg.integration.arguments import check_algebra
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.integration.step.plan import error_exponent
 from cg.jax.entire import JaxArray
+from cg.jax.linear import (
+    Before,
+    LinearTerm,
+    magnus_error,
+    no_step,
+    node_difference,
+    values_at_nodes,
+)
 from cg.jax.points import membership_error
 from cg.jax.rules import Rules
-from cg.jax.term import refuse_implicit_adjoint, rules_in
+from cg.jax.term import refuse_implicit_adjoint, rules_in, unwrapped
 from cg.jax.within import Within, interpolant
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
@@ -61,6 +69,10 @@ class _Steps:
     @cached_property
     def on_algebra(self) -> bool:
         return isinstance(self.method, MuntheKaas)
+
+    @cached_property
+    def of_time(self) -> bool:
+        return isinstance(self.method, MagnusMethod)
 
     @cached_property
     def errors(self) -> NDArray[np.float64]:
@@ -144,8 +156,6 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         method = resolve_method(method)
         if not method.explicit:
             raise ValueError(f"method must be explicit in JAX, got {method!r}")
-        if isinstance(method, MagnusMethod):
-            raise ValueError(f"method must be for nonlinear equations, got {method!r}")
         if dense not in _DENSE:
             raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
         if not isinstance(unroll, bool):
@@ -181,19 +191,28 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         refuse_implicit_adjoint(rules_in(terms).frame)
         return terms.vf(t0, y0, args)
 
-    def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> JaxArray:
-        """Return the coefficients at the start, after checking the term and the point."""
+    def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> Any:
+        """Return the coefficients at the start, after checking the term and the point.
+
+        Those of a Magnus method come with the step before.
+        """
         frame = rules_in(terms).frame
         if self.steps.on_algebra:
             check_algebra(frame, self.method)
+        if self.steps.of_time and not isinstance(unwrapped(terms), LinearTerm):
+            raise ValueError(
+                f"method must be for nonlinear equations, got {self.method!r}; those of time alone "
+                "are a cg.jax.LinearTerm"
+            )
         first = terms.vf(t0, y0, args)
         tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
-        return eqx.error_if(
+        first = eqx.error_if(
             first,
             ~(membership_error(frame, y0) <= tolerance),
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )
+        return (first, no_step(self.steps.paths, first)) if self.steps.of_time else first
 
     def step(
         self,
@@ -202,13 +221,10 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         t1: JaxArray,
         y0: JaxArray,
         args: Any,
-        solver_state: JaxArray,
+        solver_state: Any,
         made_jump: Any,
     ) -> tuple[Any, ...]:
-        """Return the point after a step, its error, and what else diffrax wants of it.
-
-        The state is the vector of coefficients at the start of the step.
-        """
+        """Return the point after a step, its error, and what else diffrax wants of it."""
         y1, error, within, last = _step(self, terms, t0, t1, y0, args, solver_state, made_jump)
         return y1, error, {"within": within}, last, diffrax.RESULTS.successful
 
@@ -219,7 +235,7 @@ class _Stages:
 
     ``values`` are the coefficients at the stages, shape ``(stages, dim)``, of a method of
     Munthe-Kaas the derivatives of coordinates; ``last`` those at the result, None if no stage is
-    there. ``embedded`` is the second result, None where no pair compares two points. ``errors`` are
+    there. ``embedded`` and ``third`` are further results, None where no pair compares points. ``errors`` are
     weighted sums of the values, further error estimates divided by the step, shape ``(0, 1 or 2,
     dim)``.
     """
@@ -229,6 +245,7 @@ class _Stages:
     embedded: JaxArray | None
     errors: JaxArray
     last: JaxArray | None
+    third: JaxArray | None = None
 
 
 @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
@@ -239,11 +256,12 @@ def _step(
     t1: JaxArray,
     y0: JaxArray,
     args: Any,
-    first: JaxArray,
+    state: Any,
     made_jump: Any,
-) -> tuple[JaxArray, JaxArray | None, Any, JaxArray]:
-    """Return the point after a step, its error, the interpolant and the coefficients there."""
+) -> tuple[JaxArray, JaxArray | None, Any, Any]:
+    """Return the point after a step, its error, the interpolant and the next state."""
     rules, steps = rules_in(terms), solver.steps
+    first, before = state if steps.of_time else (state, None)
     h = jnp.asarray(terms.contr(t0, t1), first.dtype)
 
     def f(c: Any, y: JaxArray) -> JaxArray:
@@ -251,6 +269,8 @@ def _step(
 
     if made_jump is not False:
         first = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: first)
+        if before is not None:
+            before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
     if steps.on_algebra:
         stages = _take_stages_on_algebra(steps, rules, f, h, y0, first, solver.unroll)
     else:
@@ -260,7 +280,25 @@ def _step(
     within = interpolant(
         solver.method, rules, f, h, y0, y1, first, last, values, accurate=solver.dense == _DENSE[0]
     )
-    return y1, _error(steps, rules, h, y0, stages), within, last
+    if before is None:
+        return y1, _error(steps, rules, h, y0, stages), within, last
+    return (
+        y1,
+        _error_of_time(steps, rules, h, y0, stages, before),
+        within,
+        (last, Before(h, values)),
+    )
+
+
+def _error_of_time(
+    steps: _Steps, rules: Rules, h: JaxArray, y0: JaxArray, stages: _Stages, before: Before
+) -> JaxArray | None:
+    """Return the estimate of a Magnus method as a tangent; None without a pair."""
+    if stages.embedded is None:
+        return None
+    others = [stages.embedded, *([] if stages.third is None else [stages.third])]
+    unseen = node_difference(steps.paths, stages.values, h, before)
+    return magnus_error(steps.paths, rules, y0, stages.result, others, unseen)
 
 
 def _take_stages(
@@ -276,7 +314,7 @@ def _take_stages(
     last = None
     stages: list[JaxArray] = []
     ends = [y0]
-    results = {paths.result, paths.embedded}
+    results = {paths.result, paths.embedded, paths.third}
 
     def follow(last: int) -> None:
         for k in range(len(ends), last + 1):
@@ -288,7 +326,10 @@ def _take_stages(
                 y = jax.lax.optimization_barrier(rules.flow(_combined(h, row, stages), y))
             ends.append(rules.restore(y) if k in results else y)
 
-    for c, k in zip(paths.doubles[1].tolist(), paths.stages, strict=True):
+    if steps.of_time:
+        stages = list(values_at_nodes(paths, f, y0, h.dtype))
+        last = stages[-1] if paths.doubles[1][-1] == 1.0 else None
+    for c, k in zip(paths.doubles[1].tolist()[len(stages) :], paths.stages, strict=False):
         follow(k)
         value = first if k == 0 and c == 0.0 and not stages else f(c, ends[k])
         if len(stages) + 1 == paths.final_stage:
@@ -298,7 +339,8 @@ def _take_stages(
     embedded = ends[paths.embedded] if paths.embedded else None
     values = jnp.stack(stages)
     errors = jnp.asarray(steps.errors, h.dtype) @ values
-    return _Stages(values, ends[paths.result], embedded, errors, last)
+    third = ends[paths.third] if paths.third else None
+    return _Stages(values, ends[paths.result], embedded, errors, last, third)
 
 
 def _take_stages_on_algebra(
