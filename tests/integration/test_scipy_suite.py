@@ -63,8 +63,8 @@ DIFFERENCES = {
     "test_initial_state_finiteness": "other words",
 }
 
-for name in [name for name in vars(suite) if name.startswith("test_")]:
-    different = pytest.mark.xfail(
-        name in DIFFERENCES, reason=DIFFERENCES.get(name, ""), strict=True
-    )
-    globals()[name] = different(vars(suite)[name])
+for name, test in list(vars(suite).items()):
+    if name.startswith("test_") and "solve_ivp" in test.__code__.co_names:
+        reason = DIFFERENCES.get(name, "")
+        globals()[name] = pytest.mark.xfail(bool(reason), reason=reason, strict=True)(test)
+del test
