@@ -119,7 +119,8 @@ class Samples:
         if len(pieces) > 1:
             ends = pieces[0, :-1] + pieces[1, :-1] * lengths
             jumps = (pieces[1, 1:] != pieces[1, :-1]) | (self.causal & (ends != pieces[0, 1:]))
-        return inner[jumps.any(axis=1)]
+        corners: Array = inner[jumps.any(axis=1)]
+        return corners
 
     def __call__(self, t: float, member: int | None = None) -> Any:
         """Return the value at a time, that after a jump.
