@@ -35,7 +35,7 @@ contains
         call c_f_pointer(transfer(address(1), c_null_ptr), starts, [row(2)])
         call c_f_pointer(transfer(address(2) + before * self%table(7, i), c_null_ptr), &
                          coefficients, [row(3), row(2), row(1)])
-        call c_f_pointer(transfer(data + 8_c_intptr_t * row(4), c_null_ptr), values, [row(3)])
+        call c_f_pointer(transfer(data + 8 * int(row(4), c_intptr_t), c_null_ptr), values, [row(3)])
         piece = last_before(starts, t)
         s = t - starts(piece)
         values = coefficients(:, piece, row(1))

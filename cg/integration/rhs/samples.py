@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.arrays import Array, check_finite, real_array
 from cg.support.checks import check_flag
@@ -90,6 +90,8 @@ class Samples:
         by_time = np.moveaxis(self.values, 1, 0) if members else self.values
         self._edges, self._pieces = _curve(self.times, by_time, kind, self.causal)
         self._starts = self._edges.tolist()
+        flat = self._pieces.reshape(*self._pieces.shape[: 3 if members else 2], -1)
+        self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0) if members else flat)
 
     def _read_end(self, end: Any) -> float:
         value = real_array(end, "end")
@@ -107,6 +109,15 @@ class Samples:
     def shape(self) -> tuple[int, ...]:
         """Shape of the value at one time."""
         return self.values.shape[1 if self.members is None else 2 :]
+
+    def numbers(self) -> tuple[Array, Array, int]:
+        """Return what compiled code evaluates: starts and coefficients of the pieces.
+
+        The coefficients have the shape ``(powers, pieces, width)``, with a first axis for members;
+        the last result is the bytes from one member to the next. The arrays live as long as this
+        object.
+        """
+        return self._edges, self._numbers, self._numbers[0].nbytes if self.members else 0
 
     @property
     def corners(self) -> Array:
@@ -231,6 +242,25 @@ class Inputs:
         """Return what functions of a member get at a time."""
         values = tuple(curve(t, None if curve.members is None else member) for curve in self.curves)
         return values if self.together else values[0]
+
+    def compile(self, parameters: Array | None, members: int) -> tuple[Array, NDArray[np.int64]]:
+        """Return the data of compiled functions and the table of `fortran/interface/inputs.f90`.
+
+        The data are the parameters of each member, then room for the values of all curves, shape
+        ``(members, numbers)``.
+        """
+        first = 0 if parameters is None else parameters.shape[1]
+        rows = []
+        for curve in self.curves:
+            starts, numbers, stride = curve.numbers()
+            powers, pieces, width = numbers.shape[-3:]
+            address = starts.ctypes.data, numbers.ctypes.data
+            rows.append((powers, pieces, width, first, *address, stride))
+            first += width
+        data = np.zeros((members, first))
+        if parameters is not None:
+            data[:, : parameters.shape[1]] = parameters
+        return data, np.array(rows, dtype=np.int64)
 
     def corners(self, start: float, stop: float) -> Array:
         """Return the times between two at which a curve or its derivative jumps, in their order."""
