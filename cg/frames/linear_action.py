@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, conversion_hint
+from cg.frames.arrays import Array, Points, conversion_hint, is_qobj
 from cg.frames.base import FlowOverflowError
 from cg.frames.block_kinds import Blocks
 from cg.frames.user import Function, UserFrame
@@ -56,7 +56,7 @@ class LinearAction(UserFrame):
     Parameters
     ----------
     generators : sequence of m matrices of shape (n, n)
-        The :math:`G_i`, sparse or dense, real or complex. Those of Hamiltonians H are ``-1j * H``.
+        The :math:`G_i`, sparse, dense or of QuTiP. Those of Hamiltonians H are ``-1j * H``.
     unitary : bool, optional
         Whether all generators have to be skew-Hermitian, so that flows keep the norm of the vector.
         Without it, H in place of ``-1j * H`` gives solutions that grow.
@@ -231,7 +231,8 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
     matrices: list[sparse.csr_array] = []
     for i, generator in enumerate(listed):
         try:
-            matrix = sparse.csr_array(generator)
+            numbers = generator.to("CSR").data.as_scipy() if is_qobj(generator) else generator
+            matrix = sparse.csr_array(numbers)
             matrix = matrix.astype(np.complex128 if matrix.dtype.kind == "c" else np.float64)
         except (TypeError, ValueError) as error:
             raise ValueError(

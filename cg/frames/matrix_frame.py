@@ -14,6 +14,7 @@ from cg.frames.arrays import (
     check_finite,
     complex_array,
     is_complex_array,
+    is_qobj,
     real_array,
 )
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -75,6 +76,8 @@ class MatrixFrame(UserFrame):
         project: Function | None = None,
         random_point: Function | None = None,
     ) -> None:
+        if isinstance(matrices, list | tuple):
+            matrices = [each.full() if is_qobj(each) else each for each in matrices]
         is_complex = is_complex_array(matrices)
         array: Points = (complex_array if is_complex else real_array)(matrices, "matrices")
         if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:

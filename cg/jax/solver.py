@@ -235,9 +235,9 @@ class _Stages:
 
     ``values`` are the coefficients at the stages, shape ``(stages, dim)``, of a method of
     Munthe-Kaas the derivatives of coordinates; ``last`` those at the result, None if no stage is
-    there. ``embedded`` and ``third`` are further results, None where no pair compares points. ``errors`` are
-    weighted sums of the values, further error estimates divided by the step, shape ``(0, 1 or 2,
-    dim)``.
+    there. ``embedded`` and ``third`` are further results, None where no pair compares points.
+    ``errors`` are weighted sums of the values, further error estimates divided by the step, shape
+    ``(0, 1 or 2, dim)``.
     """
 
     values: JaxArray

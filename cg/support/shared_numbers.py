@@ -190,6 +190,8 @@ RECORD = {
     "vectorized": "integer",  # whether it takes many points, and is called through the context
     "data": "address",
     "data_stride": "integer",  # bytes from one member's data to the next
+    "curves": "integer",  # inputs of compiled functions
+    "inputs": "address",  # a row for each curve, see fortran/interface/inputs.f90
     "functions": "integer",  # number of events
     "event_width": "integer",  # numbers of a point that they depend on
     "event_table": "address",  # of each: address, data, direction, max count, whether it jumps

@@ -112,7 +112,7 @@ subroutine loop_open(plan_address, record_address, address)
   use error_norm_m, only: tolerances_t
   use external_field_m, only: field_at
   use kinds, only: wp
-  use run_m, only: at_address, begin_run, plan_at, plan_t, run_t, set_events
+  use run_m, only: at_address, begin_run, plan_at, plan_t, run_t, set_events, set_inputs
   implicit none
   integer(c_intptr_t), intent(in) :: plan_address, record_address
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
@@ -132,6 +132,7 @@ subroutine loop_open(plan_address, record_address, address)
     run%field%nan = ieee_value(run%field%nan, ieee_quiet_nan)
     run%field%data_address = record%data
     run%field%data_stride = record%data_stride
+    call set_inputs(run)
     problem%frame => run%frame
     if (record%vectorized == 0) problem%field => run%field
     problem%method => plan%method
@@ -231,7 +232,7 @@ end subroutine loop_continue
 subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use kinds, only: wp
-  use run_m, only: run_at, run_t
+  use run_m, only: run_at, run_t, set_inputs
   use trajectory_m, only: set_start
   implicit none
   integer(c_intptr_t), intent(in) :: address
@@ -244,6 +245,8 @@ subroutine loop_restart(address, n, members, t, y, first_step, data_address)
 
   run => run_at(address)
   run%field%data_address = data_address
+  run%events%member_data = data_address
+  call set_inputs(run)
   do i = 1, members
     call set_start(t, y(:, i), first_step, run%lanes(i))
   end do

@@ -5,6 +5,7 @@ module callback_m
                                          c_null_ptr, c_ptr
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use frames_m, only: callback_t
+  use inputs_m, only: inputs_t
   use kinds, only: wp
   use shared_numbers, only: event_operation, jump_operation
   use trajectory_m, only: events_t
@@ -25,6 +26,7 @@ module callback_m
     integer(c_intptr_t), allocatable :: address(:), data(:)    ! (count)
     integer(c_intptr_t) :: member_data = 0   ! where a function has no data of its own
     integer(c_intptr_t) :: stride = 0        ! bytes from one member's data to the next
+    type(inputs_t) :: inputs
   contains
     procedure :: value => event_value
     procedure :: jump => event_jump
@@ -80,7 +82,7 @@ contains
     procedure(event_i), pointer :: function
     type(c_funptr) :: pointer
     type(c_ptr) :: user_data
-    integer(c_intptr_t) :: data
+    integer(c_intptr_t) :: data, member_data
     real(wp) :: answer(1)
 
     flag = .false.
@@ -88,8 +90,10 @@ contains
       pointer = transfer(self%address(event), pointer)
       call c_f_procpointer(pointer, function)
       data = self%data(event)
-      if (data == 0) data = self%member_data + int(member - 1, c_intptr_t) * self%stride
+      member_data = self%member_data + int(member - 1, c_intptr_t) * self%stride
+      if (data == 0) data = member_data
       user_data = transfer(data, user_data)
+      if (associated(self%inputs%table)) call self%inputs%write(t, member, member_data)
       g = function(t, y, user_data)
       flag = .not. abs(g) <= huge(g)
       return

@@ -8,6 +8,7 @@ module run_m
   use callback_m, only: external_events_t, python_t
   use external_field_m, only: rhs_i
   use frames_m, only: frame_t
+  use inputs_m, only: inputs_t
   use interpolant_m, only: scheme_t
   use kinds, only: wp
   use loop_m, only: resume
@@ -20,7 +21,8 @@ module run_m
   use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, begin_run, drive, set_events, set_output, at_address, plan_at, run_at
+  public :: plan_t, run_t, begin_run, drive, set_events, set_inputs, set_output, at_address, &
+            plan_at, run_at
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -35,6 +37,7 @@ module run_m
     real(wp) :: nan = 0.0_wp
     integer(c_intptr_t) :: data_address = 0  ! 0 for none
     integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
+    type(inputs_t) :: inputs
   contains
     procedure :: coefficients
   end type function_t
@@ -108,6 +111,16 @@ contains
     end associate
     call set_output(run)
   end subroutine begin_run
+
+  ! Sets the inputs of functions from the table in the record.
+  subroutine set_inputs(run)
+    type(run_t), intent(inout) :: run
+
+    if (run%record%curves == 0) return
+    call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs%table, &
+                     [7, int(run%record%curves)])
+    run%events%inputs = run%field%inputs
+  end subroutine set_inputs
 
   ! Sets the events of a run from the table in the record.
   subroutine set_events(run)
@@ -326,10 +339,12 @@ contains
     real(wp), intent(in) :: y(n)
     real(wp), intent(out) :: f(m)
     integer, intent(out) :: flag
+    integer(c_intptr_t) :: data
 
     f = self%nan
-    flag = self%rhs(t, y, f, transfer(self%data_address + int(self%member - 1, c_intptr_t) &
-                                      * self%data_stride, c_null_ptr))
+    data = self%data_address + int(self%member - 1, c_intptr_t) * self%data_stride
+    if (associated(self%inputs%table)) call self%inputs%write(t, self%member, data)
+    flag = self%rhs(t, y, f, transfer(data, c_null_ptr))
   end subroutine coefficients
 
   ! Evaluates a vectorized function for all lanes that need coefficients.

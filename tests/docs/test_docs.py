@@ -39,6 +39,8 @@ def test_code_of_page_runs(page, capsys, monkeypatch):
         pytest.importorskip("diffrax", reason="diffrax is not installed")
     if page == "howto/jaxlie":
         pytest.importorskip("jaxlie", reason="jaxlie is not installed")
+    if page == "howto/linear":
+        pytest.importorskip("qutip", reason="qutip is not installed")
     names = run(f"docs/{page}.md")
     if "numba" in {kind for kind, _ in blocks_of(f"docs/{page}.md")}:
         numba = pytest.importorskip("numba")

@@ -369,13 +369,18 @@ class TestAttitude:
         cg.plot.attitude(turns, ax, show="xyz")
         assert ax.lines[6].get_label() == "first angle, x"
 
-    def test_rejects_ensembles(self, ax):
+    def test_ensembles(self, ax):
         run = cg.solve_ensemble(
-            lambda t, y: [0, 0, 1.0], (0, 1), np.stack([np.eye(3)] * 2), frame=cg.frames.SO3()
-        )
-        with pytest.raises(ValueError, match="y must be a solution of one point, such as"):
-            cg.plot.attitude(run, ax)
-        cg.plot.attitude(run[0], ax)
+            lambda t, y, rate: [0, 0, rate[0]], (0, 1), np.stack([np.eye(3)] * 3),
+            frame=cg.frames.SO3(), parameters=[[0.1], [0.2], [0.3]], t_eval=[0, 0.5, 1],
+        )  # fmt: skip
+        cg.plot.attitude(run, ax, show="vector")
+        assert len(ax.lines) == 9
+        ends = [line.get_ydata()[-1] for line in ax.lines[2::3]]
+        np.testing.assert_allclose(ends, np.rad2deg([0.1, 0.2, 0.3]))
+        assert len(ax.get_legend().get_lines()) == 3
+        with pytest.raises(ValueError, match="one point"):
+            cg.plot.trajectory_of_axes(run)
 
     def test_rejects_a_frame_without_rotations(self, ax):
         run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))
