@@ -14,8 +14,8 @@ module trajectory_m
   use shared_numbers, only: paused
   implicit none
   private
-  public :: events_t, problem_t, trajectory_t, continue_run, copy, fail, finite, follow_grid, &
-            forget_step, set_start, start
+  public :: events_t, problem_t, trajectory_t, continue_run, copy, fail, finite, forget_step, &
+            set_start, start
 
   ! Functions whose zeros along the solution are events
   type, abstract :: events_t
@@ -255,18 +255,6 @@ contains
     trajectory%newton%rate_factor = 1.0_wp
     if (allocated(trajectory%solver%factored_h)) trajectory%solver%factored_h = 0.0_wp
   end subroutine forget_step
-
-  ! Makes a trajectory continue a grid of equal steps.
-  pure subroutine follow_grid(grid, done, trajectory)
-    type(grid_t), intent(in) :: grid
-    integer(int64), intent(in) :: done
-    type(trajectory_t), intent(inout) :: trajectory
-
-    trajectory%grid = grid
-    trajectory%grid_done = done
-    trajectory%phase = phase_choose_step
-    if (done == grid%steps) trajectory%phase = phase_ended
-  end subroutine follow_grid
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
   pure subroutine continue_run(trajectory)
