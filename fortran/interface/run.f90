@@ -13,9 +13,9 @@ module run_m
   use loop_m, only: resume
   use method_m, only: method_t
   use output_m, only: store_step, output_t
-  use shared_numbers, only: buffer_full, fields_operation, finished, needs_field, needs_maximum, &
-                            needs_minimum, out_of_memory, paused, raised, raised_in_python, &
-                            record_t, terminal_event
+  use shared_numbers, only: buffer_full, counters_t, event_record_t, fields_operation, finished, &
+                            needs_field, needs_maximum, needs_minimum, out_of_memory, paused, &
+                            raised, raised_in_python, record_t, terminal_event
   use trajectory_m, only: problem_t, set_start, start, trajectory_t
   use vector_field_m, only: vector_field_t
   implicit none
@@ -52,7 +52,7 @@ module run_m
     ! views of the caller's memory
     type(output_t) :: output
     real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 2, members)
-    integer(c_int64_t), pointer, contiguous :: counters(:, :) => null() ! (8, members)
+    type(counters_t), pointer, contiguous :: counters(:) => null()      ! (members)
   end type run_t
 
 contains
@@ -91,10 +91,9 @@ contains
       members = int(record%members)
       lanes = int(record%lanes)
       call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 2, members])
-      call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [8, members])
+      call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
-      run%counters(:, :) = 0
-      run%counters(1, :) = paused
+      run%counters(:) = counters_t(status=paused)
       within = run%problem%scheme%columns > 0 &
                .and. (record%dense /= 0 .or. record%outputs > 0 .or. associated(run%problem%events))
       allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
@@ -112,17 +111,17 @@ contains
   ! Sets the events of a run from the table in the record.
   subroutine set_events(run)
     type(run_t), target, intent(inout) :: run
-    integer(c_int64_t), pointer, contiguous :: table(:, :)
+    type(event_record_t), pointer, contiguous :: table(:)
 
     associate (record => run%record)
-      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [5, int(record%functions)])
-      run%events%count = size(table, 2)
+      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [int(record%functions)])
+      run%events%count = size(table)
       run%events%width = int(record%event_width)
-      run%events%address = table(1, :)
-      run%events%data = table(2, :)
-      run%events%direction = int(table(3, :))
-      run%events%most = table(4, :)
-      run%events%jumps = table(5, :) /= 0
+      run%events%address = table%function
+      run%events%data = table%data
+      run%events%direction = int(table%direction)
+      run%events%most = table%most
+      run%events%jumps = table%jumps /= 0
       run%events%member_data = record%data
       run%events%stride = record%data_stride
       run%events%python = run%python
@@ -242,13 +241,8 @@ contains
     if (run%next > size(run%states, 2)) return
     associate (lane => run%lanes(i), member => run%next, n => run%frame%point_size)
       lane%member = member
-      lane%nfev = 0
-      lane%nexp = 0
-      lane%njev = 0
-      lane%nlu = 0
-      lane%steps = 0
-      lane%rejected = 0
-      lane%attempts = 0
+      lane%counts = counters_t()
+      lane%control%attempts = 0
       lane%outputs_done = 0
       call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
@@ -271,8 +265,9 @@ contains
     associate (lane => run%lanes(i), n => run%frame%point_size)
       run%states(:n, lane%member) = lane%y(:, 0)
       run%states(n + 1:, lane%member) = [lane%t, lane%failed_at]
-      run%counters(:, lane%member) = [int([lane%status, lane%flag], int64), lane%nfev, lane%nexp, &
-                                     lane%njev, lane%nlu, lane%steps, lane%rejected]
+      run%counters(lane%member) = lane%counts
+      run%counters(lane%member)%status = int(lane%status, c_int64_t)
+      run%counters(lane%member)%flag = int(lane%request%flag, c_int64_t)
     end associate
   end subroutine store_lane
 
@@ -305,15 +300,15 @@ contains
       if (.not. run%busy(i)) cycle
       if (kind == 0) then
         kind = run%lanes(i)%status
-        shared = run%lanes(i)%shared
+        shared = run%lanes(i)%request%shared
       else if (kind == needs_minimum) then
-        shared = min(shared, run%lanes(i)%shared)
+        shared = min(shared, run%lanes(i)%request%shared)
       else
-        shared = max(shared, run%lanes(i)%shared)
+        shared = max(shared, run%lanes(i)%request%shared)
       end if
     end do
     do i = 1, size(run%lanes)
-      run%lanes(i)%shared = shared
+      run%lanes(i)%request%shared = shared
       if (run%busy(i)) run%lanes(i)%status = paused
     end do
   end subroutine exchange
@@ -349,16 +344,16 @@ contains
       end if
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          where(i) = lane%request_t
+          where(i) = lane%request%t
           where(k + i) = real(lane%member - 1, wp)
-          points((i - 1) * n + 1:i * n) = lane%request_y
+          points((i - 1) * n + 1:i * n) = lane%request%y
         end associate
       end do
       call run%python%apply(fields_operation, where, points, slopes)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          lane%received = slopes((i - 1) * m + 1:i * m)
-          lane%flag = 0
+          lane%request%received = slopes((i - 1) * m + 1:i * m)
+          lane%request%flag = 0
         end associate
       end do
     end associate
