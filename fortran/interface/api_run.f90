@@ -111,7 +111,7 @@ subroutine loop_open(plan_address, record_address, address)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
   use error_norm_m, only: tolerances_t
-  use external_field_m, only: field_at
+  use vector_field_m, only: field_at
   use kinds, only: wp
   use run_m, only: at_address, begin_run, plan_at, plan_t, run_t, set_events
   use shared_numbers, only: differences_jacobian, sparse_jacobian
@@ -307,7 +307,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
                             fields, y)
   !f2py threadsafe
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
-  use callback_m, only: python_t
+  use callback_m, only: callback_t
   use frames_m, only: frame_t
   use interpolant_m, only: evaluate_interpolant, interpolant_t, reserve_interpolant
   use kinds, only: wp
@@ -322,7 +322,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   real(wp), intent(inout) :: y(n, count)
   type(plan_t), pointer :: plan
   type(frame_t) :: frame
-  type(python_t), target :: python
+  type(callback_t), target :: python
   type(interpolant_t) :: interpolant
   integer :: i, k, last, memory
 

@@ -5,8 +5,8 @@ module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
                                          c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
-  use callback_m, only: external_events_t, python_t
-  use external_field_m, only: rhs_i
+  use callback_m, only: callback_t
+  use events_m, only: events_t
   use frames_m, only: frame_t
   use interpolant_m, only: scheme_t
   use kinds, only: wp
@@ -29,22 +29,12 @@ module run_m
     type(scheme_t) :: scheme
   end type plan_t
 
-  ! A function in C of one point
-  type, extends(vector_field_t) :: function_t
-    procedure(rhs_i), pointer, nopass :: rhs => null()
-    real(wp) :: nan = 0.0_wp
-    integer(c_intptr_t) :: data_address = 0  ! 0 for none
-    integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
-  contains
-    procedure :: coefficients
-  end type function_t
-
   type :: run_t
     type(problem_t) :: problem
     type(frame_t) :: frame                   ! of the plan, with the callback of this run
-    type(python_t) :: python
-    type(external_events_t) :: events
-    type(function_t) :: field
+    type(callback_t) :: python
+    type(events_t) :: events
+    type(vector_field_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
@@ -124,7 +114,7 @@ contains
       run%events%jumps = table%jumps /= 0
       run%events%member_data = record%data
       run%events%stride = record%data_stride
-      run%events%python = run%python
+      run%events%callback = run%python
       run%problem%events => run%events
     end associate
   end subroutine set_events
@@ -312,20 +302,6 @@ contains
       if (run%busy(i)) run%lanes(i)%status = paused
     end do
   end subroutine exchange
-
-  ! Evaluates a function in C. Coefficients that it doesn't write are NaN.
-  subroutine coefficients(self, n, m, t, y, f, flag)
-    class(function_t), intent(inout) :: self
-    integer, intent(in) :: n, m
-    real(wp), intent(in) :: t
-    real(wp), intent(in) :: y(n)
-    real(wp), intent(out) :: f(m)
-    integer, intent(out) :: flag
-
-    f = self%nan
-    flag = self%rhs(t, y, f, transfer(self%data_address + int(self%member - 1, c_intptr_t) &
-                                      * self%data_stride, c_null_ptr))
-  end subroutine coefficients
 
   ! Evaluates a vectorized function for all lanes that need coefficients.
   subroutine evaluate(run, requests)

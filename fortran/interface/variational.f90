@@ -8,7 +8,7 @@ module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_intptr_t, &
                                          c_null_ptr, c_ptr
   use coordinates_m, only: sizes
-  use external_field_m, only: field_at, rhs_i
+  use vector_field_m, only: field_at, rhs_i
   use frames_m, only: flow_along
   use kinds, only: wp
   use run_m, only: plan_at, plan_t

@@ -10,7 +10,8 @@ module collocation_m
   use newton_m, only: correction, derivatives, factor, filtered, predict
   use requests_m, only: reject_stage, request
   use phases_m
-  use trajectory_m, only: copy, fail, problem_t, trajectory_t
+  use trajectory_m, only: fail, problem_t, trajectory_t
+  use vectors_m, only: copy
   use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
   implicit none
   private

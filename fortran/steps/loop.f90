@@ -1,5 +1,5 @@
 ! The loop over steps of one trajectory, as a state machine that can pause anywhere and be resumed.
-! The same loop serves built-in fields, C functions of one point and vectorized functions.
+! The same loop serves functions in C of one point and vectorized functions.
 !
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
 ! returns with a status (needs_field: coefficients at request_t, request_y; needs_minimum,

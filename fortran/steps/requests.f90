@@ -7,7 +7,8 @@ module requests_m
   use shared_numbers, only: field_not_finite, finished, needs_field, needs_maximum, raised, &
                             raised_in_python, stage_not_finite, stopped_by_field
   use phases_m
-  use trajectory_m, only: fail, finite, problem_t, trajectory_t
+  use trajectory_m, only: fail, problem_t, trajectory_t
+  use vectors_m, only: finite
   implicit none
   private
   public :: check_coefficients, evaluate_events, reject_stage, request, within_segment

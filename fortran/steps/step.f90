@@ -13,7 +13,8 @@ module step_m
   use node_difference_m, only: node_difference
   use requests_m, only: reject_stage, request, within_segment
   use phases_m
-  use trajectory_m, only: copy, fail, finite, problem_t, trajectory_t
+  use trajectory_m, only: fail, problem_t, trajectory_t
+  use vectors_m, only: copy, finite
   use iso_fortran_env, only: int64
   use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
                             step_too_long

@@ -9,7 +9,8 @@ module step_size_m
   use time_grid_m, only: make_grid
   use requests_m, only: evaluate_events, request
   use phases_m
-  use trajectory_m, only: copy, fail, problem_t, trajectory_t
+  use trajectory_m, only: fail, problem_t, trajectory_t
+  use vectors_m, only: copy
   use shared_numbers, only: needs_minimum, slope_not_finite, step_too_small, &
                             too_many_steps
   implicit none

@@ -2,6 +2,7 @@
 module trajectory_m
   use kinds, only: wp
   use error_norm_m, only: tolerances_t, width
+  use events_m, only: events_t
   use blocks_m, only: flow_sequence_t
   use frames_m, only: frame_t
   use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
@@ -14,52 +15,15 @@ module trajectory_m
   use shared_numbers, only: counters_t, paused
   implicit none
   private
-  public :: events_t, problem_t, trajectory_t, continue_run, copy, fail, finite, forget_step, &
-            set_start, start
-
-  ! Functions whose zeros along the solution are events
-  type, abstract :: events_t
-    integer :: count = 0
-    integer :: width = 0                     ! numbers of a point that they depend on
-    integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
-    integer(int64), allocatable :: most(:)   ! (count) the last event ends the trajectory
-    logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event
-  contains
-    procedure(event_value_i), deferred :: value
-    procedure(event_jump_i), deferred :: jump
-  end type events_t
-
-  abstract interface
-
-    subroutine event_value_i(self, member, event, t, y, g, flag)
-      import :: events_t, wp
-      class(events_t), intent(in) :: self
-      integer, intent(in) :: member, event             ! from 1
-      real(wp), intent(in) :: t
-      real(wp), contiguous, intent(in) :: y(:)         ! (point_size)
-      real(wp), intent(out) :: g
-      logical, intent(out) :: flag                     ! whether the function failed
-    end subroutine event_value_i
-
-    subroutine event_jump_i(self, member, event, t, y, after, flag)
-      import :: events_t, wp
-      class(events_t), intent(in) :: self
-      integer, intent(in) :: member, event
-      real(wp), intent(in) :: t
-      real(wp), contiguous, intent(in) :: y(:)         ! (point_size) before
-      real(wp), contiguous, intent(out) :: after(:)    ! (point_size)
-      logical, intent(out) :: flag
-    end subroutine event_jump_i
-
-  end interface
+  public :: problem_t, trajectory_t, continue_run, fail, forget_step, set_start, start
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
     type(method_t), pointer :: method => null()
     type(scheme_t), pointer :: scheme => null()        ! of the interpolant
     logical :: free = .false.                ! whether small coefficients determine the flow's end
-    class(events_t), pointer :: events => null()
-    class(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
+    type(events_t), pointer :: events => null()
+    type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
     logical :: adaptive = .false.
     logical :: common = .false.              ! whether all trajectories take the same steps
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
@@ -295,23 +259,5 @@ contains
     trajectory%status = status
     trajectory%failed_at = t
   end subroutine fail
-
-  ! Tells whether all numbers are finite. With ieee_is_finite every procedure that uses its module
-  ! would save and restore the floating-point state.
-  pure logical function finite(x)
-    real(wp), contiguous, intent(in) :: x(:)
-
-    finite = all(abs(x) <= huge(x))
-  end function finite
-
-  ! Copies a vector. In a procedure of its own the compiler knows that two columns of an array don't
-  ! overlap.
-  pure subroutine copy(n, from, to)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: from(n)
-    real(wp), intent(out) :: to(n)
-
-    to = from
-  end subroutine copy
 
 end module trajectory_m
