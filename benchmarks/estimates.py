@@ -13,8 +13,8 @@ import numpy as np
 import cg
 from cg.catalogue import resolve_method
 from cg.catalogue.summary import summary_of
-from cg.formats.markdown import replace_between, table
 from cg.method.estimate import MAX_RATIO, jump_ratio
+from cg.reproduce.markdown import replace_between, table
 
 from .cases import Case, cases
 from .families import Array, families
