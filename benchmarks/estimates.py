@@ -14,7 +14,7 @@ import cg
 from cg.catalogue import resolve_method
 from cg.catalogue.summary import summary_of
 from cg.method.estimate import MAX_RATIO, jump_ratio
-from cg.reproduce.markdown import replace_between, table
+from reproduce.markdown import replace_between, table
 
 from .cases import Case, cases
 from .families import Array, families

@@ -108,9 +108,10 @@ def flow_distances(reading: Reading, method: str, steps: int) -> Array:
 def end_error(reading: Reading, method: str, steps: int) -> float:
     """Return the error of B at t = 1 in double precision."""
     top = HeavyTop(reading)
-    options = {"frame": top.frame, "method": method, "h": 1 / steps, "save_every": steps}
-    end = integrate(top.f, (0.0, 1.0), top.y0, **options).y[-1]
-    return _norms([Fraction(x) for x in end.tolist()], reference_end(reading)[0])[0]
+    solution = integrate(
+        top.f, (0.0, 1.0), top.y0, frame=top.frame, method=method, h=1 / steps, save_every=steps
+    )
+    return _norms(list(map(Fraction, solution.y[-1].tolist())), reference_end(reading)[0])[0]
 
 
 def quad_end_error(reading: Reading, method: str, steps: int) -> float:

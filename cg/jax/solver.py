@@ -295,7 +295,7 @@ def _take_stages(
                 y = jax.lax.optimization_barrier(rules.flow(_combined(h, row, stages), y))
             ends.append(rules.restore(y) if k in results else y)
 
-    for c, k in zip(paths.doubles[1].tolist(), paths.stages, strict=True):
+    for c, k in zip(paths.abscissae.tolist(), paths.stages, strict=True):
         follow(k)
         value = first if k == 0 and c == 0.0 and not stages else f(c, ends[k])
         if len(stages) + 1 == paths.final_stage:
@@ -327,7 +327,7 @@ def _take_stages_on_algebra(
     """
     paths = steps.paths
     weights = jnp.asarray(steps.weights, h.dtype)
-    nodes = jnp.asarray(paths.doubles[1], h.dtype)
+    nodes = jnp.asarray(paths.abscissae, h.dtype)
     numbers = jnp.asarray(paths.stages)
     assert rules.dexpinv is not None
     flow = jax.checkpoint(rules.flow, prevent_cse=False)

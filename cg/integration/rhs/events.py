@@ -167,7 +167,7 @@ class EventTable:
     def rows(self) -> NDArray[np.int64]:
         """The table that compiled code reads, one row per event."""
         function, data = self.functions.T
-        columns = {
+        columns: dict[str, Any] = {
             "function": function, "data": data, "direction": self.direction,
             "most": self.max_counts, "jumps": self.jumps,
         }  # fmt: skip
