@@ -79,7 +79,7 @@ def values_at_nodes(
     paths: MethodPaths, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, dtype: Any
 ) -> JaxArray:
     """Return the coefficients at all nodes, evaluated together."""
-    return jax.vmap(lambda c: f(c, y0))(jnp.asarray(paths.doubles[1], dtype))
+    return jax.vmap(lambda c: f(c, y0))(jnp.asarray(paths.abscissae, dtype))
 
 
 def node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:
@@ -88,7 +88,7 @@ def node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: B
     It is the highest divided difference over the nodes of two steps, as in
     ``fortran/steps/node_difference.f90``.
     """
-    c = np.asarray(paths.doubles[1])
+    c = np.asarray(paths.abscissae)
     known = h != 0.0
     ratio = before.h / jnp.where(known, h, 1.0)
     earlier = (jnp.asarray(c, h.dtype) - 1.0) * ratio

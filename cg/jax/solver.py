@@ -328,8 +328,8 @@ def _take_stages(
 
     if steps.of_time:
         stages = list(values_at_nodes(paths, f, y0, h.dtype))
-        last = stages[-1] if paths.doubles[1][-1] == 1.0 else None
-    for c, k in zip(paths.doubles[1].tolist()[len(stages) :], paths.stages, strict=False):
+        last = stages[-1] if paths.abscissae[-1] == 1.0 else None
+    for c, k in zip(paths.abscissae.tolist()[len(stages) :], paths.stages, strict=False):
         follow(k)
         value = first if k == 0 and c == 0.0 and not stages else f(c, ends[k])
         if len(stages) + 1 == paths.final_stage:
@@ -362,7 +362,7 @@ def _take_stages_on_algebra(
     """
     paths = steps.paths
     weights = jnp.asarray(steps.weights, h.dtype)
-    nodes = jnp.asarray(paths.doubles[1], h.dtype)
+    nodes = jnp.asarray(paths.abscissae, h.dtype)
     numbers = jnp.asarray(paths.stages)
     assert rules.dexpinv is not None
     flow = jax.checkpoint(rules.flow, prevent_cse=False)

@@ -13,7 +13,8 @@ module step_m
   use node_difference_m, only: node_difference
   use requests_m, only: reject_stage, request, within_segment
   use phases_m
-  use trajectory_m, only: copy, fail, finite, problem_t, trajectory_t
+  use trajectory_m, only: fail, problem_t, trajectory_t
+  use vectors_m, only: copy, finite
   use iso_fortran_env, only: int64
   use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
                             step_too_long
@@ -70,7 +71,7 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp) :: times(size(problem%method%c) - trajectory%stage + 1)
-    real(wp) :: members(size(times)), answer(size(trajectory%received) * size(times))
+    real(wp) :: members(size(times)), answer(size(trajectory%request%received) * size(times))
     integer :: k
 
     associate (x => trajectory, method => problem%method)
@@ -82,9 +83,11 @@ contains
         call fail(x, raised, x%t)
         return
       end if
-      x%nfev = x%nfev + size(times, kind=int64)
+      x%counts%nfev = x%counts%nfev + size(times, kind=int64)
       do k = 1, size(times)
-        x%received(:) = answer((k - 1) * size(x%received) + 1:k * size(x%received))
+        associate (n => size(x%request%received))
+          x%request%received(:) = answer((k - 1) * n + 1:k * n)
+        end associate
         call store_stage(problem, trajectory)
         if (x%phase /= phase_next_stage) return
       end do
@@ -107,13 +110,13 @@ contains
         return
       end if
       if (method%two_registers) then
-        x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%received
+        x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%request%received
         call advance_register(problem, trajectory)
       else
-        x%f(:, x%stage) = x%received
+        x%f(:, x%stage) = x%request%received
         if (x%stage == method%final_stage .or. (problem%of_time .and. &
                                                 .not. abs(method%c(x%stage) - 1) > 0)) then
-          x%end_slope(:) = x%received
+          x%end_slope(:) = x%request%received
           x%end_known = .true.
         end if
         if (method%on_algebra .and. method%stage_path(x%stage) > 0) then
@@ -152,7 +155,8 @@ contains
                            x%f, x%y(:, i))
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
-        x%nexp = x%nexp + int(merge(1, method%path_first(i + 1) - method%path_first(i), &
+        x%counts%nexp = x%counts%nexp &
+                        + int(merge(1, method%path_first(i + 1) - method%path_first(i), &
                                     method%polynomial), int64)
       end do
       x%paths = max(x%paths, last)
@@ -186,7 +190,7 @@ contains
       x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
       call flow_along(problem%frame, x%u, x%y(:, 1))
       call restore(problem%frame, x%y(:, 1))
-      x%nexp = x%nexp + 1
+      x%counts%nexp = x%counts%nexp + 1
     end associate
   end subroutine advance_register
 
@@ -207,7 +211,7 @@ contains
         x%error = huge(1.0_wp)
         if (finite(x%y(:, x%result))) call estimate_error(problem, trajectory)
         if (method%collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
-            .and. (x%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
+            .and. (x%control%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
           call request_error(problem, trajectory)
         else
           call share_error(problem, trajectory)
@@ -229,7 +233,7 @@ contains
     y = trajectory%y(:, 0)
     trajectory%u = -trajectory%u
     call flow_along(problem%frame, trajectory%u, y)
-    trajectory%nexp = trajectory%nexp + 1
+    trajectory%counts%nexp = trajectory%counts%nexp + 1
     call request(problem, trajectory, trajectory%t, y, phase_error_received)
   end subroutine request_error
 
@@ -238,7 +242,7 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
 
-    trajectory%f(:, 1) = trajectory%received
+    trajectory%f(:, 1) = trajectory%request%received
     call estimate_error(problem, trajectory)
     call share_error(problem, trajectory)
   end subroutine store_error
@@ -249,7 +253,7 @@ contains
     type(trajectory_t), intent(inout) :: trajectory
 
     if (.not. trajectory%error < huge(1.0_wp)) trajectory%error = huge(1.0_wp)
-    trajectory%shared = trajectory%error
+    trajectory%request%shared = trajectory%error
     trajectory%phase = phase_decide_step
     if (problem%common) trajectory%status = needs_maximum
   end subroutine share_error
@@ -265,7 +269,7 @@ contains
 
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
                method => problem%method, v => trajectory%u)
-      call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%work, x%scale)
+      call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
       errors = 0.0_wp
       sums = size(method%error, 2)
       if (method%embedded > 0) then
@@ -281,9 +285,9 @@ contains
         end do
         if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
-        call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
+        call tangent(frame, tolerances, v, x%y(:, x%result), x%control%work)
         associate (estimate => errors(merge(2, 1 + 2 * (i - 1) / sums, method%embedded > 0)))
-          estimate = hypot(estimate, norm(tolerances, x%work, x%scale))
+          estimate = hypot(estimate, norm(tolerances, x%control%work, x%control%scale))
         end associate
       end do
       ratio = 1.0_wp
@@ -295,8 +299,8 @@ contains
         call node_difference(method%c, x%f, x%h_before / x%h, x%f_before, v)
         v = x%h * v
         call remove_isotropy(frame, x%y(:, x%result), v)
-        call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
-        x%error = max(x%error, norm(tolerances, x%work, x%scale))
+        call tangent(frame, tolerances, v, x%y(:, x%result), x%control%work)
+        x%error = max(x%error, norm(tolerances, x%control%work, x%control%scale))
       end if
     end associate
   end subroutine estimate_error
@@ -316,8 +320,8 @@ contains
       x%path_of_u = 0
       do k = 2, size(x%f, 2)
         v = x%h * (x%f(:, k) - x%f(:, 1))
-        call tangent(frame, problem%tolerances, v, x%y(:, x%result), x%work)
-        if (.not. norm(problem%tolerances, x%work, x%scale) <= 1) then
+        call tangent(frame, problem%tolerances, v, x%y(:, x%result), x%control%work)
+        if (.not. norm(problem%tolerances, x%control%work, x%control%scale) <= 1) then
           x%error = excess
           exit
         end if
@@ -332,8 +336,9 @@ contains
     integer, intent(in) :: path
 
     associate (x => trajectory)
-      call point_difference(problem%frame, problem%tolerances, x%y(:, path), x%y(:, x%result), x%v)
-      distance = norm(problem%tolerances, x%v, x%scale)
+      call point_difference(problem%frame, problem%tolerances, x%y(:, path), x%y(:, x%result), &
+                            x%control%v)
+      distance = norm(problem%tolerances, x%control%v, x%control%scale)
     end associate
   end function distance
 
@@ -344,33 +349,34 @@ contains
     real(wp) :: predicted
 
     associate (x => trajectory, exponent => problem%tolerances%exponent, &
+               control => trajectory%control, error => trajectory%request%shared, &
                newton => trajectory%newton, collocation => problem%method%collocation)
       x%phase = phase_accepted
       predicted = 0.0_wp
       if (problem%adaptive) then
         ! trajectories with common steps must choose the same size
         if (collocation) predicted = predicted_size( &
-          abs(x%h), x%shared, exponent, merge(1, newton%iteration, problem%common), &
-          problem%common .or. converges_fast(x), abs(newton%last_h), x%last_error)
-        if (.not. x%shared <= 1) then
-          x%rejected = x%rejected + 1
-          x%after_rejection = .true.
-          x%step_size = rejected_size(abs(x%h), x%shared, exponent)
-          if (collocation) x%step_size = predicted
+          abs(x%h), error, exponent, merge(1, newton%iteration, problem%common), &
+          problem%common .or. converges_fast(x), abs(newton%last_h), control%last_error)
+        if (.not. error <= 1) then
+          x%counts%nrejected = x%counts%nrejected + 1
+          control%after_rejection = .true.
+          control%step_size = rejected_size(abs(x%h), error, exponent)
+          if (collocation) control%step_size = predicted
           x%phase = phase_choose_step
           return
         end if
         if (collocation) then
-          x%step_size = merge(min(predicted, abs(x%h)), predicted, x%after_rejection)
-          x%last_error = max(x%shared, min_last_predicted)
+          control%step_size = merge(min(predicted, abs(x%h)), predicted, control%after_rejection)
+          control%last_error = max(error, min_last_predicted)
         else
-          call accepted_size(abs(x%h), x%shared, exponent, x%after_rejection, x%last_error, &
-                             x%step_size)
+          call accepted_size(abs(x%h), error, exponent, control%after_rejection, &
+                             control%last_error, control%step_size)
         end if
         ! a step that was shortened to end with its segment doesn't shorten the next one
-        if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, &
-                                                                         x%unshortened_size)
-        x%after_rejection = .false.
+        if (control%shortened .and. .not. control%after_rejection) &
+          control%step_size = max(control%step_size, control%unshortened_size)
+        control%after_rejection = .false.
         if (problem%method%has_nodes) then
           x%f_before(:, :) = x%f
           x%h_before = x%h

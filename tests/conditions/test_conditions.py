@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from quad_core import residuals_quad
 from strategies import dyadics, rationals, tableaux
 
-from cg import _core_r64, _core_r128, conditions
+from cg import conditions
 from cg.conditions import Rows
 from cg.structure.layout import Layout
 from cg.trees.ordered import OrderedTree, forest
@@ -68,21 +68,6 @@ class TestCounts:
 
 
 class TestCompiledTables:
-    @pytest.mark.parametrize("core", [_core_r64, _core_r128], ids=["r64", "r128"])
-    def test_tables_equal_those_of_python(self, core):
-        trees = forest(conditions.MAX_ORDER + 1)
-        first, rest, prefix, last, condition, density = core.tables(len(trees))
-        assert tuple(first) == trees.first
-        assert tuple(rest) == trees.rest
-        assert tuple(prefix) == trees.prefix
-        assert tuple(last) == trees.last
-        assert tuple(density) == trees.density
-        assert tuple(condition[1:]) == conditions.table_rows(conditions.MAX_ORDER)
-
-    def test_digits_of_kinds(self):
-        assert _core_r64.digits() == 53
-        assert _core_r128.digits() == 113
-
     def test_generated_source(self, tmp_path):
         output = tmp_path / "tables.f90"
         main(["--order", "3", "--output", str(output)])

@@ -13,7 +13,6 @@ from cg.frames import GL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
-from cg.reproduce.reference_runs import integrate_compiled
 
 pytestmark = pytest.mark.sanitize
 
@@ -218,16 +217,6 @@ def test_other_signatures_are_refused(library):
     bare.restype = ctypes.c_double
     with pytest.raises(ValueError, match="f must have the signature"):
         integrate(LowLevelCallable(bare), (0, 1), [1.0], **OPTIONS)
-
-
-@pytest.mark.parametrize("name", list(PROBLEMS))
-def test_built_in_affine_fields_agree_with_python(name):
-    problem = PROBLEMS[name]
-    slow = integrate(problem.f, (0, 1), problem.y0, frame=problem.frame, method="CG4a", h=1 / 16)
-    for kind in ("real64", "real128"):
-        fast = integrate_compiled(problem, method="CG4a", h="1/16", steps=16, kind=kind)
-        np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
-        assert fast.raw.shape[:2] == (17, problem.frame.point_shape[0])
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from cg.support.shared_numbers import Stop
 FINISHED = "The end of t_span was reached."
 LEFT_MANIFOLD = (
     "the solution has left the manifold: its relative distance at the end is {distance:.3g}, more "
-    "than {tolerance:.3g}; a restore of the frame would keep it there, and frame.check() tells "
-    "whether its flows do"
+    "than {tolerance:.3g}; a restore of the frame would keep it there, and cg.frames.check(frame) "
+    "tells whether its flows do"
 )
 LONG_STEPS = (
     "h = {h:.6g} is far too long a step: between the stages of the last step h f changes by more "

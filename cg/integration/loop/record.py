@@ -4,26 +4,22 @@ from __future__ import annotations
 
 import ctypes
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from cg.frames.arrays import Array
-from cg.support.shared_numbers import RECORD
+from cg.support.records import fields_of
+from cg.support.shared_numbers import COUNTERS, RECORD
 
-_KINDS: dict[str, Any] = {
-    "integer": ctypes.c_int64,
-    "real": ctypes.c_double,
-    "address": ctypes.c_void_p,
-}
-COUNTS = ("nfev", "nexp", "njev", "nlu", "steps", "nrejected")
+COUNTS = tuple(COUNTERS)[2:]
 """Counts of each member, in the order of compiled code."""
 
 
 class Record(ctypes.Structure):
     """The record that compiled code reads and writes."""
 
-    _fields_ = [(name, _KINDS[kind]) for name, kind in RECORD.items()]
+    _fields_ = fields_of(RECORD)
 
 
 class Control(NamedTuple):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import Steps
-from cg.integration.loop.record import COUNTS, Control, Output, Record
+from cg.integration.loop.record import Control, Output, Record
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.loop.stiffness import StepCheck
 from cg.integration.rhs.compiled import CompiledRhs
@@ -28,7 +28,7 @@ from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import Plan
 from cg.support.memory import reserved
 from cg.support.parallel import raise_if_stopped
-from cg.support.shared_numbers import Stop
+from cg.support.shared_numbers import COUNTERS, JacobianKind, StateSize, Stop
 
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
@@ -158,10 +158,10 @@ class Run:
         """Record how implicit stages are solved; return how many vectors are kept for it."""
         plan, stages = self.plan, self.plan.method.stages
         if jacobian is not None:
-            self.record.jacobian = 1 + jacobian.sparse
+            self.record.jacobian = JacobianKind.SPARSE if jacobian.sparse else JacobianKind.MATRIX
         elif solver == "fixed-point" and not plan.collocation:
-            self.record.jacobian = 2
-        factors = plan.frame.dim if self.record.jacobian < 2 else 0
+            self.record.jacobian = JacobianKind.SPARSE
+        factors = plan.frame.dim if self.record.jacobian != JacobianKind.SPARSE else 0
         if plan.collocation:
             return stages - 1 + factors
         blocks = plan.paths.blocks
@@ -190,7 +190,7 @@ class Run:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
         states = self._share("states", np.empty((members, width + 2)))
-        counters = self._share("counters", np.empty((members, 2 + len(COUNTS)), dtype=np.int64))
+        counters = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end, self.reached, self.failed_at = states[:, :width], states[:, -2], states[:, -1]
         self.status, self.flag, self.counts = counters[:, 0], counters[:, 1], counters[:, 2:]
         self.end[...] = doubles
@@ -322,7 +322,8 @@ class Run:
     def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
         lanes = self._lanes
-        reals, integers = np.empty((lanes, 14)), np.empty((lanes, 13), dtype=np.int64)
+        reals = np.empty((lanes, StateSize.REALS))
+        integers = np.empty((lanes, StateSize.INTEGERS), dtype=np.int64)
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.frame.dim))
         self._core.loop_state(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import compiled_event
+from cg.support.shared_numbers import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
 
@@ -165,8 +166,12 @@ class EventTable:
     @property
     def rows(self) -> NDArray[np.int64]:
         """The table that compiled code reads, one row per event."""
-        columns = *self.functions.T, self.direction, self.max_counts, self.jumps
-        return np.stack(columns, axis=-1, dtype=np.int64)
+        function, data = self.functions.T
+        columns: dict[str, Any] = {
+            "function": function, "data": data, "direction": self.direction,
+            "most": self.max_counts, "jumps": self.jumps,
+        }  # fmt: skip
+        return np.stack([columns[name] for name in EVENT], axis=-1, dtype=np.int64)
 
     def value(self, index: int, member: int, t: float, y: Points) -> float:
         """Return the value of an event's function, after checking it."""

@@ -21,42 +21,6 @@ _JOIN = "; join parts by np.concatenate"
 _COMPLEX = "; the real and the imaginary part of a complex drive are coefficients of two fields"
 
 
-class StageOverflowError(OverflowError):
-    """A stage exceeds the range of floating point, which isn't an error of ``f``."""
-
-
-class StepTooLongError(ArithmeticError):
-    """A step of a method on a Lie algebra reached coordinates beyond the radius of dexp⁻¹.
-
-    Rotations reach it after a full turn.  An adaptive step is tried again with a smaller size;
-    with fixed steps a smaller ``h`` is needed.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import cg
-    >>> try:
-    ...     cg.integrate(
-    ...         lambda t, y: [0.0, 9.0, 9.0 * y[0, 0]], (0, 2), np.eye(3), frame=cg.frames.SO3(),
-    ...         method="RKMK4", h=1.0,
-    ...     )
-    ... except cg.StepTooLongError as error:
-    ...     print(str(error)[:46])
-    the step from t = 0 is too long for a method o
-    """
-
-    def __init__(self, t: float) -> None:
-        super().__init__(t)
-        self.t = t
-
-    def __str__(self) -> str:
-        return (
-            f"the step from t = {self.t:.17g} is too long for a method on a Lie algebra: "
-            "coordinates of a stage are beyond the radius of dexp⁻¹, for rotations a full turn; "
-            "take a smaller h, or a method that needs no brackets"
-        )
-
-
 class PythonRhs:
     """A right-hand side ``f(t, y, *args)``, or ``f(t, y, *args, parameters)``, in Python.
 

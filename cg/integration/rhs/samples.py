@@ -244,7 +244,7 @@ class Inputs:
         return values if self.together else values[0]
 
     def compile(self, parameters: Array | None, members: int) -> tuple[Array, NDArray[np.int64]]:
-        """Return the data of compiled functions and the table of `fortran/interface/inputs.f90`.
+        """Return the data of compiled functions and the table of `fortran/steps/inputs.f90`.
 
         The data are the parameters of each member, then room for the values of all curves, shape
         ``(members, numbers)``.

@@ -338,7 +338,7 @@ class ResultFlows:
     def __init__(self, paths: MethodPaths) -> None:
         flows = [dict(flow) for flow in paths.result_flows]
         used = sorted({stage for flow in flows for stage in flow})
-        self.c: Array = paths.doubles[1][used]
+        self.c: Array = paths.abscissae[used]
         self.weights = np.array([[float(flow.get(k, 0)) for k in used] for flow in flows])
 
     def __len__(self) -> int:

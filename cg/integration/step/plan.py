@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import threading
 import weakref
 from functools import lru_cache
@@ -93,8 +94,7 @@ class Plan:
         self.address: int = core.plan_open(
             blocks,
             block_constants(frame),
-            paths.integers,
-            *paths.doubles,
+            ctypes.addressof(paths.record),
         )
         weakref.finalize(self, core.plan_close, self.address)
 
@@ -121,7 +121,7 @@ class Plan:
         core.plan_set_scheme(
             self.address, columns, flat, extension.final + 1, self.series,
             np.append(extension.theta, 0.0), padded.T, extension.basis.T, polynomial,
-            *_node_tables(nodes, self.paths.doubles[1] if polynomial else None),
+            *_node_tables(nodes, self.paths.abscissae if polynomial else None),
             flows.c, flows.weights.T,
         )  # fmt: skip
         return columns

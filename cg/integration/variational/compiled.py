@@ -15,17 +15,12 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
+from cg.support.records import fields_of
 from cg.support.shared_numbers import VARIATION
-
-_KINDS: dict[str, Any] = {
-    "integer": ctypes.c_int64,
-    "real": ctypes.c_double,
-    "address": ctypes.c_void_p,
-}
 
 
 class _Record(ctypes.Structure):
-    _fields_ = [(name, _KINDS[kind]) for name, kind in VARIATION.items()]
+    _fields_ = fields_of(VARIATION)
 
 
 @dataclass(frozen=True, repr=False)
