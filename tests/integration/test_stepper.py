@@ -328,6 +328,19 @@ def test_equal_steps_go_on_from_any_time(direction):
     assert_array_equal(other.y, stepper.y)
 
 
+def test_equal_steps_that_the_time_cannot_resolve_are_refused():
+    options = {"frame": Euclidean(1), "method": "CF4", "h": 1e-3}
+    match = r"h is too small at t = 1000000000000000.0: its times coincide, got 0.001"
+    with pytest.raises(ValueError, match=match):
+        cg.Stepper(lambda t, y: [1.0], 1e15, [0.0], **options)
+    stepper = cg.Stepper(lambda t, y: [1.0], 0.0, [0.0], **options)
+    with pytest.raises(ValueError, match=match):
+        stepper.advance(1e15)
+    with pytest.raises(ValueError, match=match):
+        stepper.restart(t=1e15)
+    assert stepper.t == 0.0
+
+
 def test_a_refused_restart_changes_nothing():
     def f(t, y, rate):
         return rate[0] * y
