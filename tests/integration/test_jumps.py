@@ -292,6 +292,14 @@ def test_events_at_the_same_time_happen_in_any_order(order, spread):
     np.testing.assert_array_equal(solution.sol(solution.t[-1]), solution.y[-1])
 
 
+@pytest.mark.parametrize("start", [0.9, 1.0, 1.3])
+def test_a_zero_that_rounding_puts_behind_a_jump_is_not_lost(start):
+    """The last function is zero at all heights below 6e-14."""
+    ends = cg.Event(lambda t, y: (y[0] + 1e3) - 1e3, direction=-1, terminal=True)
+    for events in ([FLOOR, ends], [ends, FLOOR]):
+        assert drop((0.0, 1.0), (start, 0.0), events=events).status == 1
+
+
 def test_other_events_in_the_step_of_a_jump():
     """Those before it happen, those after it only if the solution gets there."""
     events = [
