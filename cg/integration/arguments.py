@@ -68,6 +68,12 @@ def check_args(args: Any) -> tuple[Any, ...]:
         ) from None
 
 
+def check_resolution(h: float | None, t: float) -> None:
+    """Raise ValueError if a fixed step doesn't change the time."""
+    if h is not None and h < math.ulp(t):
+        raise ValueError(f"h is too small at t = {t!r}: its times coincide, got {h!r}")
+
+
 def check_joined(frame: Product, y0: Any) -> None:
     """Raise ValueError if ``y0`` is a list of points of the factors of ``frame``."""
     if not isinstance(y0, list | tuple) or len(y0) != len(frame.factors):

@@ -15,7 +15,13 @@ from scipy import LowLevelCallable
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.arguments import check_real_time, check_step, check_stops, is_many
+from cg.integration.arguments import (
+    check_real_time,
+    check_resolution,
+    check_step,
+    check_stops,
+    is_many,
+)
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.failures import explain_failure
 from cg.integration.loop.messages import failed_members
@@ -144,6 +150,7 @@ class Stepper:
             f, (start, start + self.direction), y0, frame=frame, options=given, many=many,
             vectorized=vectorized, common=common, stage_solver=stage_solver, jac=jac,
         )  # fmt: skip
+        check_resolution(problem.control.h, start)
         self.f = f
         self.frame = frame
         self.method = problem.plan.method
@@ -256,6 +263,7 @@ class Stepper:
         if target == self.t:
             return None
         self._check_running()
+        check_resolution(self._run.control.h, target)
         if len(self._stops) == 1:
             self._target[0] = target
             stops = self._target
@@ -359,6 +367,7 @@ class Stepper:
             time = check_real_time(t, "t", infinite=False)
             if self.direction * (self.t_bound - time) < 0.0:
                 raise ValueError(f"t must not be beyond t_bound = {self.t_bound:g}, got {t!r}")
+            check_resolution(run.control.h, time)
         if y is not None:
             rows = run.plan.doubles(check_points(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")

@@ -167,14 +167,18 @@ contains
   end subroutine set_output
 
   ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
+  ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer :: requests(size(run%lanes))     ! lanes that need coefficients
-    integer(int64) :: budget
-    integer :: i, count
+    integer(int64) :: budget, share(size(run%lanes))
+    integer :: i, count, status
     logical :: waits, stops
 
     budget = run%record%budget
+    associate (lanes => size(run%lanes, kind=int64))
+      share = (budget + lanes - 1) / lanes
+    end associate
     run%output%steps = 0
     run%output%interpolants = 0
     run%output%events = 0
@@ -183,7 +187,11 @@ contains
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
-        select case (advance_lane(run, i, budget))
+        if (.not. run%problem%common) share(i) = budget
+        budget = budget - share(i)
+        status = advance_lane(run, i, share(i))
+        budget = budget + share(i)
+        select case (status)
         case (needs_field)
           count = count + 1
           requests(count) = i

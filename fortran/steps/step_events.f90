@@ -213,7 +213,7 @@ contains
   subroutine find_after_event(g, x, values, stopped)
     type(event_function_t), intent(inout) :: g
     real(wp), contiguous, intent(in) :: x(0:)
-    real(wp), contiguous, intent(inout) :: values(0:)  ! at x; those that are rounding become zero
+    real(wp), contiguous, intent(inout) :: values(0:)  ! at x; first ones of rounding become zero
     logical, intent(out) :: stopped
     integer, parameter :: halvings = 60
     ! points ever nearer, the function there, and its rounding
@@ -225,7 +225,8 @@ contains
     associate (trajectory => g%trajectory, from => g%trajectory%events%came_from(g%event), &
                side => real(g%trajectory%events%came_from(g%event), wp), n => ubound(x, 1))
       do k = 1, n
-        if (abs(values(k)) <= rounding_at(g, x(k), values(n))) values(k) = 0.0_wp
+        if (abs(values(k)) > rounding_at(g, x(k), values(n))) exit
+        values(k) = 0.0_wp
       end do
       trajectory%events%after(g%event) = values(n)
       first = merge(1, n, values(1) * side < 0)
