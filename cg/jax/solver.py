@@ -28,6 +28,7 @@ from cg.jax.linear import (
     node_difference,
     values_at_nodes,
 )
+from cg.jax.noise import check_noise, increments
 from cg.jax.points import membership_error
 from cg.jax.rules import Rules
 from cg.jax.term import refuse_implicit_adjoint, rules_in, unwrapped
@@ -92,7 +93,7 @@ def _steps_of(method: Method) -> _Steps:
     return _Steps(method)
 
 
-class Solver(diffrax.AbstractAdaptiveSolver):
+class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver):
     r"""An explicit method of the catalogue, or of the user, as a solver of `diffrax.diffeqsolve`.
 
     Its term is a `FrameTerm`.  The error estimate of a pair is a tangent at the end of the step:
@@ -186,9 +187,15 @@ class Solver(diffrax.AbstractAdaptiveSolver):
             return None
         return 1.0 / error_exponent(self.method)
 
+    def strong_order(self, terms: Any) -> float:
+        """Return the strong order for noise whose fields don't commute."""
+        return 0.5
+
     def func(self, terms: Any, t0: JaxArray, y0: JaxArray, args: Any) -> JaxArray:
         """Return the coefficients at a point."""
         refuse_implicit_adjoint(rules_in(terms).frame)
+        if isinstance(terms, diffrax.MultiTerm):
+            return terms.terms[0].vf(t0, y0, args)
         return terms.vf(t0, y0, args)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> Any:
@@ -204,7 +211,9 @@ class Solver(diffrax.AbstractAdaptiveSolver):
                 f"method must be for nonlinear equations, got {self.method!r}; those of time alone "
                 "are a cg.jax.LinearTerm"
             )
-        first = terms.vf(t0, y0, args)
+        if isinstance(terms, diffrax.MultiTerm):
+            check_noise(terms, self.method)
+        first = self.func(terms, t0, y0, args)
         tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
         first = eqx.error_if(
             first,
@@ -261,6 +270,8 @@ def _step(
 ) -> tuple[JaxArray, JaxArray | None, Any, Any]:
     """Return the point after a step, its error, the interpolant and the next state."""
     rules, steps = rules_in(terms), solver.steps
+    if isinstance(terms, diffrax.MultiTerm):
+        return _noisy_step(solver, rules, increments(terms, t0, t1, args), y0, state)
     first, before = state if steps.of_time else (state, None)
     h = jnp.asarray(terms.contr(t0, t1), first.dtype)
 
@@ -288,6 +299,22 @@ def _step(
         within,
         (last, Before(h, values)),
     )
+
+
+def _noisy_step(
+    solver: Solver, rules: Rules, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, state: Any
+) -> tuple[JaxArray, None, Any, Any]:
+    """Take a step of size one along increments; there is no error estimate."""
+    steps, one = solver.steps, jnp.ones((), state.dtype)
+    first = f(0.0, y0)
+    if steps.on_algebra:
+        stages = _take_stages_on_algebra(steps, rules, f, one, y0, first, solver.unroll)
+    else:
+        stages = _take_stages(steps, rules, f, one, y0, first)
+    within = interpolant(
+        solver.method, rules, f, one, y0, stages.result, first, first, stages.values, accurate=False
+    )
+    return stages.result, None, within, state
 
 
 def _error_of_time(

@@ -98,12 +98,11 @@ class FrameTerm(diffrax.AbstractTerm):
 
 def rules_in(terms: Any) -> Rules:
     """Return the rules of the frame of a term; TypeError if it is no term of a frame."""
-    term = unwrapped(terms)
+    first = terms.terms[0] if isinstance(terms, diffrax.MultiTerm) else terms
+    term = unwrapped(first)
     if isinstance(term, FrameTerm):
         return rules_of(term.frame)
-    kind = type(term).__name__
-    more = "; f is one function with all coefficients" if kind == "MultiTerm" else ""
-    raise TypeError(f"terms must be one cg.jax.FrameTerm, got {kind}{more}")
+    raise TypeError(f"terms must be one cg.jax.FrameTerm, got {type(term).__name__}")
 
 
 def unwrapped(terms: Any) -> Any:
