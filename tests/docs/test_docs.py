@@ -16,7 +16,8 @@ from cg.integration.default_method import choose_method
 pytestmark = pytest.mark.no_core
 
 DOCS = Path(__file__).parents[2] / "docs"
-IN_JAX = {"howto/batch", "howto/jax", "howto/jaxlie", "howto/neural_ode", "howto/quadrotor"}
+IN_JAX = {"howto/batch", "howto/densities", "howto/jax", "howto/jaxlie", "howto/neural_ode"}
+IN_JAX |= {"howto/pulse", "howto/quadrotor"}
 SLOW = IN_JAX | {"howto/monte_carlo", "howto/optimal_turn", "howto/schroedinger"}
 PAGES = sorted(
     str(path.relative_to(DOCS).with_suffix(""))
