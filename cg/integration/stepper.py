@@ -19,10 +19,9 @@ from cg.integration.arguments import check_real_time, check_step, check_stops, i
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.failures import explain_failure
 from cg.integration.loop.messages import failed_members
-from cg.integration.loop.record import Output
 from cg.integration.loop.run import Run
 from cg.integration.loop.step_budget import StepBudget
-from cg.integration.options import StepOptions, check_no_more, complete_options, expand_options
+from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
@@ -127,7 +126,7 @@ class Stepper:
         common_steps: bool = False,
         **options: Unpack[StepOptions],
     ) -> None:
-        check_no_more(rest)
+        given = complete_options(Stepper.__init__, rest, options, StepOptions)
         start = check_real_time(t0, "t0", infinite=False)
         bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0
@@ -136,7 +135,6 @@ class Stepper:
         many = is_many(frame, y0)
         if (vectorized or common) and not many:
             raise ValueError("vectorized and common_steps must be False for a single point")
-        given = complete_options(options, StepOptions)
         h, first_step, breakpoints = given["h"], given["first_step"], given["breakpoints"]
         given["first_step"] = None if h is None else first_step  # may be longer than the span below
         given["breakpoints"] = None
@@ -158,7 +156,7 @@ class Stepper:
         self._budget = StepBudget()
         self._failure = ""
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
-        self._problem = replace(problem, stops=self._stops, control=control)
+        self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
         self.t_old: float | None = None
         self.step_size: float | None = None
         self.status = "running" if start != bound else "finished"
@@ -166,7 +164,7 @@ class Stepper:
 
     def _make_run(self) -> Run:
         problem = self._problem
-        run = problem.run(Output(), keep_last=True, lanes=len(problem.points))
+        run = Run(problem, keep_last=True, lanes=len(problem.points))
         self._core = run._core
         self._target = np.empty(1)
         first = self._first_step or 0.0

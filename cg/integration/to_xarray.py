@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cg.integration.results import EnsembleSolution, Solution
-
 _DERIVATIVES = {  # with their last axes
     "transition": "initial_coordinate",
     "sensitivity": "parameter",
@@ -16,7 +14,7 @@ _DERIVATIVES = {  # with their last axes
 _NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
 
 
-def to_xarray(result: Solution | EnsembleSolution) -> Any:
+def to_xarray(result: Any) -> Any:
     """Return the times and points of a result as a dataset of xarray.
 
     Returns
@@ -45,7 +43,7 @@ def to_xarray(result: Solution | EnsembleSolution) -> Any:
     import xarray
 
     axes = len(result.frame.point_shape)
-    members = ["member"] if isinstance(result, EnsembleSolution) else []
+    members = ["member"] if np.ndim(result.status) else []
     points = {0: [], 1: ["component"], 2: ["row", "column"]}.get(
         axes, [f"axis_{k}" for k in range(axes)]
     )

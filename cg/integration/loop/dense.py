@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -156,20 +157,25 @@ class EnsembleOutput(DenseOutput):
     members
         The members' solutions.
 
-    Attributes
-    ----------
-    ts
-        The times of all members' steps.
     """
 
     def __init__(self, members: list[DenseOutput]) -> None:
-        forward = max((m.ts[-1] - m.ts[0] for m in members), key=abs) >= 0.0
-        ts = np.unique(np.concatenate([member.ts for member in members]))
-        self.ts = ts if forward else ts[::-1]
-        self.ts.flags.writeable = False
-        self.t_min, self.t_max = float(ts[0]), float(ts[-1])
+        self.t_min = min(member.t_min for member in members)
+        self.t_max = max(member.t_max for member in members)
         self._members = members
-        self._y0 = np.stack([member._y0 for member in members])
+
+    @cached_property
+    def ts(self) -> Array:  # type: ignore[override]
+        """The times of all members' steps."""
+        forward = max((m.ts[-1] - m.ts[0] for m in self._members), key=abs) >= 0.0
+        ts = np.unique(np.concatenate([member.ts for member in self._members]))
+        ts = ts if forward else ts[::-1]
+        ts.flags.writeable = False
+        return ts
+
+    @cached_property
+    def _y0(self) -> Points:  # type: ignore[override]
+        return np.stack([member._y0 for member in self._members])
 
     def __repr__(self) -> str:
         return f"EnsembleOutput(t={self.ts[0]:g}...{self.ts[-1]:g}, members={len(self._members)})"

@@ -6,7 +6,12 @@ import math
 
 import numpy as np
 
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
+from cg.integration.loop.long_steps import takes_long_steps
 from cg.integration.loop.messages import (
+    LEFT_MANIFOLD,
+    LONG_STEPS,
+    MANY_REJECTIONS,
     StageOverflowError,
     failure,
     flow_not_finite,
@@ -22,6 +27,7 @@ from cg.integration.loop.stiffness import find_difficulty
 from cg.integration.step.implicit import STAGE_SOLVERS, ConvergenceError
 from cg.support.shared_numbers import Stop
 
+_REJECTIONS = 1000  # more than the accepted steps, beyond which there is a warning
 _LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
 
 
@@ -55,7 +61,7 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:  # noqa: P
             return failure(stop, 0, t, slope)
         case Stop.STAGE_NOT_FINITE if run.callbacks.last_error is not None:
             return StageOverflowError(str(run.callbacks.last_error))
-    return failure(stop, int(run.flag[member]), t, name=run.rhs.name)
+    return failure(stop, int(run.flag[member]), t, name=run.rhs.failed_name)
 
 
 def _explain_step_failure(run: Run, member: int, t: float) -> str:
@@ -68,3 +74,22 @@ def _explain_step_failure(run: Run, member: int, t: float) -> str:
     except (ValueError, ArithmeticError, RuntimeError):
         return too_small_a_step(t)
     return too_small_a_step(t) if np.isfinite(moved).all() else flow_not_finite(plan.frame, t)
+
+
+def find_mistakes(run: Run) -> list[str]:
+    """Return warnings that a finished run gives rise to."""
+    plan, h, texts = run.plan, run.control.h, []
+    if not run.problem.many:
+        *_, steps, rejected = run.counts[0].tolist()
+        if rejected >= _REJECTIONS and 2 * rejected > steps:
+            texts.append(MANY_REJECTIONS.format(steps=steps, nrejected=rejected))
+        if h is not None and steps and takes_long_steps(run):
+            texts.append(LONG_STEPS.format(h=h))
+    rows = np.ascontiguousarray(run.end)
+    if not plan.surely_on_manifold(rows):
+        points = plan.points(rows, (run.members,))
+        finite = np.isfinite(points).reshape(len(points), -1).all(axis=1)
+        distance = plan.distance_from_manifold(points if finite.all() else points[finite])
+        if distance is not None:
+            texts.append(LEFT_MANIFOLD.format(distance=distance, tolerance=MEMBERSHIP_TOLERANCE))
+    return texts
