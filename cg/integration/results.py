@@ -18,7 +18,14 @@ from cg.support.copies import ReadOnly
 
 class _Labelled(ReadOnly):
     def to_xarray(self) -> Any:
-        """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first."""
+        """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first.
+
+        Of an ensemble ``member`` is second; the last are ``component`` of vectors, ``row`` and
+        ``column`` of matrices.  Derivatives of solutions are the variables ``transition``,
+        ``sensitivity`` and ``covariance`` with the axes ``coordinate`` and ``initial_coordinate``,
+        ``parameter`` or ``other_coordinate``.  Attributes are the name of the method, the frame,
+        and what the integration took; of an ensemble these numbers are variables.
+        """
         return to_xarray(self)
 
 

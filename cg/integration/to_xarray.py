@@ -15,31 +15,7 @@ _NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "mess
 
 
 def to_xarray(result: Any) -> Any:
-    """Return the times and points of a result as a dataset of xarray.
-
-    Returns
-    -------
-    xarray.Dataset
-        With the variable ``y`` and the coordinate ``t``. Axes of ``y`` are ``t``; of an ensemble
-        ``member``; and of points ``component`` if they are vectors, ``row`` and ``column`` if they
-        are matrices. Derivatives of solutions are the variables ``transition``, ``sensitivity`` and
-        ``covariance`` with the axis ``coordinate`` and ``initial_coordinate``, ``parameter`` or
-        ``other_coordinate``. Attributes are the name of the method, the frame, and what the
-        integration took; of an ensemble these numbers are variables with the axis ``member``.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If xarray isn't installed.
-
-    Examples
-    --------
-    >>> import cg
-    >>> run = cg.integrate(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1),
-    ...                    method="CG3", h=0.5)
-    >>> run.to_xarray().y.sel(t=0.5).item()  # doctest: +SKIP
-    0.5
-    """
+    """Return the times and points of a result as a dataset of xarray."""
     import xarray
 
     axes = len(result.frame.point_shape)

@@ -17,28 +17,15 @@ from cg.support.copies import ReadOnly
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Steps with the interpolants by which compiled code evaluates the solution within them.
-
-    Attributes
-    ----------
-    plan
-        The frame and the method.
-    member
-        The member of each step, increasing, shape ``(n,)``.
-    t
-        Start, signed size, end (an event may end a step before its full size), and 1 if the
-        interpolant is in coordinates, shape ``(n, 4)``.
-    y
-        Points at both ends of the full step, as doubles, shape ``(n, 2, width)``.
-    field
-        The interpolants' vectors, shape ``(n, columns dim)``.
-    """
+    """Steps with the interpolants by which compiled code evaluates the solution within them."""
 
     plan: Plan
-    member: NDArray[np.int64]
+    member: NDArray[np.int64]  # of each step, increasing, shape (n,)
+    # start, signed size, end (an event may end a step before its full size), and 1 if the
+    # interpolant is in coordinates, shape (n, 4)
     t: Array
-    y: Array
-    field: Array
+    y: Array  # points at both ends of the full step, as doubles, shape (n, 2, width)
+    field: Array  # the interpolants' vectors, shape (n, columns dim)
 
     def of(self, member: int) -> Steps:
         """Return the steps of one member."""

@@ -30,19 +30,10 @@ _LANES = 1024  # members integrated at the same time by a vectorized function
 class Run:
     """Trajectories that start at the same time, and their output.
 
-    Parameters
-    ----------
-    problem
-        What is integrated, from where, and what is stored.
-    y
-        Array for the points at ``t_eval``, shape ``(times, members, width)``.
-    capacity
-        The number of steps to store, 0 if it isn't known.
-    keep_last
-        Whether the interpolant of the last step may be requested.
-    lanes
-        How many members are integrated at the same time.  The default is 1 for a function of one
-        point and up to 1024 for a vectorized one.
+    Points at ``t_eval`` are written into ``y``, shape ``(times, members, width)``; there is room
+    for ``capacity`` steps if their number is known.  With ``keep_last`` the interpolant of the last
+    step may be requested.  By default one member at a time is integrated, or up to 1024 by a
+    vectorized function.
 
     Attributes
     ----------

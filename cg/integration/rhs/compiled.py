@@ -133,43 +133,27 @@ def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
     """
     if isinstance(f, TimeFunction):
         f = f.a
-    if isinstance(f, CompiledRhs):
-        return f
+    return f if isinstance(f, CompiledRhs) else _compiled(f, name, SIGNATURE)
+
+
+def compiled_event(f: Any) -> CompiledRhs | None:
+    """Return a compiled function of an event, None if ``f`` isn't compiled."""
+    return _compiled(f, "event", EVENT_SIGNATURE)
+
+
+def _compiled(f: Any, name: str, signature: str) -> CompiledRhs | None:
     if isinstance(f, CompiledFunction):
         return CompiledRhs(f, f.address, f.data_address, name)
-    source = _low_level(f, name, SIGNATURE)
+    source = _low_level(f, name, signature)
     if source is None:
         return None
-    if not _fits(source.signature, SIGNATURE):
-        raise ValueError(f"{name} must have the signature {SIGNATURE!r}, got {source.signature!r}")
+    if not _fits(source.signature, signature):
+        raise ValueError(f"{name} must have the signature {signature!r}, got {source.signature!r}")
+    # the first item is a capsule, whose context is the address of the user's data
+    capsule = tuple.__getitem__(source, 0)
     requires_data = _words(source.signature).endswith(",double*)")
-    return CompiledRhs(f, *_addresses(source), name, requires_data, source=source)
-
-
-@dataclass(frozen=True)
-class CompiledEvent:
-    """A compiled function of an event."""
-
-    function: Any  # the object that the user passed, which is kept alive
-    address: int
-    user_data: int  # address of its data, 0 for those of the right-hand side
-
-
-def compiled_event(f: Any) -> CompiledEvent | None:
-    """Return a compiled function as an event, None if ``f`` isn't compiled.
-
-    ValueError is raised unless its signature is `EVENT_SIGNATURE`.
-    """
-    if isinstance(f, CompiledFunction):
-        return CompiledEvent(f, f.address, f.data_address)
-    source = _low_level(f, "event", EVENT_SIGNATURE)
-    if source is None:
-        return None
-    if not _fits(source.signature, EVENT_SIGNATURE):
-        raise ValueError(
-            f"event must have the signature {EVENT_SIGNATURE!r}, got {source.signature!r}"
-        )
-    return CompiledEvent((f, source), *_addresses(source))
+    addresses = address_in(capsule), context_of(capsule)
+    return CompiledRhs(f, *addresses, name, requires_data, source=source)
 
 
 def _low_level(f: Any, name: str, signature: str) -> Any:
@@ -184,13 +168,6 @@ def _low_level(f: Any, name: str, signature: str) -> Any:
             raise ValueError(f"{name} must have argtypes and restype of {signature!r}, got {f!r}")
         source = LowLevelCallable(source)
     return source if isinstance(source, LowLevelCallable) else None
-
-
-def _addresses(source: Any) -> tuple[int, int]:
-    """Return the addresses of a function and of its data."""
-    # the first item is a capsule, whose context is the address of the user's data
-    capsule = tuple.__getitem__(source, 0)
-    return address_in(capsule), context_of(capsule)
 
 
 def _words(signature: str | None) -> str:

@@ -113,20 +113,8 @@ def _is_count(number: float | np.integer[Any]) -> bool:
 class EventTable:
     """The events of one integration, after checking.
 
-    Parameters
-    ----------
-    events
-        A function or an `Event`, or a sequence of them.
-    frame
-        The frame of the points.
-
-    Attributes
-    ----------
-    rows
-        The table that compiled code reads, one row per event: the addresses of the function and of
-        its data, the sign of its direction, its limit, and whether it jumps.
-    width
-        How many numbers of a point the functions depend on.
+    ``rows`` is the table that compiled code reads: of each event the addresses of the function and
+    of its data, the sign of its direction, its limit, and whether it jumps.
     """
 
     def __init__(self, events: Any, frame: Frame) -> None:

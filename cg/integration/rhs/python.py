@@ -94,23 +94,10 @@ class PythonRhs:
 
     Compiled code calls it through a function in C, whose data are the contexts made here.
 
-    Parameters
-    ----------
-    f
-        Returns the coefficients, shape ``(dim,)``; it receives a read-only ``y`` of shape
-        ``point_shape``.
-    frame
-        The frame of the points.
-    args
-        Further arguments.
-    parameters
-        Parameters of each member, shape ``(members, k)``, or None.
-    vectorized
-        Whether ``f`` takes times ``(n,)`` and points ``(n, *point_shape)`` of several members,
-        with the rows of their parameters, and returns shape ``(n, dim)``.  A function of time may
-        get several times for one point.
-    first
-        The place of the first member in the ensemble for error messages, None without one.
+    Parameters have the shape ``(members, k)``.  A ``vectorized`` function takes times ``(n,)``,
+    points ``(n, *point_shape)`` and rows of parameters of several members, and returns shape
+    ``(n, dim)``; one of time alone may get several times for one point.
+    ``first`` is the place of the first member in the ensemble for error messages.
     """
 
     def __init__(

@@ -33,28 +33,14 @@ class VariationalField:
 
     with the bracket of `Frame.bracket`, whose sign is that of the frame's convention.
 
-    Attributes
-    ----------
-    frame
-        The frame of the solution.
-    f, jac, df_dp
-        The functions of the user, ``f`` a `CompiledRhs` if it is compiled.
-    count
-        Number of parameters.
-    vectorized
-        Whether the functions take points of several members in one call.
-    product
-        The frame of points with derivatives.
-    structure
-        The indices (i, j, k) of structure constants, and the constants.
     """
 
     frame: Frame
-    f: Any
+    f: Any  # a `CompiledRhs` if it is compiled
     jac: Derivative | None
     df_dp: Derivative | None
-    count: int
-    vectorized: bool = False
+    count: int  # number of parameters
+    vectorized: bool = False  # whether the functions take points of several members in one call
 
     def __post_init__(self) -> None:
         n = self.frame.dim
@@ -67,7 +53,8 @@ class VariationalField:
         for name, value in made.items():
             object.__setattr__(self, name, value)
 
-    product: Product = field(init=False)
+    product: Product = field(init=False)  # the frame of points with derivatives
+    # the indices (i, j, k) of structure constants, and the constants
     structure: tuple[NDArray[np.intp], Array] = field(init=False, repr=False)
     check: Check = field(init=False, repr=False)
     _flows: Flows = field(init=False, repr=False)
