@@ -119,7 +119,10 @@ class Plan:
         """
         if self._measures is not None:
             return self._measures
-        return self.frame.exp_coordinates(point, point) is not None
+        try:
+            return _has_coordinates(self.frame, _AnyPoint(point))
+        except TypeError:  # a frame of the user that can't be hashed
+            return _has_coordinates.__wrapped__(self.frame, _AnyPoint(point))
 
     def is_free(self, point: Points) -> bool:
         """Return whether different small coefficients lead to different points.
@@ -229,6 +232,24 @@ def error_exponent(method: Method) -> float:
         return 1.0 / max(second + 1 + error_power(advancing) * (second - third), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)
+
+
+class _AnyPoint:
+    """A point that equals all others: the answer at the first one is kept for all of them."""
+
+    def __init__(self, point: Points) -> None:
+        self.point = point
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _AnyPoint)
+
+
+@lru_cache(maxsize=64)
+def _has_coordinates(frame: Frame, at: _AnyPoint) -> bool:
+    return frame.exp_coordinates(at.point, at.point) is not None
 
 
 def has_brackets(frame: Frame) -> bool:
