@@ -135,8 +135,10 @@ def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: fl
     return Control(None, rtol, tolerances, largest, first, check_max_steps(max_steps))
 
 
-def _check_of_time(rhs: CompiledRhs, t: float, point: Points) -> None:
+def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
     """Raise ValueError if a compiled function reads its point."""
+    if isinstance(rhs, PythonRhs):
+        return
     nowhere = np.full_like(point, np.nan)
     if not np.array_equal(rhs.at_member(0, t, point), rhs.at_member(0, t, nowhere)):
         raise ValueError(
@@ -174,7 +176,7 @@ def make_problem(
     every: int = 1,
 ) -> Problem:
     """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
-    rtol, t_eval, of_time = None, options["t_eval"], isinstance(f, TimeFunction)
+    rtol, t_eval = None, options["t_eval"]
     if not isinstance(frame, Frame):
         raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
     check_stage_solver(stage_solver)
@@ -185,7 +187,7 @@ def make_problem(
     rhs = _make_rhs(f, frame, options["args"], numbers, vectorized, many)
     start, stop = check_span(t_span)
     jacobian = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
-    if of_time and isinstance(rhs, CompiledRhs):
+    if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
     in_algebra = plan.in_algebra(points[0])

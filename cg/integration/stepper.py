@@ -142,12 +142,8 @@ class Stepper:
             f, (start, start + self.direction), y0, frame=frame, options=given, many=many,
             vectorized=vectorized, common=common, stage_solver=stage_solver, jac=jac,
         )  # fmt: skip
-        self.f = f
-        self.frame = frame
-        self.method = problem.plan.method
-        self.t_bound = bound
-        self._many = many
-        self._common = common
+        self.f, self.frame, self.method = f, frame, problem.plan.method
+        self.t_bound, self._many, self._common = bound, many, common
         self._first_step = None if first_step is None else check_step(first_step, "first_step")
         end = bound
         if math.isinf(bound) and h is not None:

@@ -87,16 +87,7 @@ def compiled_variation(
     """
     import cg._core_r64 as core
 
-    frame, f = variational.frame, variational.f
-    index, constant = variational.structure
-    # arrays can't be empty
-    index = np.ascontiguousarray(np.append(index.T, [[0, 0, 0]], axis=0) + 1, dtype=np.intc)
-    constant = np.append(constant, 0.0)
-    first = _Record(
-        frame=plan.address, dimension=frame.dim, width=plan.width, parameters=variational.count,
-        constants=len(constant) - 1, index=index.ctypes.data, constant=constant.ctypes.data,
-        step=DIFFERENCE_STEP, nan=np.nan, data=f.user_data if isinstance(f, CompiledRhs) else 0,
-    )  # fmt: skip
+    first, *constants = _first_record(variational, plan)
     in_python = []
     for name, function, shape, check in _functions(variational):
         if isinstance(function, CompiledRhs):
@@ -120,15 +111,30 @@ def compiled_variation(
             numbers.flags.writeable = False
             arguments = (*args, numbers)
         for name, function, shape, check in in_python:
-            contexts.append(context_of(function, arguments, frame, shape, check))
+            contexts.append(context_of(function, arguments, variational.frame, shape, check))
             setattr(record, name, id(contexts[-1]))
     size = ctypes.sizeof(_Record) if own else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
         None, core.function_addresses()[2], 0, frame=variational.product, parameters=parameters,
         variational=variational, plan=plan, args=args, rows=rows, records=records,
-        kept=(index, constant, contexts),
+        kept=(constants, contexts),
     )  # fmt: skip
+
+
+def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, Any, Array]:
+    """Return a record without functions, and its arrays of structure constants."""
+    f, (index, constant) = variational.f, variational.structure
+    # arrays can't be empty
+    index = np.ascontiguousarray(np.append(index.T, [[0, 0, 0]], axis=0) + 1, dtype=np.intc)
+    constant = np.append(constant, 0.0)
+    record = _Record(
+        frame=plan.address, dimension=variational.frame.dim, width=plan.width,
+        parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
+        constant=constant.ctypes.data, step=DIFFERENCE_STEP, nan=np.nan,
+        data=f.user_data if isinstance(f, CompiledRhs) else 0,
+    )  # fmt: skip
+    return record, index, constant
 
 
 def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int, ...], Any]]:
