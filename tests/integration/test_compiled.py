@@ -124,16 +124,15 @@ def test_workers_run_at_the_same_time(function):
 
 def test_ensembles_and_complex_points_from_python(function):
     growth = compiled_rhs(function("growth"))
-    assert growth.on(Euclidean(1), None)(0.0, np.array([[2.0], [3.0]])).tolist() == [[2.0], [3.0]]
+    points = np.array([[2.0], [3.0]])
+    assert growth.values(Euclidean(1), 0, 0.0, points).tolist() == points.tolist()
     # SU(2) has three coefficients; the others stay unwritten.
     y = np.array([[0.6 + 0.8j, 0.0], [0.0, 0.6 - 0.8j]])
-    actual = growth.on(SU(2), None)(0.0, y)
+    actual = growth.on(SU(2), None).at_member(0, 0.0, y)
     assert actual[0] == 0.6
     assert np.isnan(actual[1:]).all()
     with pytest.raises(RuntimeError, match="f returned the error code 7 at t = 1"):
-        compiled_rhs(function("stops")).on(Euclidean(1), None)(1.0, np.zeros(1))
-    with pytest.raises(ValueError, match="frame must be given"):
-        growth(0.0, np.zeros(1))
+        compiled_rhs(function("stops")).on(Euclidean(1), None).at_member(0, 1.0, np.zeros(1))
 
 
 @pytest.mark.parametrize(

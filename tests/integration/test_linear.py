@@ -338,11 +338,11 @@ def test_stiff_methods_that_need_brackets_are_no_better():
             ValueError,
             r"^a must return an array of shape \(3,\), got shape \(1,\)",
         ),
-        ({"a": lambda t: [1j, 0, 0]}, ValueError, "^a must return 3 real numbers.*of two fields$"),
+        ({"a": lambda t: [1j, 0, 0]}, ValueError, "^a must return 3 real numbers.*of two fields"),
         (
             {"a": lambda t: Qobj()},
             ValueError,
-            r"^a must return 3 real numbers.*of a Qobj.*full\(\)$",
+            r"^a must return 3 real numbers.*of a Qobj.*full\(\)",
         ),
         ({"a": lambda t: [np.nan] * 3}, ValueError, "^a must return finite numbers"),
         ({"h": -1.0}, ValueError, "h"),

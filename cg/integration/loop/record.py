@@ -23,47 +23,11 @@ class Record(ctypes.Structure):
 
 
 class Control(NamedTuple):
-    """The step size control.
+    """The step size control."""
 
-    Attributes
-    ----------
-    h
-        Size of equal steps, None for adaptive steps.
-    rtol, atol
-        Tolerances, ``atol`` of shape () or that of `Plan.tolerance_shape`.
-    max_step, first_step
-        Largest size and first size, None to choose the first one.
-    max_steps
-        Largest number of adaptive steps, rejected ones included.
-    """
-
-    h: float | None = None
+    h: float | None = None  # size of equal steps, None for adaptive steps
     rtol: float = 1e-3
     atol: Array = np.array([1e-6])
     max_step: float = math.inf
     first_step: float | None = None
-    max_steps: int = 10**6
-
-
-class Output(NamedTuple):
-    """The output of trajectories.
-
-    Attributes
-    ----------
-    times
-        Output times, or None.
-    every
-        Number of steps between stored steps; 0 to store none.
-    dense
-        Whether to store interpolants.
-    y
-        Array for the points at ``times``, shape ``(times, members, width)``, or None.
-    capacity
-        The number of steps to store, 0 if it isn't known.
-    """
-
-    times: Array | None = None
-    every: int = 0
-    dense: bool = False
-    y: Array | None = None
-    capacity: int = 0
+    max_steps: int = 10**6  # rejected ones included

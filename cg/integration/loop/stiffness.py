@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,15 +11,13 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.loop.messages import DISCONTINUOUS, MANY_STEPS, STIFF
 from cg.integration.loop.record import COUNTS
+from cg.integration.loop.run import Run
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.plan import has_brackets
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.support.shared_numbers import Stop
-
-if TYPE_CHECKING:
-    from cg.integration.loop.run import Run
 
 _MAX_DIM = 300
 _STEP = float(np.sqrt(np.finfo(np.float64).eps))
@@ -70,7 +67,7 @@ class StepCheck:
             return
         difficulty = find_difficulty(run, member, float(run.reached[member]))
         if difficulty and difficulty == self._last:
-            warnings.warn(MANY_STEPS.format(reason=difficulty), stacklevel=5)
+            warnings.warn(MANY_STEPS.format(reason=difficulty), stacklevel=6)
             self._next = 2**62
         elif difficulty and self._last is None:
             self._next = int(active[member]) + _CONFIRMED
