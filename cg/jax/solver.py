@@ -383,7 +383,7 @@ def _error(
 ) -> JaxArray | None:
     """Return the estimate as a tangent at the end of the step; None without a pair.
 
-    Two estimates are made one as in DOP853, by norms that are those of `controller` where both of
+    Two estimates are made one as in DOP853, or the larger one counts, by norms that are those of `controller` where both of
     its tolerances are equal.
     """
     y1, other = stages.result, stages.embedded
@@ -400,9 +400,21 @@ def _error(
         error = rules.field(estimates[0], y1)
         measured = []
     measured += [rules.measured(each, y1) for each in estimates]
-    if len(measured) == 2:
+    if len(measured) > 1:
         size = rules.extent(y0, y1)
         squares = [(jnp.abs(each / size) ** 2).sum() for each in measured]
+        if steps.paths.power == 0:
+            return _larger(squares, float(steps.paths.factor), error)
         total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
         error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
     return error
+
+
+def _larger(squares: list[JaxArray], factor: float, error: JaxArray) -> JaxArray:
+    """Return the error, as large as the estimate at the end of the step if that is larger."""
+    tiny = jnp.finfo(squares[0].dtype).tiny
+    end = squares[1]
+    if len(squares) > 2:
+        end = end * (end / jnp.maximum(end + squares[2], tiny))
+    scale = jnp.sqrt(factor**2 * end / jnp.maximum(squares[0], tiny))
+    return jax.lax.stop_gradient(jnp.maximum(scale, 1.0)) * error

@@ -25,8 +25,8 @@ contains
       reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h, x%newton%last_h, &
                x%newton%rate_factor, x%newton%factored_h, x%grid%start, x%grid%step, x%grid%last, &
                x%grid%stop, x%h_before]
-      integers = [merge(1_int64, 0_int64, x%slope_known), merge(1_int64, 0_int64, &
-                                                                x%after_rejection), &
+      integers = [merge(1_int64, 0_int64, x%slope_known), 2 * int(x%suspicion, int64) &
+                  + merge(1_int64, 0_int64, x%after_rejection), &
                   x%nfev, x%nexp, x%njev, x%nlu, x%steps, x%rejected, x%attempts, &
                   merge(1_int64, 0_int64, x%newton%has_jacobian), &
                   merge(1_int64, 0_int64, x%newton%fresh), x%grid%steps, x%grid_done]
@@ -74,7 +74,8 @@ contains
       x%newton%last_h = reals(7)
       x%newton%rate_factor = reals(8)
       x%slope_known = integers(1) == 1
-      x%after_rejection = integers(2) == 1
+      x%after_rejection = modulo(integers(2), 2_int64) == 1
+      x%suspicion = int(integers(2) / 2)
       x%nfev = integers(3)
       x%nexp = integers(4)
       x%njev = integers(5)

@@ -99,6 +99,7 @@ module trajectory_m
     real(wp) :: step_size = 0.0_wp           ! of the next step; zero if it has to be chosen
     real(wp) :: last_error = 1.0_wp
     logical :: after_rejection = .false.
+    integer :: suspicion = 0                 ! that f is discontinuous here, see controller_m
     ! the request and its answer
     integer :: status = paused               ! a Stop
     real(wp) :: request_t = 0.0_wp
@@ -228,6 +229,7 @@ contains
     trajectory%step_size = first_step
     trajectory%last_error = 1.0_wp
     trajectory%after_rejection = .false.
+    trajectory%suspicion = 0
     trajectory%phase = phase_begin_segment
     trajectory%status = paused
     trajectory%segment = 1

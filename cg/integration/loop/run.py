@@ -172,7 +172,7 @@ class Run:
         plan, record, lanes = self.plan, self.record, self._lanes
         within = self.output.dense or record.outputs or self._functions
         record.free = bool(within or record.keep_last) and plan.is_free(point)
-        rows = plan.method.stages + 4 * (self.kept - plan.kept)
+        rows = plan.kept + 4 * (self.kept - plan.kept)
         rows += 2 * plan.columns if within else 0
         needed = (1 << 16 if lanes == 1 else 0) + lanes * 8 * rows * (
             plan.width + 2 * plan.frame.dim
@@ -337,7 +337,7 @@ class Run:
         Each times the step size, shape ``(stages, dim)``; one row if the stages aren't kept.
         """
         reals, _, _, slopes = self.state()
-        return np.asarray(reals[0, 5] * slopes[0, 2 : 2 + self.plan.kept])
+        return np.asarray(reals[0, 5] * slopes[0, 2 : 2 + min(self.plan.kept, self.plan.method.stages)])
 
     def replace_rhs(self, rhs: CompiledRhs | PythonRhs) -> None:
         """Replace the right-hand side by another one of the same kind."""

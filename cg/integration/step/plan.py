@@ -48,7 +48,8 @@ class Plan:
     width
         Number of doubles of a point.
     kept
-        Number of vectors of coefficients stored for a step: its stages, or one register.
+        Number of vectors of coefficients stored for a step: its stages, with that at the end for the
+        error estimate, or one register.
     kept_nodes
         Number of vectors of coefficients kept of the step before, those of a Magnus method.
     collocation
@@ -87,7 +88,7 @@ class Plan:
         if paths.polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
             self.exponent = 1.0 / (method.stages + paths.power)
-        self.kept = method.stages if paths.registers is None else 1
+        self.kept = len(paths.stages) if paths.registers is None else 1
         of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
         self.kept_nodes = method.stages if of_nodes else 0
         self.address: int = core.plan_open(
