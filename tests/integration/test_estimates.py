@@ -83,7 +83,12 @@ class TestRatios:
         pair = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0])
         assert jump_ratio(pair) == pytest.approx(1.0, rel=1e-2)
         assert estimate_ratio(cg.methods["CF4"]) is None
-        assert jump_ratio(cg.methods["CG3(2)"]) > 1e10
+
+    @pytest.mark.parametrize("method", PAIRS, ids=lambda method: method.name)
+    def test_pairs_see_the_end_of_a_step(self, method):
+        """Also those without a node there, of which `end_weights` takes account."""
+        if method.explicit and not isinstance(method, cg.MagnusMethod):
+            assert jump_ratio(method) < 200
 
 
 @pytest.fixture(scope="module")
