@@ -383,8 +383,8 @@ def _error(
 ) -> JaxArray | None:
     """Return the estimate as a tangent at the end of the step; None without a pair.
 
-    Two estimates are made one as in DOP853, or the larger one counts, by norms that are those of `controller` where both of
-    its tolerances are equal.
+    Two estimates are made one as in DOP853, or the larger one counts, by norms that are those of
+    `controller` where both of its tolerances are equal.
     """
     y1, other = stages.result, stages.embedded
     if other is None and not steps.paths.errors:
@@ -404,17 +404,17 @@ def _error(
         size = rules.extent(y0, y1)
         squares = [(jnp.abs(each / size) ** 2).sum() for each in measured]
         if steps.paths.power == 0:
-            return _larger(squares, float(steps.paths.factor), error)
+            at_end = rules.field(estimates[-len(steps.paths.errors)], y1)
+            return _larger(error, float(steps.paths.factor) * at_end, steps, squares)
         total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
         error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
     return error
 
 
-def _larger(squares: list[JaxArray], factor: float, error: JaxArray) -> JaxArray:
-    """Return the error, as large as the estimate at the end of the step if that is larger."""
-    tiny = jnp.finfo(squares[0].dtype).tiny
+def _larger(error: JaxArray, at_end: JaxArray, steps: _Steps, squares: list[JaxArray]) -> JaxArray:
+    """Return the error, or that at the end of the step if it is larger, see `end_weights`."""
     end = squares[1]
     if len(squares) > 2:
-        end = end * (end / jnp.maximum(end + squares[2], tiny))
-    scale = jnp.sqrt(factor**2 * end / jnp.maximum(squares[0], tiny))
-    return jax.lax.stop_gradient(jnp.maximum(scale, 1.0)) * error
+        share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
+        end, at_end = end * share, jax.lax.stop_gradient(jnp.sqrt(share)) * at_end
+    return jnp.where(float(steps.paths.factor) ** 2 * end > squares[0], at_end, error)

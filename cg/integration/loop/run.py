@@ -337,7 +337,9 @@ class Run:
         Each times the step size, shape ``(stages, dim)``; one row if the stages aren't kept.
         """
         reals, _, _, slopes = self.state()
-        return np.asarray(reals[0, 5] * slopes[0, 2 : 2 + min(self.plan.kept, self.plan.method.stages)])
+        return np.asarray(
+            reals[0, 5] * slopes[0, 2 : 2 + min(self.plan.kept, self.plan.method.stages)]
+        )
 
     def replace_rhs(self, rhs: CompiledRhs | PythonRhs) -> None:
         """Replace the right-hand side by another one of the same kind."""

@@ -48,8 +48,8 @@ class Plan:
     width
         Number of doubles of a point.
     kept
-        Number of vectors of coefficients stored for a step: its stages, with that at the end for the
-        error estimate, or one register.
+        Number of vectors of coefficients stored for a step: its stages, the end where the error
+        estimate needs it, or one register.
     kept_nodes
         Number of vectors of coefficients kept of the step before, those of a Magnus method.
     collocation
