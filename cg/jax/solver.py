@@ -445,8 +445,8 @@ def _error(
 ) -> JaxArray | None:
     """Return the estimate as a tangent at the end of the step; None without a pair.
 
-    Two estimates are made one as in DOP853, by norms that are those of `controller` where both of
-    its tolerances are equal.
+    Two estimates are made one as in DOP853, or the larger one counts, by norms that are those of
+    `controller` where both of its tolerances are equal.
     """
     y1, other = stages.result, stages.embedded
     if other is None and not steps.paths.errors:
@@ -462,9 +462,21 @@ def _error(
         error = rules.field(estimates[0], y1)
         measured = []
     measured += [rules.measured(each, y1) for each in estimates]
-    if len(measured) == 2:
+    if len(measured) > 1:
         size = rules.extent(y0, y1)
         squares = [(jnp.abs(each / size) ** 2).sum() for each in measured]
+        if steps.paths.power == 0:
+            at_end = rules.field(estimates[-len(steps.paths.errors)], y1)
+            return _larger(error, float(steps.paths.factor) * at_end, steps, squares)
         total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
         error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
     return error
+
+
+def _larger(error: JaxArray, at_end: JaxArray, steps: _Steps, squares: list[JaxArray]) -> JaxArray:
+    """Return the error, or that at the end of the step if it is larger, see `end_weights`."""
+    end = squares[1]
+    if len(squares) > 2:
+        share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
+        end, at_end = end * share, jax.lax.stop_gradient(jnp.sqrt(share)) * at_end
+    return jnp.where(float(steps.paths.factor) ** 2 * end > squares[0], at_end, error)

@@ -118,7 +118,7 @@ def interpolant(
 @cached
 def _straight(method: Method) -> _Scheme:
     flows = paths_of(method).result_flows
-    weights = np.zeros((len(flows), method.stages, 1))
+    weights = np.zeros((len(flows), len(paths_of(method).stages), 1))
     for row, flow in zip(weights, flows, strict=True):
         for stage, weight in flow:
             row[stage] = float(weight)

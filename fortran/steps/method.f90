@@ -37,7 +37,7 @@ module method_m
     logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
     type(transformation_t) :: transformation ! of a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
-    integer :: power = 1                     ! of the quotient of two error estimates
+    integer :: power = 1                     ! of the quotient of two error estimates; 0: see step_m
     real(wp) :: factor = 1.0_wp              ! of the second one in the quotient
     ! weights of the stages in error estimates that need no flow
     real(wp), allocatable :: error(:, :)     ! (stages, estimates)

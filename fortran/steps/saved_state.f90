@@ -27,8 +27,8 @@ contains
                x%newton%last_h, x%newton%rate_factor, x%newton%factored_h, x%grid%start, x%grid%step, x%grid%last, &
                x%grid%stop, x%h_before]
       associate (counts => x%counts)
-        integers = [merge(1_int64, 0_int64, x%slope_known), &
-                    merge(1_int64, 0_int64, x%control%after_rejection), &
+        integers = [merge(1_int64, 0_int64, x%slope_known), 2 * int(x%control%suspicion, int64) &
+                    + merge(1_int64, 0_int64, x%control%after_rejection), &
                     counts%nfev, counts%nexp, counts%njev, counts%nlu, counts%steps, &
                     counts%nrejected, x%control%attempts, &
                     merge(1_int64, 0_int64, x%newton%has_jacobian), &
@@ -78,7 +78,8 @@ contains
       x%newton%last_h = reals(7)
       x%newton%rate_factor = reals(8)
       x%slope_known = integers(1) == 1
-      x%control%after_rejection = integers(2) == 1
+      x%control%after_rejection = modulo(integers(2), 2_int64) == 1
+      x%control%suspicion = int(integers(2) / 2)
       x%counts%nfev = integers(3)
       x%counts%nexp = integers(4)
       x%counts%njev = integers(5)

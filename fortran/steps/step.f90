@@ -4,7 +4,8 @@ module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv, remove_isotropy, turning
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
-  use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size
+  use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
+                          max_suspicion, rejected_size, suspected_error
   use error_norm_m, only: norm, point_difference, scales, tangent
   use frames_m, only: apply_flows, flow_along, restore
   use implicit_m, only: prepare_stage, store_value
@@ -50,7 +51,7 @@ contains
         end if
         x%stage = 2
       end if
-      if (x%stage > size(method%c)) then
+      if (x%stage > stages(problem)) then
         x%phase = phase_finish_step
         return
       end if
@@ -66,16 +67,24 @@ contains
     end associate
   end subroutine request_stage
 
+  ! The number of stages; one at the end that only an error estimate needs is left out without it.
+  pure integer function stages(problem)
+    type(problem_t), intent(in) :: problem
+
+    stages = size(problem%method%c)
+    if (problem%method%power == 0 .and. .not. problem%adaptive) stages = stages - 1
+  end function stages
+
   ! Evaluates a vectorized function of time for all remaining stages of the step.
   subroutine evaluate_nodes(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: times(size(problem%method%c) - trajectory%stage + 1)
+    real(wp) :: times(stages(problem) - trajectory%stage + 1)
     real(wp) :: members(size(times)), answer(size(trajectory%request%received) * size(times))
     integer :: k
 
     associate (x => trajectory, method => problem%method)
-      times = within_segment(problem, x, x%t + method%c(x%stage:) * x%h)
+      times = within_segment(problem, x, x%t + method%c(x%stage:stages(problem)) * x%h)
       members = real(x%member - 1, wp)
       call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), &
                                          answer)
@@ -260,12 +269,14 @@ contains
 
   ! Estimates the error in tolerances: from differences of results and from weighted sums of stages.
   ! Two estimates with norms e1 and e2 are combined to e1 (e1 / hypot(e1, factor e2))^power, which
-  ! has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1.
+  ! has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1.  With a
+  ! power of 0 (cg/method/end_weights.py) sums see the end of the step, which results don't, and the
+  ! larger of e1 and factor e2 counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
   subroutine estimate_error(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: errors(2), ratio
-    integer :: i, k, sums
+    real(wp) :: errors(3), ratio
+    integer :: i, k, place, sums
 
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
                method => problem%method, v => trajectory%u)
@@ -286,7 +297,9 @@ contains
         if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         call tangent(frame, tolerances, v, x%y(:, x%result), x%control%work)
-        associate (estimate => errors(merge(2, 1 + 2 * (i - 1) / sums, method%embedded > 0)))
+        place = merge(2, 1 + 2 * (i - 1) / sums, method%embedded > 0)
+        if (method%power == 0) place = 1 + i
+        associate (estimate => errors(place))
           estimate = hypot(estimate, norm(tolerances, x%control%work, x%control%scale))
         end associate
       end do
@@ -294,6 +307,11 @@ contains
       if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &
         ratio = errors(1) / hypot(errors(1), method%factor * errors(2))
       x%error = errors(1) * ratio**method%power
+      if (method%power == 0) then
+        if (errors(3) > 0 .and. errors(3) <= huge(ratio)) &
+          errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
+        x%error = max(errors(1), method%factor * errors(2))
+      end if
       call limit_angle(problem, trajectory)
       if (method%has_nodes .and. abs(x%h_before) > 0) then
         call node_difference(method%c, x%f, x%h_before / x%h, x%f_before, v)
@@ -346,21 +364,24 @@ contains
   subroutine accept_or_reject(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: predicted
+    real(wp) :: predicted, error
 
     associate (x => trajectory, exponent => problem%tolerances%exponent, &
-               control => trajectory%control, error => trajectory%request%shared, &
+               control => trajectory%control, &
                newton => trajectory%newton, collocation => problem%method%collocation)
       x%phase = phase_accepted
       predicted = 0.0_wp
       if (problem%adaptive) then
         ! trajectories with common steps must choose the same size
         if (collocation) predicted = predicted_size( &
-          abs(x%h), error, exponent, merge(1, newton%iteration, problem%common), &
+          abs(x%h), x%request%shared, exponent, merge(1, newton%iteration, problem%common), &
           problem%common .or. converges_fast(x), abs(newton%last_h), control%last_error)
+        error = suspected_error(x%request%shared, abs(x%h), x%t, &
+                                merge(0, control%suspicion, collocation))
         if (.not. error <= 1) then
           x%counts%nrejected = x%counts%nrejected + 1
           control%after_rejection = .true.
+          control%suspicion = min(control%suspicion + raised_by_rejection, max_suspicion)
           control%step_size = rejected_size(abs(x%h), error, exponent)
           if (collocation) control%step_size = predicted
           x%phase = phase_choose_step
@@ -368,7 +389,7 @@ contains
         end if
         if (collocation) then
           control%step_size = merge(min(predicted, abs(x%h)), predicted, control%after_rejection)
-          control%last_error = max(error, min_last_predicted)
+          control%last_error = max(x%request%shared, min_last_predicted)
         else
           call accepted_size(abs(x%h), error, exponent, control%after_rejection, &
                              control%last_error, control%step_size)
@@ -377,6 +398,7 @@ contains
         if (control%shortened .and. .not. control%after_rejection) &
           control%step_size = max(control%step_size, control%unshortened_size)
         control%after_rejection = .false.
+        control%suspicion = max(control%suspicion - 1, 0)
         if (problem%method%has_nodes) then
           x%f_before(:, :) = x%f
           x%h_before = x%h

@@ -65,6 +65,7 @@ module trajectory_m
     real(wp) :: step_size = 0.0_wp           ! of the next step; zero if it has to be chosen
     real(wp) :: last_error = 1.0_wp
     logical :: after_rejection = .false.
+    integer :: suspicion = 0                 ! that f is discontinuous here, see controller_m
     integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
     logical :: shortened = .false.           ! whether the step ends at the end of the segment
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
@@ -212,6 +213,7 @@ contains
     trajectory%control%step_size = first_step
     trajectory%control%last_error = 1.0_wp
     trajectory%control%after_rejection = .false.
+    trajectory%control%suspicion = 0
     trajectory%phase = phase_begin_segment
     trajectory%status = paused
     trajectory%segment = 1

@@ -270,8 +270,10 @@ class TestErrors:
             rtol=1e-6, atol=1e-6,
         )  # fmt: skip
         ts = solution.ts[np.isfinite(solution.ts)]
-        assert solution.stats["num_rejected_steps"] > 3
-        np.testing.assert_allclose(ts, expected.t[1:], rtol=1e-9)
+        assert solution.stats["num_rejected_steps"] == expected.nrejected > 3
+        assert len(ts) == expected.steps
+        # later, differences by rounding have grown
+        np.testing.assert_allclose(ts[:32], expected.t[1:33], rtol=1e-9)
 
     def test_a_jump_of_f_between_steps(self):
         """The first stage after it is evaluated again, also of methods that keep the last one."""

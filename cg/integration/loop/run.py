@@ -125,7 +125,7 @@ class Run:
         within = problem.dense or record.outputs or self._functions
         if (within or record.keep_last) and problem.in_algebra:
             record.free = plan.is_free(problem.points[0])
-        rows = plan.method.stages + 4 * (self.kept - plan.kept)
+        rows = plan.kept + 4 * (self.kept - plan.kept)
         rows += 2 * plan.columns if within else 0
         needed = lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
         self.address = self._reserving(
@@ -279,7 +279,9 @@ class Run:
         Each times the step size, shape ``(stages, dim)``; one row if the stages aren't kept.
         """
         reals, _, _, slopes = self.state()
-        return np.asarray(reals[0, 5] * slopes[0, 2 : 2 + self.plan.kept])
+        return np.asarray(
+            reals[0, 5] * slopes[0, 2 : 2 + min(self.plan.kept, self.plan.method.stages)]
+        )
 
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cg.conditions import Rows
 from cg.integration.step.collocation import transformation
+from cg.method.end_weights import end_weights
 from cg.method.estimate import error_power
 from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
@@ -77,11 +78,13 @@ class MethodPaths:
         0.  Coefficients at stages become derivatives of coordinates.
     errors
         Weights on the coefficients at stages of the combinations by which errors are estimated.
-        With a second result they are those of the second estimate.
+        With a second result they are those of the second estimate, or those of `end_weights`,
+        where the end of the step is a stage more.
     transformation
         Of a collocation method, the numbers of `transformation`.
     power
-        The exponent of the quotient of two error estimates, see `error_power`.
+        The exponent of the quotient of two error estimates, see `error_power`; 0 if the larger one
+        counts.
     factor
         The factor of the second one in it.
     polynomial
@@ -200,6 +203,9 @@ def paths_of(method: Method) -> MethodPaths:
         flow = tuple((k, a.value) for k, a in enumerate(method.third_weights) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
         third = len(builder.paths)
+    if end := end_weights(method):
+        stages, c, final = (*stages, result_path), (*c, Fraction(1)), [len(stages) + 1]
+        errors, factor = end.rows, end.factor
     return MethodPaths(
         tuple(builder.paths),
         stages,

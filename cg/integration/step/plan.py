@@ -54,8 +54,8 @@ class Plan:
     width
         Number of doubles of a point.
     kept, kept_nodes
-        Numbers of vectors of coefficients stored for a step, its stages or one register, and of
-        the step before, those of a Magnus method.
+        Numbers of vectors of coefficients stored for a step, its stages, with the end where the
+        error estimate needs it, or one register, and of the step before, those of a Magnus method.
     columns
         Number of vectors of an interpolant.
     exponent
@@ -84,7 +84,7 @@ class Plan:
         if paths.polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
             self.exponent = 1.0 / (method.stages + paths.power)
-        self.kept = method.stages if paths.registers is None else 1
+        self.kept = len(paths.stages) if paths.registers is None else 1
         of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
         self.kept_nodes = method.stages if of_nodes else 0
         self.address: int = core.plan_open(
