@@ -75,7 +75,7 @@ def of_size(group, rng, size):
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=repr)
-@pytest.mark.parametrize("size", [*SMALL, 1.0, 10.0, 1e3])
+@pytest.mark.parametrize("size", [*SMALL, 1.0, 10.0, 1e3, 1e8])
 def test_exponentials(group, size):
     if group in OTHERS and size > 10.0:
         size = 30.0  # they grow exponentially
@@ -190,15 +190,6 @@ def test_large_angles_stay_on_compact_manifolds(frame, size):
     if size <= 1e9:
         back = frame.flow(-v, moved)
         np.testing.assert_allclose(back, y, rtol=0, atol=100.0 * EPSILON * size)
-
-
-@pytest.mark.parametrize("group", [SO(4), U(2), U(3), SU(3)], ids=repr)
-@pytest.mark.parametrize("size", [1e4, 1e8])
-def test_large_angles_are_reduced(group, size):
-    v = of_size(group, np.random.default_rng(67), size)
-    with ctx.workdps(60):
-        expected = doubles(group, exact_exponential(group, v))
-    np.testing.assert_allclose(group.exponential(v), expected, rtol=0, atol=10.0 * EPSILON * size)
 
 
 NOT_COMPACT = [

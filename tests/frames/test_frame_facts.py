@@ -153,11 +153,6 @@ def test_product_errors_and_distances():
     assert frame.membership_error(frame.join(2 * np.eye(3), [0.0, 0.4])) == pytest.approx(1.0)
 
 
-def test_check_point_accepts_integers_and_tolerance():
-    assert SO3().check_point(np.eye(3, dtype=int)).dtype == np.float64
-    assert SO3().check_point(1.1 * np.eye(3), tolerance=0.2)[0, 0] == 1.1
-
-
 def test_check_point_of_complex_frames():
     point = U(2).check_point(np.eye(2), name="start")
     assert point.dtype == np.complex128

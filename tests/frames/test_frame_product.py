@@ -30,15 +30,6 @@ def test_parts_are_views(frame, batch):
 
 
 @pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
-def test_parts_of_readonly_points_are_readonly(frame):
-    y = frame.random_point(np.random.default_rng(82))
-    y.flags.writeable = False
-    for part in frame.split(y):
-        with pytest.raises(ValueError, match="read-only"):
-            part[...] = 0.0
-
-
-@pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
 def test_split_of_unusual_arrays(frame):
     y = frame.random_point(np.random.default_rng(83), (2, 5))
     expected = frame.split(y)

@@ -5,7 +5,6 @@ import pytest
 from frame_examples import CIRCLE, ELLIPSE, FRAMES, HEISENBERG_CONSTANTS, OPEN, name
 from test_frames import condition
 
-import cg
 from cg.frames import (
     GL,
     SL,
@@ -13,12 +12,9 @@ from cg.frames import (
     SO3,
     SU,
     CoadjointOrbit,
-    Euclidean,
     FieldFrame,
-    Frame,
     IsospectralOrbit,
     MatrixFrame,
-    Product,
     Sp,
     Sphere,
     Stiefel,
@@ -188,38 +184,3 @@ def test_user_projections():
     wrong = FieldFrame([abs], abs, point_shape=2, project=lambda y: y[0])
     with pytest.raises(ValueError, match=r"project must return shape \(2,\), got shape \(\)"):
         wrong.project([1.0, 2.0])
-
-
-def test_frames_without_projection_raise():
-    class Half(Frame):
-        dim = 1
-        point_shape = (1,)
-
-        def field(self, v, y):
-            return v * y
-
-        def flow(self, v, y):
-            return np.exp(v) * y
-
-        def membership_error(self, y):
-            return np.where(np.asarray(y)[..., 0] > 0.0, 0.0, np.inf)
-
-        def random_point(self, rng, size=()):
-            return np.exp(rng.standard_normal((size, 1)))
-
-    with pytest.raises(NotImplementedError, match=r"Half.* has no projection onto its manifold"):
-        Half().project([1.0])
-    with pytest.raises(ValueError, match=r"distance from the manifold is inf, more than 1e-08$"):
-        Half().check_point([-1.0])
-
-
-def test_a_projected_point_can_be_integrated_from():
-    frame = Product(SO3(), UnitQuaternion(), Euclidean(2))
-    rng = np.random.default_rng(97)
-    y0 = frame.random_point(rng, (3,)).astype(np.float32)
-    f = frame.random_vector(rng)
-    options = {"frame": frame, "method": "CG3", "h": 0.1}
-    with pytest.raises(ValueError, match=r"e-08, more than 1e-08; frame\.project\(y0\) is the"):
-        cg.solve_ensemble(lambda t, y: f, (0, 1), y0, **options)
-    end = cg.solve_ensemble(lambda t, y: f, (0, 1), frame.project(y0), **options).y[-1]
-    assert frame.membership_error(end).max() < 1e-15

@@ -112,8 +112,7 @@ class TestSteps:
             ("CF5(4)", UnitQuaternion()),
             *slow(
                 *product(
-                    ["LieEuler", "CG2", "CG3", "CG4", "CF5(4)", "CF6a", "CF7(6)"],
-                    [*FRAMES, SE3()],
+                    ["LieEuler", "CG2", "CG3", "CG4", "CF5(4)", "CF6a", "CF7(6)"], [*FRAMES, SE3()]
                 ),
                 # on SE3 rounding errors come before the slope settles
                 *product(["RKMK8(5,3)"], [*FRAMES, SO(4)]),
@@ -310,7 +309,7 @@ class TestOutput:
                 ("RKMK8(5,3)", SE3()),
                 ("CF7(6)", SU(2)),
                 ("CF6(5)", Stiefel(3, 2)),
-            ),
+            )
         ],
     )
     def test_output_is_that_of_solve_ivp(self, name, frame):
