@@ -200,16 +200,6 @@ def test_lielab_solves_supported_cases():
         assert rival.evaluations > len(points)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
-def test_lielab_solves_the_heavy_top():
-    from benchmarks.lielab_top import LielabTop
-
-    top = HeavyTop()
-    exact = np.array(top.reference([1.0]).y)[0]
-    end = LielabTop(top).integrate(0.005, 200)[-1]
-    np.testing.assert_allclose(end, exact, rtol=0, atol=1e-6)
-
-
 def test_times_give_medians_and_ratios_of_rounds():
     from benchmarks.timing import Times
 

@@ -191,11 +191,3 @@ def test_recipes_reproduce_explicit_methods(tmp_path):
     # optimisation stops within 1e-4 of the least sum of squares, so coefficients within its root
     np.testing.assert_allclose(actual.principal_error, expected.principal_error, rtol=1e-4)
     np.testing.assert_allclose(actual.a, expected.a, atol=1e-2)
-
-
-def test_unknown_recipe(tmp_path):
-    command = [sys.executable, str(TOOL), str(tmp_path), "CG9z"]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    assert done.returncode == 1
-    assert "no recipe for CG9z; there are CG3(2)" in done.stderr
-    assert not list(tmp_path.iterdir())

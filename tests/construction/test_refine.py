@@ -8,17 +8,11 @@ import pytest
 from cg import conditions
 from cg.catalogue import methods
 from cg.conditions import MAX_ORDER, Rows, residuals, unpack
-from cg.construction.search.random_search import search
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
-
-
-@pytest.fixture(scope="module")
-def order_four():
-    return search(**{"order": 4, "stages": 5, "starts": 24, "seed": 3}, workers=1)
 
 
 def packed(name):
@@ -39,13 +33,6 @@ class TestRefine:
         assert actual.largest_residual < 2e-33
         moved = np.abs(quads.to_float(actual.x) - near).max()
         assert moved < 1000 * size
-
-    def test_refine_random_explicit_method(self, order_four):
-        start = next(start for start in order_four.starts if start.exact)
-        near = np.array([float(entry) for entry in start.x])
-        fit = refine(quads.from_float(near + 1e-9), ConditionSystem.tableau(4, 5))
-        assert fit.rank in {12, 13}
-        assert fit.largest_residual < 1e-32
 
     def test_fixed_entries_are_kept(self):
         near = quads.encode(packed("CG4a"))
@@ -96,18 +83,6 @@ class TestRefine:
                 free=changes.get("free"),
             )
 
-    @pytest.mark.parametrize(
-        "change", [{"ftol": -1.0}, {"ftol": np.nan}, {"damping": 0.0}, {"damping": np.inf}]
-    )
-    def test_bad_numbers(self, change):
-        (name,) = change
-        with pytest.raises(ValueError, match=f"{name} must be"):
-            fit_conditions(np.full(6, 0.3), ConditionSystem.tableau(3, 3), **change)
-
-    def test_bad_bound(self):
-        with pytest.raises(ValueError, match="max_iterations must be at least 0, got -1"):
-            fit_conditions(np.full(6, 0.3), ConditionSystem.tableau(3, 3), max_iterations=-1)
-
 
 class TestPolish:
     def test_polish_exceeds_binary128(self):
@@ -118,12 +93,6 @@ class TestPolish:
         assert max(map(abs, residuals(a, b, 4, arithmetic="exact"))) < Fraction(1, 10**43)
         assert fit.iterations <= 5
         assert max(abs(p - q) for p, q in zip(fit.x, near, strict=True)) < 1e-14
-
-    def test_polish_with_dependent_conditions(self):
-        fit = polish(
-            [Fraction(float(entry)) for entry in packed("CG5a")], ConditionSystem.tableau(5, 9)
-        )
-        assert fit.largest_residual < Fraction(1, 10**44)
 
     def test_polish_preserves_linear_relations(self):
         gamma = Fraction(1.3512071919596578)
@@ -143,9 +112,5 @@ class TestPolish:
 
     @pytest.mark.parametrize("directions", [np.eye(5), np.ones(6), np.ones((6, 0))])
     def test_bad_directions(self, directions):
-        with pytest.raises(ValueError, match=r"directions must have shape \(6, k\)"):
+        with pytest.raises(ValueError, match="directions must"):
             polish([Fraction(1, 2)] * 6, ConditionSystem.tableau(3, 3), directions=directions)
-
-    def test_bad_size(self):
-        with pytest.raises(ValueError, match="x must have 6 entries, got 5"):
-            polish([Fraction(1, 2)] * 5, ConditionSystem.tableau(3, 3))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from flint import acb, acb_mat, arb_mat, ctx
 from frame_examples import COMPACT_GROUPS, SMALL_EXPONENTS
+from refusals import refuses
 
 import cg
 from cg.frames import (
@@ -208,8 +209,7 @@ def test_flows_of_too_large_coefficients_raise(frame):
     rng = np.random.default_rng(68)
     y, v = frame.random_point(rng, (2,)), frame.random_vector(rng, (2,))
     v[1] *= 1e14 / np.linalg.norm(v[1])
-    with pytest.raises(FlowOverflowError, match="v with"):
-        frame.flow(v, y)
+    refuses(FlowOverflowError, "v with", frame.flow, v, y)
     with pytest.raises(OverflowError):
         frame.flow(v[1], y)
     v[1] = np.nan

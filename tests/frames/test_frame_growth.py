@@ -6,6 +6,7 @@ Flows with exponentials in 100 digits are the reference.
 import numpy as np
 import pytest
 from flint import acb_mat, arb, arb_mat, ctx
+from refusals import refuses
 
 import cg
 from cg.frames import GL, SE3, SL, CoadjointOrbit, MatrixFrame, Semidirect, Sp
@@ -123,8 +124,7 @@ def test_large_points_off_the_group_are_rejected():
     wrong = large @ [[1.0, 1e-3], [1e-3, 1.0]]
     for frame in (SL(2), Sp(2)):
         off = wrong + np.diag([0.0, 0.1])
-        with pytest.raises(ValueError, match=r"its relative distance from the manifold is"):
-            frame.check_point(off)
+        refuses(ValueError, r"its relative distance from the manifold is", frame.check_point, off)
     with pytest.raises(ValueError, match=r"its relative distance from the manifold is"):
         Semidirect(SL(2)).check_point(np.diag([1.0, 1.0 + 1e-6, 1.0]))
 

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from refusals import refuses
 
 from cg.frames import SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
 
@@ -48,8 +49,7 @@ def test_split_of_unusual_arrays(frame):
     for part, right in zip(frame.split(swapped), expected, strict=True):
         np.testing.assert_array_equal(part, right[1, 2])
     for wrong in (y[0, 0, :-1], 1.0, np.zeros((3, y.shape[-1] + 1))):
-        with pytest.raises(ValueError, match="y must have shape"):
-            frame.split(wrong)
+        refuses(ValueError, "y must", frame.split, wrong)
 
 
 @pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)

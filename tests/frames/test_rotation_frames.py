@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refuses
 from scipy.spatial.transform import Rotation
 
 import cg
@@ -38,10 +39,8 @@ def test_hat_and_vee():
     np.testing.assert_allclose((hat(v) @ x[..., None])[..., 0], np.cross(v, x), atol=1e-15)
     np.testing.assert_array_equal(vee(hat(v)), v)
     np.testing.assert_array_equal(vee(np.diag([1.0, 2.0, 3.0])), np.zeros(3))
-    with pytest.raises(ValueError, match="v must have shape"):
-        hat([1.0, 2.0])
-    with pytest.raises(ValueError, match="matrix must have shape"):
-        vee(np.eye(2))
+    refuses(ValueError, "v must", hat, [1.0, 2.0])
+    refuses(ValueError, "matrix must", vee, np.eye(2))
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
@@ -111,8 +110,7 @@ def test_differences_of_attitudes(convention, scalar_first):
         actual = frame.attitude_difference(x, end)
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13)
     np.testing.assert_array_equal(frame.attitude_difference(x, -x), np.zeros((200, 3)))
-    with pytest.raises(ValueError, match=r"y1 must have shape \(\.\.\., 4\), got \(3,\)"):
-        frame.attitude_difference(x, np.zeros(3))
+    refuses(ValueError, "y1 must", frame.attitude_difference, x, np.zeros(3))
 
 
 def test_sphere_flow_is_the_rotation():
@@ -177,15 +175,12 @@ def test_scipy_rotations_in_products():
 @pytest.mark.parametrize("frame", [SO(4), Sphere(2), SU(2), SE3(), Euclidean(4)], ids=repr)
 def test_scipy_rotations_are_rejected_by_other_frames(frame):
     rotation = rotations_of_scipy(np.random.default_rng(27))
-    with pytest.raises(ValueError, match=r"start must be an array of (real|complex) numbers, got"):
-        frame.check_point(rotation, name="start")
+    refuses(ValueError, "start must", frame.check_point, rotation, name="start")
 
 
 def test_as_rotation_requires_n_3():
-    with pytest.raises(ValueError, match=r"as_rotation requires n = 3, got SO\(4\)"):
-        SO(4).as_rotation(np.eye(4))
-    with pytest.raises(ValueError, match=r"y must have shape \(\.\.\., 3, 3\)"):
-        SO3().as_rotation(np.eye(4))
+    refuses(ValueError, r"as_rotation requires n = 3, got SO\(4\)", SO(4).as_rotation, np.eye(4))
+    refuses(ValueError, "y must", SO3().as_rotation, np.eye(4))
 
 
 @pytest.mark.parametrize("factor", [SO3(), UnitQuaternion(), UnitQuaternion(scalar_first=True)])
@@ -197,8 +192,7 @@ def test_scipy_rotation_stacks_in_powers(factor):
     pair = Product(frame, Euclidean(2))
     joined = pair.join(rotations, [1.0, 2.0])
     np.testing.assert_array_equal(joined, pair.join(np.array(each), [1.0, 2.0]))
-    with pytest.raises(ValueError, match=r"must have shape \(3, "):
-        frame.check_point(rotations[:2])
+    refuses(ValueError, r"must have shape \(3, ", frame.check_point, rotations[:2])
 
 
 class TestRigidTransforms:
@@ -227,5 +221,4 @@ class TestRigidTransforms:
     def test_without_it(self, monkeypatch):
         module = pytest.importorskip("scipy.spatial.transform")
         monkeypatch.delattr(module, "RigidTransform", raising=False)
-        with pytest.raises(NotImplementedError, match=r"SciPy 1\.16 or newer"):
-            SE3().as_rigid_transform(np.eye(4))
+        refuses(NotImplementedError, r"SciPy 1\.16 or newer", SE3().as_rigid_transform, np.eye(4))

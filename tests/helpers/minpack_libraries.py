@@ -1,25 +1,18 @@
-"""The solver's own Fortran, compiled with all checks for the tests, and Debian's MINPACK."""
+"""Flags of Fortran with all checks, and Debian's MINPACK."""
 
 from __future__ import annotations
 
 import ctypes
 import ctypes.util
 import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cg.support.shared_numbers import fortran_module
-
 TESTS = Path(__file__).parents[1]
 SOURCES = TESTS.parent / "fortran"
-MODULES = (
-    *("support/stop_flag", "conditions/least_squares", "support/linalg"),
-    "conditions/levenberg_marquardt",
-)
 KINDS = ("r64", "r128")
 FLAGS = [
     *("-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra"),
@@ -31,19 +24,6 @@ HAS_COMPILER = shutil.which("gfortran") is not None
 
 C_DOUBLES = ctypes.POINTER(ctypes.c_double)
 C_INTS = ctypes.POINTER(ctypes.c_int)
-
-
-def compile_fortran(folder: Path, suffix: str, test_source: Path, output: str, *flags: str) -> Path:
-    """Compile the solver and one source of the tests in one kind, into `output`."""
-    shared = folder / "shared_numbers.f90"
-    shared.write_text(fortran_module())
-    modules = [SOURCES / f"{module}.f90" for module in (f"support/kinds_{suffix}", *MODULES)]
-    sources = [str(source) for source in (shared, *modules, test_source)]
-    target = folder / output
-    command = ["gfortran", *FLAGS, *flags, f"-J{folder}", *sources, "-o", str(target)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return target
 
 
 def load_debian_minpack() -> ctypes.CDLL | None:

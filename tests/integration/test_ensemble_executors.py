@@ -9,6 +9,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from refusals import refuses
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
@@ -169,7 +170,7 @@ def test_results_go_to_an_array_on_disk(library, tmp_path):
     out.flush()
     whole = cg.solve_ensemble(f, (0, 1), y0, frame=FRAME, t_eval=TIMES)
     np.testing.assert_array_equal(np.load(tmp_path / "y.npy"), whole.y)
-    with pytest.raises(ValueError, match=r"out must have shape \(3, 10, 3, 3\), got \(3, 9, 3"):
+    with pytest.raises(ValueError, match="out must"):
         cg.solve_ensemble(f, (0, 1), y0, **options, out=np.empty((3, 9, 3, 3)))
 
 
@@ -357,5 +358,4 @@ class TestCompiledFunction:
     )
     def test_arguments(self, library, arguments, error, message):
         arguments = tuple(library if each == "LIBRARY" else each for each in arguments)
-        with pytest.raises(error, match=message):
-            cg.CompiledFunction(*arguments)
+        refuses(error, message, cg.CompiledFunction, *arguments)

@@ -199,19 +199,6 @@ class TestTransforms:
         assert slopes[3] == pytest.approx(WEIGHTS @ values, rel=1e-8)
         assert curvatures[3] == pytest.approx(WEIGHTS @ slopes, rel=1e-8)
 
-    @pytest.mark.slow
-    def test_hessians_of_solutions(self):
-        ours, _ = term(UnitQuaternion())
-
-        def cost(factor):
-            solver = cg.jax.Solver("CF3", dense="steps")
-            options = {"max_steps": 4, "adjoint": diffrax.DirectAdjoint(), "args": factor}
-            return solve(ours, solver, point(UnitQuaternion()), h=0.25, **options).ys[-1, 0]
-
-        slopes = jax.jit(jax.vmap(jax.grad(cost)))(0.8 + SHIFTS)
-        curvature = float(jax.jit(jax.hessian(cost))(0.8))
-        assert curvature == pytest.approx(WEIGHTS @ np.asarray(slopes), rel=1e-8)
-
     def test_errors_in_gradients_of_solve_ivp_name_cg_jax(self):
         def end(inertia):
             f = body(jnp)

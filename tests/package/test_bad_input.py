@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from refusals import refuses
 
 import cg
 from cg import conditions
@@ -154,14 +155,13 @@ def masked(x):
 )
 def test_bad_arguments_are_rejected(call, error, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(error, match=message):
-        call()
+    refuses(error, message, call)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", [[1], {}, np.array([1]), slice(1)])
 def test_method_names_must_be_strings(name):
-    with pytest.raises(TypeError, match="the name of a method must be a str, got"):
+    with pytest.raises(TypeError, match="the name of a method must"):
         cg.methods[name]
     assert name not in cg.methods
     assert None not in cg.methods
@@ -197,8 +197,7 @@ def test_unknown_methods_get_similar_names(refused):
 def test_orders_must_be_integers(function):
     function(1)  # the cached result for 1 must not serve True
     for order in (True, 2.5):
-        with pytest.raises(TypeError, match=f"order must be an integer, got {order}"):
-            function(order)
+        refuses(TypeError, f"order must be an integer, got {order}", function, order)
 
 
 PAIR = ([[0.0, 0.0], [0.5, 0.0]], [0.0, 1.0])
@@ -217,11 +216,9 @@ def test_coefficients_must_be_arrays_of_real_numbers(function):
     a, b = map(np.array, PAIR)
     function(a, b)
     for wrong in (MASKED, [[HUGE, 0], [0, 0]], a * 1j, a * (1 + 0j), a.astype(str)):
-        with pytest.raises(ValueError, match=r"^a must be an array of real numbers"):
-            function(wrong, b)
+        refuses(ValueError, "^a must", function, wrong, b)
     for wrong in ([HUGE, 0], (b * 1j).tolist(), np.array([0, 1j], dtype=object)):
-        with pytest.raises(ValueError, match=r"^b must be an array of real numbers"):
-            function(a, wrong)
+        refuses(ValueError, "^b must", function, a, wrong)
 
 
 def test_numbers_of_numpy_are_accepted():
@@ -243,5 +240,4 @@ def test_digits_prove_rational_methods():
     a, b = CG3.exact
     wrong = cg.Tableau(a, [b[0] + 1, *b[1:]], name="CG3")
     assert cg.digits(CG3, 20, certificate=certificate)[1] == [str(entry) for entry in b]
-    with pytest.raises(cg.CertificationError, match="is violated"):
-        cg.digits(wrong, 20, certificate=certificate)
+    refuses(cg.CertificationError, "is violated", cg.digits, wrong, 20, certificate=certificate)

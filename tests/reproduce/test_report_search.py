@@ -1,17 +1,13 @@
 """Searches of the report: checkpoints, interrupts, presentation."""
 
 import json
-import signal
 import sqlite3
-import subprocess
-import sys
-import time
 from contextlib import closing
 from dataclasses import astuple, replace
 from fractions import Fraction
 
 import pytest
-from test_reproduce import read
+from refusals import refuses
 
 from cg.construction.search.random_search import search
 from cg.construction.search.start import random_start
@@ -61,8 +57,7 @@ def test_median_and_quartiles():
     assert quartiles([1e-9, 1.0, 1e-3]) == [1e-9, 1e-9, 1e-3, 1.0, 1.0]
     assert median([1e-9, 1.0, 1e-3]) == 1e-3
     assert median([4.0, 1.0, 3.0, 2.0]) in (2.0, 3.0)
-    with pytest.raises(ValueError, match="must not be empty"):
-        median([])
+    refuses(ValueError, "must not be empty", median, [])
 
 
 def stop_after(number):
@@ -218,30 +213,3 @@ def test_evaluations_section_uses_the_same_starts(tmp_path, monkeypatch):
     assert (stopped["f_double"], stopped["f_quad"]) == ([start.double.f], [start.quad.f])
     assert data["f_printed"] == 1e-9
     assert data["smallest_exact"] == {"f_double": 1e-3, "f_quad": None}
-
-
-def start(out, *arguments):
-    command = [sys.executable, "-m", "cg", "reproduce", "--out", str(out), *arguments]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-
-
-def wait_for(condition, process):
-    deadline = time.monotonic() + 300
-    while not condition():
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="no such signal")
-def test_terminated_run_shows_its_partial_search(tmp_path):
-    process = start(tmp_path, "--only", "search4")
-    wait_for(lambda: any(len(recorded(p)) > 20 for p in stores(tmp_path / "checkpoints")), process)
-    process.send_signal(signal.SIGTERM)
-    message = process.communicate()[1]
-    assert process.returncode == 130
-    assert "finished items and searches are kept" in message
-    part = read(tmp_path)["items"]["search4"]["partial"]
-    assert 10 < part["starts"] < part["of"] == 1000
-    assert "Partial searches" in (tmp_path / "report.html").read_text("utf-8")

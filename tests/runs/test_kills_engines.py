@@ -15,7 +15,6 @@ import time
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 from test_kills import KILLS, recorded, report
@@ -27,7 +26,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc"),
 ]
 
-SEARCH: dict[str, Any] = {"order": 5, "stages": 9, "starts": 60, "seed": 1, "maxfev": 60}
+SEARCH = {"order": 5, "stages": 9, "starts": 60, "seed": 1, "maxfev": 60}
 LONGEST = 120.0  # seconds between kills, at most
 SETTLED = 0.3  # seconds after a kill in which what had ended is recorded
 
@@ -42,7 +41,7 @@ def path(tmp_path):
     return tmp_path / "runs.db"
 
 
-def children(pid: int) -> list[int]:
+def children(pid):
     """Return the workers of a pool that a process has."""
     workers = []
     for entry in Path("/proc").glob("[0-9]*"):
@@ -56,7 +55,7 @@ def children(pid: int) -> list[int]:
     return workers
 
 
-def wait_for_more(path: Path, before: int, rng: random.Random, running: Any) -> bool:
+def wait_for_more(path, before, rng, running):
     """Wait until something was recorded, and then for a random time; False if the run ended."""
     ends = time.monotonic() + LONGEST
     while len(recorded(path)) <= before and time.monotonic() < ends:
@@ -70,14 +69,14 @@ def wait_for_more(path: Path, before: int, rng: random.Random, running: Any) -> 
 class Killer(threading.Thread):
     """Kills something at random moments of a run, each time after something new was recorded."""
 
-    def __init__(self, path: Path, kill: Any, kills: int, seed: int) -> None:
+    def __init__(self, path, kill, kills, seed):
         super().__init__()
         self.path, self._kill, self._left, self._rng = path, kill, kills, random.Random(seed)
         self.kills = 0
         self.lost = False  # something that was recorded
         self._ended = threading.Event()
 
-    def run(self) -> None:
+    def run(self):
         while self.kills < self._left:
             # what had ended before the last kill is recorded by now; a start whose worker is killed
             # twice while it is alone is given up, as it should be
@@ -115,7 +114,7 @@ def until_killed(kind, path, whole, kill, run):
     report(kind, kills, kills, ended)
 
 
-def kill_a_worker(rng: random.Random) -> bool:
+def kill_a_worker(rng):
     workers = children(os.getpid())
     if workers:
         os.kill(rng.choice(workers), signal.SIGKILL)
@@ -132,7 +131,7 @@ def test_killed_workers_of_pool(path, whole):
 class Cluster:
     """A scheduler of Dask, and workers of one thread each, all of which may be killed."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         with socket.socket() as listener:
             listener.bind(("127.0.0.1", 0))
             self._port = listener.getsockname()[1]
@@ -142,21 +141,21 @@ class Cluster:
         self.scheduler = self._begin("scheduler", *listen)
         self.workers = [self._worker(), self._worker()]
 
-    def _begin(self, what: str, *words: str) -> subprocess.Popen[bytes]:
+    def _begin(self, what, *words):
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *words, "--no-dashboard"]
         return subprocess.Popen(command, stderr=subprocess.DEVNULL, cwd=self._folder)
 
-    def _worker(self) -> subprocess.Popen[bytes]:
+    def _worker(self):
         return self._begin("worker", self.address, "--nthreads", "1", "--no-nanny")
 
-    def kill_a_worker(self, rng: random.Random) -> bool:
+    def kill_a_worker(self, rng):
         place = rng.randrange(2)
         self.workers[place].kill()
         self.workers[place].wait()
         self.workers[place] = self._worker()
         return True
 
-    def kill_the_scheduler(self, _: random.Random) -> bool:
+    def kill_the_scheduler(self, _):
         self.scheduler.kill()
         self.scheduler.wait()
         return True

@@ -4,7 +4,6 @@ import io
 import itertools
 import re
 import sys
-from concurrent.futures import BrokenExecutor
 
 import pytest
 from watching import interrupted_search
@@ -12,7 +11,7 @@ from watching import interrupted_search
 import cg
 from cg.command import main
 from cg.construction import run_attempt
-from cg.runs import Failure, ProgressLine, Store, stored_run
+from cg.runs import Failure, ProgressLine, stored_run
 from cg.runs.progress import duration
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 12, "workers": 1}
@@ -130,14 +129,6 @@ class TestConstruction:
             hits = sum(a.solved and a.stages == 8 for a in attempts[:number])
             assert int(one["solved"]) == hits
 
-    def test_line_shows_flows(self, tmp_path):
-        stream = io.StringIO()
-        settings = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2, "workers": 1}
-        path = tmp_path / "runs.db"
-        cg.construct(**settings, store=path, progress=line(stream, every=0))
-        assert parse_lines(stream.getvalue())[0]["size"] == " with 3 stages and 4 flows"
-        cg.construct(**settings, store=path, progress=line(stream, every=0))
-
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
@@ -179,22 +170,6 @@ class TestCommand:
             "crouch-grossman: interrupted; with --store FILE the same command would continue from "
             "here"
         )
-
-    def test_lost_executor_says_how_to_continue(self, capsys, monkeypatch, tmp_path):
-        def lost(*_, **__):
-            raise BrokenExecutor("the executor is gone")
-            yield
-
-        monkeypatch.setattr(cg.runs.long_run, "completed", lost)
-        path = tmp_path / "runs.db"
-        command = ["construct", "--order", "3", "--stages", "3", "--store", str(path)]
-        assert main(command) == 2
-        assert capsys.readouterr().err == (
-            f"crouch-grossman: error: the executor is gone; finished results are in {path}; run "
-            "the same construction again to continue, on any executor\n"
-        )
-        with Store(path) as store:
-            assert not store.runs()[0].running
 
 
 def test_signal_to_script_says_how_to_continue(tmp_path):
