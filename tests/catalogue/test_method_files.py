@@ -143,17 +143,6 @@ class TestNotebooks:
         assert expected in formula
 
 
-def test_repr():
-    assert repr(cg.methods["CG4(3)b"]) == "<Tableau CG4(3)b: order 4(3), 5 evaluations, 15 flows>"
-    assert repr(cg.methods["LieEuler"]) == "<Tableau LieEuler: order 1, 1 evaluation, 1 flow>"
-    assert repr(cg.methods["ImplicitMidpoint"]).endswith("2 flows, implicit>")
-    assert repr(cg.methods["CG6a"]).startswith("<Tableau CG6a: order 6 (nominal), 16 eval")
-    large = cg.Tableau([["1/3"] * k for k in range(30)], ["1/30"] * 30)
-    assert repr(large) == "<Tableau without name: 30 evaluations, 59 flows>"
-    assert large.description(complete=True).startswith("order ")
-    assert repr(large).startswith("<Tableau without name: order ")
-
-
 def test_certificate_of_a_munthe_kaas_method_is_refused():
     """It has the coefficients of its tableau but other order conditions."""
     tableau = cg.Tableau([[], ["1/2"]], [0, 1], name="X")

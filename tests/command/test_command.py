@@ -94,21 +94,6 @@ class TestExport:
         assert run("export", "CG3", "c", "-o", str(file))[:2] == (0, "")
         assert file.read_text() == cg.export("CG3", "c")
 
-    def test_certificate(self, run, tmp_path):
-        method = cg.methods["CG3(2)"].with_coefficients(
-            cg.methods["CG3(2)"].coefficients, name="mine"
-        )
-        certificate = cg.certify(method)
-        cg.save(method, tmp_path / "mine.toml")
-        certificate.save(tmp_path / "proof.toml")
-        command = ["export", str(tmp_path / "mine.toml"), "json", "--digits", "50"]
-        assert run(*command)[0] != 0
-        _, text, _ = run(*command, "--certificate", str(tmp_path / "proof.toml"))
-        assert json.loads(text)["b"] == cg.digits(method, 50, certificate=certificate)[1]
-        code, _, error = run(*command, "--certificate", str(tmp_path / "mine.toml"))
-        assert code != 0
-        assert "mine.toml" in error
-
 
 class TestPlot:
     @pytest.mark.parametrize("what", ["points", "tableau", "stability"])

@@ -10,7 +10,6 @@ from kinds import FROZEN, MUNTHE_KAAS
 import cg
 from cg.catalogue import dumps, loads
 from cg.catalogue.summary import compute_summary, summary_of
-from cg.proofs import certificate_of
 
 pytestmark = pytest.mark.no_core
 
@@ -132,14 +131,6 @@ class TestShow:
         assert (code, shown) == (2, "")
         assert "digits must be at most 150" in error
         assert run("show", "CG6a")[0] == 0
-
-    def test_proof_in_part(self, run):
-        """The command words a proof as the certificate does."""
-        (line,) = [x for x in run("show", "CF8a")[1].splitlines() if "certificate" in x]
-        certificate = certificate_of(cg.methods["CF8a"])
-        assert line.split(maxsplit=1)[1] == str(certificate)
-        assert "order 8 is proved in part: coefficients within 1.7e-35 of the stored ones" in line
-        assert certificate.statement in str(certificate)
 
     @pytest.mark.parametrize("name", ["CG4a", "CF5(4)", "RKMK8(5,3)", "DICG3(2)", "CG6a"])
     def test_json_has_the_whole_method(self, run, name):

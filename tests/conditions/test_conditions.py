@@ -99,13 +99,6 @@ class TestCompiledTables:
 
 
 class TestExactOracle:
-    def test_independent_residuals_are_a_subset(self):
-        a, b = [[0, 0], ["2/3", "1/7"]], ["1/4", "3/4"]
-        residuals = dict(zip(conditions.condition_trees(5), exactly(a, b, 5), strict=True))
-        independent = exactly(a, b, 5, independent=True)
-        chosen = conditions.condition_trees(5, independent=True)
-        assert independent == tuple(residuals[t] for t in chosen)
-
     def test_orders_beyond_the_compiled_tables(self):
         order = conditions.MAX_ORDER + 1
         residuals = exactly([[0]], [1], order)
@@ -172,13 +165,6 @@ class TestCompiledCore:
         scale = np.abs(jacobian) @ np.abs(np.array(v, **FLOATS)) + 1
         error = jacobian @ np.array(v, **FLOATS) - np.array(exact, **FLOATS)
         assert np.all(np.abs(error) <= 1e-10 * scale)
-
-    def test_independent_rows_of_the_jacobian(self):
-        a, b = [[0, 0, 0], [0.5, 0, 0], [-1, 2, 0]], [0.25, 0.5, 0.25]
-        position = {t: k for k, t in enumerate(conditions.condition_trees(4))}
-        chosen = [position[t] for t in conditions.condition_trees(4, independent=True)]
-        full = conditions.jacobian(a, b, 4)
-        np.testing.assert_array_equal(conditions.jacobian(a, b, 4, independent=True), full[chosen])
 
 
 class TestPacking:

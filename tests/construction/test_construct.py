@@ -242,19 +242,14 @@ class TestConstruct:
         ("changes", "error", "message"),
         [
             ({"order": 0}, ValueError, "order must be at least 1"),
-            ({"order": 99}, ValueError, "order must be at most"),
             ({"order": 4, "stages": 4}, ValueError, "10 unknowns for 13 independent conditions"),
-            ({"stages": 2.5}, TypeError, "stages must be an integer"),
             ({"seed": -1}, ValueError, "seed must be at least 0"),
             ({"tries": 0}, ValueError, "tries must be at least 1"),
             ({"largest": 0}, ValueError, "largest must be a finite positive number"),
             ({"first_stages": 2}, ValueError, "first_stages must be at least 3"),
             ({"workers": 0}, ValueError, "workers must be at least 1"),
             ({"progress": 3}, TypeError, "progress must be"),
-            ({"order": True}, TypeError, "order must be"),
             *(({n: 10**30}, ValueError, f"{n} must be") for n in ("stages", "tries", "iterations")),
-            ({"largest": "3"}, ValueError, "largest must be"),
-            ({"width": 1j}, ValueError, "width must be"),
         ],
     )
     def test_bad_input(self, changes, error, message):

@@ -248,26 +248,3 @@ class TestTheTool:
         flat = tool.tableaux()["DOP853"]
         np.testing.assert_array_equal(flat.a, dop853_coefficients.A[:12, :12])
         np.testing.assert_array_equal(flat.b, dop853_coefficients.B)
-
-    @pytest.mark.parametrize(
-        "name",
-        [
-            "DOP853",
-            pytest.param("CooperVerner8", marks=pytest.mark.slow),
-            pytest.param("Verner8(7)", marks=pytest.mark.slow),
-        ],
-    )
-    def test_order_eight_is_refined_from_its_start(self, tool, name):
-        """Refinement of the stored start gives the tree of points of the stored method."""
-        flat = tool.tableaux()[name]
-        method, expected = tool.from_start(flat), methods[name]
-        assert method.exact == expected.exact == flat.exact
-        assert method.exact_embedded == expected.exact_embedded == flat.exact_embedded
-        assert method.order == 8
-        first = method.result + 1  # the second result may have flows of its own
-        assert expected.result == method.result
-        for point, other in zip(method.points[:first], expected.points[:first], strict=True):
-            assert point.parent == other.parent
-            assert point.weights.keys() == other.weights.keys()
-            for stage, weight in point.weights.items():
-                assert abs(weight - other.weights[stage]) < 1e-12

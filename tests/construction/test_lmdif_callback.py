@@ -94,19 +94,6 @@ class Interrupted(BaseException):
     pass
 
 
-@pytest.mark.parametrize("call", [1, 2, 4, 20])
-@pytest.mark.parametrize("kind", [ValueError, KeyboardInterrupt, SystemExit, Interrupted])
-def test_exception_of_f_is_raised(call, kind):
-    error = kind("stop here")
-
-    def fail(x):
-        raise error
-
-    with pytest.raises(kind) as caught:
-        cg.lmdif(at_call(call, fail), START)
-    assert caught.value is error
-
-
 def test_exception_passes_through_nested_calls():
     error = Interrupted()
 

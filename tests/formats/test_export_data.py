@@ -1,7 +1,6 @@
 """Exports as data and LaTeX, digits, Julia's syntax, rejected arguments."""
 
 import json
-import pickle
 import re
 import shutil
 import subprocess
@@ -84,30 +83,6 @@ class TestDigits:
         refuses(TypeError, "certificate must", cg.export, method, "json", certificate="proof")
         with pytest.raises(cg.CertificationError):
             cg.export(cg.methods["CG5d"], "json", digits=50, certificate=certificate)
-
-    def test_certificate_beside_the_file(self, tmp_path):
-        stored = cg.methods["CG3(2)"]
-        method = cg.Tableau(stored.entries, stored.weights, name="mine")
-        certificate = cg.certify(method)
-        file = tmp_path / "mine.toml"
-        cg.save(method, file)
-        loaded = cg.load(file)
-        assert (loaded.file, method.file) == (file, None)
-        refuses(cg.CertificationError, "no certificate lies beside its file", cg.digits, loaded, 50)
-        certificate.save(tmp_path / "mine.certificate.toml")
-        digits = cg.digits(method, 50, certificate=certificate)
-        assert cg.digits(loaded, 50) == digits
-        assert loaded == method
-        table = json.loads(cg.export(str(file), "json", digits=50))
-        assert table["b"] == digits[1]
-        assert pickle.loads(pickle.dumps(loaded)).file is None
-        other = tmp_path / "other.toml"
-        cg.save(
-            cg.methods["CG5d"].with_coefficients(cg.methods["CG5d"].coefficients, name="x"), other
-        )
-        certificate.save(tmp_path / "other.certificate.toml")
-        with pytest.raises(cg.CertificationError):
-            cg.digits(cg.load(other), 50)
 
     def test_rejects_more_digits_than_known(self):
         with pytest.raises(ValueError, match=r"at most \d+, which are stored, since CG6a has no c"):

@@ -8,14 +8,12 @@ import cg
 from cg.frames import (
     GL,
     SE3,
-    SO,
     SO3,
     SU,
     CoadjointOrbit,
     Euclidean,
     IsospectralOrbit,
     Product,
-    Semidirect,
     Stiefel,
 )
 
@@ -83,36 +81,6 @@ def test_oja_flow_finds_the_largest_eigenvectors():
     last = solution.y[1] @ solution.y[1].T
     np.testing.assert_allclose(last, np.diag([0.0, 0.0, 0.0, 1.0, 1.0]), rtol=0, atol=1e-6)
     assert frame.membership_error(solution.y).max() < 1e-15
-
-
-@pytest.mark.parametrize("group", [SO3(), SO(3)])
-def test_navigation_on_a_semidirect_product(group):
-    frame = Semidirect(group, 2)  # attitude, velocity and position
-    gravity = np.array([0.0, 0.0, -9.81])
-
-    def gyro(t):
-        return np.array([0.1, np.sin(t), 0.5])
-
-    def accelerometer(t):
-        return np.array([1.0, 0.0, np.cos(t)])
-
-    def f(t, y):
-        attitude, velocity = y[:3, :3], y[:3, 3]
-        return np.concatenate(
-            [gyro(t), accelerometer(t) + attitude.T @ gravity, attitude.T @ velocity]
-        )
-
-    def derivative(t, y):
-        rates = np.zeros((5, 5))
-        rates[:3, :3] = y[:3, :3] @ SO3().algebra(gyro(t))
-        rates[:3, 3] = y[:3, :3] @ accelerometer(t) + gravity
-        rates[:3, 4] = y[:3, 3]
-        return rates
-
-    y0 = np.eye(5)
-    np.testing.assert_allclose(frame.field(f(0, y0), y0), derivative(0, y0), rtol=0, atol=1e-14)
-    solution = cg.solve_ivp(f, (0, 2), y0, frame=frame, **TIGHT)
-    np.testing.assert_allclose(solution.y[-1], reference(derivative, (0, 2), y0), rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e6, 1e12])

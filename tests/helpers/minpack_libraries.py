@@ -1,13 +1,9 @@
 """Flags of Fortran with all checks, and Debian's MINPACK."""
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,16 +22,16 @@ C_DOUBLES = ctypes.POINTER(ctypes.c_double)
 C_INTS = ctypes.POINTER(ctypes.c_int)
 
 
-def load_debian_minpack() -> ctypes.CDLL | None:
+def load_debian_minpack():
     name = ctypes.util.find_library("minpack")
     return None if name is None else ctypes.CDLL(name)
 
 
-def pointer(array: np.ndarray) -> ctypes.c_void_p:
+def pointer(array):
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def reference(value: int | float) -> Any:
+def reference(value):
     kind = ctypes.c_int if isinstance(value, int) else ctypes.c_double
     return ctypes.byref(kind(value))
 
@@ -45,30 +41,30 @@ class DebianMinpack:
 
     EPS = 2.22044604926e-16  # its dpmpar(1): the machine precision rounded to twelve digits
 
-    def __init__(self, library: ctypes.CDLL) -> None:
+    def __init__(self, library):
         self._library = library
         library.enorm_.restype = ctypes.c_double
 
     def lmdif(
         self,
-        f: Callable[[np.ndarray], np.ndarray],
-        x0: np.ndarray,
-        m: int,
+        f,
+        x0,
+        m,
         *,
-        ftol: float,
-        xtol: float,
-        gtol: float,
-        maxfev: int,
-        epsfcn: float,
-        factor: float,
-    ) -> dict[str, Any]:
+        ftol,
+        xtol,
+        gtol,
+        maxfev,
+        epsfcn,
+        factor,
+    ):
         n = x0.size
         x, fvec, fjac = x0.copy(), np.empty(m), np.empty((m, n), order="F")
         diag, qtf, ipvt = np.ones(n), np.empty(n), np.empty(n, np.intc)
         work = [np.empty(n), np.empty(n), np.empty(n), np.empty(m)]
         info, nfev = ctypes.c_int(), ctypes.c_int()
 
-        def callback(_m: Any, _n: Any, x_in: Any, f_out: Any, _flag: Any) -> None:
+        def callback(_m, _n, x_in, f_out, _flag):
             at = np.ctypeslib.as_array(x_in, (n,)).copy()
             np.ctypeslib.as_array(f_out, (m,))[:] = f(at)
 

@@ -148,17 +148,6 @@ def test_a_flow_that_overflows_once_costs_one_step(method, monkeypatch):
         assert solution.nrejected == plain.nrejected + (not same)
 
 
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
-def test_derivatives_at_the_ends_are_the_field(frame):
-    f, _ = generic(frame)
-    step, _ = one_step(frame, 0.05, "CG5a")
-    d = 1e-5
-    for t, y, inside in ((T0, step.y[0], d), (T0 + 0.05, step.y[-1], -d)):
-        near = step.sol(np.array([t + inside, t + 2 * inside]))
-        slope = (4 * near[0] - near[1] - 3 * y) / (2 * inside)
-        np.testing.assert_allclose(slope, frame.field(f(t, y), y), rtol=0, atol=2e-6)
-
-
 def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
     f, _ = generic(Euclidean(3))
     step, _ = one_step(Euclidean(3), 0.5, "CG3")

@@ -282,24 +282,6 @@ class TestOut:
         with pytest.raises(error, match=message):
             cg.solve_ensemble(never, (0, 1), np.zeros((2, 1)), frame=LINE, out=out)
 
-    def test_real_numbers_for_complex_points(self):
-        frame = cg.frames.SU(2)
-        with pytest.raises(ValueError, match="hold numbers of type complex128, got one of float64"):
-            cg.solve_ensemble(
-                lambda t, y: [1.0, 0.0, 0.0], (0, 1), np.eye(2)[None], frame=frame,
-                out=np.zeros((2, 1, 2, 2)),
-            )  # fmt: skip
-
-    def test_files_that_are_read_only(self, tmp_path):
-        h5py = pytest.importorskip("h5py")
-        with h5py.File(tmp_path / "y.h5", "w") as file:
-            file.create_dataset("y", (2, 2, 1), dtype="f8")
-        with (
-            h5py.File(tmp_path / "y.h5", "r") as file,
-            pytest.raises(ValueError, match="out must be writable, got Dataset that is read-only"),
-        ):
-            cg.solve_ensemble(steady, (0, 1), np.zeros((2, 1)), frame=LINE, out=file["y"])
-
 
 @pytest.mark.parametrize("workers", [None, 2])
 def test_blas_has_one_thread(workers):

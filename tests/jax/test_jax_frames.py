@@ -307,13 +307,6 @@ class TestSmoothFunctions:
             expected = [self.series(q, k, derivative) for q in self.AT]
             np.testing.assert_allclose(actual, expected, rtol=1e-13, atol=1e-15)
 
-    def test_single_precision(self):
-        low = jnp.asarray(self.AT, np.float32)
-        for k in range(4):
-            slope = jax.jit(jax.vmap(jax.grad(lambda q, k=k: stumpff(k, q))))(low)
-            expected = [self.series(q, k, 1) for q in np.asarray(low, float)]
-            np.testing.assert_allclose(slope, expected, rtol=2e-5, atol=1e-6)
-
     def test_factors_of_dexpinv(self):
         """The factor is (1 - x cot x) / (4 x^2), and Bernoulli's series near zero."""
 

@@ -1,10 +1,5 @@
 """Derivatives of solutions in JAX, batches, and traced arguments."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
@@ -106,19 +101,6 @@ class TestTransforms:
         text = str(jax.make_jaxpr(step)(y0, np.ones(3)))
         flows = sum(len(path.flows) for path in solver.steps.paths.paths)
         assert text.count("= optimization_barrier ") == flows
-
-    @pytest.mark.slow
-    @pytest.mark.parametrize("name", ["CF4(3)", "RKMK5(4)"])
-    def test_repeated_steps_are_the_same(self, name):
-        """The default adjoint repeats steps; their sizes follow from differences near rounding.
-
-        Only XLA with its usual optimisations, which tests do without, shows whether they differ.
-        """
-        environment = {name: text for name, text in os.environ.items() if name != "XLA_FLAGS"}
-        helper = Path(__file__).parents[1] / "helpers/jax_repetition.py"
-        command = [sys.executable, helper, name]
-        done = subprocess.run(command, env=environment, capture_output=True, check=True, text=True)
-        assert abs(float(done.stdout)) < 1e-12
 
     def test_tolerances_may_be_traced(self):
         frame = UnitQuaternion()

@@ -192,27 +192,6 @@ class TestSteps:
         np.testing.assert_allclose(python.sol(at), slow.sol(at), rtol=0, atol=2e-14)
         assert fast.nfev == slow.nfev
 
-    @pytest.mark.parametrize("stage", range(5))
-    def test_a_failure_at_any_stage_leaves_the_step_undone(self, stage, monkeypatch):
-        problem = PROBLEMS["SO3 body"]
-        calls = 0
-
-        def f(t, y):
-            nonlocal calls
-            calls += 1
-            if calls == 11 + stage:
-                raise ArithmeticError(t)
-            return problem.f(t, y)
-
-        times = []
-        for _ in range(2):
-            calls = 0
-            with pytest.raises(ArithmeticError) as error:
-                integrate(f, (0.0, 1.0), problem.y0, frame=problem.frame, method="CF4b", h=0.1)
-            times.append(error.value.args[0])
-            self.general(monkeypatch)
-        assert times[0] == times[1]
-
 
 class TestMemory:
     """A step stores the start, the current point, Z and f, for any number of stages."""

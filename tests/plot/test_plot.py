@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 import cg
 from cg.plot.stability import growth
 from cg.plot.style import COLOURS
-from cg.plot.trees import layout
 from cg.trees.ordered import OrderedTree
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -60,18 +59,6 @@ class TestTrees:
         assert ax.collections[0].get_offsets().shape == (4, 2)
         assert ax.get_xlabel() == "[[][[]]]   γ = 3"
         assert cg.plot.tree(OrderedTree.parse("[[]]"), title=False).get_xlabel() == ""
-
-    @pytest.mark.parametrize("text", ["[]", "[[][][]]", "[[[]][[][]][]]", "[[[[[]]]]]"])
-    def test_nodes_do_not_overlap(self, text):
-        tree = OrderedTree.parse(text)
-        nodes, edges = layout(tree)
-        assert len(set(nodes)) == len(nodes) == tree.nodes
-        assert len(edges) == tree.nodes - 1
-        assert nodes[0] == (0.0, 0.0)
-        assert all(nodes[child][1] == nodes[parent][1] + 1 for parent, child in edges)
-        for height in {y for _, y in nodes}:
-            level = sorted(x for x, y in nodes if y == height)
-            assert all(np.diff(level) >= 1.0)
 
 
 class TestMethods:

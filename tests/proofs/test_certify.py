@@ -260,13 +260,6 @@ class TestDigits:
         residuals = conditions.residuals(a, b, method.order, arithmetic="exact")
         assert max(map(abs, residuals)) < Fraction(1, 10**98)
 
-    def test_fixed_coefficients_stay(self):
-        a, b = cg.digits(methods["CG5a"], 50)
-        assert (a[8][0], b[1]) == ("0", "0")
-        fixed = certificate_of(methods["CG5a"]).fixed
-        row, column = map(int, fixed[0].removeprefix("a_").split(","))
-        assert a[row - 1][column - 1] == methods["CG5a"].entries[row - 1][column - 1].text
-
     def test_rational_methods_and_pairs(self):
         assert cg.digits(methods["CG3"], 100)[1] == ["13/51", "-2/3", "24/17"]
         assert cg.digits(methods["CG2(3)"], 9, embedded=True)[1] == ["17/54", "19/54", "1/3"]

@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from kinds import FROZEN, MAGNUS
@@ -126,21 +125,6 @@ def test_report_has_the_order_section(tmp_path, monkeypatch):
             assert run["decades"] > 1
     parsed = check_page((tmp_path / "report.html").read_text("utf-8"))
     assert parsed.tags.count("figure") == 1
-
-
-def test_order_section_has_all_methods_from_order_six():
-    def method(order, explicit=True):
-        return SimpleNamespace(order=order, explicit=explicit)
-
-    listed = {"a": method(7), "b": method(5), "c": method(6), "d": method(8, explicit=False)}
-    assert beyond_order.select(listed) == ["c", "a"]
-
-
-def test_slopes_use_decades_above_the_smallest_error():
-    part = {"error": [1e-1, 1e-3, 1e-9, 1e-15], "local": [2.0, 6.05, 5.95]}
-    assert beyond_order.decades(part, 6) == pytest.approx(12)
-    assert beyond_order.decades(part, 7) == 0
-    assert beyond_order.decades({**part, "local": [6.0, 4.0, 6.0]}, 6) == pytest.approx(6)
 
 
 def test_line_styles_are_distinct():

@@ -287,14 +287,6 @@ def test_claim_without_number_is_not_reproducible():
     assert judges.beyond("nobody knows")({}, {}) == (None, "not reproducible because nobody knows")
 
 
-def test_evidence_mentions_partial_searches():
-    given = results()
-    given["search4"]["partial"] = {"starts": 6, "of": 90}
-    evidence = judges.many(4, {}, given)[1]
-    assert "6 starts (of 90, a partial search)" in evidence
-    assert "partial" not in judges.many(5, {}, given)[1]
-
-
 def test_evidence_of_improvement_has_its_numbers():
     given = results()
     given["search6"]["f_double"] = [1e-8] * 4

@@ -213,3 +213,4 @@ def test_evaluations_section_uses_the_same_starts(tmp_path, monkeypatch):
     assert (stopped["f_double"], stopped["f_quad"]) == ([start.double.f], [start.quad.f])
     assert data["f_printed"] == 1e-9
     assert data["smallest_exact"] == {"f_double": 1e-3, "f_quad": None}
+    assert evaluations.present(data)

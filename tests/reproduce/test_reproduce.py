@@ -13,13 +13,11 @@ from tests_of_pages import power_of_ten, words_of
 from cg.catalogue import methods
 from cg.reproduce import items
 from cg.reproduce import run as run_module
-from cg.reproduce.blocks import Table, number
 from cg.reproduce.coefficients import fixed, labels, method_data
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.evidence import gather
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
-from cg.reproduce.report import page
 from cg.reproduce.sections import search as search_section
 from cg.reproduce.sections import table3_2
 from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
@@ -124,12 +122,6 @@ def test_rejects_out_that_is_a_file(tmp_path, capsys):
 def test_rejects_out_that_is_not_writable(capsys):
     assert main(["--out", "/proc/nothing"]) == 2
     assert "/proc/nothing is not writable" in capsys.readouterr().err
-
-
-def test_list(capsys):
-    assert main(["--list"]) == 0
-    printed = capsys.readouterr().out
-    assert [line.split()[0] for line in printed.splitlines()] == list(items.ITEMS)
 
 
 def test_needed_items_run_first():
@@ -238,14 +230,6 @@ def test_report_with_other_settings_is_not_overwritten(tmp_path, capsys, other):
     }
 
 
-def test_full_run_has_its_own_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for arguments in ([], ["--full"]):
-        assert main(["--only", "table3.2", *arguments]) == 0
-    for folder, full in (("reproduce/out", False), ("reproduce/out/full", True)):
-        assert read(tmp_path / folder)["settings"] == {"seed": 0, "full": full}
-
-
 def test_only_accepts_several_items(tmp_path, capsys):
     assert main(["--only", "table3.2, differences", "--out", str(tmp_path)]) == 0
     assert list(read(tmp_path)["items"]) == ["differences", "table3.2"]
@@ -319,30 +303,11 @@ def test_coefficients_are_rounded_from_all_digits():
     assert len(labels(16)) == len(set(labels(16))) == 152
 
 
-def test_number():
-    assert number(-1.5e-7, 2) == "−1.5e−07"
-    assert number(None) == "–"
-    assert number(196) == "196"
-
-
-def test_rejects_table_with_uneven_rows():
-    refuses(ValueError, "3 cells", Table, "t", ("a", "b", "c"), [("1", "2")])
-
-
 def test_quad_slope_is_resolved_below_double_precision():
     errors = {2**k: 3 * 2.0 ** (-5 * k) for k in range(4, 20, 2)}
     data = order_data(errors)
     assert data["slope"] == pytest.approx(5)
     assert data["error"][-1] < 1e-26
-
-
-def test_page_escapes():
-    state = {
-        "settings": {"seed": 0, "full": False},
-        "items": {},
-        "run": {"version": "<b>", "seconds": {}, "workers": 1},
-    }
-    assert "<b>" not in page(state, {})
 
 
 def test_claims_name_their_section():

@@ -3,16 +3,13 @@
 import io
 import itertools
 import re
-import sys
 
 import pytest
-from watching import interrupted_search
 
 import cg
 from cg.command import main
 from cg.construction import run_attempt
 from cg.runs import Failure, ProgressLine, stored_run
-from cg.runs.progress import duration
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 12, "workers": 1}
 LINE = re.compile(
@@ -130,14 +127,6 @@ class TestConstruction:
             assert int(one["solved"]) == hits
 
 
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0.2, "0 s"), (59.4, "59 s"), (60, "1 min"), (3600, "1 h 0 min"), (7900, "2 h 12 min")],
-)
-def test_durations(seconds, text):
-    assert duration(seconds) == text
-
-
 class TestCommand:
     ARGUMENTS = ("search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "12")
 
@@ -170,13 +159,3 @@ class TestCommand:
             "crouch-grossman: interrupted; with --store FILE the same command would continue from "
             "here"
         )
-
-
-def test_signal_to_script_says_how_to_continue(tmp_path):
-    path = tmp_path / "runs.db"
-    script = "import cg, sys; cg.search(5, 9, 10**5, 1, maxfev=60, store=sys.argv[1])"
-    _, error = interrupted_search([sys.executable, "-c", script, str(path)], path)
-    assert error.splitlines()[-2:] == [
-        "KeyboardInterrupt",
-        f"finished results are in {path}; run the same search again to continue, on any executor",
-    ]

@@ -86,18 +86,6 @@ def test_overlapping_runs_use_one_thread_each():
         assert set(_blas_threads()) == {2}
 
 
-def test_searches_in_two_threads_equal_single_ones():
-    with threadpool_limits(2):
-        searches = [
-            lambda: cg.search(5, 9, 4, seed=1, workers=1),
-            lambda: cg.search(4, 6, 12, seed=2, workers=2),
-        ]
-        alone = [search() for search in searches]
-        for _ in range(3):
-            assert _together(*searches) == alone
-        assert set(_blas_threads()) == {2}
-
-
 def test_the_precision_is_one_thread_s_at_a_time():
     before = ctx.prec
 
@@ -112,24 +100,6 @@ def test_the_precision_is_one_thread_s_at_a_time():
     with ThreadPoolExecutor(8) as pool:
         many = [64, 128, 1000] * 200
         assert list(pool.map(third, many)) == [expected[bits] for bits in many]
-    assert ctx.prec == before
-
-
-def test_certificates_and_digits_in_eight_threads():
-    before = ctx.prec
-    names = ["CG3", "CG4a", "CF3", "CG3"]
-    certificates = {name: cg.certify(name) for name in names}
-    method = cg.methods["CG4a"]
-    digits = cg.digits(method, 50)
-
-    def work(k):
-        if k % 2:
-            return bool(cg.digits(method, 50) == digits)
-        name = names[k // 2 % 4]
-        return bool(cg.certify(name) == certificates[name])
-
-    with ThreadPoolExecutor(8) as pool:
-        assert all(pool.map(work, range(16)))
     assert ctx.prec == before
 
 
