@@ -94,6 +94,21 @@ class TestExport:
         assert run("export", "CG3", "c", "-o", str(file))[:2] == (0, "")
         assert file.read_text() == cg.export("CG3", "c")
 
+    def test_certificate(self, run, tmp_path):
+        method = cg.methods["CG3(2)"].with_coefficients(
+            cg.methods["CG3(2)"].coefficients, name="mine"
+        )
+        certificate = cg.certify(method)
+        cg.save(method, tmp_path / "mine.toml")
+        certificate.save(tmp_path / "proof.toml")
+        command = ["export", str(tmp_path / "mine.toml"), "json", "--digits", "50"]
+        assert run(*command)[0] != 0
+        _, text, _ = run(*command, "--certificate", str(tmp_path / "proof.toml"))
+        assert json.loads(text)["b"] == cg.digits(method, 50, certificate=certificate)[1]
+        code, _, error = run(*command, "--certificate", str(tmp_path / "mine.toml"))
+        assert code != 0
+        assert "mine.toml" in error
+
 
 class TestPlot:
     @pytest.mark.parametrize("what", ["points", "tableau", "stability"])
@@ -211,3 +226,11 @@ class TestProcess:
         code, output, _ = run("completion", shell)
         assert code == 0
         assert "_CROUCH_GROSSMAN_COMPLETE" in output
+
+
+def test_publish_checks_folder_first(run, tmp_path):
+    store = tmp_path / "runs.db"
+    run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
+    code, _, err = run("runs", "publish", str(store), "1", "Mine", "--folder", "/proc")
+    assert code == 2
+    assert "--folder: /proc/Mine can't be written" in err

@@ -79,6 +79,14 @@ class TestList:
     def test_stored_facts_of_all(self, name):
         self.test_stored_facts_equal_computed(name)
 
+    def test_proved_methods_only(self, run):
+        every = json.loads(run("list", "--min-order", "6", "--json")[1])
+        code, shown, _ = run("list", "--min-order", "6", "--proved")
+        rows = [line.split() for line in shown.splitlines()[1:]]
+        assert code == 0
+        assert [row[0] for row in rows] == [m["name"] for m in every if m["proved"] == "yes"]
+        assert 3 < len(rows) < len(every)
+
 
 class TestShow:
     def test_a_tableau(self, run):
@@ -154,6 +162,10 @@ class TestShow:
         code, _, error = run("show", str(file))
         assert (code, "row 2 of a sums to 1, not to c_2 = 1/2" in error) == (2, True)
         assert "mistake: row 2 of a sums to 1" in run("check", str(file))[1]
+
+    def test_stored_digits(self, run):
+        shown = run("show", "CG4a", "--digits", "30")[1]
+        assert "0.817722798812485183864383415847" in shown  # not those of a double
 
 
 class TestCheck:

@@ -1,6 +1,7 @@
 """The subcommand `runs`."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -94,3 +95,15 @@ def test_wrong_arguments(run_command, path, tmp_path):
     code, _, err = run_command("runs", "list", str(tmp_path / "notes"))
     assert code == 2
     assert "is not an SQLite database" in err
+
+
+def test_numbers_of_starts_have_all_digits(run_command, tmp_path):
+    path = tmp_path / "runs.db"
+    settings = cg.search(2, 2, 1, 1, store=path).settings
+    with Store(path) as store:
+        (record,) = store.run(1).records()
+        rerun = store.begin("search", vars(settings) | {"seed": 2})
+        rerun.append([replace(record, number=1_234_567)])
+        rerun.close()
+    out = run_command("runs", "best", str(path), "2")[1]
+    assert out.splitlines()[1].split()[0] == "1234567"

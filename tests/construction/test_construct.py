@@ -147,6 +147,12 @@ class TestMoving:
         assert solved(moved)
         assert (moved.x[[3, 7]] == x[[3, 7]]).all()
 
+    def test_largest_bounds_what_is_left(self):
+        candidate, random = a_candidate(4, 7, seed=1), np.random.default_rng
+        bound = 0.99 * drop_stage(candidate, random(3)).largest
+        smaller = drop_stage(candidate, random(3), largest=bound)
+        assert smaller is None or smaller.largest <= bound
+
 
 class TestOptimise:
     def test_optimise_reduces_principal_error(self):

@@ -198,3 +198,17 @@ def test_coefficients_reject_specific_matrices(group, matrix, hint):
     message = rf"matrix must be in the Lie algebra of .* its distance .*{hint}$"
     refuses(ValueError, message, group.coefficients, matrix)
     refuses(ValueError, message, group.coefficients, [group.algebra(np.ones(group.dim)), matrix])
+
+
+def test_coefficients_accept_rounding_errors():
+    """At an equilibrium the tangent is rounding errors only."""
+    group = SO(3)
+    rounding = 1e-15 * np.random.default_rng(39).standard_normal((3, 3))
+    assert np.abs(group.coefficients(rounding)).max() < 1e-14
+    np.testing.assert_array_equal(group.coefficients(np.zeros((3, 3))), np.zeros(3))
+    assert np.isnan(group.coefficients(np.full((3, 3), np.nan))).all()
+
+
+def test_check_point_accepts_integers_and_tolerance():
+    assert SO3().check_point(np.eye(3, dtype=int)).dtype == np.float64
+    assert SO3().check_point(1.1 * np.eye(3), tolerance=0.2)[0, 0] == 1.1

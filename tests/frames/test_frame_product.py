@@ -62,3 +62,12 @@ def test_join_of_unusual_arrays(frame):
         np.testing.assert_array_equal(frame.join(*odd), y)
     many = np.broadcast_to(parts[0], (3, *parts[0].shape))
     np.testing.assert_array_equal(frame.join(many, *parts[1:]), np.broadcast_to(y, (3, y.size)))
+
+
+@pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
+def test_parts_of_readonly_points_are_readonly(frame):
+    y = frame.random_point(np.random.default_rng(82))
+    y.flags.writeable = False
+    for part in frame.split(y):
+        with pytest.raises(ValueError, match="read-only"):
+            part[...] = 0.0

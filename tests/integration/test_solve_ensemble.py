@@ -1,7 +1,6 @@
 """Ensembles: each member equals its solution alone, with all options."""
 
 import itertools
-import pickle
 import tracemalloc
 
 import numpy as np
@@ -219,17 +218,6 @@ def test_indices_and_copies():
     assert [member.steps for member in solution] == solution.steps.tolist()
     assert "members=3" in repr(solution)
     assert "members=3" in repr(solution.sol)
-    again = pickle.loads(pickle.dumps(solution))
-    member = pickle.loads(pickle.dumps(solution[-1]))
-    where = np.linspace(0, 1, 9)
-    np.testing.assert_array_equal(again.y, solution.y)
-    np.testing.assert_array_equal(again.sol(where), solution.sol(where))
-    np.testing.assert_array_equal(again[-1].sol(where), member.sol(where))
-    np.testing.assert_array_equal(member.y, solution[-1].y)
-    np.testing.assert_array_equal(again.y_events[0][2], solution.y_events[0][2])
-    assert again.messages == solution.messages
-    assert not again.y.flags.writeable
-    assert not again.t.flags.writeable
 
 
 @pytest.mark.parametrize("size", [1, 3, 1000])

@@ -106,7 +106,7 @@ class TestSteps:
     def test_single_precision_stays(self):
         frame = UnitQuaternion()
         y0 = jnp.asarray(point(frame), np.float32)
-        solver = cg.jax.Solver("CF4(3)")
+        solver = cg.jax.Solver(cg.methods["CF4(3)"])
         ours, _ = term(frame)
         h = np.float32(0.1)
         state = solver.init(ours, h, h, y0, h)

@@ -140,6 +140,7 @@ def masked(x):
         (lambda: fit_conditions([0.3] * 6, SMALL, ftol=-1.0), ValueError, "ftol must"),
         (lambda: refine(encode([0.3] * 6), SMALL, free=[-1]), ValueError, "free must"),
         (lambda: refine(encode([0.3] * 5), SMALL), ValueError, "must have"),
+        (lambda: polish([1] * 5, SMALL), ValueError, "x must"),
         (lambda: polish([1] * 6, SMALL, directions=np.ones(6)), ValueError, "directions must"),
         (lambda: fewer_exponentials(CG3), TypeError, "candidate must be a Candidate, got <Tableau"),
         (lambda: correct(POINT, [99]), ValueError, r"integers from 0 to 5, got \[99\]"),

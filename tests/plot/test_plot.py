@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import cg
 from cg.plot.stability import growth
 from cg.plot.style import COLOURS
+from cg.plot.trees import layout
 from cg.trees.ordered import OrderedTree
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -59,6 +60,18 @@ class TestTrees:
         assert ax.collections[0].get_offsets().shape == (4, 2)
         assert ax.get_xlabel() == "[[][[]]]   γ = 3"
         assert cg.plot.tree(OrderedTree.parse("[[]]"), title=False).get_xlabel() == ""
+
+    @pytest.mark.parametrize("text", ["[]", "[[][][]]", "[[[]][[][]][]]", "[[[[[]]]]]"])
+    def test_nodes_do_not_overlap(self, text):
+        tree = OrderedTree.parse(text)
+        nodes, edges = layout(tree)
+        assert len(set(nodes)) == len(nodes) == tree.nodes
+        assert len(edges) == tree.nodes - 1
+        assert nodes[0] == (0.0, 0.0)
+        assert all(nodes[child][1] == nodes[parent][1] + 1 for parent, child in edges)
+        for height in {y for _, y in nodes}:
+            level = sorted(x for x, y in nodes if y == height)
+            assert all(np.diff(level) >= 1.0)
 
 
 class TestMethods:
@@ -326,3 +339,13 @@ class TestAttitude:
     def test_rejects_a_frame_without_rotations(self, ax):
         run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))
         refuses(ValueError, "y must", cg.plot.attitude, run, ax)
+
+    def test_error_to_a_constant_attitude(self, ax):
+        run = cg.solve_ivp(
+            lambda t, y: [0.5, 0, 0], (0, 3), np.eye(3), frame=cg.frames.SO3(), dense_output=True
+        )
+        for reference in (Rotation.identity(), Rotation.identity(1), [np.eye(3)]):
+            cg.plot.attitude(run, ax, show="error", reference=reference)
+            times, angles = ax.lines[-1].get_data()
+            assert len(times) > 100
+            np.testing.assert_allclose(angles, np.rad2deg(0.5 * times), atol=1e-10)

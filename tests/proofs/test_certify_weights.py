@@ -6,7 +6,7 @@ from cg import conditions
 from cg.conditions import Rows
 from cg.proofs.krawczyk import to_double
 from cg.proofs.systems import order_system
-from cg.proofs.words import condition_words, parse, reciprocal_density, shuffle, text
+from cg.proofs.words import condition_words, parse, reciprocal_density, text
 from cg.structure.layout import Layout
 
 pytestmark = pytest.mark.no_core
@@ -24,13 +24,6 @@ class TestWords:
     def test_text(self):
         for word in condition_words(5):
             assert parse(text(word)) == word
-
-    def test_weights_multiply_by_shuffles(self):
-        words = condition_words(3, independent=False)
-        for u in words:
-            for v in words:
-                product = sum(n * reciprocal_density(w) for w, n in shuffle(u, v).items())
-                assert product == reciprocal_density(u) * reciprocal_density(v)
 
 
 class TestBalls:

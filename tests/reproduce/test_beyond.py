@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from kinds import FROZEN, MAGNUS
@@ -134,3 +135,18 @@ def test_line_styles_are_distinct():
     assert looks["CG6a"] == LINES["CG6a"]
     assert len({tuple(map(str, look.values())) for look in looks.values()}) == len(names)
     refuses(ValueError, "there are styles for at most", lines, map(str, range(100)))
+
+
+def test_order_section_has_all_methods_from_order_six():
+    def method(order, explicit=True):
+        return SimpleNamespace(order=order, explicit=explicit)
+
+    listed = {"a": method(7), "b": method(5), "c": method(6), "d": method(8, explicit=False)}
+    assert beyond_order.select(listed) == ["c", "a"]
+
+
+def test_slopes_use_decades_above_the_smallest_error():
+    part = {"error": [1e-1, 1e-3, 1e-9, 1e-15], "local": [2.0, 6.05, 5.95]}
+    assert beyond_order.decades(part, 6) == pytest.approx(12)
+    assert beyond_order.decades(part, 7) == 0
+    assert beyond_order.decades({**part, "local": [6.0, 4.0, 6.0]}, 6) == pytest.approx(6)

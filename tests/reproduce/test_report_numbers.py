@@ -74,3 +74,17 @@ def test_progress_in_a_file_shows_the_remaining_time():
     update(91, 100)  # the first of this run: 40 s for one, nine to go
     assert "91 of 100, 40 s, about 6 min left" in stream.getvalue().splitlines()[-1]
     assert "\r" not in stream.getvalue()
+
+
+def test_progress_on_a_terminal_is_one_line():
+    clock, stream = Clock(), Terminal()
+    one = ITEMS["table3.2"]
+    display = Display(stream, [one], clock=clock)
+    update = display.begin(one)
+    for done in range(1, 5):
+        clock.now += 1.0
+        update(done, 4)
+    display.finish(one, 4.0)
+    assert stream.getvalue().count("\n") == 1
+    assert stream.getvalue().count("\r") == 6
+    assert "2 of 4, 2 s, about 2 s left" in stream.getvalue()

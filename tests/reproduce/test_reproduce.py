@@ -13,11 +13,13 @@ from tests_of_pages import power_of_ten, words_of
 from cg.catalogue import methods
 from cg.reproduce import items
 from cg.reproduce import run as run_module
+from cg.reproduce.blocks import number
 from cg.reproduce.coefficients import fixed, labels, method_data
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.evidence import gather
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
+from cg.reproduce.report import page
 from cg.reproduce.sections import search as search_section
 from cg.reproduce.sections import table3_2
 from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
@@ -148,11 +150,10 @@ def test_table_end_to_end(tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def figures(tmp_path_factory):
-    """Two runs of the same items into different folders."""
+    """Two runs into different folders, the second of some items of the first."""
     folders = [tmp_path_factory.mktemp("figures") for _ in range(2)]
-    for folder in folders:
-        names = ("fig4.1", "fig4.2", "appendix", "table3.2")
-        assert main([*(f"--only={name}" for name in names), "--out", str(folder)]) == 0
+    for folder, names in zip(folders, ("fig4.1,fig4.2,appendix,table3.2", "fig4.1"), strict=True):
+        assert main([f"--only={names}", "--out", str(folder)]) == 0
     return folders
 
 
@@ -177,9 +178,10 @@ def test_equal_runs_write_equal_files(figures):
     first, second = map(read, figures)
     assert first.pop("run") != {}
     assert second.pop("run") != {}
-    assert first == second
-    for path in (figures[0] / "figures").iterdir():
-        assert path.read_bytes() == (figures[1] / "figures" / path.name).read_bytes()
+    assert list(second["items"]) == ["fig4.1"]
+    assert first | {"items": {"fig4.1": first["items"]["fig4.1"]}} == second
+    for path in (figures[1] / "figures").iterdir():
+        assert path.read_bytes() == (figures[0] / "figures" / path.name).read_bytes()
 
 
 def test_reference_is_more_accurate_than_double(figures):
@@ -398,3 +400,32 @@ def test_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
     message = capsys.readouterr().err.splitlines()[-1]
     assert message.startswith(f"reproduce-paper: error: store {store} is not an SQLite database")
     assert message.endswith("; if you delete that file, its content is computed again")
+
+
+def test_full_run_has_its_own_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for arguments in ([], ["--full"]):
+        assert main(["--only", "table3.2", *arguments]) == 0
+    for folder, full in (("reproduce/out", False), ("reproduce/out/full", True)):
+        assert read(tmp_path / folder)["settings"] == {"seed": 0, "full": full}
+
+
+def test_page_escapes():
+    state = {
+        "settings": {"seed": 0, "full": False},
+        "items": {},
+        "run": {"version": "<b>", "seconds": {}, "workers": 1},
+    }
+    assert "<b>" not in page(state, {})
+
+
+def test_number():
+    assert number(-1.5e-7, 2) == "−1.5e−07"
+    assert number(None) == "–"
+    assert number(196) == "196"
+
+
+def test_list(capsys):
+    assert main(["--list"]) == 0
+    printed = capsys.readouterr().out
+    assert [line.split()[0] for line in printed.splitlines()] == list(items.ITEMS)

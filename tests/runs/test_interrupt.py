@@ -152,6 +152,21 @@ class TestThreads:
             np.testing.assert_array_equal(other.x, here.x)
             assert (other.f, other.iterations) == (here.f, here.iterations)
 
+    def test_runs_stop_independently(self):
+        def work(index):
+            for _ in as_finished(lambda inner: inner, range(3), 2):
+                pass
+            return fit_conditions(np.full(3, 0.4), ConditionSystem.tableau(2, 2)).status
+
+        assert list(as_finished(work, range(4), 2)) == [MinimumNormStatus.SOLVED] * 4
+
+    def test_stoppable_raises_errors_of_call(self):
+        def call(_):
+            raise ArithmeticError("inside")
+
+        with pytest.raises(ArithmeticError, match="inside"):
+            stoppable(call)
+
 
 def workers():
     return [t for t in threading.enumerate() if t.name.startswith("ThreadPoolExecutor")]

@@ -10,6 +10,7 @@ import cg
 from cg.command import main
 from cg.construction import run_attempt
 from cg.runs import Failure, ProgressLine, stored_run
+from cg.runs.progress import duration
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 12, "workers": 1}
 LINE = re.compile(
@@ -159,3 +160,11 @@ class TestCommand:
             "crouch-grossman: interrupted; with --store FILE the same command would continue from "
             "here"
         )
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "0 s"), (59.4, "59 s"), (60, "1 min"), (3600, "1 h 0 min"), (7900, "2 h 12 min")],
+)
+def test_durations(seconds, text):
+    assert duration(seconds) == text
