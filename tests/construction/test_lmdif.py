@@ -168,3 +168,14 @@ def test_scaling_by_powers_of_two(name, power, what):
         scaled = cg.lmdif(residual, start, diag=diag * unit)
     assert (scaled.info, scaled.nfev) == (plain.info, plain.nfev)
     assert_array_equal(scaled.x * (unit if what == "x" else 1.0), plain.x)
+
+
+@pytest.mark.parametrize("power", [-520, -70, 70, 520])
+def test_norms_of_tiny_and_of_huge_residuals(power):
+    problem, unit = BY_NAME["rosenbrock"], 2.0**power
+    fit = cg.lmdif(lambda x: problem.residual(x) * unit, problem.start(1))
+    assert fit.success
+    assert_allclose(fit.x, 1.0, rtol=1e-12)
+    bard, start = BY_NAME["bard"], BY_NAME["bard"].start(1)
+    norm = cg.lmdif(lambda x: bard.residual(x) * unit, start).residual_norm
+    assert_allclose(norm / unit, cg.lmdif(bard.residual, start).residual_norm, rtol=1e-10)

@@ -76,7 +76,7 @@ HUGE = ["1e999999999", "1e-999999999", "-1E+99999999999999999999", "1e1_000_000"
 
 @pytest.mark.parametrize("text", [*HUGE, Decimal("1e999999999"), Decimal("1e-999999")])
 def test_rejects_huge_exponents(text):
-    refuses(ValueError, "exponents must", read_fraction, text)
+    refuses(ValueError, "exponents must|Exceeds", read_fraction, text)
     refuses(ValueError, "values must", quads.encode, [text])
     with pytest.raises(ValueError, match="row 1 of a must"):
         cg.conditions.residuals([[text]], [1], 1, arithmetic="exact")
