@@ -12,7 +12,6 @@ from compiled_examples import PROBLEMS
 from kinds import FROZEN
 from refusals import refuses
 
-import cg
 from cg import MethodError, conditions
 from cg.catalogue import dumps, loads, methods
 from cg.integration import integrate, solve_ivp
@@ -108,13 +107,6 @@ class TestConversion:
     )
     def test_bad_input(self, a, b, words):
         refuses(MethodError, words, from_two_registers, a, b)
-
-    def test_pairs_have_no_registers(self):
-        a, b = two_registers(methods["CF3b"])
-        single = from_two_registers(a, b)
-        points = [*single.points, (-1, {0: "1/3", 1: "2/3"})]
-        pair = cg.CommutatorFree(points, single.stage_points, 2, embedded_result=3)
-        assert two_registers(pair) is None
 
 
 class TestOrderOnManifolds:

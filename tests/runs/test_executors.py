@@ -67,6 +67,13 @@ def die_at_seven(index):
     return index
 
 
+def die_twice(folder, index):
+    if index == 7 and len(list(folder.iterdir())) < 2:
+        (folder / str(os.getpid())).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return index
+
+
 class Unfair(Executor):
     """An executor that runs the newest piece first."""
 
@@ -206,6 +213,11 @@ class TestDeath:
         (failed,) = [f for f in ended if f.failure]
         assert failed.index == 7
         assert "BrokenProcessPool" in str(failed.failure)
+
+    def test_a_piece_runs_again_after_the_death_of_its_worker(self, tmp_path):
+        """Workers are killed from outside too: once in a chunk, and once alone."""
+        ended = list(completed(partial(die_twice, tmp_path), range(12), 12, 2, "processes"))
+        assert sorted(finished.result for finished in ended) == list(range(12))
 
     def test_error_if_executor_cannot_be_replaced(self):
         with (
