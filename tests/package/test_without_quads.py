@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refusals import refuses
 
 import cg
 from cg.conditions import residuals
@@ -29,8 +30,7 @@ def without(monkeypatch):
     ],
 )
 def test_missing_quads_error_names_the_function(call, name):
-    with pytest.raises(MissingQuadsError, match=rf"^{name} needs quadruple precision.*-Dquad"):
-        call()
+    refuses(MissingQuadsError, rf"^{name} needs quadruple precision.*-Dquad", call)
 
 
 def test_doubles_work_without_quads():

@@ -5,6 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from ambient import solve_in_ambient_space
+from refusals import refuses
 
 from cg.frames import SE3
 from cg.problems import AffineField, ForcedRigidBody, FreeRigidBody, HeavyTop
@@ -57,8 +58,7 @@ def test_f_accepts_batches():
     ],
 )
 def test_bad_arguments_are_rejected(make, error, message):
-    with pytest.raises(error, match=message):
-        make()
+    refuses(error, message, make)
 
 
 def test_affine_field_on_a_batch():

@@ -5,18 +5,15 @@ from flint import arb
 from cg import conditions
 from cg.conditions import Rows
 from cg.conditions.systems import EquationSystem
-from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import (
     condition_words,
     conditions_of,
     parse,
     reciprocal_density,
-    shuffle,
     text,
 )
 from cg.proofs.krawczyk import to_double
 from cg.structure.layout import Layout
-from cg.support.balls import working_precision as precision
 
 pytestmark = pytest.mark.no_core
 
@@ -34,13 +31,6 @@ class TestWords:
         for word in condition_words(5):
             assert parse(text(word)) == word
 
-    def test_weights_multiply_by_shuffles(self):
-        words = condition_words(3, independent=False)
-        for u in words:
-            for v in words:
-                product = sum(n * reciprocal_density(w) for w, n in shuffle(u, v).items())
-                assert product == reciprocal_density(u) * reciprocal_density(v)
-
 
 class TestBalls:
     @pytest.mark.parametrize("rows", Rows)
@@ -53,21 +43,3 @@ class TestBalls:
         a, b = (np.array(part, float) for part in conditions.unpack(x, 4, rows))
         expected = conditions.jacobian(a, b, 5, independent=True, rows=rows)
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13)
-
-    def test_derivatives_by_differences(self):
-        layout = Layout.tableau(4, Rows.EXPLICIT)
-        quantities = [
-            Quantity(4, ((), ((),))),
-            Quantity(4, (((),), ())),
-            Quantity(3, (((),), ())),
-        ]
-        x = np.random.default_rng(8).uniform(-1, 1, layout.size)
-        with precision(200):
-            weights = Weights(layout, quantities)
-            at = weights.evaluate([arb(v) for v in x])
-            jac = to_double(weights.jacobian())
-            for k in range(layout.size):
-                step = [arb(v) + (arb(2) ** -60 if i == k else 0) for i, v in enumerate(x)]
-                moved = Weights(layout, quantities).evaluate(step)
-                slope = [float((m - v) * arb(2) ** 60) for m, v in zip(moved, at, strict=True)]
-                np.testing.assert_allclose(jac[:, k], slope, atol=1e-12)

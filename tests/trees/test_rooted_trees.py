@@ -3,6 +3,7 @@
 from itertools import accumulate
 
 import pytest
+from refusals import refuses
 
 from cg.trees.rooted import density, node_count, rooted_trees, rooted_trees_through
 
@@ -24,7 +25,5 @@ def test_nodes_and_densities():
 
 @pytest.mark.parametrize("function", [rooted_trees, rooted_trees_through])
 def test_rejects_a_bad_number_of_nodes(function):
-    with pytest.raises(ValueError, match="at least 1"):
-        function(0)
-    with pytest.raises(TypeError, match="must be an integer"):
-        function(2.5)
+    refuses(ValueError, "at least 1", function, 0)
+    refuses(TypeError, "must be an integer", function, 2.5)
