@@ -135,7 +135,7 @@ class Run:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
 
     def _reserving(self, needed: int, function: Any, *arguments: int) -> Any:
-        if needed <= _MUCH:
+        if self._lanes == 1 and needed <= _MUCH:
             return function(*arguments)
         with reserved(needed, f"{self._lanes} trajectories of {self.plan.width} numbers"):
             return function(*arguments)
