@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
 from ..structure.points import PointTree, check_not_sums
+from ..support.checks import check_flag
 from . import core_calls
 from .counts import (
     MAX_ORDER,
@@ -174,12 +175,12 @@ def residuals(
     >>> all(0 in ball for ball in residuals(cg.methods["CF4"], 4, arithmetic="balls"))
     True
     """
-    if arithmetic not in ("double", "exact", "balls"):
+    if not isinstance(arithmetic, str) or arithmetic not in ("double", "exact", "balls"):
         raise ValueError(f"arithmetic must be double, exact or balls, got {arithmetic!r}")
     tree = None
     if isinstance(getattr(a, "tree", None), PointTree):
         order, tree = b if order is None else order, result_tree(a, embedded)
-    elif embedded:
+    elif check_flag("embedded", embedded):
         raise ValueError(f"embedded must be False for coefficients, got {embedded!r}")
     if arithmetic != "double":
         tree = exact_tree(a, b) if tree is None else tree

@@ -89,7 +89,10 @@ def check_integer(name: str, value: Any, least: int, most: int | None = None) ->
 
 def check_interval(name: str, value: Any) -> tuple[float, float]:
     """Return two numbers as floats; ValueError unless they are finite and increasing."""
-    numbers = np.asarray(value) if isinstance(value, tuple | list | np.ndarray) else np.empty(0)
+    try:
+        numbers = np.asarray(value) if isinstance(value, tuple | list | np.ndarray) else np.empty(0)
+    except ValueError:  # rows of several lengths
+        numbers = np.empty(0)
     if numbers.shape == (2,) and numbers.dtype.kind in "iuf" and np.isfinite(numbers).all():
         lower, upper = map(float, numbers)
         if lower < upper:

@@ -203,7 +203,7 @@ RETURNED = {
     *("StepTooLongError", "Product"),
 }
 # Functions of the user, whose own errors are raised unchanged
-FUNCTIONS = {"f", "jac", "df_dp", "events", "progress", "args"}
+FUNCTIONS = {"f", "a", "functions", "jac", "df_dp", "events", "progress", "args"}
 
 # Parts of arguments that messages name
 PARTS = {
