@@ -468,6 +468,10 @@ def _error(
         if steps.paths.power == 0:
             at_end = rules.field(estimates[-len(steps.paths.errors)], y1)
             return _larger(error, float(steps.paths.factor) * at_end, steps, squares)
+        if len(measured) > 2:  # with `kink_weights`
+            kinks = rules.field(estimates[-2], y1)
+            error = jnp.where(squares[1] > squares[0], kinks, error)
+            squares = [jnp.maximum(*squares[:2]), squares[2]]
         total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
         error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
     return error

@@ -1,4 +1,4 @@
-r"""Error estimates that see what happens between the last node of a step and its end.
+r"""Error estimates that see jumps after the last node of a step, and kinks within a step.
 
 The difference of the two results of a pair without a node at the end of the step doesn't change if
 the field jumps after its last node. A combination :math:`h \sum_k d_k F_k` of the values at stages
@@ -6,6 +6,11 @@ and of the value at the result, which is that at the start of the next step, doe
 such that it vanishes through as high a power of h as the difference of the results does, or one
 below it. In the latter case the quotient of its square and of a combination that is one order lower
 has the order of the difference.
+
+The estimate of DOP853 is the square of a difference of results of order five, divided by one of
+order three. It is almost blind to kinks of the field near the five times at which the former
+vanishes. A combination of the values at stages that vanishes through one power of h more is zero
+at other times, and on smooth fields it is smaller, so that the larger of both is taken there.
 """
 
 from __future__ import annotations
@@ -28,6 +33,7 @@ Matrix = NDArray[np.float64]
 _AT_END = 1e-9  # nodes nearer to the end are at the end
 _ROUNDING = 1e-10  # of singular values and of the weight at the end
 _SHARE = Fraction(1, 5)  # of the largest error of a jump after the last node
+_SIZE = 1 / 3  # of `kink_weights`, compared with the weights of the third estimate
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,25 @@ def end_weights(method: Method) -> EndWeights | None:
     return EndWeights(weights, _SHARE * Fraction(1.0 - method.c.max()))
 
 
+@cached
+def kink_weights(method: Method) -> tuple[Fraction, ...] | None:
+    """Return the weights of stages for kinks in a pair with two more results, else None.
+
+    As those of the third result they satisfy the conditions for commuting flows; the sum of their
+    sizes is a third of that of the latter.
+    """
+    second, third = method.embedded_order, method.third_order
+    if isinstance(method, MagnusMethod) or not method.explicit or second is None or third is None:
+        return None
+    if not third < second < method.order:
+        return None
+    basis = _null_space(_flat_values(method, second + 1))
+    if not len(basis):
+        return None
+    size = float(sum(map(abs, method.error_weights[-1])))
+    return tuple(map(Fraction, (_SIZE * size / abs(basis[-1]).sum() * basis[-1]).tolist()))
+
+
 def _values(tree: PointTree, result: int, order: int) -> Matrix:
     """Return the elementary weights of trees up to an order at stages and at the result."""
     trees, ends = forest(order), [*tree.stage_points, result]
@@ -81,6 +106,16 @@ def _values(tree: PointTree, result: int, order: int) -> Matrix:
         at = _word_weights(tree, used, trees.children[t - 1], letters)
         rows.append([at[end] for end in ends])
         letters[t] = [sum(weight * rows[-1][k] for k, weight in flow.items()) for flow in flows]
+    return np.array(rows)
+
+
+def _flat_values(method: Method, order: int) -> Matrix:
+    """Return the elementary weights of trees up to an order at stages in flat space."""
+    trees = forest(order)
+    rows: list[Any] = []
+    for t in range(1, trees.with_nodes(order).stop):
+        factors = [method.a @ rows[child - 1] for child in trees.children[t - 1]]
+        rows.append(np.prod([np.ones(method.stages), *factors], axis=0))
     return np.array(rows)
 
 
@@ -107,8 +142,13 @@ def _word_weights(
 
 def _vanishing(values: Matrix) -> NDArray[np.float64] | None:
     """Return the smallest weights on which all rows vanish, with 1 at the end, if there are any."""
-    _, sizes, basis = np.linalg.svd(values)
-    basis = basis[np.count_nonzero(sizes > _ROUNDING * sizes[0]) :]
+    basis = _null_space(values)
     at_end = basis[:, -1]
     square = float(at_end @ at_end)
     return None if square < _ROUNDING else at_end @ basis / square
+
+
+def _null_space(values: Matrix) -> Matrix:
+    """Return an orthonormal basis of the weights on which all rows vanish."""
+    _, sizes, basis = np.linalg.svd(values)
+    return basis[np.count_nonzero(sizes > _ROUNDING * sizes[0]) :]

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames.dexpinv import bernoulli_terms
-from .end_weights import end_weights
+from .end_weights import end_weights, kink_weights
 from .magnus import MagnusMethod
 from .method import Method, cached
 from .munthe_kaas import MuntheKaas
@@ -68,15 +68,26 @@ def jump_ratio(method: Method) -> float | None:
     an error estimate, and for Magnus methods, whose estimates also use the nodes of the step
     before.
     """
+    return _break_ratio(method, 0)
+
+
+@cached
+def kink_ratio(method: Method) -> float | None:
+    """Return the same where the derivative of the field jumps, at a thousand times of the step."""
+    return _break_ratio(method, 1)
+
+
+def _break_ratio(method: Method, power: int) -> float | None:
     if method.embedded_order is None or isinstance(method, MagnusMethod):
         return None
     response, c, still = _response(method, None), method.c, np.zeros(1)
-    places = (np.arange(1000) + 0.5) / 1000
-    ratios = [
-        _compare(method, response((c >= place).astype(float), still), 1 - place)
-        for place in places.tolist()
-    ]
-    return float(max(error[0] / max(estimate[0], 1e-300) for error, estimate in ratios))
+    ratios = []
+    for place in ((np.arange(1000) + 0.5) / 1000).tolist():
+        values = np.where(c >= place, (c - place) ** power, 0.0)
+        exact = (1 - place) ** (power + 1) / (power + 1)
+        error, estimate = _compare(method, response(values, still), exact)
+        ratios.append(error[0] / max(estimate[0], 1e-300))
+    return float(max(ratios))
 
 
 @cached
@@ -179,7 +190,7 @@ def _flow_response(method: Method, values: Vector, angles: Vector) -> tuple[Vect
         third = results[0] - _at_end([flow], values, angles)
     elif method.third_order is not None:
         third = third + np.array(method.error_weights[-1], np.float64) @ values
-    return results[0], results[0] - results[1], third
+    return results[0], _larger(method, results[0] - results[1], values), third
 
 
 def _at_end(flows: Iterable[Flow], values: Vector, angles: Vector) -> Vector:
@@ -206,7 +217,16 @@ def _algebra_response(
     kappa = np.linalg.solve(system, sources[..., None])[..., 0]
     result, second, *third = weights @ kappa.T
     third = third[0] if third else np.zeros(len(angles))
-    return _phi1(-1j * angles) * result, second, third
+    return _phi1(-1j * angles) * result, _larger(method, second, kappa.T), third
+
+
+def _larger(method: Method, second: Vector, values: Vector) -> Vector:
+    """Return the difference of the results, or the sum with `kink_weights` if that is larger."""
+    weights = kink_weights(method)
+    if weights is None:
+        return second
+    kinks: Vector = np.array(weights, np.float64) @ values
+    return np.where(abs(kinks) > abs(second), kinks, second)
 
 
 def _dexpinv(x: Vector, powers: int | None) -> Vector:

@@ -269,13 +269,14 @@ contains
 
   ! Estimates the error in tolerances: from differences of results and from weighted sums of stages.
   ! Two estimates with norms e1 and e2 are combined to e1 (e1 / hypot(e1, factor e2))^power, which
-  ! has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1.  With a
-  ! power of 0 (cg/method/end_weights.py) sums see the end of the step, which results don't, and the
-  ! larger of e1 and factor e2 counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
+  ! has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1, and e1
+  ! is the larger one of two, see kink_weights in cg/method/end_weights.py. With a power of 0 (same
+  ! file) sums see the end of the step, which results don't, and the larger of e1 and factor e2
+  ! counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
   subroutine estimate_error(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: errors(3), ratio
+    real(wp) :: errors(3), error, ratio
     integer :: i, k, place, sums
 
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
@@ -297,11 +298,11 @@ contains
         if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         call tangent(frame, tolerances, v, x%y(:, x%result), x%control%work)
-        place = merge(2, 1 + 2 * (i - 1) / sums, method%embedded > 0)
+        place = merge(2 + i - sums, 1 + 2 * (i - 1) / sums, method%embedded > 0)
         if (method%power == 0) place = 1 + i
-        associate (estimate => errors(place))
-          estimate = hypot(estimate, norm(tolerances, x%control%work, x%control%scale))
-        end associate
+        error = norm(tolerances, x%control%work, x%control%scale)
+        if (method%polynomial) error = hypot(errors(place), error)
+        if (.not. error <= errors(place)) errors(place) = error
       end do
       ratio = 1.0_wp
       if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &

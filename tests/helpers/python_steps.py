@@ -38,6 +38,8 @@ class Step:
         if self.paths.power == 0:
             end = errors[1] if len(errors) == 2 else errors[1] ** 2 / np.hypot(*errors[1:])
             return y1, max(errors[0], float(self.paths.factor) * end)
+        if len(errors) == 3:
+            errors = [max(errors[:2]), errors[2]]
         if len(errors) == 1 or errors[0] == 0.0:
             return y1, errors[0]
         return y1, errors[0] ** 2 / np.hypot(errors[0], 0.1 * errors[1])

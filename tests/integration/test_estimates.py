@@ -10,7 +10,7 @@ from frame_examples import HEISENBERG
 import cg
 from cg.frames import SE3, SO, SO3, SU, Euclidean, LinearAction, Sphere, Stiefel, UnitQuaternion
 from cg.integration.default_method import choose_method
-from cg.method.estimate import MAX_RATIO, estimate_ratio, jump_ratio
+from cg.method.estimate import MAX_RATIO, estimate_ratio, jump_ratio, kink_ratio
 
 ROOT = Path(__file__).parents[2]
 FRAMES = (SO3(), Stiefel(3, 2), HEISENBERG)
@@ -41,6 +41,12 @@ class TestRatios:
     @pytest.mark.parametrize("name", DEFAULTS)
     def test_defaults_see_jumps(self, name):
         assert jump_ratio(cg.catalogue.resolve_method(name)) <= 50
+
+    @pytest.mark.parametrize("name", ["DOP853", "RKMK8(5,3)"])
+    def test_combined_estimates_see_kinks(self, name):
+        """Estimates of one combination vanish at some times; so do squares, near these times."""
+        assert kink_ratio(cg.methods[name]) < 40
+        assert kink_ratio(cg.methods["DP5(4)"]) > 1000
 
     def test_results_that_share_flows(self):
         """Their difference doesn't see commutators: what the last flow leaves is seen at φ = 0."""
@@ -179,10 +185,9 @@ class TestDiscontinuities:
         ids=repr,
     )
     def test_nonlinear_equations(self, frame):
-        """At isolated places within a step estimates of kinks vanish: one of 60 may be missed."""
         errors = self.errors(frame, "auto", 1e-9, 60)
         assert np.median(errors) < 1
-        assert np.sum(errors > 50) <= 1
+        assert errors.max() < 50
 
     BLIND_AT_THE_END = ("CF4(3)", "CG2(3)", "CG3(2)", "CG4(3)", "CG4(3)b", "CG5(4)", "CG6(5)")
 

@@ -5,6 +5,7 @@ import pytest
 from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
 from jax_setup import diffrax, jax
 from kinds import FROZEN, MUNTHE_KAAS
+from python_steps import Step
 from slow_cases import slow
 
 import cg
@@ -181,6 +182,21 @@ class TestErrors:
             stepsize_controller=cg.jax.controller(SO3(), rtol=1e-5, atol=1e-5), max_steps=1000,
         )  # fmt: skip
         assert np.abs(run.ys[-1] - exact).max() < 1e-4
+
+    @pytest.mark.parametrize("name", ["DOP853", "RKMK8(5,3)"])
+    def test_estimates_of_kinks(self, name):
+        """At a time at which the difference of the results vanishes."""
+        kink = 0.46525
+
+        def f(t, y, args=None):
+            return abs(t - kink) * np.ones(1)
+
+        solver, y0 = cg.jax.Solver(name, dense="steps"), np.zeros(1)
+        ours = cg.jax.FrameTerm(f, Euclidean(1))
+        _, error, *_ = solver.step(ours, 0.0, 1.0, jnp.asarray(y0), None, kink * y0 + kink, False)
+        _, expected = Step(f, Euclidean(1), METHODS[name]).trial(0.0, y0, 1.0, 0.0, 1.0)
+        assert abs(error[0]) == pytest.approx(expected, rel=1e-9)
+        assert expected > 1e-4
 
     @pytest.mark.slow
     def test_backwards(self):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cg.conditions import Rows
 from cg.integration.step.collocation import transformation
-from cg.method.end_weights import end_weights
+from cg.method.end_weights import end_weights, kink_weights
 from cg.method.estimate import error_power
 from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
@@ -79,7 +79,7 @@ class MethodPaths:
     errors
         Weights on the coefficients at stages of the combinations by which errors are estimated.
         With a second result they are those of the second estimate, or those of `end_weights`,
-        where the end of the step is a stage more.
+        where the end of the step is a stage more. Those of `kink_weights` are the last but one.
     transformation
         Of a collocation method, the numbers of `transformation`.
     power
@@ -206,6 +206,8 @@ def paths_of(method: Method) -> MethodPaths:
     if end := end_weights(method):
         stages, c, final = (*stages, result_path), (*c, Fraction(1)), [len(stages) + 1]
         errors, factor = end.rows, end.factor
+    if kinks := kink_weights(method):
+        errors = (*errors[:-1], kinks, errors[-1])
     return MethodPaths(
         tuple(builder.paths),
         stages,
