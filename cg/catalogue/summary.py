@@ -15,6 +15,7 @@ from ..method.estimate import estimate_ratio
 from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
+from ..method.splitting import Splitting
 from ..method.stability import stability_limits, too_large
 from ..support.parsing import write_file
 from . import find_method, methods
@@ -30,8 +31,8 @@ class MethodSummary:
     ----------
     name : str
     kind : str
-        ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"``, ``"Munthe-Kaas"`` or
-        ``"Magnus"``.
+        ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"``, ``"Munthe-Kaas"``,
+        ``"Magnus"`` or ``"splitting"``.
     order, embedded_order : int, int or None
         `Method.order`, and that of the second result of a pair.
     approximate : bool
@@ -125,6 +126,8 @@ def _kind(method: Method) -> str:
         return "Munthe-Kaas"
     if isinstance(method, MagnusMethod):
         return "Magnus"
+    if isinstance(method, Splitting):
+        return "splitting"
     if isinstance(method, CommutatorFree):
         return "commutator-free"
     return "Crouch-Grossman" if method.explicit else "implicit"

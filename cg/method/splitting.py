@@ -239,6 +239,10 @@ class Splitting(Method):
 
     def _numbers(
         self, change: Callable[[Fraction], Fraction] = Fraction, *, units: bool = False
-    ) -> list[list[fmpq]]:
-        rows = self.drift_coefficients, self.kick_coefficients
-        return [[to_flint(change(x.value) + units * x.unit) for x in row] for row in rows]
+    ) -> tuple[list[fmpq], list[fmpq]]:
+        """Return drifts and kicks after a change, enlarged by their uncertainties with `units`."""
+
+        def numbers(row: Iterable[Coefficient]) -> list[fmpq]:
+            return [to_flint(change(x.value) + units * x.unit) for x in row]
+
+        return numbers(self.drift_coefficients), numbers(self.kick_coefficients)
