@@ -20,6 +20,7 @@ from ..method.stability import stability_limits, too_large
 from ..support.parsing import write_file
 from . import find_method, methods
 
+_NO_LIMITS = "limits of stability, which are those of y' = λ y, no mechanical system"
 _FILE = files("cg.catalogue") / "summaries.json"
 
 
@@ -75,15 +76,15 @@ class MethodSummary:
 
 def compute_summary(method: Method) -> MethodSummary:
     """Compute the summary of a method; for high orders it takes seconds."""
-    # a Magnus method solves the test equation exactly
-    magnus = isinstance(method, MagnusMethod)
-    not_computed = None if magnus else too_large(method)
+    # a Magnus method solves the test equation exactly, and a splitting method doesn't apply to it
+    magnus, splitting = isinstance(method, MagnusMethod), isinstance(method, Splitting)
+    not_computed = _NO_LIMITS if splitting else None if magnus else too_large(method)
     real = imaginary = principal = None
     ratio = estimate_ratio(method)
     if not_computed is None and not magnus:
         limits = stability_limits(method)
         real, imaginary = _finite(limits.real), _finite(limits.imaginary)
-    if method.order < MAX_ORDER:
+    if method.order < MAX_ORDER or splitting:
         principal = _rounded(method.principal_error)
     return MethodSummary(
         name=method.name,

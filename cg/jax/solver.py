@@ -27,6 +27,7 @@ from cg.jax.within import Within, interpolant
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 
 _DENSE = ("accurate", "steps")
 
@@ -146,6 +147,8 @@ class Solver(diffrax.AbstractAdaptiveSolver):
             raise ValueError(f"method must be explicit in JAX, got {method!r}")
         if isinstance(method, MagnusMethod):
             raise ValueError(f"method must be for nonlinear equations, got {method!r}")
+        if isinstance(method, Splitting):
+            raise ValueError(f"method must not be a splitting method in JAX, got {method!r}")
         if dense not in _DENSE:
             raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
         if not isinstance(unroll, bool):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import accumulate, chain, count
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,7 @@ class Splitting(Method):
     source: str
     drift_coefficients: tuple[Coefficient, ...]
     kick_coefficients: tuple[Coefficient, ...]
+    _COUNTED: ClassVar = ("kick", "drift")
 
     def __init__(
         self, drifts: Iterable[Any], kicks: Iterable[Any], *, name: str = "", source: str = ""
