@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from cg.catalogue import find_method, resolve_method
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
+from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import (
     check_algebra,
     check_args,
@@ -39,6 +40,7 @@ from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 from cg.method.warnings import check_order, check_pair
 from cg.support.checks import check_flag
 
@@ -188,6 +190,10 @@ def make_control(plan: Plan, options: Options, span: float) -> Control:
         if size > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
         return Control(h=size)
+    if isinstance(method, Splitting):
+        raise ValueError(
+            f"h must be given with {method!r}: steps of splitting methods have a fixed size"
+        )
     if not plan.exponent:
         raise ValueError(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
@@ -217,6 +223,18 @@ def _check_of_time(rhs: CompiledRhs, t: float, point: Points) -> None:
         )
 
 
+def _check_force(rhs: CompiledRhs | PythonRhs, t: float, y: Points, frame: PhaseSpace) -> None:
+    """Raise ValueError if a force depends on the momentum."""
+    q, momentum = frame.split(y)
+    more = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
+    other = frame.join(q, momentum + more * (1.0 + np.abs(momentum)))
+    if not np.array_equal(rhs.answer(0, t, y), rhs.answer(0, t, other)):
+        raise ValueError(
+            "f must not depend on the momentum with a splitting method, whose kicks are not "
+            f"symplectic then, got other forces for another momentum at t = {t:.17g}"
+        )
+
+
 def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | None) -> Method:
     """Return the method after checking that it suits ``f`` and the frame."""
     if isinstance(method, str) and method == AUTO:
@@ -225,6 +243,15 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
     if isinstance(chosen, MagnusMethod) and not isinstance(f, TimeFunction):
         raise ValueError(
             f"method must be for nonlinear equations, got {chosen!r}, which is for cg.solve_linear"
+        )
+    if isinstance(f, TimeFunction) and isinstance(frame, PhaseSpace):
+        raise ValueError(
+            f"frame must not be a phase space, got {frame!r}, whose velocities depend on the point"
+        )
+    if isinstance(chosen, Splitting) and not isinstance(frame, PhaseSpace):
+        raise ValueError(
+            f"method {chosen.name or 'with drifts and kicks'} splits mechanical systems, whose frame "
+            f"is cg.frames.PhaseSpace(...), got {frame!r}"
         )
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen, linear=isinstance(f, TimeFunction))
@@ -257,6 +284,8 @@ def make_problem(
     plan.detect_coordinates(points[0])
     rhs, extra = make_rhs(f, frame, given["args"], numbers, vectorized, len(points))
     start, stop = check_span(t_span)
+    if isinstance(chosen, Splitting):
+        _check_force(rhs, start, points[0], cast(PhaseSpace, frame))
     jacobian = None
     if jac is not None:
         jacobian = jacobian_of(jac, f, frame, chosen, rhs, start, points[0])

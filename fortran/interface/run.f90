@@ -337,9 +337,11 @@ contains
     type(run_t), intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
     real(wp), allocatable :: where(:), points(:), slopes(:)  ! times, then members
-    integer :: i, memory
+    integer :: i, m, memory
 
-    associate (n => run%frame%point_size, m => run%frame%dimension, k => size(requests))
+    m = run%frame%dimension
+    if (run%frame%forces > 0) m = run%frame%forces
+    associate (n => run%frame%point_size, k => size(requests))
       allocate (where(2 * k), points(n * k), slopes(m * k), stat=memory)
       if (memory /= 0) then
         do i = 1, k
@@ -357,7 +359,7 @@ contains
       call run%python%apply(fields_operation, where, points, slopes)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          lane%received = slopes((i - 1) * m + 1:i * m)
+          lane%received(:m) = slopes((i - 1) * m + 1:i * m)
           lane%flag = 0
         end associate
       end do

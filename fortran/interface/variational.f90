@@ -9,6 +9,7 @@ module variational_m
                                          c_null_ptr, c_ptr
   use coordinates_m, only: sizes
   use external_field_m, only: field_at, rhs_i
+  use free_motion_m, only: add_free_motion, take_forces
   use frames_m, only: flow_along
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
@@ -97,6 +98,7 @@ contains
       real(wp), intent(inout) :: values(*)
       procedure(rhs_i), pointer :: rhs
       real(wp) :: point(record%width)
+      type(plan_t), pointer :: plan
       type(c_ptr) :: data
 
       data = transfer(merge(own_data, record%data, own_data /= 0), data)
@@ -104,6 +106,10 @@ contains
       point = y
       rhs => field_at(address)
       code = rhs(t, point, values, data)
+      plan => plan_at(record%frame)
+      if (code /= 0 .or. plan%frame%forces == 0) return
+      call take_forces(plan%frame, y, values)
+      call add_free_motion(plan%frame, y, values)
     end subroutine evaluate_at
 
     ! a(j, i) becomes the central difference of f(i) along field j.

@@ -23,6 +23,9 @@ module method_m
     integer :: third = 0                     ! the path to a third one, 0 if there is none
     logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
+    ! of a splitting method, whose flows are kicks, each followed by a drift, that is, free motion
+    logical :: splitting = .false.
+    real(wp), allocatable :: drift(:)        ! (flows) in steps
     ! of a method of two registers, Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1)
     logical :: two_registers = .false.
     real(wp), allocatable :: a(:), b(:)      ! (stages)
@@ -47,8 +50,9 @@ contains
   ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
   ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, the
   ! power, the number of its error estimates by weights, the number of blocks of stages of an implicit
-  ! method, and 1 if the flows of a path are one along a polynomial. The weights are followed by a and b of registers,
-  ! by those of errors, by the entries of transformation_t, and by the factor.
+  ! method, 1 if the flows of a path are one along a polynomial, and 1 for a splitting method. The
+  ! weights are followed by a and b of registers, by those of errors, by the entries of
+  ! transformation_t, by the factor, and by drifts.
   subroutine make_method(list, weight, c, method)
     integer, intent(in) :: list(:)
     real(wp), intent(in) :: weight(:)        ! (terms + 1) or more
@@ -95,6 +99,8 @@ contains
         k = k + 39
       end if
       method%factor = weight(k + 1)
+      method%splitting = list(used + 11) == 1
+      if (method%splitting) method%drift = weight(k + 2:k + 1 + flows)
     end associate
     method%c = c
     method%polynomial = list(used + 10) == 1

@@ -2,6 +2,7 @@
 ! Its nodes are requested one after the other, until it is complete.
 module within_step_m
   use kinds, only: wp
+  use free_motion_m, only: add_free_motion
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
                                flows_of_evaluation, make_cubic, next_node, reserve_interpolant, &
                                set_ends
@@ -61,6 +62,7 @@ contains
     associate (x => trajectory)
       call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
                     x%end_slope)
+      call complete_ends(problem, trajectory)
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
                              exists)
       if (x%needs_interpolant .or. x%interpolant%complete) then
@@ -72,6 +74,18 @@ contains
     end associate
   end subroutine interpolate
 
+  ! Adds the free motion to the coefficients of splitting methods at both ends.
+  subroutine complete_ends(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    if (.not. problem%method%splitting) return
+    associate (interpolant => trajectory%interpolant)
+      call add_free_motion(problem%frame, interpolant%y0, interpolant%field(:, 1))
+      call add_free_motion(problem%frame, interpolant%y1, interpolant%field(:, 2))
+    end associate
+  end subroutine complete_ends
+
   ! Starts the interpolant of the step before.
   subroutine interpolate_last(problem, trajectory, slope)
     type(problem_t), intent(in) :: problem
@@ -81,6 +95,7 @@ contains
 
     associate (x => trajectory)
       call set_ends(x%interpolant, x%t_old, x%h_old, x%y_old, x%y(:, 0), x%slope_old, slope)
+      call complete_ends(problem, trajectory)
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
                              exists)
       call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp)
@@ -126,6 +141,8 @@ contains
 
     associate (x => trajectory)
       before = x%interpolant%nexp
+      if (problem%method%splitting) &
+        call add_free_motion(problem%frame, x%interpolant%y, x%received)
       call add_node(problem%frame, problem%scheme, x%received, x%interpolant, exists)
       call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp - before)
     end associate

@@ -92,6 +92,11 @@ class CompiledRhs:
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member; RuntimeError if the function returns an error."""
+        answer = self.answer(member, t, y)
+        return answer if self.frame is None else self.frame.complete_rhs(answer, y)
+
+    def answer(self, member: int, t: float, y: Points) -> Array:
+        """Return what the function returns for a member."""
         own = None if self.parameters is None else self.parameters[member]
         return replace(self, parameters=own)(t, y)
 
@@ -101,7 +106,7 @@ class CompiledRhs:
         return replace(self, parameters=own)
 
     def __call__(self, t: float, y: Points) -> Array:
-        """Return the coefficients, shape ``(*batch, dim)``, NaN where the function wrote nothing.
+        """Return what the function returns, shape ``(*batch, rhs_dim)``, NaN where it writes nothing.
 
         Points have the shape ``(*batch, *point_shape)``.  RuntimeError is raised if the function
         returns another number than zero, ValueError if the frame is unknown.
@@ -115,13 +120,13 @@ class CompiledRhs:
         )  # a copy, which the function may overwrite
         batch = points.shape[: points.ndim - len(self.frame.point_shape)]
         members = math.prod(batch)
-        coefficients = np.empty((members, self.frame.dim))
+        coefficients = np.empty((members, self.frame.rhs_dim))
         if members:
             rows = points.reshape(members, -1).view(np.float64)
             _, code = core.call_field(*self.addresses(), t, rows.T, coefficients.T)
             if code:
                 raise RuntimeError(f"f returned the error code {code} at t = {t:.17g}")
-        return coefficients.reshape(*batch, self.frame.dim)
+        return coefficients.reshape(*batch, self.frame.rhs_dim)
 
 
 def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:

@@ -107,7 +107,7 @@ class PythonRhs:
         frame, of_time = self.frame, isinstance(self.f, TimeFunction)
         f = self.f.a if isinstance(self.f, TimeFunction) else self.f
         point = frame.point_shape, frame.dtype.num
-        rest = *point, (frame.dim,), self.check, self._spare, of_time
+        rest = *point, (frame.rhs_dim,), self.check, self._spare, of_time
         if self.parameters is None or self.vectorized:
             self._contexts = [(f, args, *rest)]
         else:
@@ -167,6 +167,10 @@ class PythonRhs:
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member as a new array, after checking them."""
+        return self.frame.complete_rhs(self.answer(member, t, y), y)
+
+    def answer(self, member: int, t: float, y: Points) -> Array:
+        """Return what ``f`` returns for a member as a new array, after checking it."""
         if self.vectorized:
             row: Array = self.at_members(np.array([t]), np.array([member]), y[None])[0]
             return row
@@ -193,7 +197,9 @@ class PythonRhs:
         compiled code detects points that aren't finite. ``members`` of a vectorized function are
         named in errors.
         """
-        shape = (len(t), self.frame.dim) if self.vectorized else (self.frame.dim,)
+        shape = (self.frame.rhs_dim,)
+        if self.vectorized:
+            shape = (len(t), *shape)
         try:
             # a copy, since f may return the same buffer each time
             coefficients = real_array(value, "f")
@@ -219,7 +225,7 @@ class PythonRhs:
         if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
             rows = y.reshape(len(y) if self.vectorized else 1, -1)
             wrong = np.isfinite(rows).all(axis=1) & ~np.isfinite(
-                coefficients.reshape(-1, self.frame.dim)
+                coefficients.reshape(-1, self.frame.rhs_dim)
             ).all(axis=1)
             if wrong.any():
                 got = f"{coefficients} at {when(t)}"
@@ -238,7 +244,7 @@ class PythonRhs:
         flat = isinstance(group, MatrixGroup) and shape == (math.prod(group.point_shape),)
         if not isinstance(group, MatrixGroup) or not (flat or shape == group.point_shape):
             if shape != self.frame.point_shape:
-                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.dim else ""
+                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
             return "; f returns coefficients of the frame's fields, not the derivative of y"
         name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
         return f"; {name}(matrix) are those of a matrix in the Lie algebra"

@@ -151,10 +151,11 @@ def jacobian_of(
 ) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
     from cg.integration.variational.field import VariationalField
-    from cg.integration.variational.problem import check_function
+    from cg.integration.variational.problem import check_by_differences, check_function
 
     if not is_collocation(method):
         raise ValueError(f'jac must be None unless method="RadauIIA5", and it is {method!r}')
+    check_by_differences(frame, jac=jac)
     check_function(jac, "jac", rhs.vectorized)
     count = 0 if rhs.parameters is None else rhs.parameters.shape[-1]
     jacobian = Jacobian(VariationalField(frame, f, jac, None, count, rhs.vectorized), rhs=rhs)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from itertools import chain
+from itertools import accumulate, chain
 from math import comb
 
 import numpy as np
@@ -20,8 +20,11 @@ from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 from cg.method.tableau import Tableau
 from cg.structure.points import START
+
+_ROUNDING = Fraction(1, 10**14)  # of the sum of drifts
 
 Flow = tuple[tuple[int, Fraction], ...]
 """The stages (from 0) and their weights that make the field of one flow."""
@@ -85,6 +88,8 @@ class MethodPaths:
         which one flow leads to the result.
     blocks
         Number of blocks of stages of an implicit method that are solved one after the other.
+    drifts
+        Of a splitting method, the drift after each flow, which is a kick; else empty.
     """
 
     paths: tuple[Path, ...]
@@ -102,6 +107,7 @@ class MethodPaths:
     factor: Fraction = Fraction(1, 10)  # of DOP853
     polynomial: bool = False
     blocks: int = 0
+    drifts: tuple[Fraction, ...] = ()
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -116,7 +122,7 @@ class MethodPaths:
 
     @cached_property
     def weights(self) -> tuple[Fraction, ...]:
-        """The weights of all terms of all flows, A, B, those of errors, others, and the factor."""
+        """The weights of all terms of all flows, A, B, those of errors, others, factor, drifts."""
         flows = [flow for path in self.paths for flow in path.flows]
         a, b = self.registers or ((), ())
         return (
@@ -126,6 +132,7 @@ class MethodPaths:
             *chain(*self.errors),
             *self.transformation,
             self.factor,
+            *self.drifts,
         )
 
     @cached_property
@@ -143,8 +150,8 @@ class MethodPaths:
         the flows of each path begin, and where the terms of each flow begin; the stages of the
         terms; the paths to the stages and to the three results; the final stage; 1 if the method
         has two registers, 0 if not; the order of the series, the power of the quotient of error
-        estimates, the number of those that are combinations of coefficients, `blocks`, and 1
-        for flows along polynomials.
+        estimates, the number of those that are combinations of coefficients, `blocks`, 1 for flows
+        along polynomials, and 1 for a splitting method.
         """
         flows = [flow for path in self.paths for flow in path.flows]
         terms = [stage + 1 for flow in flows for stage, _ in flow]
@@ -154,7 +161,7 @@ class MethodPaths:
             *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
             *self.stages, self.result, self.embedded, self.third, self.final_stage,
             int(self.registers is not None), self.series, self.power, len(self.errors),
-            self.blocks, int(self.polynomial),
+            self.blocks, int(self.polynomial), int(bool(self.drifts)),
         ]  # fmt: skip
         return np.array(numbers, dtype=np.intc)
 
@@ -162,6 +169,8 @@ class MethodPaths:
 @cached
 def paths_of(method: Method) -> MethodPaths:
     """Return the paths of a method."""
+    if isinstance(method, Splitting):
+        return _splitting_paths(method)
     series = 0
     if isinstance(method, MuntheKaas) and not method.explicit:
         flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
@@ -209,6 +218,26 @@ def paths_of(method: Method) -> MethodPaths:
         factor=factor,
         blocks=_blocks(method),
     )
+
+
+def _splitting_paths(method: Splitting) -> MethodPaths:
+    """Return the paths of a splitting method, whose flows are kicks followed by drifts.
+
+    The force depends on time and position alone. So at the end of the step it is that of the last
+    stage, if the step ends with a kick.
+    """
+    drifts = [drift.value for drift in method.drift_coefficients]
+    kicks: list[Flow] = [((k, kick.value),) for k, kick in enumerate(method.kick_coefficients)]
+    first = int(drifts[0] != 0)  # a kick of zero before it
+    flows: list[Flow] = [(), *kicks][1 - first :]
+    paths = tuple(Path(k, (flow,)) for k, flow in enumerate(flows))
+    stages = tuple(range(first, first + len(kicks)))
+    c = tuple(accumulate(drifts[:-1]))
+    final = drifts[0] == drifts[-1] == 0 and abs(c[-1] - 1) < _ROUNDING
+    return MethodPaths(
+        paths, stages, len(paths), 0, method.stages if final else 0, c,
+        drifts=tuple(drifts[1 - first :]),
+    )  # fmt: skip
 
 
 @cached

@@ -13,13 +13,16 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
+from cg.frames.phase_space import PhaseSpace
 from cg.integration.step.blocks import block_constants, describe_blocks, is_compiled
 from cg.integration.step.collocation import is_collocation
 from cg.integration.step.interpolant import (
     ResultFlows,
     extension_of,
+    interpolated,
     node_count,
     nodes_of,
+    result_flows,
     series_order,
 )
 from cg.integration.step.paths import MethodPaths, paths_of, polynomial_paths
@@ -74,7 +77,7 @@ class Plan:
         self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
         self._columns = 0
         self._free: bool | None = None
-        self.series = series_order(method)
+        self.series = series_order(interpolated(method))
         self.collocation = is_collocation(method)
         if not method.explicit:
             provide_lapack()
@@ -96,6 +99,8 @@ class Plan:
             paths.integers,
             *paths.doubles,
         )
+        if isinstance(frame, PhaseSpace):
+            core.plan_set_bodies(self.address, *frame.compiled_bodies())
         weakref.finalize(self, core.plan_close, self.address)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -112,9 +117,10 @@ class Plan:
     def _make_interpolants(self) -> int:
         import cg._core_r64 as core
 
-        method, polynomial = self.method, self.paths.polynomial
+        method, polynomial = interpolated(self.method), self.paths.polynomial
         nodes = method.stages if polynomial else node_count(method)
-        extension, flows = extension_of(method), ResultFlows(self.paths)
+        extension = extension_of(method)
+        flows = ResultFlows(self.paths) if polynomial else result_flows(method)
         flat = isinstance(method, MuntheKaas)
         columns = max(len(extension.basis), nodes + 1)
         padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty

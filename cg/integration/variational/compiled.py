@@ -115,7 +115,7 @@ class CompiledVariation(CompiledRhs):
         """Address of the parameters of the first member."""
         return int(self.rows.ctypes.data) + 8
 
-    def at_member(self, member: int, t: float, y: Any) -> Array:
+    def answer(self, member: int, t: float, y: Any) -> Array:
         """Return the coefficients of a member; RuntimeError if a function returns an error."""
         return self.part(slice(member, member + 1))(t, y)
 

@@ -85,7 +85,7 @@ class VariationalField:
         """Return the functions with their names and the shapes of what they return."""
         n = self.frame.dim
         return [
-            ("f", self.f, (n,)),
+            ("f", self.f, (self.frame.rhs_dim,)),
             ("jac", self.jac, (n, n)),
             ("df_dp", self.df_dp, (n, self.count)),
         ]
@@ -141,9 +141,11 @@ class VariationalField:
     def coefficients(self, t: Any, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients that ``f`` gives at points, after checking them."""
         if isinstance(self.f, CompiledRhs):
-            row: Array = self._compiled("f", self.f, t, y[None], arguments, (self.frame.dim,))[0]
-            return row
-        return self._rhs.check(self.f(t, _read_only(y), *arguments), t, y)
+            shape = (self.frame.rhs_dim,)
+            answer: Array = self._compiled("f", self.f, t, y[None], arguments, shape)[0]
+        else:
+            answer = self._rhs.check(self.f(t, _read_only(y), *arguments), t, y)
+        return self.frame.complete_rhs(answer, y)
 
     def _adjoint(self, f: Array) -> Array:
         """Return the matrices of brackets with coefficients, shape ``(..., n, n)``."""
@@ -172,7 +174,8 @@ class VariationalField:
         """Return coefficients at several points of each member, shape ``(..., points, n)``."""
         n = self.frame.dim
         if isinstance(self.f, CompiledRhs):
-            return self._compiled("f", self.f, t, points, arguments, (n,))
+            answer = self._compiled("f", self.f, t, points, arguments, (self.frame.rhs_dim,))
+            return self.frame.complete_rhs(answer, points)
         if not self.vectorized:
             return np.array([self.coefficients(t, point, arguments) for point in points])
         each = points.shape[1]

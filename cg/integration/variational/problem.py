@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, check_finite, real_array
+from cg.frames.base import Frame
+from cg.frames.phase_space import PhaseSpace
 from cg.integration.problem import Problem, make_rhs
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.step.plan import has_brackets, plan_of
 from cg.integration.variational.compiled import compiled_variation
 from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
+from cg.method.splitting import Splitting
 from cg.support.checks import check_flag
 
 # tolerance relative to the largest entry or eigenvalue of a covariance
@@ -53,6 +56,11 @@ def add_derivatives(
     """
     frame, rhs = problem.plan.frame, problem.rhs
     control_derivatives = check_flag("control_derivatives", control_derivatives)
+    if isinstance(problem.plan.method, Splitting):
+        raise ValueError(
+            f"method must not be a splitting, got {problem.plan.method!r}, which moves no derivatives"
+        )
+    check_by_differences(frame, jac=jac, df_dp=df_dp)
     if not has_brackets(frame):
         raise ValueError(
             "frame must know the bracket of its fields, by which derivatives move, got "
@@ -90,6 +98,16 @@ def add_derivatives(
         "f": source,
     }
     return VariationalProblem(**(same | changed), field=field)
+
+
+def check_by_differences(frame: Frame, **functions: Any) -> None:
+    """Raise ValueError if there are derivatives of forces, which are those of no coefficients."""
+    for name, function in functions.items():
+        if function is not None and isinstance(frame, PhaseSpace):
+            raise ValueError(
+                f"{name} must be None on a phase space, where derivatives are differences, got "
+                f"{function!r}"
+            )
 
 
 def check_function(function: Any, name: str, vectorized: bool) -> None:
