@@ -13,7 +13,8 @@ module within_step_m
   use shared_numbers, only: out_of_memory, paused, step_too_long
   implicit none
   private
-  public :: store_node, interpolate, store_end, point_at, request_node, request_interpolant
+  public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, request_node, &
+            request_interpolant
 
 contains
 
@@ -33,6 +34,32 @@ contains
       call interpolate_last(problem, trajectory, trajectory%slope)
     end if
   end subroutine request_interpolant
+
+  ! Requests the coefficients at the ends of a step that aren't known; then its interpolant starts.
+  subroutine request_ends(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory)
+      if (.not. x%slope_known) then
+        call request(problem, trajectory, x%t, x%y(:, 0), phase_begin_received)
+      else if (.not. x%end_known) then
+        call request(problem, trajectory, x%t_end, x%y(:, x%result), phase_end_received)
+      else
+        call interpolate(problem, trajectory)
+      end if
+    end associate
+  end subroutine request_ends
+
+  ! Stores the coefficients at the start of a step.
+  subroutine store_begin(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    trajectory%slope(:) = trajectory%received
+    trajectory%slope_known = .true.
+    call request_ends(problem, trajectory)
+  end subroutine store_begin
 
   ! Stores the coefficients at the end of a step, and starts its interpolant.
   subroutine store_end(problem, trajectory)
