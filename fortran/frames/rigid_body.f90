@@ -42,6 +42,8 @@ module rigid_body_m
                                       0.03511946033175186_wp]
   ! of a piece: the error of the formula is below rounding
   real(wp), parameter :: longest = 1.1_wp
+  ! Lengths of one would lie at a jump of the grid of real numbers, where roundings have a mean
+  real(wp), parameter :: aside = 0.7_wp
   real(wp), parameter :: pi = acos(-1.0_wp)
   ! a number of pieces whose counter doesn't overflow
   real(wp), parameter :: most_pieces = 1e9_wp
@@ -150,7 +152,7 @@ contains
       angle = time * (merge(top%inverse(1), top%inverse(3), swapped) &
                       + direction * a1**2 * whole * mean)
       after = [a1 * m%cn, a1 * ratio * m%sn, m%a3 * m%dn]
-      after = after / sqrt(sum(after**2))
+      after = after + (sum((aside * n)**2) - sum((aside * after)**2)) / (2 * aside**2) * after
     end associate
   end subroutine advance
 
@@ -205,20 +207,22 @@ contains
     end do
   end subroutine follow_pieces
 
-  ! Moves the functions by an argument with given functions. The denominator of the theorem, 1 - m
-  ! sn^2 sn^2, is a sum of squares, so that nothing cancels where it is small.
+  ! Moves the functions by a small argument with given functions. Changes are added, so that equal
+  ! steps don't repeat the rounding of functions near 1.
   pure subroutine add(motion, sn, cn, dn)
     type(motion_t), intent(inout) :: motion
     real(wp), intent(in) :: sn, cn, dn
-    real(wp) :: s, c, d, denominator
+    real(wp) :: s, c, d, less, rest_c, rest_d
 
     s = motion%sn
     c = motion%cn
     d = motion%dn
-    denominator = c**2 + (s * dn)**2
-    motion%sn = (s * cn * dn + sn * c * d) / denominator
-    motion%cn = (c * cn - s * d * sn * dn) / denominator
-    motion%dn = (d * dn - motion%m * s * c * sn * cn) / denominator
+    less = motion%m * (s * sn)**2            ! 1 less the denominator
+    rest_c = sn**2 / (1 + cn)                ! 1 - cn
+    rest_d = motion%m * sn**2 / (1 + dn)     ! 1 - dn
+    motion%sn = s + (sn * c * d - s * (rest_c + cn * rest_d - less)) / (1 - less)
+    motion%cn = c - (s * d * sn * dn + c * (rest_c - less)) / (1 - less)
+    motion%dn = d - (motion%m * s * c * sn * cn + d * (rest_d - less)) / (1 - less)
   end subroutine add
 
   ! The integral of 1 / (1 + a3 dn) over arguments from u - v to u + v, where `motion` is at u and sn
