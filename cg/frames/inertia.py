@@ -36,7 +36,7 @@ class Body:
         The inverse inertia, shape ``(n, n)``, or ``(n, 1)`` if it is diagonal.
     top
         Of a rigid body whose moments of inertia differ, the numbers of ``top_t`` in compiled code,
-        shape ``(15,)``; else None.
+        shape ``(24,)``; else None.
     vectors, points
         Where its velocities are among all, and its point among the doubles of all.
     sphere
@@ -76,16 +76,16 @@ def read_inertia(frame: Frame, value: Any) -> tuple[Inertia, tuple[Body, ...]]:
 
 def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
     """Append the bodies of a factor; return its inertia as hashable numbers."""
-    if isinstance(frame, Product):
+    if type(frame) is Product:
         if value is None:
             value = (None,) * len(frame.factors)
         if not isinstance(value, tuple | list) or len(value) != len(frame.factors):
             raise ValueError(
-                f"{name} must be a tuple of {len(frame.factors)}, one for each factor, got {value!r}"
+                f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got {value!r}"
             )
         parts = enumerate(zip(frame.factors, value, strict=True))
         return tuple(_read(factor, part, f"{name}[{k}]", bodies) for k, (factor, part) in parts)
-    if isinstance(frame, Power):
+    if type(frame) is Power:
         for _ in range(frame.n):
             inertia = _read(frame.factor, value, name, bodies)
         return inertia
@@ -163,7 +163,18 @@ def _top(frame: Frame, matrix: Array, name: str) -> Array | None:
     moments, axes = _principal(matrix)
     inverse = [1 / Fraction(moment) for moment in moments.tolist()]
     gaps = inverse[0] - inverse[1], inverse[1] - inverse[2], inverse[0] - inverse[2]
-    return np.array([*axes.T.ravel(), *map(float, (*inverse, *gaps))])
+    rest = _orthogonal_rest(axes)
+    return np.array([*axes.T.ravel(), *rest.T.ravel(), *map(float, (*inverse, *gaps))])
+
+
+def _orthogonal_rest(axes: Array) -> Array:
+    """Return what makes a rounded rotation orthogonal to twice as many digits, if it is added.
+
+    It is a step of Newton and Schulz with an exact residual.
+    """
+    exact = np.array([[Fraction(x) for x in row] for row in axes.tolist()])
+    residual = exact.T @ exact - np.array([[Fraction(i == j) for j in range(3)] for i in range(3)])
+    return np.asarray(-0.5 * axes @ residual.astype(np.float64))
 
 
 def _principal(matrix: Array) -> tuple[Array, Array]:

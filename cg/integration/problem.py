@@ -228,7 +228,13 @@ def _check_force(rhs: CompiledRhs | PythonRhs, t: float, y: Points, frame: Phase
     q, momentum = frame.split(y)
     more = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
     other = frame.join(q, momentum + more * (1.0 + np.abs(momentum)))
-    if not np.array_equal(rhs.answer(0, t, y), rhs.answer(0, t, other)):
+    try:
+        forces = [rhs.answer(0, t, point) for point in (y, other)]
+    except Exception as error:
+        if isinstance(rhs, PythonRhs) and not rhs.vectorized:
+            error.add_note(rhs.note(t))
+        raise
+    if not np.array_equal(*forces):
         raise ValueError(
             "f must not depend on the momentum with a splitting method, whose kicks are not "
             f"symplectic then, got other forces for another momentum at t = {t:.17g}"
@@ -250,8 +256,8 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
         )
     if isinstance(chosen, Splitting) and not isinstance(frame, PhaseSpace):
         raise ValueError(
-            f"method {chosen.name or 'with drifts and kicks'} splits mechanical systems, whose frame "
-            f"is cg.frames.PhaseSpace(...), got {frame!r}"
+            f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which is for mechanical systems, "
+            f"got {frame!r}"
         )
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen, linear=isinstance(f, TimeFunction))

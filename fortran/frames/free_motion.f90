@@ -32,8 +32,8 @@ contains
         used = used + n * abs(columns(i))
         body%turns = columns(i) < 0
         if (.not. body%turns) cycle
-        call make_top(constants(used + 1:used + 15), body%top)
-        used = used + 15
+        call make_top(constants(used + 1:used + 24), body%top)
+        used = used + 24
       end associate
     end do
   end subroutine make_bodies

@@ -25,7 +25,9 @@ module rigid_body_m
   public :: top_t, make_top, turn_freely
 
   type :: top_t
-    real(wp) :: axes(3, 3) = 0.0_wp          ! principal axes as columns, a rotation
+    ! principal axes as columns, a rotation, and their last digits, without which lengths would
+    ! change by the same factor in each step
+    real(wp) :: axes(3, 3) = 0.0_wp, digits(3, 3) = 0.0_wp
     ! inverse moments, the largest first, and their differences, 1 - 2, 2 - 3 and 1 - 3
     real(wp) :: inverse(3) = 0.0_wp, gap(3) = 0.0_wp
   end type top_t
@@ -56,14 +58,15 @@ module rigid_body_m
 
 contains
 
-  ! Makes a body from the numbers that cg/frames/phase_space.py computes.
+  ! Makes a body from the numbers that cg/frames/inertia.py computes.
   pure subroutine make_top(numbers, top)
-    real(wp), intent(in) :: numbers(15)      ! axes, inverse moments, their differences
+    real(wp), intent(in) :: numbers(24)      ! the components of top_t
     type(top_t), intent(out) :: top
 
     top%axes = reshape(numbers(:9), [3, 3])
-    top%inverse = numbers(10:12)
-    top%gap = numbers(13:15)
+    top%digits = reshape(numbers(10:18), [3, 3])
+    top%inverse = numbers(19:21)
+    top%gap = numbers(22:24)
   end subroutine make_top
 
   ! Moves the momentum in body axes freely. The body turns by a quaternion (vector, scalar part) of
@@ -73,14 +76,15 @@ contains
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: momentum(3)
     real(wp), intent(out) :: q(4)
-    real(wp) :: size, n(3), after(3), angle
+    real(wp) :: size, before(3), n(3), after(3), angle
     logical :: swapped, down
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
     size = maxval(abs(momentum))
     if (.not. size > 0) return
     size = size * sqrt(sum((momentum / size)**2))
-    n = matmul(momentum / size, top%axes)
+    before = momentum / size
+    n = matmul(before, top%axes) + matmul(before, top%digits)
     swapped = turns_about_smallest(top, n)
     if (swapped) n = exchanged(n)
     down = n(3) < 0
@@ -96,7 +100,9 @@ contains
       after = exchanged(after)
     end if
     q(1:3) = matmul(top%axes, q(1:3))
-    momentum = matmul(top%axes, size * after)
+    after = matmul(top%axes, after) + matmul(top%digits, after)
+    after = after + (sum((aside * before)**2) - sum((aside * after)**2)) / (2 * aside**2) * after
+    momentum = size * after
   end subroutine turn_freely
 
   ! Whether the momentum goes around the axis of the smallest moment of inertia
@@ -152,7 +158,6 @@ contains
       angle = time * (merge(top%inverse(1), top%inverse(3), swapped) &
                       + direction * a1**2 * whole * mean)
       after = [a1 * m%cn, a1 * ratio * m%sn, m%a3 * m%dn]
-      after = after + (sum((aside * n)**2) - sum((aside * after)**2)) / (2 * aside**2) * after
     end associate
   end subroutine advance
 

@@ -106,7 +106,7 @@ class CompiledRhs:
         return replace(self, parameters=own)
 
     def __call__(self, t: float, y: Points) -> Array:
-        """Return what the function returns, shape ``(*batch, rhs_dim)``, NaN where it writes nothing.
+        """Return what the function writes, shape ``(*batch, frame.rhs_dim)``, NaN where nothing.
 
         Points have the shape ``(*batch, *point_shape)``.  RuntimeError is raised if the function
         returns another number than zero, ValueError if the frame is unknown.

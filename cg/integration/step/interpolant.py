@@ -122,7 +122,6 @@ def nodes_of(count: int) -> NodeSet:
     return NodeSet(nodes, integral / integral(1.0))
 
 
-@cached
 def interpolated(method: Method) -> Method:
     """Return the method whose interpolant is that of a method: another one for a splitting."""
     if not isinstance(method, Splitting):

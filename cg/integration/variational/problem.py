@@ -58,7 +58,8 @@ def add_derivatives(
     control_derivatives = check_flag("control_derivatives", control_derivatives)
     if isinstance(problem.plan.method, Splitting):
         raise ValueError(
-            f"method must not be a splitting, got {problem.plan.method!r}, which moves no derivatives"
+            f"method must not be a splitting method, got {problem.plan.method!r}, which moves no "
+            "derivatives"
         )
     check_by_differences(frame, jac=jac, df_dp=df_dp)
     if not has_brackets(frame):
