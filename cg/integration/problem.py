@@ -256,8 +256,8 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
         )
     if isinstance(chosen, Splitting) and not isinstance(frame, PhaseSpace):
         raise ValueError(
-            f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which is for mechanical systems, "
-            f"got {frame!r}"
+            f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which splits the equations of "
+            f"mechanical systems, got {frame!r}"
         )
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen, linear=isinstance(f, TimeFunction))

@@ -13,7 +13,7 @@ SPLITTINGS = [name for name, method in cg.methods.items() if isinstance(method, 
 ORDINARY = [
     name
     for name, method in cg.methods.items()
-    if not isinstance(method, cg.Splitting | cg.MagnusMethod)
+    if not (isinstance(method, cg.Splitting | cg.MagnusMethod) or method.approximate)
 ]
 
 

@@ -57,8 +57,8 @@ ones, whose own errors are smaller.  A step with output takes 0, 3, 6, 10, 15
 more evaluations for order p = 3, 4, 5, 6, 7, or 6 for p = 6, 10 for p = 7 and 15 for p = 8 with
 p - 1 nodes.
 
-Splitting methods take the interpolant of another method of their order, for the coefficients of
-the solution, not for kicks and drifts.
+For splitting methods, whose kicks and drifts are no flows of the frame, another method of their
+order solves the problem that depends on time alone.
 
 Their nodes are those of Lobatto's formula with one node more, without the one in the middle: that
 is the node at which the integral condition interpolates the derivative implicitly, so that the
@@ -92,7 +92,7 @@ _MAX_NODES = 60
 _SOLVED = 1e-10  # residuals below are rounding
 _NO_RANK = 1e-11
 _NO_WEIGHT = 1e-8
-# Methods whose flows interpolants of splitting methods use, with increasing orders.
+# Methods whose flows interpolants of splitting methods use, in increasing order.
 _WITH_FLOWS = "CG2", "CFM4", "CFM6(4)", "CFM8(4)"
 
 
@@ -120,14 +120,6 @@ def nodes_of(count: int) -> NodeSet:
     nodes = np.delete(lobatto, (count + 1) // 2)
     integral = Polynomial.fromroots(nodes).integ()
     return NodeSet(nodes, integral / integral(1.0))
-
-
-def interpolated(method: Method) -> Method:
-    """Return the method whose interpolant is that of a method: another one for a splitting."""
-    if not isinstance(method, Splitting):
-        return method
-    fitting = (name for name in _WITH_FLOWS if methods[name].order >= method.order)
-    return methods[next(fitting, _WITH_FLOWS[-1])]
 
 
 def advances_by_embedded(method: Method) -> bool:
@@ -364,3 +356,11 @@ class ResultFlows:
 def result_flows(method: Method) -> ResultFlows:
     """Return the flows to the result of a method."""
     return ResultFlows(paths_of(method))
+
+
+def flows_within(method: Method) -> ResultFlows:
+    """Return the flows of interpolants: those of a method, or of another one for a splitting."""
+    if not isinstance(method, Splitting):
+        return result_flows(method)
+    fitting = (name for name in _WITH_FLOWS if methods[name].order >= method.order)
+    return result_flows(methods[next(fitting, _WITH_FLOWS[-1])])

@@ -19,10 +19,9 @@ from cg.integration.step.collocation import is_collocation
 from cg.integration.step.interpolant import (
     ResultFlows,
     extension_of,
-    interpolated,
+    flows_within,
     node_count,
     nodes_of,
-    result_flows,
     series_order,
 )
 from cg.integration.step.paths import MethodPaths, paths_of, polynomial_paths
@@ -77,7 +76,7 @@ class Plan:
         self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
         self._columns = 0
         self._free: bool | None = None
-        self.series = series_order(interpolated(method))
+        self.series = series_order(method)
         self.collocation = is_collocation(method)
         if not method.explicit:
             provide_lapack()
@@ -117,10 +116,10 @@ class Plan:
     def _make_interpolants(self) -> int:
         import cg._core_r64 as core
 
-        method, polynomial = interpolated(self.method), self.paths.polynomial
+        method, polynomial = self.method, self.paths.polynomial
         nodes = method.stages if polynomial else node_count(method)
         extension = extension_of(method)
-        flows = ResultFlows(self.paths) if polynomial else result_flows(method)
+        flows = ResultFlows(self.paths) if polynomial else flows_within(method)
         flat = isinstance(method, MuntheKaas)
         columns = max(len(extension.basis), nodes + 1)
         padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty
