@@ -52,7 +52,8 @@ class Body:
     @property
     def columns(self) -> int:
         """The number of columns of the inverse, negative for a rigid body with a ``top``."""
-        return self.inverse.shape[1] * (1 if self.top is None else -1)
+        columns = int(self.inverse.shape[1])
+        return columns if self.top is None else -columns
 
     def velocity(self, momentum: Array) -> Array:
         """Return the velocity for the momentum of the body, shape ``(..., n)``."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
@@ -177,7 +177,7 @@ class PhaseSpace(Product):
                 slope[at] += np.cross(momentum[at], velocity[at])
         return np.concatenate([velocity, slope], axis=-1)
 
-    def compiled_bodies(self) -> tuple[Array, Array]:
+    def compiled_bodies(self) -> tuple[NDArray[np.intc], Array]:
         """Return the columns and the constants of all bodies, as compiled code reads them."""
         numbers = [x for body in self._bodies for x in (body.inverse.T.ravel(), body.top)]
         columns = np.array([body.columns for body in self._bodies], dtype=np.intc)

@@ -229,12 +229,12 @@ def _check_force(rhs: CompiledRhs | PythonRhs, t: float, y: Points, frame: Phase
     more = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
     other = frame.join(q, momentum + more * (1.0 + np.abs(momentum)))
     try:
-        forces = [rhs.answer(0, t, point) for point in (y, other)]
+        one, another = (rhs.answer(0, t, point) for point in (y, other))
     except Exception as error:
         if isinstance(rhs, PythonRhs) and not rhs.vectorized:
             error.add_note(rhs.note(t))
         raise
-    if not np.array_equal(*forces):
+    if not np.array_equal(one, another):
         raise ValueError(
             "f must not depend on the momentum with a splitting method, whose kicks are not "
             f"symplectic then, got other forces for another momentum at t = {t:.17g}"

@@ -197,7 +197,7 @@ class PythonRhs:
         compiled code detects points that aren't finite. ``members`` of a vectorized function are
         named in errors.
         """
-        shape = (self.frame.rhs_dim,)
+        shape: tuple[int, ...] = (self.frame.rhs_dim,)
         if self.vectorized:
             shape = (len(t), *shape)
         try:
