@@ -106,24 +106,25 @@ def solve(halves: list[list[Any]], singles: list[bool], order: int) -> list[list
     def residuals(point: list[Any]) -> list[Any]:
         return nystrom_residuals(*whole(point), order)
 
-    def derivatives(j: int) -> list[Any]:
-        """Return differences of the residuals, zeros for a coefficient that is zero."""
+    def derivatives(here: list[Any], j: int) -> list[Any]:
+        """Return differences of the residuals here; zeros for a coefficient that is zero."""
         step = mpmath.mpf(10) ** -(mpmath.mp.dps // 2) * (point[j] != 0)
-        moved = [x + step * (k == j) for k, x in enumerate(point)]
-        pairs = zip(residuals(point), residuals(moved), strict=True)
-        return [(b - a) / (step or 1) for a, b in pairs]
+        moved = residuals([x + step * (k == j) for k, x in enumerate(point)])
+        return [(b - a) / (step or 1) for a, b in zip(here, moved, strict=True)]
 
-    columns = np.array([derivatives(j) for j in range(len(point))], dtype=float)
+    here = residuals(point)
+    columns = np.array([derivatives(here, j) for j in range(len(point))], dtype=float)
     columns[[first - 1, -1]] *= _MIDDLE
     triangle, pivots = qr(columns.T, mode="r", pivoting=True)
     sizes = np.abs(np.diag(triangle))
     chosen = pivots[: np.count_nonzero(sizes > _RANK * sizes.max() / _MIDDLE)].tolist()
-    for _ in range(6):
-        jacobian = mpmath.matrix([derivatives(j) for j in chosen]).T
-        change = mpmath.lu_solve(jacobian, -mpmath.matrix(residuals(point)))
+    for _ in range(3):  # the printed digits are doubled each time
+        jacobian = mpmath.matrix([derivatives(here, j) for j in chosen]).T
+        change = mpmath.lu_solve(jacobian, -mpmath.matrix(here))
         for j, value in zip(chosen, change, strict=True):
             point[j] += value
-    largest = max(map(abs, residuals(point)))
+        here = residuals(point)
+    largest = max(map(abs, here))
     print(f"{len(chosen)} of {len(point)} solved for, residuals {mpmath.nstr(largest, 2)}")
     return whole(point)
 

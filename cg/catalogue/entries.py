@@ -237,7 +237,8 @@ def dumps(method: Method) -> str:
         lines.append(f"drifts = {_array(method.drift_coefficients)}")
         lines.append(f"kicks = {_array(method.kick_coefficients)}")
     else:
-        raise TypeError(f"method must be a Method of this package, got {method!r}")
+        kinds = "Tableau, CommutatorFree, MuntheKaas, MagnusMethod or Splitting"
+        raise TypeError(f"method must be a {kinds}, got {method!r}")
     if (third := getattr(method, "third_weights", None)) is not None:
         lines.append(f"b_third = {_array(third)}")
     if method.nominal_residual is not None:

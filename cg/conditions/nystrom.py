@@ -107,7 +107,7 @@ def splitting_values(drifts: Sequence[Any], kicks: Sequence[Any], order: int) ->
                 if letter != k % 2:
                     break
                 factor = factor * weight / n
-                values[word] += factor * values[word[n:]]
+                values[word] = values[word] + factor * values[word[n:]]
     return [values[word] for word in splitting_words(order)]
 
 
