@@ -76,17 +76,18 @@ contains
     real(wp), intent(in) :: time
     real(wp), intent(inout) :: momentum(3)
     real(wp), intent(out) :: q(4)
+    real(wp), parameter :: signs(3) = [1.0_wp, -1.0_wp, 1.0_wp]
     real(wp) :: size, before(3), n(3), after(3), angle
     logical :: swapped, down
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
     size = maxval(abs(momentum))
-    if (.not. size > 0) return
+    if (.not. (size > 0 .and. all(abs(momentum) <= huge(size)))) return
     size = size * sqrt(sum((momentum / size)**2))
     before = momentum / size
     n = matmul(before, top%axes) + matmul(before, top%digits)
     swapped = turns_about_smallest(top, n)
-    if (swapped) n = exchanged(n)
+    if (swapped) n = signs * n([3, 2, 1])    ! half a turn
     down = n(3) < 0
     if (down) n(2:3) = -n(2:3)
     call advance(top, swapped, size * time, n, after, angle)
@@ -96,8 +97,8 @@ contains
       after(2:3) = -after(2:3)
     end if
     if (swapped) then
-      q(1:3) = exchanged(q(1:3))
-      after = exchanged(after)
+      q(1:3) = signs * q([3, 2, 1])
+      after = signs * after([3, 2, 1])
     end if
     q(1:3) = matmul(top%axes, q(1:3))
     after = matmul(top%axes, after) + matmul(top%digits, after)
@@ -118,14 +119,6 @@ contains
       turns_about_smallest = top%gap(1) > top%gap(2)
   end function turns_about_smallest
 
-  ! Coordinates after half a turn that exchanges the first and the third axis
-  pure function exchanged(x)
-    real(wp), intent(in) :: x(3)
-    real(wp) :: exchanged(3)
-
-    exchanged = [x(3), -x(2), x(1)]
-  end function exchanged
-
   ! Computes the direction of the momentum after a time, and the angle chi. The third component of n
   ! isn't negative.
   pure subroutine advance(top, swapped, time, n, after, angle)
@@ -135,7 +128,7 @@ contains
     real(wp), intent(in) :: n(3)
     real(wp), intent(out) :: after(3), angle
     type(motion_t) :: motion
-    real(wp) :: third, difference, a1, ratio, direction, mean
+    real(wp) :: third, difference, a1, ratio, scale, direction, mean
 
     third = merge(top%gap(1), top%gap(2), swapped)           ! |J3 - J2|
     difference = merge(top%gap(2), top%gap(1), swapped)      ! |J2 - J1|
@@ -149,10 +142,13 @@ contains
         m%sn = n(2) / (ratio * a1)
         m%cn = n(1) / a1
       end if
-      if (m%a3 > 0) then
-        m%m = a1**2 * difference / (m%a3**2 * third)
-        m%complement = max(n(3)**2 * third - n(1)**2 * difference, 0.0_wp) / (m%a3**2 * third)
+      scale = m%a3**2 * third
+      if (scale > 0) then
+        m%m = a1**2 * difference / scale
+        m%complement = max(n(3)**2 * third - n(1)**2 * difference, 0.0_wp) / scale
         m%dn = n(3) / m%a3
+      else
+        m%a3 = 0.0_wp                        ! the momentum is at rest
       end if
       call follow(direction * time * m%a3 * sqrt(third * whole), motion, mean)
       angle = time * (merge(top%inverse(1), top%inverse(3), swapped) &
@@ -197,7 +193,7 @@ contains
     real(wp) :: half, sn, cn, dn
     integer :: i, pieces
 
-    if (.not. abs(u) > 0) return
+    if (.not. (abs(u) > 0 .and. abs(u) <= huge(u))) return
     pieces = int(min(abs(u) / longest, most_pieces)) + 1
     half = u / (2 * real(pieces, wp))
     call jacobi(half, motion%m, motion%complement, sn, cn, dn)

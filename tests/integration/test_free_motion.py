@@ -96,7 +96,8 @@ def symmetric(rng):
 
 def transverse(rng):
     inertia, _, time = symmetric(rng)
-    momentum = np.where(inertia == 1.0, rng.normal(size=3), 0.0)
+    small = rng.choice([0.0, 1e-162, 1e-12]) * rng.normal()
+    momentum = np.where(inertia == 1.0, rng.normal(size=3), small)
     return inertia, momentum, time
 
 
@@ -172,6 +173,17 @@ def test_spins_of_any_size_turn_alike(size):
     other, scaled = drift(size * momentum, 5.0 / size, INERTIA)
     assert np.abs(q - other).max() < 1e-14
     assert np.abs(after - scaled / size).max() < 1e-14
+
+
+def test_infinite_momenta_end_the_integration():
+    frame = PhaseSpace(SO3(), INERTIA)
+    y0 = frame.join(np.eye(3), [1e300, 1e300, 0.0])
+    with pytest.raises(OverflowError, match="no longer finite"):
+        cg.integrate(no_force, (0.0, 1e20), y0, frame=frame, method="Leapfrog", h=1e20)
+    with pytest.raises(OverflowError, match="no longer finite"):
+        cg.integrate(
+            lambda t, y: [1e300, 0.0, 0.0], (0.0, 1e10), y0, frame=frame, method="Leapfrog", h=1e10
+        )
 
 
 def test_a_body_at_rest_stays():
