@@ -13,8 +13,8 @@ import numpy as np
 import cg
 from cg.catalogue import resolve_method
 from cg.catalogue.summary import summary_of
-from cg.formats.markdown import replace_between, table
-from cg.method.estimate import MAX_RATIO, jump_ratio
+from cg.method.estimate import MAX_RATIO, estimate_ratio, jump_ratio
+from reproduce.markdown import replace_between, table
 
 from .cases import Case, cases
 from .families import Array, families
@@ -44,6 +44,8 @@ _COSTS = {
     "in Python, with brackets": ("flows",),
     _NO_BRACKETS: ("evaluations", "flows"),
 }
+_QUANTILES = ("median", "90 % below", "largest")
+_BLIND = 1e6  # largest ratio of a pair that sees all jumps
 _ROUNDING = 1e-12  # of nodes
 _ALIKE = 1.1  # costs up to this multiple of the least count as equal
 
@@ -142,18 +144,29 @@ def stored(result: Result) -> dict[str, dict[str, float]]:
 
 
 def write_table(result: Result, page: Path) -> None:
-    """Write the table of all pairs between the marks of a page."""
+    """Write the table of all pairs between the marks of a page.
+
+    The ratios are computed anew. Magnus methods, for equations without the point, and implicit
+    pairs have no errors on the families.
+    """
+    measured = stored(result)
     rows = []
-    for name, numbers in stored(result).items():
-        reliable = (
-            numbers["error / estimate"] <= MAX_RATIO
-            and numbers["median"] <= MEDIAN
-            and numbers["largest"] <= LARGEST
-        )
-        cells = [f"{number:.2g}" for number in numbers.values()]
-        rows.append([f"`{name}`", *cells, "yes" if reliable else "**no**"])
-    text = table(("pair", "error / estimate", "median", "90 % below", "largest", "reliable"), rows)
-    replace_between(page, BEGIN, END, f"{text}\n")
+    for name, method in cg.methods.items():
+        ratio = estimate_ratio(method)
+        if ratio is None:
+            continue
+        numbers = measured.get(name, {})
+        reliable = ""
+        if numbers:
+            fits = ratio <= MAX_RATIO and numbers["median"] <= MEDIAN
+            reliable = "yes" if fits and numbers["largest"] <= LARGEST else "**no**"
+        errors = [f"{numbers[key]:.2g}" if key in numbers else "" for key in _QUANTILES]
+        jumps = jump_ratio(method)
+        seen = "" if jumps is None else f"{jumps:.2g}" if jumps < _BLIND else "not seen"
+        rows.append([f"`{name}`", f"{ratio:.2g}", seen, *errors, reliable])
+    rows.sort(key=lambda row: row[0] not in {f"`{name}`" for name in measured})
+    head = ("pair", "error / estimate", "at a jump", *_QUANTILES, "reliable")
+    replace_between(page, BEGIN, END, f"{table(head, rows)}\n")
 
 
 def _by_family(quotients: Quotients) -> str:

@@ -14,6 +14,9 @@ import cg
 from cg.integration.step.paths import paths_of
 from cg.problems import HeavyTop
 
+# as steps.c reads them, after the numbers of paths, flows, terms and stages
+_INTEGERS = ("origin", "path_first", "flow_first", "flow_stage", "stage_path")
+
 
 def build(name: str, folder: Path) -> Path:
     """Compile ``name.c`` as the package is compiled, and return the library."""
@@ -65,9 +68,13 @@ class PlainLoop:
         paths, end = paths_of(cg.methods[method]), np.empty_like(y0)
         if paths.series or paths.registers or paths.final_stage:
             raise ValueError(f"method must be one that steps.c can follow, got {method!r}")
+        record = paths.record
+        numbers = [record.paths, record.flows, record.terms, record.stages]
+        arrays = [record.arrays[name] for name in _INTEGERS]
+        integers = np.concatenate([numbers, *arrays, [paths.result]], dtype=np.intc)
         if self._integrate(
-            y0.shape[1] - 3, f.address, f.data_address, paths.integers, *paths.doubles, h, steps,
-            len(y0), y0, end,
+            y0.shape[1] - 3, f.address, f.data_address, integers, record.arrays["weight"],
+            paths.abscissae, h, steps, len(y0), y0, end,
         ):  # fmt: skip
             raise RuntimeError("f returned an error")
         return end

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from cg.formats.markdown import table
+from reproduce.markdown import table
 
 from .record import Aim, Result, Row
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import median
 
 import cg
-from cg.formats.markdown import table
+from reproduce.markdown import table
 
 from .cases import Case, cases, top_in_c
 from .lielab_rival import expresses

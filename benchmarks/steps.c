@@ -125,8 +125,8 @@ run(int entries, field *f, void *data, const int *list, const double *weights, c
     return 0;
 }
 
-// entries: 9 of matrices, 4 of quaternions (scalar last); list, weights, c: as make_method of
-// fortran/steps/method.f90 reads them; start, end: members x (entries + 3)
+// entries: 9 of matrices, 4 of quaternions (scalar last); list: integers of METHOD in
+// cg/support/shared_numbers.py, then the path to the result; start, end: members x (entries + 3)
 int integrate(int entries, field *f, void *data, const int *list, const double *weights,
               const double *c, double h, int steps, int members, const double *start, double *end)
 {

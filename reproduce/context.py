@@ -33,9 +33,9 @@ class Context:
     """Settings, resources and earlier results.
 
     `checkpoints` is the folder for files from which a killed run continues, `workers` a number of
-    threads. `publish` shows an intermediate result of an item as partial; `limit` are the seconds
-    after which a search ends with the result so far. `results` has by name the data of the items
-    that this one needs.
+    threads or processes. `publish` shows an intermediate result of an item as partial; `limit` are
+    the seconds after which a search ends with the result so far. `results` has by name the data of
+    the items that this one needs.
     """
 
     settings: Settings

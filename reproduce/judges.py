@@ -54,13 +54,13 @@ def example(order: int, name: str, numbers: Data, results: Results) -> Verdict:
 
 
 def slope(order: int, name: str, numbers: Data, results: Results) -> Verdict:
-    """Return whether slopes are within 0.1 of the order in real(16), and 0.25 in double."""
+    """Return whether slopes are within 0.1 of the order in quadruple precision, 0.25 in double."""
     quad = results["fig4.2quad"]["readings"]["momentum"]["methods"][name]
     double = [results["fig4.2"]["readings"][reading][name]["slope"] for reading in top.READINGS]
     passed = all(abs(slope - order) < 0.1 for slope in (quad["slope"],))
     passed = passed and all(slope is not None and abs(slope - order) < 0.25 for slope in double)
     return passed, (
-        f"{name}: slope {places(quad['slope'])} in real(16), "
+        f"{name}: slope {places(quad['slope'])} in quadruple precision, "
         f"{' and '.join(places(slope, 2) for slope in double)} in double (either ω(0))"
     )
 
@@ -82,8 +82,8 @@ def slope_approximate(numbers: Data, results: Results) -> Verdict:
     run = results["fig4.2quad"]["readings"]["momentum"]["methods"]["CG6a"]
     double = results["fig4.2"]["readings"]["momentum"]["CG6a"]
     return run["slope"] < 5.5, (
-        f"slope {places(run['slope'])} at the smallest stepsizes in real(16); the error stays "
-        f"near {number(min(double['error']), 2)} in double too"
+        f"slope {places(run['slope'])} at the smallest stepsizes in quadruple precision; the "
+        f"error stays near {number(min(double['error']), 2)} in double too"
     )
 
 

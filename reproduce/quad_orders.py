@@ -1,4 +1,4 @@
-"""Errors of the spinning top in real(16), and their slopes."""
+"""Errors of the spinning top in quadruple precision, and their slopes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from cg.analysis.convergence import observed_order, slopes
-from cg.executors import as_finished
+from cg.executors import completed
 
 from . import top
 from .context import Context
@@ -21,7 +21,7 @@ Run = tuple[top.Reading, str, int]
 
 
 def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[str, dict[str, Any]]:
-    """Integrate in real(16) with several stepsizes, several runs at a time.
+    """Integrate in quadruple precision with several stepsizes, several runs at a time.
 
     `steps` has the numbers of steps by method. Both readings of the initial momentum are used in an
     extensive run, else the first. Returns by reading the ``reference_error`` at t = 1, and
@@ -30,19 +30,21 @@ def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[st
     readings: tuple[top.Reading, ...] = ("momentum",)
     if context.settings.full:
         readings = ("momentum", "velocity")
-    # computed here, before several threads ask for them
-    references = {reading: top.reference_end(reading)[1] for reading in readings}
     runs: list[Run] = [(r, name, n) for r in readings for name, ns in steps.items() for n in ns]
     runs.sort(key=lambda run: -run[2])  # long runs first, so that no core waits at the end
     errors: dict[Run, float] = {}
-    with closing(as_finished(partial(_indexed_error, runs), range(len(runs)),
-                             context.workers)) as running:  # fmt: skip
-        for index, error in running:
-            errors[runs[index]] = error
+    executor = "processes" if context.workers > 1 else None
+    indices = range(len(runs))
+    work = completed(partial(_error, runs), indices, len(runs), context.workers, executor)
+    with closing(work) as running:
+        for finished in running:
+            if finished.result is None:
+                raise RuntimeError(f"{runs[finished.index]} failed: {finished.failure}")
+            errors[runs[finished.index]] = finished.result
             context.progress(len(errors), len(runs))
     return {
         reading: {
-            "reference_error": references[reading],
+            "reference_error": top.reference_end(reading)[1],
             "methods": {
                 name: order_data({n: errors[reading, name, n] for n in ns})
                 for name, ns in steps.items()
@@ -52,9 +54,8 @@ def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[st
     }
 
 
-def _indexed_error(runs: Sequence[Run], index: int) -> tuple[int, float]:
-    reading, method, steps = runs[index]
-    return index, top.end_error(reading, method, steps, "real128")[0]
+def _error(runs: Sequence[Run], index: int) -> float:
+    return top.quad_end_error(*runs[index])
 
 
 def order_data(errors: Mapping[int, float]) -> dict[str, object]:

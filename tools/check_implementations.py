@@ -17,10 +17,10 @@ import numpy as np
 from cg.analysis.convergence import final_errors, observed_order
 from cg.analysis.diagnosis import Diagnosis
 from cg.analysis.diagnosis.files import diagnose_entry
-from cg.formats import markdown
 from cg.method.method import Method
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
+from cg.reproduce import markdown
 
 DOCS = Path(__file__).parent.parent / "docs"
 DATA, PAGE = DOCS / "implementations.toml", DOCS / "implementations.md"

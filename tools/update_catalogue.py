@@ -13,7 +13,6 @@ from pathlib import Path
 
 from cg.catalogue import methods
 from cg.catalogue.summary import write_summaries
-from cg.formats.markdown import replace_between
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
@@ -21,6 +20,7 @@ from cg.proofs import Certificate, CertificationError, certificate_of, certify
 from cg.proofs.files import certificate_names
 from cg.proofs.statement import fitting
 from cg.reproduce.context import Context, Settings
+from cg.reproduce.markdown import replace_between
 from cg.reproduce.sections.beyond_catalogue import compute, markdown, table
 
 ROOT = Path(__file__).parent.parent

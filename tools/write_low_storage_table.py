@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.conditions import residuals
-from cg.formats.markdown import replace_between, table
 from cg.method.commutator_free import CommutatorFree
 from cg.method.flat import flat_residuals
 from cg.method.low_storage import from_two_registers
+from cg.reproduce.markdown import replace_between, table
 from cg.trees.rooted import rooted_trees_through
 
 METHODS = Path(__file__).parents[1] / "research" / "two_register_methods.toml"

@@ -19,16 +19,9 @@ from ..method.method import Method
 class Slope:
     """The slope of log error against log step size.
 
-    Attributes
-    ----------
-    order
-        Least-squares slope over the points used.
-    constant
-        Error at step size 1 predicted by the fitted line.
-    spread
-        Largest minus smallest slope between neighbouring points used.
-    h, error
-        Points used, by decreasing step size, shape ``(n,)``.
+    `order` is the least-squares slope over the points `h`, `error`, shape ``(n,)``, by decreasing
+    step size; `constant` the error at step size 1 of the fitted line; `spread` the largest minus
+    the smallest slope between neighbouring points.
     """
 
     order: float
@@ -39,25 +32,7 @@ class Slope:
 
 
 def slopes(h: ArrayLike, errors: ArrayLike) -> Array:
-    """Return the slopes of log error against log step size between neighbouring points.
-
-    Parameters
-    ----------
-    h
-        Step sizes, positive and distinct, shape ``(n,)``.
-    errors
-        Errors, positive, shape ``(n,)``.
-
-    Returns
-    -------
-    ndarray
-        Shape ``(n - 1,)``, in the order given.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, or a number isn't positive and finite, or two step sizes agree.
-    """
+    """Return the n - 1 slopes of log error against log step size between neighbouring points."""
     steps, sizes = _checked(h, errors)
     return np.diff(np.log(sizes)) / np.diff(np.log(steps))
 
@@ -71,29 +46,10 @@ def observed_order(
 ) -> Slope:
     """Return the least-squares slope of log error against log step size.
 
-    Parameters
-    ----------
-    h
-        Step sizes, positive and distinct, in any order, shape ``(n,)``.
-    errors
-        Errors, shape ``(n,)``.
-    floor
-        Errors at or below it count as rounding errors and are left out.
-    h_range
-        Smallest and largest step size in the asymptotic range; points outside are left out.
+    Errors at or below `floor` count as rounding errors and are left out, as are step sizes outside
+    `h_range`. ValueError if a step size or error used isn't positive and finite, or fewer than two
+    points remain.
 
-    Returns
-    -------
-    Slope
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, a step size or error used isn't positive and finite, or fewer than
-        two points remain.
-
-    Examples
-    --------
     >>> h = np.array([0.4, 0.2, 0.1, 0.05])
     >>> round(observed_order(h, 3 * h**4).order, 10)
     4.0
@@ -123,27 +79,7 @@ def final_errors(
     method: str | Method,
     h: Sequence[float],
 ) -> Array:
-    """Return the final errors of integrations with constant steps.
-
-    Parameters
-    ----------
-    f, t_span, y0, frame, method
-        As for `cg.integrate`.
-    exact
-        Solution at the end of the span, shape ``frame.point_shape``.
-    h
-        Step sizes.
-
-    Returns
-    -------
-    ndarray
-        Distances of the frame from the exact solution, shape ``(len(h),)``.
-
-    Raises
-    ------
-    TypeError, ValueError, OverflowError
-        As `cg.integrate` does.
-    """
+    """Return the distances of integrations with constant steps `h` from the exact end."""
     errors = []
     for size in h:
         solution = integrate(f, t_span, y0, frame=frame, method=method, h=size)

@@ -133,10 +133,7 @@ def similar_names(name: object) -> str:
 def resolve_method(method: str | PathLike[str] | Method) -> Method:
     """Return a method given as an object, by its name in the catalogue, or as a TOML or JSON file.
 
-    A file is read again in each call. ValueError, which lists the most similar names, or all,
-    if no method has that name; MethodError if the file holds no method;
-    TypeError if `method` is neither a name, nor a path, nor a method; OSError if the file can't be
-    read.
+    A file is read again in each call. The ValueError for an unknown name lists similar ones.
     """
     if isinstance(method, Method):
         return method

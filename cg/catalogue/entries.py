@@ -43,14 +43,7 @@ _STAGE = re.compile(r"\d{1,6}", re.ASCII)
 
 
 def loads(text: str) -> Method:
-    """Read a method from the text of a catalogue file: TOML, or JSON with the same keys.
-
-    Raises
-    ------
-    MethodError
-        If the text is neither TOML nor JSON, a key is missing or unknown, or the method is
-        invalid. For tableaux it is a `TableauError`.
-    """
+    """Read a method from the text of a catalogue file: TOML, or JSON with the same keys."""
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
     return from_entry(read_entry(text))
@@ -177,10 +170,7 @@ def is_file(text: str) -> bool:
 
 
 def certificate_path(file: Path) -> Path:
-    """Return where the certificate of the method in a file is, if there is one.
-
-    It is beside the file, or in a folder ``certificates`` beside it.
-    """
+    """Return the certificate beside the file of a method, or in a folder ``certificates`` there."""
     in_folder = file.parent / "certificates" / f"{file.stem}.toml"
     if in_folder.is_file():
         return in_folder
@@ -249,10 +239,7 @@ def dumps(method: Method) -> str:
 
 
 def dumps_json(method: Method) -> str:
-    """Return a method as JSON with the keys of a catalogue file; `loads` returns an equal method.
-
-    Each row of coefficients or point is one line.
-    """
+    """Return a method as JSON, which `loads` reads, with each row or point in one line."""
     entry = read_toml(dumps(method), MethodError)
     lines = []
     for key, value in entry.items():

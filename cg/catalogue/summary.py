@@ -28,26 +28,11 @@ _FILE = files("cg.catalogue") / "summaries.json"
 class MethodSummary:
     """Order, cost, error and stability of a method.
 
-    Attributes
-    ----------
-    name : str
-    kind : str
-        ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"``, ``"Munthe-Kaas"``,
-        ``"Magnus"`` or ``"splitting"``.
-    order, embedded_order : int, int or None
-        `Method.order`, and that of the second result of a pair.
-    approximate : bool
-        Whether the order is only nominal.
-    evaluations, flows, pair_flows : int
-        Evaluations and flows of a step, and flows of a step of a pair with its error estimate.
-    estimate_ratio : float or None
-        `cg.method.estimate.estimate_ratio`, to three digits; None without an error estimate.
-    principal_error : float or None
-        `Method.principal_error`, to four digits; None if the order is `conditions.MAX_ORDER`.
-    real_stability, imaginary_stability : float or None
-        `cg.method.stability.stability_limits`, to four digits; None if the interval is infinite.
-    not_computed : str or None
-        Which fields weren't computed and are None therefore, and why.
+    `kind` is ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"``, ``"Munthe-Kaas"``,
+    ``"Magnus"`` or ``"splitting"``; `approximate` says that the order is only nominal. `pair_flows`
+    are the flows of a step with its error estimate. Ratio and error (`Method.principal_error`) have
+    three and four digits, the limits of stability four. A number is None if it doesn't exist or is
+    infinite, or if it wasn't computed, for the reason `not_computed`.
     """
 
     name: str

@@ -9,6 +9,7 @@ import click
 from cg.formats import FORMATS, export
 from cg.method.method import Method
 from cg.support.parsing import write_file
+from cg.support.quads import MAX_WRITTEN
 
 from .arguments import METHOD, check_output, output_option
 
@@ -17,7 +18,7 @@ from .arguments import METHOD, check_output, output_option
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @click.argument("format", metavar="FORMAT", type=click.Choice(sorted(FORMATS)))
 @click.option(
-    "--digits", type=click.IntRange(1, 4000), metavar="N",
+    "--digits", type=click.IntRange(1, MAX_WRITTEN), metavar="N",
     help="Significant digits; those beyond the stored ones come from the certificate.",
 )  # fmt: skip
 @click.option(

@@ -81,21 +81,11 @@ def group() -> None:
 
 
 def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> int:
-    """Run the command.
+    """Run the command with the arguments of the process, or others; return the exit code.
 
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        By default those of the process.
-    program : str, optional
-        Name of the command in messages.
-
-    Returns
-    -------
-    int
-        The exit code: 0 for success; 1 for a negative result (a method has a mistake, a proof
-        fails, a list or a search is empty); 2 for a wrong argument, which a line on standard error
-        names; 130 after an interrupt.
+    It is 0 for success; 1 for a negative result (a method has a mistake, a proof fails, a list or a
+    search is empty); 2 for a wrong argument, which a line on standard error names; 130 after an
+    interrupt.
     """
     given = None if arguments is None else list(arguments)
     try:

@@ -13,14 +13,14 @@ from cg.analysis.diagnosis import draw_points
 from cg.catalogue.summary import MethodSummary, summary_of
 from cg.conditions.nystrom import nystrom_trees
 from cg.formats import export
-from cg.formats.digits import MAX_DIGITS, known_digits, numbers_of
+from cg.formats.digits import known_digits, numbers_of
 from cg.method.commutator_free import CommutatorFree
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.support.parsing import visible
-from cg.support.quads import to_decimal
+from cg.support.quads import MAX_WRITTEN, to_decimal
 from cg.trees import forest
 from cg.trees.rooted import density, planted, rooted_trees_through
 
@@ -33,7 +33,7 @@ _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
 @click.command("show", short_help="Show all data of one method.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @click.option(
-    "--digits", type=click.IntRange(1, MAX_DIGITS), metavar="N",
+    "--digits", type=click.IntRange(1, MAX_WRITTEN), metavar="N",
     help="Significant digits, by default 6; beyond the stored ones they come from the certificate.",
 )  # fmt: skip
 @click.option(

@@ -32,11 +32,10 @@ from .counts import (
     check_order,
     condition_trees,
     count,
-    count_classical,
     right_sides,
     table_rows,
 )
-from .exact import exact_tree, exact_weights, result_tree, tree_residuals
+from .exact import exact_tree, result_tree, tree_residuals
 
 __all__ = [
     "MAX_ORDER",
@@ -44,8 +43,6 @@ __all__ = [
     "check_rows",
     "condition_trees",
     "count",
-    "count_classical",
-    "exact_weights",
     "jacobian",
     "pack",
     "residuals",
@@ -60,24 +57,8 @@ __all__ = [
 def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.float64]:
     """Pack the entries of a tableau row by row, ``b`` last.
 
-    Parameters
-    ----------
-    a : array_like, shape (s, s)
-    b : array_like, shape (s,)
-    rows : Rows, optional
-        The entries to pack; by default the narrowest pattern with all nonzero entries.
+    They are those of the pattern `rows`, by default the narrowest one with all nonzero entries.
 
-    Returns
-    -------
-    ndarray, shape (unknowns(s, rows),)
-
-    Raises
-    ------
-    ValueError
-        If shapes don't match, an entry isn't finite, or a nonzero entry is outside `rows`.
-
-    Examples
-    --------
     >>> pack([[0, 0], [0.5, 0]], [0, 1])
     array([0.5, 0. , 1. ])
     """

@@ -6,6 +6,8 @@ The bounds of allocated memory follow the declarations in ``fortran/conditions/w
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,6 @@ def weights(order: int, layout: Layout, x: Vector, trees: Trees) -> Vector:
     """Return ``Φ(t)`` of the first result, shape (m,), at packed weights x, shape (layout.size,).
 
     `trees` are the indices of trees with at most ``order + 1`` nodes, intc of shape (m,).
-    MemoryError if the compiled call would allocate more memory than there is.
     """
     with reserved(evaluation_bytes(order, layout, trees.size), described("weights", order, layout)):
         phi: Vector = _core_r64.weights(order, layout.code, x, trees)
@@ -31,28 +32,16 @@ def weights(order: int, layout: Layout, x: Vector, trees: Trees) -> Vector:
 
 
 def residuals(
-    order: int, layout: Layout, x: Vector, trees: Trees, owner: Trees | None = None
-) -> Vector:
-    """Return the residuals, shape (m,); the arguments are those of `weights`.
+    order: int, layout: Layout, x: NDArray[Any], trees: Trees, owner: Trees | None = None
+) -> NDArray[Any]:
+    """Return the residuals at packed weights x, (n,) doubles or (n, 16) binary128 numbers, as x.
 
     `owner`, intc of shape (m,), is the result that each condition belongs to: 0 for the first one.
     """
     owner = np.zeros_like(trees) if owner is None else owner
-    with reserved(
-        evaluation_bytes(order, layout, trees.size), described("residuals", order, layout)
-    ):
-        values: Vector = _core_r64.residuals(order, layout.code, x, trees, owner=owner)
-    return values
-
-
-def residuals_quad(
-    order: int, layout: Layout, x: quads.Quads, trees: Trees, owner: Trees
-) -> quads.Quads:
-    """Return the residuals in real(16), shape (m, 16)."""
-    core = quads.core("a residual in real(16)")
-    with reserved(
-        evaluation_bytes(order, layout, trees.size, 16), described("residuals", order, layout)
-    ):
+    core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("a residual in real(16)"), 16)
+    needed = evaluation_bytes(order, layout, trees.size, size)
+    with reserved(needed, described("residuals", order, layout)):
         values = core.residuals(order, layout.code, x.T, trees, owner=owner)
     return np.ascontiguousarray(values.T)
 

@@ -13,7 +13,6 @@ MAX_ORDER: int = int(_core_r64.highest_order())
 """Highest order of the compiled tables of trees (a build option)."""
 
 _MAX_TREES_ORDER = MAX_NODES - 1
-_MAX_CLASSICAL = 2000
 
 
 def check_order(order: int, highest: int | None = MAX_ORDER) -> int:
@@ -80,32 +79,6 @@ def count(order: int, independent: bool = False) -> int:
     [1, 2, 5, 13, 38, 113]
     """
     return len(condition_trees(check_order(order, None), independent))
-
-
-def count_classical(order: int) -> int:
-    """Return ``N_RK``: rooted trees, children unordered, with 1 to `order` nodes.
-
-    A rooted tree is a root with a multiset of rooted trees. The standard recurrence over divisors
-    counts these multisets.
-
-    Parameters
-    ----------
-    order : int
-        At most 2000.
-
-    Examples
-    --------
-    >>> [count_classical(order) for order in range(1, 9)]
-    [1, 2, 4, 8, 17, 37, 85, 200]
-    """
-    order = check_integer("order", order, 1, _MAX_CLASSICAL)
-    trees = [0, 1]
-    of_size = [0] * (order + 1)  # Σ d t_d over the divisors d of each k
-    for n in range(1, order):
-        for k in range(n, order + 1, n):
-            of_size[k] += n * trees[n]
-        trees.append(sum(of_size[k] * trees[n - k + 1] for k in range(1, n + 1)) // n)
-    return sum(trees)
 
 
 def right_sides(order: int, independent: bool = False) -> tuple[Fraction, ...]:

@@ -1,25 +1,21 @@
-"""Order conditions in exact arithmetic, directly from their definition.
-
-This module shares no code with the compiled core, and the tests compare both.
-"""
+"""Order conditions in exact and in ball arithmetic."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from fractions import Fraction
-from math import factorial
 from typing import Any
 
 import numpy as np
 
 from ..structure.layout import Layout
-from ..structure.points import START, PointTree, check_not_sums, points_of, tree_of_rows
+from ..structure.points import PointTree, check_not_sums, points_of, tree_of_rows
 from ..support.balls import to_ball, to_flint, to_fraction, working_precision
 from ..support.checks import check_flag, check_integer
 from ..support.parsing import read_fraction
-from ..trees.ordered import forest
-from .counts import check_order, condition_trees, right_sides
+from .counts import check_order
+from .words import Condition, condition_words
 
 _MAX_BITS = 1_000_000  # with more bits a sum of products would take hours
 
@@ -44,99 +40,16 @@ def tree_residuals(
     tree: PointTree, order: Any, independent: bool, bits: int | None
 ) -> tuple[Any, ...]:
     """Return ``Φ(t) - 1/γ(t)`` of the result of a tree as fractions, with `bits` as balls."""
-    order = check_order(order, None)
-    trees, sides = condition_trees(order, independent), right_sides(order, independent)
+    from .systems import EquationSystem  # imports python-flint
+
+    words = condition_words(check_order(order, None), check_flag("independent", independent))
+    system = EquationSystem(Layout.of_tree(tree), tuple(Condition(0, word) for word in words))
+    x = [weight for point in tree.points for weight in point.weights.values()]
+    x.append(Fraction(0))  # from which numbers are made if there are no weights
     if bits is None:
-        weights = exact_weights(tree, order, trees, to_flint)
-        return tuple(to_fraction(phi) - side for phi, side in zip(weights, sides, strict=True))
+        return tuple(map(to_fraction, system.residuals(list(map(to_flint, x)))))
     with working_precision(check_integer("bits", bits, 2, _MAX_BITS)):
-        weights = exact_weights(tree, order, trees, to_ball)
-        return tuple(phi - to_ball(side) for phi, side in zip(weights, sides, strict=True))
-
-
-def exact_weights(
-    tree: PointTree, order: int, indices: Sequence[int], number: Callable[[Fraction], Any]
-) -> list[Any]:
-    r"""Return ``Φ(t)`` of the result of a step, in any field of numbers.
-
-    This evaluates the definition for each tree and point. With the letters
-    :math:`\ell_m(t) = \sum_k \alpha_{m,k} \Phi_k(t)`,
-
-    .. math:: \chi_m(w) = \sum_{w = u v} \chi_{\mathrm{parent}(m)}(u)\,
-              \ell_m(v_1) \cdots \ell_m(v_n) / n!.
-
-    Parameters
-    ----------
-    tree : PointTree
-    order : int
-        Largest number of nodes of the trees that are evaluated at stages.
-    indices : sequence of int
-        Indices of the trees, which have at most ``order + 1`` nodes.
-    number : callable
-        Converts a Fraction to a number.
-
-    Returns
-    -------
-    list of numbers
-
-    Examples
-    --------
-    >>> from fractions import Fraction
-    >>> import cg
-    >>> exact_weights(cg.methods["CG3"].tree, 3, [2, 3, 4], Fraction)
-    [Fraction(1, 1), Fraction(1, 2), Fraction(1, 2)]
-    """
-    trees = forest(order + 1)
-    weights_of = [
-        {k: number(weight) for k, weight in point.weights.items()} for point in tree.points
-    ]
-    used = {m for at in tree.stage_points for m in tree.path(at)}
-    inner, last = sorted(used), tree.path(tree.result)
-    letters: dict[int, list[Any]] = {}
-
-    def add_letter(t: int, phi: Sequence[Any]) -> None:
-        letters[t] = [
-            sum((weight * phi[k] for k, weight in row.items() if phi[k] != 0), start=zero)
-            for row in weights_of
-        ]
-
-    one = number(Fraction(1))
-    zero = one * 0
-    add_letter(1, [one] * len(tree.stage_points))
-    for t in range(2, trees.with_nodes(order).stop):
-        ends = word_weights(tree, inner, trees.children[t - 1], letters, one)
-        add_letter(t, [ends[at] for at in tree.stage_points])
-    return [
-        word_weights(tree, last, trees.children[t - 1], letters, one)[tree.result] for t in indices
-    ]
-
-
-def word_weights(
-    tree: PointTree,
-    points: Sequence[int],
-    word: Sequence[int],
-    letters: Mapping[int, Sequence[Any]],
-    one: Any,
-) -> dict[int, Any]:
-    """Return the character χ of each point on a word of trees.
-
-    For each prefix of the word, of length ``end``, χ at point m is the sum over shorter prefixes,
-    of length ``begin``, of χ at the parent times the remaining n letters at m, divided by n!.
-    """
-    zero = one * 0
-    prefixes = {START: [one] + [zero] * len(word)}  # χ of each prefix, by its length
-    for m in points:
-        before = prefixes[tree.points[m].parent]
-        after = before.copy()
-        for end in range(1, len(word) + 1):
-            product = one
-            for begin in range(end - 1, -1, -1):
-                product = product * letters[word[begin]][m]
-                if product == 0:
-                    break
-                after[end] = after[end] + before[begin] * product / factorial(end - begin)
-        prefixes[m] = after
-    return {m: row[-1] for m, row in prefixes.items()}
+        return tuple(system.residuals(list(map(to_ball, x))))
 
 
 def result_tree(method: Any, embedded: bool) -> PointTree:

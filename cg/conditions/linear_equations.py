@@ -36,13 +36,7 @@ Rows = Sequence[Sequence[Fraction]]
 
 @cache
 def words(order: int) -> tuple[Word, ...]:
-    """Return all words of degrees 1 to `order`, by degree: the compositions of these numbers.
-
-    Examples
-    --------
-    >>> words(3)
-    ((1,), (1, 1), (2,), (1, 1, 1), (1, 2), (2, 1), (3,))
-    """
+    """Return all words of degrees 1 to `order`, by degree: the compositions of these numbers."""
     by_degree: list[list[Word]] = [[()]]
     for degree in range(1, order + 1):
         by_degree.append(
@@ -52,21 +46,10 @@ def words(order: int) -> tuple[Word, ...]:
 
 
 def linear_residuals(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[Decimal]:
-    """Return the coefficients of all words less those of the solution.
+    """Return the coefficients of all `words` less those of the solution, with 64 digits.
 
-    Parameters
-    ----------
-    nodes : sequence of Fraction
-        The nodes c, length K.
-    rows : sequence of sequences of Fraction
-        The weights a of each exponential, in the order in which they are applied, shape (s, K).
-    order : int
-        Largest degree of words.
-
-    Returns
-    -------
-    list of Decimal
-        In the order of `words`, computed with 64 digits.
+    `nodes` are c, length K; `rows` the weights a of each exponential in the order of application,
+    shape (s, K).
     """
     with localcontext(_DIGITS):
         product = product_of_exponentials(_moments(nodes, rows, order), words(order))
@@ -92,13 +75,6 @@ def linear_sensitivities(
 
     A word's coefficient is a polynomial with positive coefficients in nodes and weights. The
     increase of its value at their magnitudes is therefore a bound.
-
-    Parameters
-    ----------
-    nodes, rows, order
-        As for `linear_residuals`.
-    node_units, units
-        Largest changes of the nodes, length K, and of the weights, shape (s, K).
     """
     sizes = [abs(c) for c in nodes]
     wide = [c + unit for c, unit in zip(sizes, node_units, strict=True)]
@@ -129,23 +105,9 @@ def _moments(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[list[Dec
 def product_of_exponentials(x: Sequence[Sequence[Any]], words: Sequence[Word]) -> dict[Word, Any]:
     """Return the coefficients of words in a product of exponentials of combinations of letters.
 
-    Parameters
-    ----------
-    x : sequence of sequences of numbers or arrays
-        Weights of the letters in each exponential, in the order in which they are applied.
-    words : sequence of tuples of int
-        Nonempty words of letters, counted from 1, with all their prefixes and suffixes; shorter
-        words of smaller degree first.
-
-    Returns
-    -------
-    dict
-        With the empty word.
-
-    Examples
-    --------
-    >>> product_of_exponentials([[0.5], [0.5]], [(1,), (1, 1)])
-    {(): 1.0, (1,): 1.0, (1, 1): 0.5}
+    `x` are the weights of the letters in each exponential, in the order of application. `words` are
+    nonempty, of letters from 1, with all prefixes and suffixes; shorter words of smaller degree
+    first. The result also has the empty word.
     """
     one = x[0][0] * 0 + 1
     product: dict[Word, Any] = {(): one} | dict.fromkeys(words, one * 0)

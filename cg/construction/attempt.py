@@ -28,24 +28,11 @@ _MIN_ESTIMATE = 1e-5  # of pairs; where stages coincide, both results have the s
 
 @dataclass(frozen=True)
 class Attempt:
-    """The result of one try.
+    """The result of one try, which its number `index` and the settings determine.
 
-    Attributes
-    ----------
-    index : int
-        Number of the try; with the settings it determines everything else.
-    stages : int
-        Fewest stages reached.
-    flows : int or None
-        Fewest flows reached; None for tableaux.
-    solved : bool
-        Whether `x` is on the solution set and within the bounds of the settings.
-    f : float
-        Sum of squared residuals at `x`, in double.
-    x : tuple of float
-        Packed coefficients with the fewest stages and flows reached.
-    tree : Layout or None
-        The tree of points; None for tableaux.
+    `stages` and `flows` are the fewest reached, `x` the packed coefficients with these, `f` their
+    sum of squared residuals in double. `solved` says whether `x` is on the solution set and within
+    the bounds of the settings. `flows` and `tree` are None for tableaux.
     """
 
     index: int
@@ -72,10 +59,7 @@ class Attempt:
 
 
 def read_attempt(settings: ConstructionSettings, record: Record) -> Attempt:
-    """Return the try of a record, recomputed from its coefficients.
-
-    ValueError if the record isn't that of a try, or doesn't agree with its coefficients.
-    """
+    """Return the try of a record, recomputed; ValueError if its coefficients don't fit it."""
     where = f"not the record of an attempt: try {record.number}"
     try:
         layout = None if record.tree is None else layout_from_json(record.tree)

@@ -105,22 +105,11 @@ def correct(
     max_iterations: int = 200,
     accurate: bool | None = None,
 ) -> Candidate:
-    """Return to the solution set by steps of least norm.
+    """Return to the solution set by steps of least norm, from a point close to it.
 
-    Parameters
-    ----------
-    candidate : Candidate
-        A point close to the set.
-    frozen : sequence of int, optional
-        Indices of entries that keep their values.
-    ftol, damping, max_iterations, accurate
-        As for `cg.construction.solvers.minimum_norm.fit_conditions`. By default `accurate` is
-        true from order 7 on.
-
-    Returns
-    -------
-    Candidate
-        The point where the solver ended, on the set or not; see `solved`.
+    The entries `frozen` keep their values; the other arguments are those of `fit_conditions`,
+    `accurate` from order 7 on by default. The result is where the solver ended, on the set or not;
+    see `solved`.
     """
     system = check_candidate(candidate).system
     fit = fit_conditions(
@@ -143,11 +132,7 @@ def check_candidate(candidate: Any) -> Candidate:
 
 
 def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
-    """Return the name of a method of a search, such as ``CG4-1-17``: order 4, seed 1, start 17.
-
-    It begins with CG, DICG or ICG for explicit, diagonally or fully implicit tableaux, with CF for
-    commutator-free methods.
-    """
+    """Return the name of a method of a search, such as ``CG4-1-17``: order 4, seed 1, start 17."""
     kinds = {Rows.EXPLICIT: "CG", Rows.DIAGONAL: "DICG", Rows.FULL: "ICG", None: "CF"}
     pair = f"({system.order - 1})" if system.embedded else ""
     return f"{kinds[system.rows]}{system.order}{pair}-{seed}-{number}"
@@ -167,14 +152,7 @@ def refinable(candidate: Candidate) -> bool:
 
 
 def pack_method(method: Method, order: int | None = None) -> Candidate:
-    """Return a method as a candidate; a pair if it has second weights.
-
-    Parameters
-    ----------
-    method : Method
-    order : int, optional
-        Order of the system; by default that of the method.
-    """
+    """Return a method as a candidate, by default of its order; a pair if it has second weights."""
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     order = method.order if order is None else order

@@ -54,31 +54,11 @@ def drop_stage(
     largest: float = 4.0,
     accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a stage of a tableau and solve again.
+    """Drop a stage of a tableau and solve again; None if that fails from all starts.
 
     The column of the stage is added to that of a neighbour, or dropped. Starts with the smallest
-    sums of squares come first, in a slightly random order.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        On the solution set; not a pair.
-    random : numpy.random.Generator
-        Determines the order of starts.
-    largest : float, optional
-        Bound on the magnitude of coefficients.
-    accept : callable, optional
-        A further test of the smaller candidate.
-
-    Returns
-    -------
-    Candidate or None
-        A candidate with one stage less, on the solution set; None if all starts failed.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is out of its range.
+    sums of squares come first, in a slightly random order. `largest` bounds the magnitude of
+    coefficients, `accept` is a further test of the smaller candidate.
     """
     if check_candidate(candidate).system.embedded:
         raise ValueError("candidate must be one method, got a pair")
@@ -93,12 +73,7 @@ def drop_flow(
     largest: float = 4.0,
     accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a point that is neither a stage nor a result, and solve again.
-
-    Flows that start from the point start from its parent instead, with the sums of the weights of
-    both flows. The arguments, results and errors are those of `drop_stage`, for commutator-free
-    methods.
-    """
+    """Drop a point that is neither a stage nor a result, like `drop_stage`."""
     layout = _check_points(candidate)
     merged = (
         merge_point(layout, candidate.x.tolist(), m)
@@ -120,11 +95,9 @@ def drop_point_stage(
     largest: float = 4.0,
     accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a stage of a commutator-free method, and solve again.
+    """Drop a stage of a commutator-free method, and solve again, like `drop_stage`.
 
-    The weights on the stage are added to those on a neighbour, or dropped. The point of the stage
-    stays if flows start from it. The arguments, results and errors are those of `drop_stage`, for
-    commutator-free methods.
+    The point of the stage stays if flows start from it.
     """
     layout = _check_points(candidate)
     starts = [

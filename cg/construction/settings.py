@@ -39,10 +39,7 @@ class ConstructionSettings(ShapeSettings):
         return super().of_points or self.first_flows is not None
 
     def checked(self, force: bool) -> ConstructionSettings:
-        """Return the settings with defaults for None.
-
-        TypeError or ValueError for an argument of the wrong type or out of range.
-        """
+        """Return the settings, checked, with defaults for None."""
         order = check_order(self.order)
         stages = check_integer("stages", self.stages, 1, MAX_STAGES)
         full_rank = check_flag("full_rank", self.full_rank)

@@ -56,11 +56,7 @@ class Finished(Generic[Result]):
 
 
 def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, int | None]:
-    """Return the arguments `executor` and `workers` after checking them.
-
-    TypeError or ValueError if `executor` isn't an `ExecutorLike`, or `workers` isn't a positive
-    integer.
-    """
+    """Return the arguments `executor` and `workers` after checking them."""
     if workers is not None:
         workers = check_integer("workers", workers, 1)
     if isinstance(executor, str) and executor not in ("threads", "processes"):
@@ -90,39 +86,19 @@ def completed(
     finish_on_interrupt: bool = False,
     data: Callable[[list[int]], Any] | None = None,
 ) -> Generator[Finished[Result], None, None]:
-    """Yield ``work(index)`` for each index, in the order in which they finish.
+    """Yield ``work(index)`` for each of `total` indices, in the order in which they finish.
 
-    Parameters
-    ----------
-    work : callable
-        Must be picklable for executors other than threads.
-    indices : iterable of int
-        Read only as far as workers need them.
-    total : int
-        Number of indices.
-    workers : int, optional
-        By default the number of workers of the executor, or of cores.
-    executor : ExecutorLike, optional
-        If it is a function, or ``"processes"``, a new executor is made when a worker died. The
-        pieces that were running are then run one by one, and those whose worker dies again are
-        yielded with a failure. An executor that the caller passes isn't shut down.
-    finish_on_interrupt : bool, optional
-        Whether running pieces finish, and are yielded, after the first interrupt, before
-        KeyboardInterrupt is raised. A second interrupt discards them.
-    data : callable, optional
-        Makes `work` take whole chunks: it is called with ``data(indices)``, computed in this
-        process. Results then have a `Finished.chunk`.
+    `work` must be picklable for executors other than threads. With `data` it takes whole chunks: it
+    is called with ``data(indices)``, computed in this process, and results have a `Finished.chunk`.
+    `indices` are read only as far as workers need them. With `finish_on_interrupt`, running pieces
+    finish and are yielded after the first interrupt, before KeyboardInterrupt is raised.
 
-    Raises
-    ------
-    Exception
-        The exception of the first piece that raised one, after the results before it.
-    BrokenExecutor
-        If a worker died, or the executor lost its scheduler, and there is no way to make a new
-        executor.
+    If `executor` is a function, or ``"processes"``, a new executor is made when a worker died. The
+    pieces that were running are then run one by one, and those whose worker dies again are yielded
+    with a failure. An executor that the caller passes isn't shut down, and BrokenExecutor is raised
+    if it breaks. The exception of the first piece that raised one is raised after the results
+    before it.
 
-    Notes
-    -----
     A chunk takes about 0.25 seconds, by the duration of the latest pieces. Towards the end chunks
     become smaller, down to 0.02 seconds. In threads, without `data`, chunks have one piece.
     """

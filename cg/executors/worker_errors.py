@@ -35,11 +35,7 @@ def broken_executor(reason: Exception, pieces: list[int]) -> BrokenExecutor:
 
 
 def picklable(error: Exception) -> Exception:
-    """Return an error, or a RuntimeError with its name and message if it can't be unpickled.
-
-    Exceptions whose constructors take other arguments than their message can be pickled but not
-    unpickled; a process that receives one assumes that the worker died.
-    """
+    """Return an error, or a RuntimeError with its name and message if it can't be unpickled."""
     try:
         if type(pickle.loads(pickle.dumps(error))) is type(error):
             return error

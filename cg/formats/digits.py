@@ -12,24 +12,17 @@ from ..method.coefficients import Coefficient
 from ..method.method import Method
 from ..structure.points import MethodError
 from ..support.checks import check_integer
-from ..support.quads import DECIMAL_DIGITS, to_decimal
+from ..support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
 
 if TYPE_CHECKING:
     from ..proofs import Certificate
-
-MAX_DIGITS = 4000
-"""Limit of `digits`: Python converts integers of up to 4300 digits to text by default."""
 
 _GUARD_DIGITS = 10
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """Coefficients of a method, in the order of its layout, correct to more than `digits` digits.
-
-    `method` has the stored coefficients; `digits` is the number of significant digits to write,
-    None for the stored ones.
-    """
+    """The coefficients of a method in the order of its layout, and the digits to write, or None."""
 
     method: Method
     values: tuple[Fraction, ...]
@@ -71,16 +64,7 @@ class Numbers:
 
 
 def known_digits(method: Method) -> int | None:
-    """Return the smallest number of correct digits of the coefficients; None if all are rational.
-
-    It is 34 for binary128 numbers and 16 for doubles.
-
-    Examples
-    --------
-    >>> import cg
-    >>> known_digits(cg.methods["CG5d"]), known_digits(cg.methods["CG3"])
-    (34, None)
-    """
+    """Return the smallest number of correct digits of coefficients; None if all are rational."""
     third = getattr(method, "third_weights", None) or ()
     digits = [
         max(math.floor(math.log10(abs(coefficient.value) / coefficient.unit)) + 1, 1)
@@ -91,10 +75,7 @@ def known_digits(method: Method) -> int | None:
 
 
 def numbers_of(method: Method, digits: int | None, certificate: Certificate | None) -> Numbers:
-    """Return the coefficients of a method, from its certificate if the stored digits are too few.
-
-    The arguments and errors are those of `cg.export`.
-    """
+    """Return the coefficients of a method, from its certificate if it has too few digits."""
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     if certificate is not None:
@@ -105,7 +86,7 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     stored = tuple(coefficient.value for coefficient in method.coefficients)
     if digits is None:
         return Numbers(method, stored, None)
-    digits = check_integer("digits", digits, 1, MAX_DIGITS)
+    digits = check_integer("digits", digits, 1, MAX_WRITTEN)
     known = known_digits(method)
     if known is None or digits <= known:
         return Numbers(method, stored, digits)

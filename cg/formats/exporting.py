@@ -102,9 +102,7 @@ def export(
     if format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {format!r}")
     if isinstance(method, MagnusMethod | Splitting) and format not in ("json", "toml"):
-        raise ValueError(
-            f"format must be json or toml for a {type(method).__name__}, got {format!r}"
-        )
+        raise ValueError(f"format must be json or toml for the method {method!r}, got {format!r}")
     numbers = numbers_of(method, digits, certificate)
     if format == "json":
         return dumps_json(numbers.rounded())
@@ -116,12 +114,5 @@ def export(
 
 
 def summary(method: Method) -> str:
-    """Return a one-line summary of a method.
-
-    Examples
-    --------
-    >>> import cg
-    >>> summary(cg.methods["CG4(3)b"])
-    'CG4(3)b: order 4(3), 5 evaluations, 15 flows'
-    """
+    """Return a one-line summary of a method: ``CG4(3)b: order 4(3), 5 evaluations, 15 flows``."""
     return f"{visible(method.name) or 'without name'}: {method.description(complete=True)}"

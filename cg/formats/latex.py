@@ -64,11 +64,7 @@ def to_array(method: Method) -> str:
 
 
 def short_numbers(method: Method) -> Iterator[list[str]]:
-    """Yield the rows of a tableau, or the weights of each point, with few digits.
-
-    A row of a tableau begins with its abscissa; entries that are zero by the shape of the tableau
-    are empty.
-    """
+    """Yield the rows of a tableau, abscissae first, or each point's weights, with few digits."""
     if isinstance(method, CommutatorFree):
         for weights in method.point_coefficients:
             yield [_plain(weight) for weight in weights.values()]
@@ -80,10 +76,7 @@ def short_numbers(method: Method) -> Iterator[list[str]]:
 def _entries(
     method: Method, exact: Sequence[Fraction] | None = None
 ) -> Iterator[list[Coefficient | None]]:
-    """Yield the rows of a tableau, abscissae first; None for zeros by the shape of the tableau.
-
-    Abscissae are sums of the packed coefficients `exact`, by default the stored ones.
-    """
+    """Yield rows of a tableau, abscissae (sums of `exact`) first, None for zeros of its shape."""
     packed = [entry.value for entry in method.coefficients] if exact is None else list(exact)
     summed = method.layout.full_rows(packed)
     explicit = method.explicit

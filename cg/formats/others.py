@@ -15,30 +15,9 @@ def to_diffrax(method: str | Method) -> Any:
     """Return the classical tableau of an explicit method as a ``diffrax.ButcherTableau``.
 
     On vector spaces, where flows commute, the method is the one with this tableau. A pair advances
-    with the weights of higher order. The error weights of a method without second weights are
-    zero, so that it only works with constant steps.
-
-    Parameters
-    ----------
-    method : str or Method
-
-    Returns
-    -------
-    diffrax.ButcherTableau
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no such method, it is implicit, or it has a single stage, which diffrax doesn't
-        support.
-    ModuleNotFoundError
-        If diffrax isn't installed.
-
-    Examples
-    --------
-    >>> tableau = to_diffrax("DP5(4)")  # doctest: +SKIP
-    >>> tableau.num_stages, tableau.fsal  # doctest: +SKIP
-    (7, True)
+    with the weights of higher order. The error weights of a method without second weights are zero,
+    so that it only works with constant steps. ValueError for a single stage, which diffrax doesn't
+    support.
     """
     method = _explicit(method)
     if method.stages == 1:
@@ -59,27 +38,9 @@ def to_diffrax(method: str | Method) -> Any:
 def to_nodepy(method: str | Method) -> Any:
     """Return the classical tableau of an explicit method as one of nodepy.
 
-    Parameters
-    ----------
-    method : str or Method
-
-    Returns
-    -------
-    nodepy.runge_kutta_method.ExplicitRungeKuttaMethod
-        For a pair, an ``ExplicitRungeKuttaPair`` whose first weights have the higher order.
-        Coefficients are rational numbers of SymPy if all are rational, else doubles.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no such method, or it is implicit.
-    ModuleNotFoundError
-        If nodepy isn't installed.
-
-    Examples
-    --------
-    >>> to_nodepy("CG3").order()  # doctest: +SKIP
-    3
+    It is an ``ExplicitRungeKuttaMethod``, or for a pair an ``ExplicitRungeKuttaPair`` whose first
+    weights have the higher order. Coefficients are rational numbers of SymPy if all are rational,
+    else doubles.
     """
     method = _explicit(method)
     from nodepy import runge_kutta_method

@@ -21,11 +21,7 @@ from .digits import Numbers
 
 @dataclass(frozen=True)
 class Move:
-    """A flow from the point in slot `origin` to the one in slot `target`, along weighted fields.
-
-    The slots are equal if the initial point of the flow isn't needed any more. `terms` are stages,
-    counted from 0, and their weights as decimal numbers.
-    """
+    """A flow from the point in slot `origin` to slot `target`, along the sum of `terms`."""
 
     origin: int
     target: int
@@ -83,11 +79,7 @@ class Program:
         return tuple(weight for move in self.moves for _, weight in move.terms)
 
     def integer_tables(self, *, slot: int, term: int) -> dict[str, list[str]]:
-        """Return the integers that define the moves, by the names of their arrays.
-
-        `slot` is the number of the first slot, `term` that of the first stage and of the first
-        term.
-        """
+        """Return the integers of the moves by array, from numbers of the first slot and term."""
         first_terms = accumulate((len(move.terms) for move in self.moves), initial=term)
         stages = (stage for move in self.moves for stage, _ in move.terms)
         tables = {
@@ -102,13 +94,7 @@ class Program:
 
 
 def identifier(name: str) -> str:
-    """Return the name of a method as an identifier in lower case.
-
-    Examples
-    --------
-    >>> identifier("RKMK8(5,3)"), identifier("4th order"), identifier("")
-    ('rkmk8_5_3', 'method_4th_order', 'method')
-    """
+    """Return the name of a method as an identifier in lower case, such as ``rkmk8_5_3``."""
     plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
     if not plain or plain[0].isdigit():
         plain = f"method_{plain}".strip("_")
@@ -209,10 +195,7 @@ def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
 def _slots(
     tree: PointTree, order: list[int], before: tuple[int, ...]
 ) -> tuple[dict[int, int], int]:
-    """Return the slot of each point, and the number of slots.
-
-    A slot is reused after the last move, stage or result that needs its point.
-    """
+    """Return the slot of each point, reused when it isn't needed any more, and their number."""
     last: dict[int, int] = {}
     for k, m in enumerate(order):
         last[tree.points[m].parent] = k

@@ -11,10 +11,7 @@ _WIDTH = 96
 
 
 def fill(template: str, parts: Mapping[str, object]) -> str:
-    """Return a template with each ``@key@`` replaced by its part.
-
-    A part may have keys of later parts in it.
-    """
+    """Return a template with each ``@key@``, also in earlier parts, replaced by its part."""
     for key, part in parts.items():
         template = template.replace(f"@{key}@", str(part))
     return template

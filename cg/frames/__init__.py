@@ -1,6 +1,7 @@
 """Frames: manifolds with vector fields whose flows can be computed."""
 
 from cg.frames.base import FlowOverflowError, Frame
+from cg.frames.checking import check
 from cg.frames.coadjoint import CoadjointOrbit
 from cg.frames.euclidean import Euclidean
 from cg.frames.field_frame import FieldFrame
@@ -58,6 +59,7 @@ __all__ = [
     "Stiefel",
     "U",
     "UnitQuaternion",
+    "check",
     "hat",
     "vee",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, is_array, real_array
-from cg.frames.dexpinv import frobenius, rotation_dexpinv, series_dexpinv
+from cg.frames.dexpinv import rotation_dexpinv, series_dexpinv
 from cg.support.checks import check_integer
 
 # Largest dimension for which brackets by structure constants are faster than products of matrices.
@@ -99,11 +99,9 @@ class FieldAlgebra(ABC):
         ------
         NotImplementedError
             If the frame has no `bracket`.
-        TypeError
-            If ``order`` isn't an integer.
-        ValueError
-            If the last axis of an argument hasn't length ``dim``, or ``order`` is less than 1 or
-            greater than 200.
+        TypeError, ValueError
+            If ``order`` isn't an integer; if the last axis of an argument hasn't length ``dim``, or
+            ``order`` is less than 1 or greater than 200.
         """
         order = check_integer("order", order, 1, _MAX_ORDER)
         return self._dexpinv(self._vectors(u, "u"), self._vectors(v), order)
@@ -115,9 +113,9 @@ class FieldAlgebra(ABC):
         if self.dim <= MAX_CONSTANTS:
             flat = u @ self._adjoint_basis.reshape(self.dim, -1)
             matrix = flat.reshape(*u.shape, self.dim)
-            bound = frobenius(matrix)
+            bound = np.asarray(np.linalg.matrix_norm(matrix))
             return series_dexpinv(lambda w: (w[..., None, :] @ matrix)[..., 0, :], v, order, bound)
-        bound = frobenius(self._bracket(u[..., None, :], np.eye(self.dim)))
+        bound = np.asarray(np.linalg.matrix_norm(self._bracket(u[..., None, :], np.eye(self.dim))))
         return series_dexpinv(lambda w: self._bracket(u, w), v, order, bound)
 
     @cached_property

@@ -46,6 +46,11 @@ def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
     return _number_array(value, name, np.complex128, "iufcO", "complex")
 
 
+def is_qobj(value: Any) -> bool:
+    """Return whether a value is an operator of QuTiP."""
+    return type(value).__name__ == "Qobj" and hasattr(value, "full")
+
+
 def conversion_hint(value: Any, error: BaseException | None) -> str:
     """Return a hint for a value that is no array: a traced array of JAX, or an object of QuTiP."""
     for part in value if isinstance(value, list | tuple) else [value]:

@@ -17,14 +17,12 @@ from cg.frames.arrays import (
     check_random,
 )
 from cg.frames.block_kinds import Blocks
-from cg.frames.checking import find_inconsistencies
 from cg.frames.local_coordinates import (
     local_coordinates,
     minimum_norm_coefficients,
     newton_correction,
 )
 from cg.frames.manifold import Manifold
-from cg.support.checks import check_generator
 
 _ROTATION_HINTS = {
     (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
@@ -188,7 +186,8 @@ class Frame(Manifold, FieldAlgebra):
         guess = self.exp_coordinates(start, end)
         start, end = (y.reshape(-1, *self.point_shape) for y in (start, end))
         v = np.zeros((len(start), self.dim)) if guess is None else guess.reshape(-1, self.dim)
-        return local_coordinates(self, v, start, end).reshape(*lead, self.dim)
+        v = local_coordinates(self.flow, self._correct, v, start, end)
+        return v.reshape(*lead, self.dim)
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         """Return the coefficients after one step of the iteration in `local_coordinates`.
@@ -199,7 +198,7 @@ class Frame(Manifold, FieldAlgebra):
         """
         corrected = v + self._coefficients_at(y, end - y)
         for k in np.flatnonzero(exact):
-            corrected[k] = newton_correction(self, v[k], start[k], y[k], end[k])
+            corrected[k] = newton_correction(self.flow, v[k], start[k], y[k], end[k])
         return corrected
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
@@ -256,64 +255,6 @@ class Frame(Manifold, FieldAlgebra):
         """Return standard normal coefficients, shape ``(*size, dim)``."""
         size = check_random(rng, size)
         return rng.standard_normal((*size, self.dim))
-
-    def check(
-        self, *, rng: np.random.Generator | None = None, points: ArrayLike | None = None
-    ) -> None:
-        r"""Check that the methods of this frame are consistent with each other.
-
-        At random points and with random coefficients it checks that ``flow(0, y)`` is ``y``, that
-        flows along one field compose, that the derivative of the flow is `field`, that
-        `exp_coordinates` and `local_coordinates` invert the flow, that `bracket` is the commutator
-        of the fields, that `dexpinv` agrees with derivatives of flows, and that flows stay on the
-        manifold.  It computes some hundred flows.
-
-        Parameters
-        ----------
-        rng
-            Random generator for points and coefficients, by default
-            ``numpy.random.default_rng(0)``.
-        points
-            Points to check at, shape ``(count, *point_shape)``, by default three of
-            `random_point`.
-
-        Raises
-        ------
-        ValueError
-            If a check fails, or if ``points`` aren't points; the message lists all failed checks.
-        TypeError
-            If ``rng`` isn't a generator.
-        NotImplementedError
-            If ``points`` is None and the frame has no `random_point`.
-
-        Examples
-        --------
-        A flow with the wrong sign, which an integration would not reveal:
-
-        >>> import numpy as np
-        >>> from cg.frames import FieldFrame
-        >>> frame = FieldFrame(
-        ...     [lambda y: np.array([y[0], -y[1]])],
-        ...     lambda v, y: np.array([y[0] * np.exp(-v[0]), y[1] * np.exp(v[0])]),
-        ...     point_shape=2,
-        ... )
-        >>> try:
-        ...     frame.check()
-        ... except ValueError as error:
-        ...     print(str(error).partition(" (")[0])
-        frame is inconsistent: flow has the wrong sign: its derivative is -field(v, y)
-        """
-        rng = np.random.default_rng(0) if rng is None else check_generator("rng", rng)
-        if points is None:
-            chosen = self.random_point(rng, 3)
-        else:
-            chosen = self.read_points(points, "points")
-            if chosen.shape[1:] != self.point_shape or len(chosen) == 0:
-                shape = ", ".join(map(str, ("count", *self.point_shape)))
-                raise ValueError(f"points must have shape ({shape}), got {chosen.shape}")
-        problems = find_inconsistencies(self, chosen, rng)
-        if problems:
-            raise ValueError(f"frame is inconsistent: {'; '.join(problems)}")
 
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""

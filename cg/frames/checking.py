@@ -1,16 +1,16 @@
-"""Consistency checks of a frame: flow, fields, coordinates and brackets; see `Frame.check`."""
+"""Consistency checks of a frame: flow, fields, coordinates and brackets."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-
-if TYPE_CHECKING:
-    from cg.frames.base import Frame
+from cg.frames.base import Frame
+from cg.support.checks import check_generator
 
 # Relative tolerances for rounding errors and for finite differences of order four
 _ROUNDING = 1e-10
@@ -22,14 +22,75 @@ _STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
 _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
 
 
-def find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator) -> list[str]:
+def check(
+    frame: Frame, *, rng: np.random.Generator | None = None, points: ArrayLike | None = None
+) -> None:
+    r"""Check that the methods of a frame are consistent with each other.
+
+    At random points and with random coefficients it checks that ``flow(0, y)`` is ``y``, that
+    flows along one field compose, that the derivative of the flow is ``field``, that
+    ``exp_coordinates`` and ``local_coordinates`` invert the flow, that ``bracket`` is the
+    commutator of the fields, that ``dexpinv`` agrees with derivatives of flows, and that flows
+    stay on the manifold.  It computes some hundred flows.
+
+    Parameters
+    ----------
+    frame
+        Built-in, or your own.
+    rng
+        Random generator for points and coefficients, by default
+        ``numpy.random.default_rng(0)``.
+    points
+        Points to check at, shape ``(count, *point_shape)``, by default three of
+        ``random_point``.
+
+    Raises
+    ------
+    ValueError
+        If a check fails, or if ``points`` aren't points; the message lists all failed checks.
+    TypeError
+        If ``rng`` isn't a generator.
+    NotImplementedError
+        If ``points`` is None and the frame has no ``random_point``.
+
+    Examples
+    --------
+    A flow with the wrong sign, which an integration would not reveal:
+
+    >>> import numpy as np
+    >>> from cg.frames import FieldFrame, check
+    >>> frame = FieldFrame(
+    ...     [lambda y: np.array([y[0], -y[1]])],
+    ...     lambda v, y: np.array([y[0] * np.exp(-v[0]), y[1] * np.exp(v[0])]),
+    ...     point_shape=2,
+    ... )
+    >>> try:
+    ...     check(frame)
+    ... except ValueError as error:
+    ...     print(str(error).partition(" (")[0])
+    frame is inconsistent: flow has the wrong sign: its derivative is -field(v, y)
+    """
+    rng = np.random.default_rng(0) if rng is None else check_generator("rng", rng)
+    if points is None:
+        chosen = frame.random_point(rng, 3)
+    else:
+        chosen = frame.read_points(points, "points")
+        if chosen.shape[1:] != frame.point_shape or len(chosen) == 0:
+            shape = ", ".join(map(str, ("count", *frame.point_shape)))
+            raise ValueError(f"points must have shape ({shape}), got {chosen.shape}")
+    problems = _find_inconsistencies(frame, chosen, rng)
+    if problems:
+        raise ValueError(f"frame is inconsistent: {'; '.join(problems)}")
+
+
+def _find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator) -> list[str]:
     """Return a description of each inconsistency at points of shape ``(count, *point_shape)``."""
     errors: dict[str, float] = {}
     for y in points:
         normal = rng.standard_normal((3, frame.dim))
         u, v, w = (x * (_LENGTH / max(float(np.linalg.norm(x)), _LENGTH)) for x in normal)
-        for check in _CHECKS:
-            for problem, size in check(frame, y, u, v, w):
+        for compare in _CHECKS:
+            for problem, size in compare(frame, y, u, v, w):
                 errors[problem] = max(size, errors.get(problem, 0.0))
     return [f"{problem} (by {size:.2g})" for problem, size in errors.items()]
 

@@ -118,13 +118,7 @@ class CoadjointOrbit(Frame):
         return np.asarray((combine(vector, self._fields) @ point[..., None])[..., 0])
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the time-1 flow, shape ``(..., dim)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes have other lengths.
-        """
+        """Return the time-1 flow, shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
         column = point[..., None]
         if self._rotation_sign:

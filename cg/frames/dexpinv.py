@@ -29,7 +29,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Array, Points
+from cg.frames.arrays import Array
 from cg.frames.rotations import half_angle
 
 _SERIES_BELOW = 1.0  # largest squared angle for which series replace formulas that cancel
@@ -49,11 +49,6 @@ def bernoulli_terms(count: int) -> tuple[Fraction, ...]:
     return tuple(terms)
 
 
-def frobenius(matrices: Points) -> Array:
-    """Return the Frobenius norms of matrices, shape ``(...)``."""
-    return np.asarray(np.sqrt((matrices.real**2 + matrices.imag**2).sum(axis=(-2, -1))))
-
-
 def series_dexpinv(
     adjoint: Callable[[Array], Array],
     v: Array,
@@ -64,26 +59,12 @@ def series_dexpinv(
 ) -> Array:
     """Return the dexpinv series, truncated for a Runge-Kutta method of a given order.
 
-    Parameters
-    ----------
-    adjoint
-        Function that returns the bracket of u with its argument.
-    v
-        Coefficients, shape ``(..., dim)``, or other elements of a linear space.
-    order
-        Order of the method, up to which powers are taken.  The order of a step needs powers up to
-        ``order - 2``, since the coefficients of stages differ from multiples of u by the square of
-        the step; but then errors of long steps exceed their estimates by far.
-    bound
-        Upper bound of the eigenvalues of `adjoint`, shape ``(...)``.  If None, divergence is not
-        checked.
-    axes
-        Number of trailing axes of one element.
-
-    Returns
-    -------
-    ndarray
-        The truncated sum, NaN where the infinite series diverges.
+    ``adjoint`` returns the bracket of u with its argument; v are coefficients, shape ``(...,
+    dim)``, or other elements of a linear space with ``axes`` axes. Powers are taken up to
+    ``order``. The order of a step needs powers up to ``order - 2``, since the coefficients of
+    stages differ from multiples of u by the square of the step; but then errors of long steps
+    exceed their estimates by far. The result is NaN where the infinite series diverges by
+    ``bound``, shape ``(...)``, of the eigenvalues of ``adjoint``.
     """
     total, power = v, v
     terms = _series_terms(order)
@@ -146,19 +127,11 @@ def rotation_dexpinv(u: Array, v: Array, sign: float) -> Array:
 def motion_dexpinv(u: Array, v: Array, sign: float) -> Array:
     r"""Return dexpinv for a rotation group acting on k vectors, as in SE(3) for k = 1.
 
-    Parameters
-    ----------
-    u, v
-        Shape ``(..., 3 + 3 k)``: the coefficients of the rotation, then of the vectors.
-    sign
-        1 if flows act from the left, -1 if from the right.
-
-    Notes
-    -----
-    With :math:`\theta` the angle, :math:`\operatorname{ad} (\operatorname{ad}^2 + \theta^2)^2 = 0`.
-    So the sum is :math:`1 - \tfrac12 \operatorname{ad} + a \operatorname{ad}^2 + b
-    \operatorname{ad}^4`, with a and b such that it has the value and the derivative of the series
-    at the eigenvalues :math:`\pm i\theta`.
+    ``u`` and ``v``, shape ``(..., 3 + 3 k)``, are the coefficients of the rotation, then of the
+    vectors; ``sign`` is 1 if flows act from the left, -1 if from the right. With :math:`\theta` the
+    angle, :math:`\operatorname{ad} (\operatorname{ad}^2 + \theta^2)^2 = 0`. So the sum is :math:`1
+    - \tfrac12 \operatorname{ad} + a \operatorname{ad}^2 + b \operatorname{ad}^4`, with a and b such
+    that it has the value and the derivative of the series at the eigenvalues :math:`\pm i\theta`.
     """
     half, _ = half_angle(u[..., :3])
     second, fourth = _motion_coefficients(2.0 * half)

@@ -28,10 +28,8 @@ class Euclidean(Frame):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is less than 1.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is less than 1.
 
     Examples
     --------

@@ -49,10 +49,9 @@ class FieldFrame(UserFrame):
 
     Raises
     ------
-    TypeError
-        If a function isn't callable, or ``point_shape`` isn't an integer or a sequence of integers.
-    ValueError
-        If there is no field, an entry of ``point_shape`` is less than 1, or ``dtype`` is neither
+    TypeError, ValueError
+        If a function isn't callable, or ``point_shape`` isn't an integer or a sequence of integers;
+        if there is no field, an entry of ``point_shape`` is less than 1, or ``dtype`` is neither
         ``float`` nor ``complex``.
 
     Notes
@@ -110,10 +109,8 @@ class FieldFrame(UserFrame):
         kinds = (float, complex, np.float64, np.complex128)
         if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")
-        object.__setattr__(self, "_fields", functions)
-        object.__setattr__(self, "_flow", flow)
-        object.__setattr__(self, "_point_shape", shape)
-        object.__setattr__(self, "_dtype", np.dtype(dtype))
+        parts = {"_fields": functions, "_flow": flow, "_point_shape": shape}
+        vars(self).update(parts, _dtype=np.dtype(dtype))
         self._store_functions(
             membership_error=membership_error,
             restore=restore,
@@ -178,13 +175,7 @@ class FieldFrame(UserFrame):
         return self._call("bracket", function, [(u, 1), (v, 1)], (self.dim,))
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\sum_i v_i E_i(y)`, shape ``(..., *point_shape)``.
-
-        Raises
-        ------
-        ValueError
-            If one of the functions returns another shape or no numbers.
-        """
+        r"""Return :math:`\sum_i v_i E_i(y)`, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         rank = len(self._point_shape)
         tangent = np.zeros((), dtype=self.dtype)
@@ -196,13 +187,7 @@ class FieldFrame(UserFrame):
         return tangent
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return the points that the user's flow returns, shape ``(..., *point_shape)``.
-
-        Raises
-        ------
-        ValueError
-            If it returns another shape or no numbers.
-        """
+        """Return the points that the user's flow returns, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         arguments = [(vector, 1), (point, len(self._point_shape))]
         moved = self._call("flow", self._flow, arguments, self.point_shape, self.dtype)

@@ -28,10 +28,8 @@ class GL(SizedMatrixGroup):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is too small, or ``convention`` is neither of the two.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
 
     Notes
     -----

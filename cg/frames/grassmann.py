@@ -33,10 +33,8 @@ class Grassmann(ConjugationSpace):
 
     Raises
     ------
-    TypeError
-        If ``n`` or ``k`` isn't an integer.
-    ValueError
-        If ``n`` or ``k`` is out of range.
+    TypeError, ValueError
+        If ``n`` or ``k`` isn't an integer or is out of range.
 
     Notes
     -----

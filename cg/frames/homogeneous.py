@@ -30,7 +30,8 @@ class HomogeneousSpace(Frame):
     - ``restore(y)``: the point without rounding errors normal to the manifold;
     - ``point_shape``, ``membership_error`` and ``random_point``, which are abstract in `Frame`.
 
-    Brackets and dexp⁻¹ are those of the group.  `check` verifies that the members are consistent.
+    Brackets and dexp⁻¹ are those of the group.  `cg.frames.check` verifies that the members are
+    consistent.
 
     References
     ----------
@@ -42,7 +43,7 @@ class HomogeneousSpace(Frame):
     Symmetric matrices with the action of rotations by conjugation:
 
     >>> import numpy as np
-    >>> from cg.frames import SO
+    >>> from cg.frames import SO, check
     >>> class Symmetric(HomogeneousSpace):
     ...     group = SO(3, "space")
     ...     point_shape = (3, 3)
@@ -62,7 +63,7 @@ class HomogeneousSpace(Frame):
     ...     def random_point(self, rng, size=()):
     ...         return self.restore(rng.standard_normal((*np.atleast_1d(size).astype(int), 3, 3)))
     >>> space = Symmetric()
-    >>> space.check()
+    >>> check(space)
     >>> space.flow([np.pi / 2, 0.0, 0.0], np.diag([1.0, 2.0, 3.0])).diagonal().round(12)
     array([1., 3., 2.])
     """
@@ -107,13 +108,7 @@ class HomogeneousSpace(Frame):
         return self._act_infinitesimally(self.group.algebra(vector), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return the action on ``y`` of the group element of ``v``, shape ``(..., *point_shape)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes have other lengths.
-        """
+        """Return the action on ``y`` of the group element of ``v``, ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self.restore(self._act(self.group.exponential(vector), point))
 

@@ -28,10 +28,8 @@ class Hyperbolic(Frame):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is less than 2.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is less than 2.
 
     Notes
     -----

@@ -13,6 +13,7 @@ from cg.frames.arrays import Array, Points, Size, complex_array, is_complex_arra
 from cg.frames.block_kinds import MAX_MATRIX, Blocks
 from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
+from cg.frames.matrix_functions import eigh_where_finite, two_norm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 from cg.frames.su import SU
@@ -76,18 +77,7 @@ class IsospectralOrbit(ConjugationSpace):
 
     @classmethod
     def through(cls, y0: ArrayLike) -> IsospectralOrbit:
-        """Return the orbit of a matrix.
-
-        Parameters
-        ----------
-        y0
-            Symmetric, or Hermitian if complex, shape ``(n, n)``.
-
-        Raises
-        ------
-        ValueError
-            If ``y0`` isn't a finite square matrix, or not symmetric.
-        """
+        """Return the orbit of a matrix, symmetric, or Hermitian if complex, ``(n, n)``."""
         is_complex = is_complex_array(y0)
         point: Points = complex_array(y0, "y0") if is_complex else real_array(y0, "y0")
         if point.ndim != 2 or point.shape[0] != point.shape[1] or not np.isfinite(point).all():
@@ -161,15 +151,11 @@ class IsospectralOrbit(ConjugationSpace):
         orbit.
         """
         point = self._points(y)
-        finite = np.asarray(np.isfinite(point).all(axis=(-2, -1)))
-        if not finite.all():  # np.linalg.eigvalsh may raise
-            error = self.membership_error(np.where(finite[..., None, None], point, 0.0))
-            return np.where(finite, error, np.nan)
-        adjoint = point.mT.conj()
-        skew = np.linalg.matrix_norm(0.5 * (point - adjoint), ord=2)
-        eigenvalues = np.linalg.eigvalsh(0.5 * (point + adjoint))
+        with np.errstate(invalid="ignore"):
+            symmetric, skew = (0.5 * (point + sign * point.mT.conj()) for sign in (1.0, -1.0))
+        eigenvalues, _ = eigh_where_finite(symmetric)
         error = np.abs(eigenvalues - np.array(self.spectrum)).max(axis=-1)
-        return np.asarray(np.maximum(skew, error))
+        return np.asarray(np.maximum(two_norm(skew), error))
 
     def relative_error(self, y: ArrayLike) -> Array:
         """Return the membership error divided by the largest eigenvalue, shape ``(...)``."""

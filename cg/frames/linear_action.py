@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, conversion_hint
+from cg.frames.arrays import Array, Points, conversion_hint, is_qobj
 from cg.frames.base import FlowOverflowError
 from cg.frames.block_kinds import Blocks
 from cg.frames.user import Function, UserFrame
@@ -56,7 +56,7 @@ class LinearAction(UserFrame):
     Parameters
     ----------
     generators : sequence of m matrices of shape (n, n)
-        The :math:`G_i`, sparse or dense, real or complex. Those of Hamiltonians H are ``-1j * H``.
+        The :math:`G_i`, sparse, dense or of QuTiP. Those of Hamiltonians H are ``-1j * H``.
     unitary : bool, optional
         Whether all generators have to be skew-Hermitian, so that flows keep the norm of the vector.
         Without it, H in place of ``-1j * H`` gives solutions that grow.
@@ -65,11 +65,9 @@ class LinearAction(UserFrame):
 
     Raises
     ------
-    TypeError
-        If one of the functions isn't callable.
-    ValueError
-        If ``generators`` aren't square matrices of finite numbers, all of one shape, or a generator
-        isn't skew-Hermitian with ``unitary=True``.
+    TypeError, ValueError
+        If one of the functions isn't callable; if ``generators`` aren't square matrices of finite
+        numbers, all of one shape, or a generator isn't skew-Hermitian with ``unitary=True``.
 
     References
     ----------
@@ -176,6 +174,10 @@ class LinearAction(UserFrame):
         entries = v @ self._values
         return sparse.csr_array((entries, pattern.indices, pattern.indptr), shape=pattern.shape)
 
+    def dense(self) -> Points:
+        """Return the generators as one array, shape ``(m, n, n)``."""
+        return np.array([self._matrix(unit).toarray() for unit in np.eye(self.dim)])
+
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         r"""Return :math:`\sum_i v_i G_i y`, shape ``(..., n)``."""
         vectors, points = self._rows(v, y)
@@ -183,15 +185,7 @@ class LinearAction(UserFrame):
         return np.array(rows, dtype=self.dtype).reshape(points.shape)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\exp(\sum_i v_i G_i)\, y`, shape ``(..., n)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes have other lengths.
-        FlowOverflowError
-            If the norm of the matrix is so large that no digits of the flow are known.
-        """
+        r"""Return :math:`\exp(\sum_i v_i G_i)\, y`, shape ``(..., n)``."""
         import cg._core_r64 as core
 
         vectors, points = self._rows(v, y)
@@ -237,7 +231,8 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
     matrices: list[sparse.csr_array] = []
     for i, generator in enumerate(listed):
         try:
-            matrix = sparse.csr_array(generator)
+            numbers = generator.to("CSR").data.as_scipy() if is_qobj(generator) else generator
+            matrix = sparse.csr_array(numbers)
             matrix = matrix.astype(np.complex128 if matrix.dtype.kind == "c" else np.float64)
         except (TypeError, ValueError) as error:
             raise ValueError(

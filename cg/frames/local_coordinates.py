@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
 from cg.frames.arrays import Array, Points
 
-if TYPE_CHECKING:
-    from cg.frames.base import Frame
+Flow = Callable[[Array, Points], Points]
+# Coefficients after one step of the iteration, from those before, the start, the point that they
+# reach, the end, and where the derivative of the flow is used
+Correction = Callable[[Array, Points, Points, Points, Array], Array]
 
 # Singular values of a matrix of fields below this fraction of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
@@ -28,7 +30,9 @@ _DIFFERENCE_RANK_TOLERANCE = 1e-5
 _MISSED = 1e-8  # largest relative residual of an accepted result
 
 
-def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) -> Array:
+def local_coordinates(
+    flow: Flow, correct: Correction, guess: Array, start: Points, end: Points
+) -> Array:
     """Return coefficients whose flow takes points to others near them, NaN where that fails.
 
     Points have the shape ``(count, *point_shape)``, coefficients ``(count, dim)``.  The guess is
@@ -37,7 +41,7 @@ def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) ->
     v = np.nan_to_num(guess, posinf=0.0, neginf=0.0)
     y = start
     if v.any():
-        y = frame.flow(v, start)
+        y = flow(v, start)
         # The logarithm of points that are large and close may have no correct digits.
         lost = ~(_norms(end - y) <= _norms(end - start))
         if lost.any():
@@ -52,11 +56,11 @@ def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) ->
     for _ in range(_MAX_CORRECTIONS):
         if not len(active):
             break
-        tried = frame._correct(v[active], start[active], reached, end[active], exact)
+        tried = correct(v[active], start[active], reached, end[active], exact)
         # Coefficients that diverge are reset; their residual doesn't decrease, so they stop here.
         far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
         tried[far] = v[active[far]]
-        moved = frame.flow(tried, start[active])
+        moved = flow(tried, start[active])
         size = _norms(end[active] - moved)
         better = size < 0.5 * residual
         v[active[better]], reached[better] = tried[better], moved[better]
@@ -70,13 +74,13 @@ def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) ->
     return v
 
 
-def newton_correction(frame: Frame, v: Array, start: Points, y: Points, end: Points) -> Array:
+def newton_correction(flow: Flow, v: Array, start: Points, y: Points, end: Points) -> Array:
     """Return coefficients after a Newton step with finite differences of the flow.
 
     The flow of ``v``, shape ``(dim,)``, takes ``start`` to ``y``, and is to take it to ``end``.
     """
     step = _DIFFERENCE * max(1.0, float(np.linalg.norm(v)))
-    slopes = (frame.flow(v + step * np.eye(frame.dim), start) - y) / step
+    slopes = (flow(v + step * np.eye(len(v)), start) - y) / step
     residual = (end - y)[None]
     return np.asarray(
         v + minimum_norm_coefficients(slopes[None], residual, _DIFFERENCE_RANK_TOLERANCE)[0]

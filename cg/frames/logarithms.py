@@ -20,13 +20,9 @@ def _log1p(difference: Points, far: Callable[[Points], Points]) -> Points:
     r"""Return logarithms of :math:`I + d`; near the identity with the relative accuracy of d.
 
     With :math:`z = d\,(2 I + d)^{-1}` it is :math:`2(z + \tfrac13 z^3 + \tfrac15 z^5 + \dots)`
-    [1]_.  Near the identity this series is summed; elsewhere ``far`` returns the logarithm of one
-    matrix.  Differences d have the shape ``(..., n, n)``; logarithms are NaN where an entry isn't
-    finite.
-
-    References
-    ----------
-    .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008, section 11.3.
+    (Higham, *Functions of Matrices*, 2008, section 11.3), summed near the identity; elsewhere
+    ``far`` returns the logarithm of one matrix. Shapes are ``(..., n, n)``; NaN where an entry
+    isn't finite.
     """
     identity = np.eye(difference.shape[-1])
     near = np.asarray(np.linalg.matrix_norm(difference, ord=1) <= _NEAR)
@@ -77,10 +73,7 @@ def _real_logarithm(x: Points) -> Points:
 
 
 def rotation_log1p(difference: Points) -> Points:
-    r"""Return logarithms of rotations I + ``difference``, with angles of at most :math:`\pi`.
-
-    The results are skew up to rounding.
-    """
+    r"""Return logarithms of rotations I + ``difference``, with angles of at most :math:`\pi`."""
     return _log1p(difference, _rotation_logarithm)
 
 

@@ -97,10 +97,9 @@ class Manifold(ABC):
 
         Raises
         ------
-        TypeError
-            If ``rng`` isn't a generator, or ``size`` is neither an integer nor a sequence of them.
-        ValueError
-            If ``size`` is negative.
+        TypeError, ValueError
+            If ``rng`` isn't a generator, or ``size`` is neither an integer nor a sequence of them;
+            if ``size`` is negative.
         """
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:

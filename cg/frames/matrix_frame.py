@@ -14,6 +14,7 @@ from cg.frames.arrays import (
     check_finite,
     complex_array,
     is_complex_array,
+    is_qobj,
     real_array,
 )
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -44,10 +45,9 @@ class MatrixFrame(UserFrame):
 
     Raises
     ------
-    TypeError
-        If one of the functions isn't callable, or ``columns`` isn't an integer.
-    ValueError
-        If ``matrices`` aren't finite numbers of that shape, or ``columns`` is less than 1.
+    TypeError, ValueError
+        If one of the functions isn't callable, or ``columns`` isn't an integer; if ``matrices``
+        aren't finite numbers of that shape, or ``columns`` is less than 1.
 
     Notes
     -----
@@ -76,6 +76,8 @@ class MatrixFrame(UserFrame):
         project: Function | None = None,
         random_point: Function | None = None,
     ) -> None:
+        if isinstance(matrices, list | tuple):
+            matrices = [each.full() if is_qobj(each) else each for each in matrices]
         is_complex = is_complex_array(matrices)
         array: Points = (complex_array if is_complex else real_array)(matrices, "matrices")
         if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
@@ -155,12 +157,6 @@ class MatrixFrame(UserFrame):
         return self._apply(combine(vector, self._matrices), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\exp(\sum_i v_i A_i)\, y`, shape ``(..., *point_shape)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes have other lengths.
-        """
+        r"""Return :math:`\exp(\sum_i v_i A_i)\, y`, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self.restore(self._apply(expm(combine(vector, self._matrices), vector), point))

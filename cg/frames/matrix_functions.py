@@ -33,10 +33,9 @@ _ROUNDING = 1e-15
 
 
 def expm(matrix: Points, v: Array) -> Points:
-    """Return the exponentials of stacked square matrices, not finite where they overflow.
+    """Return the exponentials of square matrices, not finite where they overflow.
 
-    FlowOverflowError, with the coefficients ``v`` in its message, is raised if a matrix has a norm
-    greater than `MAX_EXPONENT`.
+    FlowOverflowError, which names ``v``, for a norm greater than `MAX_EXPONENT`.
     """
     # A cheap sufficient test
     if not np.vdot(matrix, matrix).real <= MAX_EXPONENT**2:
@@ -159,15 +158,11 @@ def newton_schulz(y: Points, adjoint: Points) -> Points:
     r"""Return :math:`\frac32 y - \frac12 y\, y^* y`, one step towards :math:`y^* y = I`.
 
     Products of rounded group elements leave the group: after 10^5 random flows on SO(3) the
-    distance is 1e-13, and for 10^5 equal ones 1e-12, since then the rounding errors add up.  The
+    distance is 1e-13, and for 10^5 equal ones 1e-12, since then the rounding errors add up. The
     step is the identity on the group and reduces a distance :math:`\epsilon` to
     :math:`\frac32\epsilon^2`, so it removes rounding errors without changing the order of a method.
-    With the conjugate transpose as ``adjoint`` it converges to the polar factor, section 8.3 of
-    [1]_.
-
-    References
-    ----------
-    .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008.
+    With the conjugate transpose as ``adjoint`` it converges to the polar factor (Higham, *Functions
+    of Matrices*, 2008, section 8.3).
     """
     return np.asarray(1.5 * y - 0.5 * (y @ (adjoint @ y)))
 
@@ -252,10 +247,7 @@ def relative_correction(y: Points, correction: Callable[[Points], Points]) -> Ar
 
 
 def singular_values(y: Points) -> Array:
-    """Return the decreasing singular values of matrices, NaN for matrices that aren't finite.
-
-    For the latter LAPACK may raise an error.
-    """
+    """Return the decreasing singular values of matrices, NaN where LAPACK may raise."""
     finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))[..., None]
     singular = np.linalg.svd(np.where(finite[..., None], y, 0.0), compute_uv=False)
     return np.where(finite, singular, np.nan)
@@ -290,13 +282,12 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
     value is changed, so that a reflection has distance 2; the polar factor of a complex matrix,
     with determinant :math:`e^{i\theta}`, is multiplied by :math:`e^{-i\theta / n}`.
     """
+    if not special:
+        return np.asarray(np.abs(singular_values(y) - 1.0).max(axis=-1))
     finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))
     if not finite.all():  # np.linalg.svd may raise
         error = distance_from_unitary(np.where(finite[..., None, None], y, 0.0), special=special)
         return np.where(finite, error, np.nan)
-    if not special:
-        singular = np.linalg.svd(y, compute_uv=False)
-        return np.asarray(np.abs(singular - 1.0).max(axis=-1))
     left, singular, right = np.linalg.svd(y)
     determinant = np.linalg.det(left) * np.linalg.det(right)
     if np.iscomplexobj(y):
@@ -330,12 +321,8 @@ def random_unitary(
 ) -> Points:
     """Return matrices with orthonormal columns, uniform under the unitary (orthogonal) group.
 
-    The QR factorisation of a normal matrix, made unique by a positive diagonal of R [1]_.
-
-    References
-    ----------
-    .. [1] F. Mezzadri, "How to generate random matrices from the classical compact groups",
-       Notices Amer. Math. Soc. 54 (2007), 592-604.
+    The QR factorisation of a normal matrix, made unique by a positive diagonal of R (Mezzadri,
+    Notices Amer. Math. Soc. 54 (2007), 592-604).
     """
     normal = rng.standard_normal(shape)
     if complex_:
@@ -346,10 +333,7 @@ def random_unitary(
 
 
 def eigh_where_finite(matrices: Points) -> tuple[Array, Points]:
-    """Return the increasing eigenvalues and the eigenvectors of stacked symmetric matrices.
-
-    They are NaN for matrices that are not finite.
-    """
+    """Return eigenvalues and eigenvectors of symmetric matrices, NaN where not finite."""
     finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
     safe = np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1]))
     values, vectors = np.linalg.eigh(safe)

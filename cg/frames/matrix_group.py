@@ -22,7 +22,7 @@ from cg.frames.arrays import (
     check_random,
 )
 from cg.frames.base import Frame
-from cg.frames.dexpinv import frobenius, series_dexpinv
+from cg.frames.dexpinv import series_dexpinv
 from cg.frames.entries import Entries, dual_of
 from cg.frames.logarithms import real_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -86,12 +86,7 @@ class MatrixGroup(Frame):
     def basis(self) -> Points:
         """The matrices of the fields, shape ``(dim, size, size)``, read-only.
 
-        Raises
-        ------
-        MemoryError
-            If the basis needs more memory than the machine has.
-        ValueError
-            If ``_make_basis`` of a subclass returns another number or another size of matrices.
+        MemoryError if they need more memory than the machine has.
         """
         self._check_memory(self.dim * self.size**2 * self.dtype.itemsize)
         made = self._make_basis()
@@ -162,16 +157,8 @@ class MatrixGroup(Frame):
     def coefficients(self, matrix: ArrayLike) -> Array:
         """Return the coefficients ``v`` of matrices ``algebra(v)``, shape ``(..., dim)``.
 
-        Parameters
-        ----------
-        matrix
-            Shape ``(..., size, size)``.
-
-        Raises
-        ------
-        ValueError
-            If a matrix isn't in the algebra: if the error of an entry exceeds both 1e-8 of the
-            largest entry and 1e-12.
+        ValueError if a matrix, shape ``(..., size, size)``, isn't in the algebra: if the error of
+        an entry exceeds both 1e-8 of the largest entry and 1e-12.
         """
         matrices = self._points(matrix, "matrix")
         v = self._algebra_projection(matrices)
@@ -227,7 +214,7 @@ class MatrixGroup(Frame):
         if self.dim <= MAX_CONSTANTS:
             return super()._dexpinv(u, v, order)
         generator, side = self.algebra(u), self._side
-        bound = 2.0 * frobenius(generator)
+        bound = np.asarray(2.0 * np.linalg.matrix_norm(generator))
 
         def adjoint(x: Points) -> Points:
             return np.asarray(side * (generator @ x - x @ generator))
@@ -254,19 +241,8 @@ class MatrixGroup(Frame):
     def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
         r"""Return the upper blocks of the exponential of :math:`\binom{\Omega(v)\;\;U}{0\;\;0}`.
 
-        Parameters
-        ----------
-        v
-            Shape ``(..., dim)``.
-        columns
-            The matrix :math:`U`, shape ``(..., size, k)``.
-
-        Returns
-        -------
-        linear : ndarray
-            :math:`e^{\Omega}`, shape ``(..., size, size)``.
-        moved : ndarray
-            :math:`\int_0^1 e^{s\Omega} ds\, U`, shape ``(..., size, k)``.
+        They are :math:`e^{\Omega}`, shape ``(..., size, size)``, and :math:`\int_0^1 e^{s\Omega}
+        ds\, U`, shape ``(..., size, k)`` as U, the ``columns``.
         """
         vector = self._vectors(v)
         generator = self.algebra(vector)
@@ -292,13 +268,7 @@ class MatrixGroup(Frame):
         return self._multiply(self.algebra(vector), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return ``y @ exponential(v)`` (body) or ``exponential(v) @ y`` (space).
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes have other lengths.
-        """
+        """Return ``y @ exponential(v)`` (body) or ``exponential(v) @ y`` (space)."""
         vector, point = self._arguments(v, y)
         return self.restore(self._multiply(self.exponential(vector), point))
 
@@ -375,22 +345,7 @@ class UnitaryMatrixGroup(MatrixGroup):
 
 @dataclass(frozen=True, repr=False)
 class SizedMatrixGroup(MatrixGroup):
-    """A matrix group with the number of rows as its parameter.
-
-    Parameters
-    ----------
-    n
-        Number of rows.
-    convention
-        ``"body"`` or ``"space"``.
-
-    Raises
-    ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is too small, or ``convention`` is neither of the two.
-    """
+    """A matrix group with the number of rows as its parameter."""
 
     n: int
     convention: Convention = "space"

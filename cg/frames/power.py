@@ -29,10 +29,8 @@ class Power(Frame):
 
     Raises
     ------
-    TypeError
-        If ``factor`` isn't a `Frame`, or ``n`` isn't an integer.
-    ValueError
-        If ``n`` is less than 1.
+    TypeError, ValueError
+        If ``factor`` isn't a `Frame`, or ``n`` isn't an integer or is less than 1.
 
     Examples
     --------

@@ -35,10 +35,8 @@ class Product(Frame):
 
     Raises
     ------
-    TypeError
-        If a factor isn't a `Frame`.
-    ValueError
-        If there is no factor.
+    TypeError, ValueError
+        If a factor isn't a `Frame`; if there is no factor.
 
     Examples
     --------
@@ -85,11 +83,6 @@ class Product(Frame):
 
         They are views of ``y`` if it is an array of doubles, contiguous along its last axis, and
         can be written to if ``y`` can.
-
-        Raises
-        ------
-        ValueError
-            If the last axis of ``y`` hasn't the length of a point.
         """
         parts = self._real_parts
         # Fast path for a single real point: f calls this method at each stage, and the general
@@ -104,13 +97,7 @@ class Product(Frame):
         return self._split(self._points(y))
 
     def join(self, *parts: ArrayLike) -> Array:
-        """Return the flat point, shape ``(..., n)``, of one point of every factor.
-
-        Raises
-        ------
-        ValueError
-            If the number of parts or the shape of one of them is wrong.
-        """
+        """Return the flat point, shape ``(..., n)``, of one point of every factor."""
         if len(parts) != len(self.factors):
             raise ValueError(f"parts must be {len(self.factors)} points, got {len(parts)}")
         if (single := self._join_single(parts)) is not None:

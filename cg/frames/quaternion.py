@@ -88,13 +88,7 @@ class UnitQuaternion(UnitVectors):
         return np.asarray((generator @ point[..., None])[..., 0])
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return ``y`` rotated by the rotation vector ``v`` in radians, shape ``(..., 4)``.
-
-        Raises
-        ------
-        ValueError
-            If the trailing axes have other lengths.
-        """
+        """Return ``y`` rotated by the rotation vector ``v`` in radians, shape ``(..., 4)``."""
         vector, point = self._arguments(v, y)
         half, sinc = half_angle(vector)
         moved = np.cos(half)[..., None] * point + sinc[..., None] * self._field(vector, point)
@@ -169,18 +163,7 @@ class UnitQuaternion(UnitVectors):
         return super().read_points(value, name)
 
     def as_rotation(self, y: ArrayLike) -> Rotation:
-        """Return points as ``scipy.spatial.transform.Rotation``.
-
-        Parameters
-        ----------
-        y
-            Shape ``(4,)``, or ``(count, 4)`` for a stack.
-
-        Raises
-        ------
-        ValueError
-            If ``y`` has another shape.
-        """
+        """Return a point or a stack as ``scipy.spatial.transform.Rotation``."""
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self._points(y), scalar_first=self.scalar_first)

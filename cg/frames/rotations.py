@@ -169,20 +169,10 @@ def quaternion_logarithm(vector: Array, scalar: Array) -> Array:
 
 
 def rotation_logarithm(difference: Array) -> Array:
-    r"""Return the rotation vectors of rotation matrices, of length at most :math:`\pi`.
+    r"""Return rotation vectors, at most :math:`\pi` long, of rotation matrices less the identity.
 
-    It computes the quaternion, its component of largest modulus first [1]_, and is equally
-    accurate near the identity and near half a turn.
-
-    Parameters
-    ----------
-    difference
-        The matrices less the identity, shape ``(..., 3, 3)``.
-
-    References
-    ----------
-    .. [1] S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance Control 1 (1978),
-       223-224.
+    It computes the quaternion, its component of largest modulus first (Shepperd, J. Guidance
+    Control 1 (1978), 223-224), and is equally accurate near the identity and near half a turn.
     """
     trace = np.trace(difference, axis1=-2, axis2=-1)
     diagonal = np.diagonal(difference, axis1=-2, axis2=-1)

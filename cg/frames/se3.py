@@ -80,20 +80,9 @@ class SE3(Semidirect):
         return super().read_points(value, name)
 
     def as_rigid_transform(self, y: ArrayLike) -> RigidTransform:
-        """Return points as ``scipy.spatial.transform.RigidTransform``.
+        """Return a point or a stack as ``scipy.spatial.transform.RigidTransform``.
 
-        Parameters
-        ----------
-        y
-            Shape ``(4, 4)``, or ``(count, 4, 4)`` for a stack.
-
-        Raises
-        ------
-        ValueError
-            If ``y`` has another shape.
-        NotImplementedError
-            If SciPy is older than version 1.16.
-
+        NotImplementedError if SciPy is older than version 1.16.
         """
         transform: RigidTransform = _rigid_transform().from_matrix(self._points(y))
         return transform

@@ -32,10 +32,9 @@ class Semidirect(MatrixGroup):
 
     Raises
     ------
-    TypeError
-        If ``group`` isn't a `MatrixGroup`, or ``copies`` isn't an integer.
-    ValueError
-        If ``group`` is complex, or ``copies`` is less than 1.
+    TypeError, ValueError
+        If ``group`` isn't a `MatrixGroup`, or ``copies`` isn't an integer; if ``group`` is complex,
+        or ``copies`` is less than 1.
 
     Notes
     -----

@@ -30,10 +30,8 @@ class SL(NoncompactMatrixGroup):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is too small, or ``convention`` is neither of the two.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
 
     Notes
     -----

@@ -39,10 +39,8 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is too small, or ``convention`` is neither of the two.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
 
     Notes
     -----
@@ -117,18 +115,7 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         return super().read_points(value, name)
 
     def as_rotation(self, y: ArrayLike) -> Rotation:
-        """Return points as ``scipy.spatial.transform.Rotation``, n = 3 only.
-
-        Parameters
-        ----------
-        y
-            Shape ``(3, 3)``, or ``(count, 3, 3)`` for a stack.
-
-        Raises
-        ------
-        ValueError
-            If ``n`` isn't 3, or ``y`` has another shape.
-        """
+        """Return a point or a stack, n = 3 only, as ``scipy.spatial.transform.Rotation``."""
         if self.n != 3:
             raise ValueError(f"as_rotation requires n = 3, got {self!r}")
         from scipy.spatial.transform import Rotation

@@ -32,10 +32,9 @@ class Sp(NoncompactMatrixGroup):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is odd or less than 2, or ``convention`` is neither of the two.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is odd or less than 2, or ``convention`` is neither of
+        the two.
 
     Notes
     -----

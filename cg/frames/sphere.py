@@ -36,10 +36,8 @@ class Sphere(UnitVectors, HomogeneousSpace):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is less than 1.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is less than 1.
 
     Notes
     -----

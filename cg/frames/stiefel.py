@@ -36,10 +36,8 @@ class Stiefel(HomogeneousSpace):
 
     Raises
     ------
-    TypeError
-        If ``n`` or ``k`` isn't an integer.
-    ValueError
-        If ``n`` or ``k`` is out of range.
+    TypeError, ValueError
+        If ``n`` or ``k`` isn't an integer or is out of range.
 
     Notes
     -----

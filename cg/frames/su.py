@@ -13,7 +13,7 @@ from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
 from cg.frames.entries import Entries
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
-from cg.frames.u import U, gell_mann_entries
+from cg.frames.u import U, gell_mann
 from cg.support.shared_numbers import BlockKind
 
 
@@ -22,7 +22,7 @@ class SU(U):
     r"""Unitary complex matrices of determinant 1.
 
     The generators are :math:`B_k = -\tfrac{i}{2} \lambda_k` with the generalised Gell-Mann
-    matrices :math:`\lambda_k` of `gell_mann`; for n = 2 these are Pauli's, and the coefficients
+    matrices :math:`\lambda_k`; for n = 2 these are Pauli's, and the coefficients
     are the rotation vector on the Bloch sphere, as for `UnitQuaternion`.
 
     Parameters
@@ -34,10 +34,8 @@ class SU(U):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is too small, or ``convention`` is neither of the two.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
 
     Notes
     -----
@@ -64,7 +62,7 @@ class SU(U):
         return self.n**2 - 1
 
     def _make_basis(self) -> Entries:
-        return gell_mann_entries(self.n, -0.5j)
+        return gell_mann(self.n, -0.5j)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a step towards unitary matrices and one towards determinant 1."""

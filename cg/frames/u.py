@@ -36,10 +36,8 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Raises
     ------
-    TypeError
-        If ``n`` isn't an integer.
-    ValueError
-        If ``n`` is too small, or ``convention`` is neither of the two.
+    TypeError, ValueError
+        If ``n`` isn't an integer or is too small, or ``convention`` is neither of the two.
 
     Notes
     -----
@@ -65,7 +63,7 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         return self.n**2
 
     def _make_basis(self) -> Entries:
-        special, diagonal = gell_mann_entries(self.n, -0.5j), np.arange(self.n) * (self.n + 1)
+        special, diagonal = gell_mann(self.n, -0.5j), np.arange(self.n) * (self.n + 1)
         phase = np.full_like(diagonal, self.dim - 1), diagonal
         values = np.full(self.n, -0.5j * np.sqrt(2.0 / self.n))
         return Entries(*map(np.concatenate, zip(special, (*phase, values), strict=True)))
@@ -95,27 +93,14 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         return self._algebra_projection(unitary_log1p(difference, special=self._special))
 
 
-def gell_mann(n: int) -> Points:
-    r"""Return the generalised Gell-Mann matrices of size ``n``.
+def gell_mann(n: int, factor: complex = 1.0) -> Entries:
+    r"""Return the ``n * n - 1`` generalised Gell-Mann matrices of size ``n`` times a factor.
 
-    Parameters
-    ----------
-    n
-        Number of rows, at least 1.
-
-    Returns
-    -------
-    ndarray
-        Shape ``(n * n - 1, n, n)``, with :math:`\operatorname{tr} \lambda_j \lambda_k =
-        2\delta_{jk}`.  For each ``j`` from 1: for each ``i < j`` the symmetric and the
-        antisymmetric matrix of that pair, then the diagonal one with ``j + 1`` entries.  For
-        ``n = 2`` these are the Pauli matrices, for ``n = 3`` Gell-Mann's in his order.
+    :math:`\operatorname{tr} \lambda_j \lambda_k = 2\delta_{jk}`. For each ``j`` from 1: for each
+    ``i < j`` the symmetric and the antisymmetric matrix of that pair, then the diagonal one with
+    ``j + 1`` entries. For ``n = 2`` these are the Pauli matrices, for ``n = 3`` Gell-Mann's in his
+    order.
     """
-    return gell_mann_entries(n).array(n * n - 1, n)
-
-
-def gell_mann_entries(n: int, factor: complex = 1.0) -> Entries:
-    """Return the matrices of `gell_mann` times a factor."""
     j, i = np.tril_indices(n, -1)
     pair, ones = j**2 - 1 + 2 * i, np.ones(len(i))
     last, entry = np.tril_indices(n)

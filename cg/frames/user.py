@@ -108,13 +108,7 @@ class UserFrame(Frame):
         return self._evaluate("exp_coordinates", (self.dim,), *points)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
-        """Return points from the user's function, or normal ones where all arrays are points.
-
-        Raises
-        ------
-        NotImplementedError
-            If the user gave ``membership_error``, but no ``random_point``.
-        """
+        """Return points from the user's function, or normal ones where all arrays are points."""
         size = check_random(rng, size)
         function = self._functions.get("random_point")
         if function is not None:

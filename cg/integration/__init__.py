@@ -10,13 +10,12 @@ from cg.integration.rhs.events import Event
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.step.implicit import ConvergenceError
 from cg.integration.stepper import Stepper
-from cg.integration.variational import (
+from cg.integration.variational.results import (
     EnsembleVariationalSolution,
     VariationalOutput,
     VariationalSolution,
-    solve_variational,
-    solve_variational_ensemble,
 )
+from cg.integration.variational.solve import solve_variational, solve_variational_ensemble
 
 __all__ = [
     "CompiledFunction",

@@ -26,6 +26,7 @@ _POINTS_AT_A_TIME = 4096
 _MAX_STEPS = 2**53  # a step number must be an exact float, or times would not be distinct
 
 _RTOL, _ATOL = 1e-3, np.array(1e-6)
+_PLAIN = {float, int}
 _BOOLS = {bool, np.bool_}
 _MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 
@@ -66,6 +67,12 @@ def check_args(args: Any) -> tuple[Any, ...]:
         raise TypeError(
             f"args must be a tuple of further arguments, such as (x,) for one, got {args!r}"
         ) from None
+
+
+def check_resolution(h: float | None, t: float) -> None:
+    """Raise ValueError if a fixed step doesn't change the time."""
+    if h is not None and h < math.ulp(t):
+        raise ValueError(f"h is too small at t = {t!r}: its times coincide, got {h!r}")
 
 
 def check_joined(frame: Product, y0: Any) -> None:
@@ -198,14 +205,28 @@ def check_points(
 
     With ``many`` both may have a leading axis of members; a single point is then used for all rows
     of parameters.  The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
-    ValueError is raised if a point has another shape, isn't finite, lies off the manifold, or there
-    is none.
     """
+    points = _check_points(plan, y0, many)
+    if parameters is None:
+        return points, None
+    numbers = real_array(parameters, "parameters")
+    if not many and numbers.ndim != 1:
+        raise ValueError(f"parameters must have shape (k,), got {numbers.shape}")
+    rows = numbers if many else numbers[None]
+    if len(points) == 1 and rows.ndim == 2:
+        points = np.repeat(points, len(rows), axis=0)
+    if rows.ndim != 2 or len(rows) != len(points) or rows.size == 0:
+        shape = f"({len(points)}, k)" if many else "(k,)"
+        raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
+    rows.flags.writeable = False
+    return points, rows
+
+
+def _check_points(plan: Plan, y0: ArrayLike, many: bool) -> Points:
     frame = plan.frame
     if isinstance(frame, Product):
         check_joined(frame, y0)
-    points = frame.read_points(y0, "y0")
-    numbers = None if parameters is None else real_array(parameters, "parameters")
+    points: Points = frame.read_points(y0, "y0")
     rank = len(frame.point_shape)
     batch = points.shape[: max(points.ndim - rank, 0)]
     if batch and points.shape[len(batch) :] == frame.point_shape:
@@ -221,26 +242,19 @@ def check_points(
         if points.size == 0:
             raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
         # only the worst point gets the full check, whose message says what is wrong
-        if not plan.surely_on_manifold(points):
+        if not plan.surely_on_manifold(plan.doubles(points)):
             worst = _worst(frame, points)
             frame.check_point(points[worst], name=f"y0[{worst}]")
-        return points, numbers
+        return points
     if many and rank and points.ndim == rank + 1 and points.shape[:rank] == frame.point_shape:
         shape = ", ".join(map(str, frame.point_shape))
         raise ValueError(
             f"y0 must have shape (members, {shape}), got {points.shape}: members come first, as in "
             "np.moveaxis(y0, -1, 0)"
         )
-    if points.shape != frame.point_shape or not plan.surely_on_manifold(points):
+    if points.shape != frame.point_shape or not plan.surely_on_manifold(plan.doubles(points)):
         frame.check_point(points, name="y0")
-    points = points[None]
-    if not many:
-        if numbers is not None and (numbers.ndim != 1 or numbers.size == 0):
-            raise ValueError(f"parameters must have shape (k,), got {numbers.shape}")
-        return points, None if numbers is None else numbers[None]
-    if numbers is not None and numbers.ndim == 2:
-        points = np.repeat(points, len(numbers), axis=0)
-    return points, numbers
+    return points[None]
 
 
 def _worst(frame: Frame, points: Points) -> int:
@@ -263,14 +277,17 @@ def _worst(frame: Frame, points: Points) -> int:
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     """Return initial and final time; ValueError unless they are finite and so is their distance."""
     try:
-        if isinstance(t_span, Mapping):
+        if type(t_span) is tuple and _PLAIN.issuperset(map(type, t_span)):
+            start, stop = map(float, t_span)
+        elif isinstance(t_span, Mapping):
             raise ValueError("not a sequence")
-        times = real_array(t_span, "t_span")
-        # NumPy would convert a bool among numbers
-        if times.shape != (2,) or not _BOOLS.isdisjoint(map(type, t_span)):
-            raise ValueError("not two numbers")
-        start, stop = times.tolist()
-    except ValueError as error:
+        else:
+            times = real_array(t_span, "t_span")
+            # NumPy would convert a bool among numbers
+            if times.shape != (2,) or not _BOOLS.isdisjoint(map(type, t_span)):
+                raise ValueError("not two numbers")
+            start, stop = times.tolist()
+    except (ValueError, OverflowError) as error:
         raise ValueError(f"t_span must be two numbers, got {t_span!r}") from error
     if not (math.isfinite(start) and math.isfinite(stop)):
         raise ValueError(f"t_span must be finite, got {t_span!r}")

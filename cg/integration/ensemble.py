@@ -7,7 +7,7 @@ import pickle
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Never, Unpack
 
 import numpy as np
@@ -18,22 +18,24 @@ from cg.executors import ExecutorLike, check_executor, completed
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.loop.failures import explain_failure
+from cg.integration.loop.drive import drive
+from cg.integration.loop.failures import explain_failure, find_mistakes
 from cg.integration.loop.messages import TERMINAL_EVENT
 from cg.integration.loop.progress import Progress
-from cg.integration.loop.record import Output
-from cg.integration.member_results import EnsembleResults, MemberResults
-from cg.integration.options import Options, check_no_more, expand_options
-from cg.integration.problem import Problem, make_problem, make_rhs
+from cg.integration.loop.run import Run
+from cg.integration.member_results import MemberResults, Results
+from cg.integration.options import Options, complete_options, expand_options
+from cg.integration.problem import Problem, make_problem
 from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.function import CompiledFunction, Function
-from cg.integration.rhs.python import Coefficients, PythonRhs
+from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.support.checks import check_flag
 from cg.support.parallel import single_threads
 from cg.support.shared_numbers import Stop
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
+_STATUS = {int(Stop.FINISHED): 0, int(Stop.TERMINAL_EVENT): 1}
 
 
 @expand_options
@@ -127,84 +129,94 @@ def solve_ensemble(
     >>> run.y.shape, run.success
     ((3, 5, 3, 3), True)
     """
-    check_no_more(rest)
-    vectorized = check_flag("vectorized", vectorized)
-    common = check_flag("common_steps", common_steps)
     problem = make_problem(
-        f, t_span, y0, frame=frame, options=options, many=True, vectorized=vectorized,
-        common=common, stage_solver=stage_solver, jac=jac,
+        f, t_span, y0, frame=frame, options=complete_options(solve_ensemble, rest, options),
+        many=True, vectorized=check_flag("vectorized", vectorized),
+        common=check_flag("common_steps", common_steps), stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
-    return solve_members(problem, executor, workers, out, progress)
+    return solve_members(problem, progress, executor, workers, out)
 
 
 def solve_members(
     problem: Problem,
-    executor: ExecutorLike,
-    workers: int | None,
-    out: Any,
     progress: Callable[[float, float], None] | None,
+    executor: ExecutorLike = None,
+    workers: int | None = None,
+    out: Any = None,
 ) -> EnsembleSolution:
-    """Integrate the members of an ensemble; further arguments are those of `solve_ensemble`."""
-    common, h = problem.common, problem.control.h
-    if common and problem.event_table().jumps.any():
+    """Integrate one point or the members of an ensemble; arguments are those of `solve_ensemble`.
+
+    Warnings name the caller of its caller.
+    """
+    members, steps = len(problem.points), 0
+    if problem.common and problem.events is not None and problem.events.has_jumps:
         raise ValueError("events must have no jumps with common_steps, which all members share")
-    if problem.t_eval is None:
-        ends = [problem.t0, problem.t1][: 1 + (problem.t0 != problem.t1)]
-        problem = replace(problem, t_eval=np.array(ends))
-    if h is not None:
+    if (h := problem.control.h) is not None:
         steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
-        check_grid(problem.plan, h, steps * len(problem.points), 0, problem.dense)
+        check_grid(problem.plan, h, steps * members, problem.every, problem.dense)
     distributed = executor is not None or workers is not None
-    executor, workers = check_executor(executor, workers)
-    if distributed and common:
+    if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
-    if isinstance(problem.rhs, PythonRhs):
-        problem.rhs.first = 0
-    result = EnsembleResults(problem, out)
-    watch = Progress(progress, problem.t0, problem.t1, len(problem.points))
+    result = Results(problem, out)
+    watch = Progress(progress, problem.t0, problem.t1, members)
     if distributed:
-        _distribute(problem, executor, workers, result, watch)
+        _distribute(problem, *check_executor(executor, workers), result, watch)
+    elif not problem.many:
+        result.add(slice(0, 1), _integrate(problem, watch, steps))
     else:
-        size = len(problem.points) if common else _MEMBERS_PER_RUN
+        size = members if problem.common else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
-            for first in range(0, len(problem.points), size):
-                members = slice(first, min(first + size, len(problem.points)))
-                result.add(members, _integrate(_select_members(problem, members), watch))
-                watch.count_finished(members.stop - first)
+            for first in range(0, members, size):
+                part = slice(first, min(first + size, members))
+                result.add(part, _integrate(_select(problem, part), watch))
+                watch.count_finished(part.stop - first)
     watch.finish()
     solution = result.solution()
-    if not solution.success:
+    for text in result.joint().warnings:
+        warnings.warn(text, stacklevel=3)
+    if problem.many and not solution.success:
         warnings.warn(solution.message, stacklevel=3)
     return solution
 
 
-def _select_members(problem: Problem, members: slice) -> Problem:
-    if members == slice(0, len(problem.points)):
+def _select(problem: Problem, part: slice) -> Problem:
+    points, numbers = problem.points, problem.rhs.parameters
+    if part == slice(0, len(points)):
         return problem
-    return replace(problem, points=problem.points[members], rhs=problem.rhs.part(members))
+    return problem.select(part.start, points[part], None if numbers is None else numbers[part])
 
 
-def _integrate(problem: Problem, watch: Progress | None) -> MemberResults:
-    """Integrate members in this thread."""
-    plan, times = problem.plan, problem.t_eval
-    assert times is not None
-    members = len(problem.points)
-    y = np.full((len(times), members, plan.width), math.nan)
-    table = problem.event_table()
-    run = problem.run(Output(times, 0, problem.dense, y), table if len(table) else None)
-    run.drive(watch.update if watch is not None and watch.function is not None else None)
+def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> MemberResults:
+    """Integrate members in this thread; one point takes ``steps`` equal ones, 0 if unknown."""
+    plan, times, members = problem.plan, problem.t_eval, len(problem.points)
+    y, capacity = None, 0
+    if times is not None:
+        y = np.full((len(times), members, plan.width), math.nan)
+    elif steps and problem.events is None:
+        capacity = steps // problem.every + len(problem.stops) + 2
+    run = Run(problem, y=y, capacity=capacity)
+    drive(run, watch.update if watch is not None and watch.function is not None else None)
+    stops = run.status.tolist()
     messages = {}
-    for member in np.flatnonzero(run.status != Stop.FINISHED).tolist():
+    for member, stop in enumerate(stops):
+        if stop == Stop.FINISHED:
+            continue
         failure = explain_failure(run, member)
-        if isinstance(failure, MemoryError):
+        if isinstance(failure, Exception) and (
+            not problem.many or isinstance(failure, MemoryError)
+        ):
             raise failure
         messages[member] = TERMINAL_EVENT if failure is None else f"{failure}".removesuffix(".")
-    status = np.select(
-        [run.status == Stop.FINISHED, run.status == Stop.TERMINAL_EVENT], [0, 1], default=-1
-    )
-    points = plan.points(y, (len(times), members))
-    steps = run.interpolants() if problem.dense else None
-    return MemberResults(points, run.reached, status, run.counts, messages, steps, run.events())
+    if times is None or y is None:
+        times, points = run.steps()
+        points = points[:, None]
+    else:
+        points = plan.points(y, (len(times), members))
+    return MemberResults(
+        times, points, run.reached, np.array([_STATUS.get(stop, -1) for stop in stops]), run.counts,
+        messages, run.interpolants() if problem.dense else None,
+        None if problem.events is None else run.events(), find_mistakes(run),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -215,22 +227,14 @@ class _MemberTask:
 
     def __call__(self, data: tuple[int, Points, Array | None]) -> MemberResults:
         """Integrate some members, given the first one's place, their points and parameters."""
-        first, points, numbers = data
-        problem = self.problem
-        rhs, _ = make_rhs(
-            problem.f, problem.plan.frame, problem.args or None, numbers, problem.rhs.vectorized,
-            len(points),
-        )  # fmt: skip
-        if isinstance(rhs, PythonRhs):
-            rhs.first = first
-        return _integrate(replace(problem, points=points, rhs=rhs), None)
+        return _integrate(self.problem.select(*data), None)
 
 
 def _distribute(
-    problem: Problem, executor: Any, workers: Any, result: EnsembleResults, watch: Progress
+    problem: Problem, executor: Any, workers: Any, result: Results, watch: Progress
 ) -> None:
     """Integrate members on an executor."""
-    work = _MemberTask(_select_members(problem, slice(0, 1)))
+    work = _MemberTask(_select(problem, slice(0, 1)))
     if executor is not None and executor != "threads":
         _check_pickle(work)
     points, numbers = problem.points, problem.rhs.parameters
@@ -260,5 +264,5 @@ def _check_pickle(work: _MemberTask) -> None:
         raise TypeError(
             "f, frame and all other arguments must be such that they can be pickled for other "
             "processes; functions must be those of a module, a compiled one "
-            f"cg.CompiledFunction(path, symbol); got {work.problem.f!r}: {error}"
+            f"cg.CompiledFunction(path, symbol): {error}"
         ) from error

@@ -2,45 +2,22 @@
 
 from __future__ import annotations
 
-import math
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Never, Unpack
 
-import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.frames.arrays import Points
 from cg.frames.base import Frame
-from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.loop.dense import DenseOutput
-from cg.integration.loop.failures import explain_failure
-from cg.integration.loop.long_steps import takes_long_steps
-from cg.integration.loop.messages import (
-    FINISHED,
-    LEFT_MANIFOLD,
-    LONG_STEPS,
-    MANY_REJECTIONS,
-    TERMINAL_EVENT,
-)
-from cg.integration.loop.progress import Progress
-from cg.integration.loop.record import COUNTS, Output
-from cg.integration.loop.run import Run
-from cg.integration.options import Options, check_no_more, expand_options
-from cg.integration.problem import Problem, make_problem
+from cg.integration.ensemble import solve_members
+from cg.integration.options import Options, complete_options, expand_options
+from cg.integration.problem import make_problem
 from cg.integration.results import Solution
-from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.step.plan import Plan
 from cg.method.method import Method
 from cg.support.checks import check_integer
-from cg.support.shared_numbers import Stop
-
-_REJECTIONS = 1000
 
 
 @expand_options
@@ -172,11 +149,11 @@ def solve_ivp(
     >>> solution.y.shape == (solution.steps + 1, 3, 3)
     True
     """
-    check_no_more(rest)
     problem = make_problem(
-        f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver, jac=jac
-    )
-    return solve_one(problem, int(problem.t_eval is None), progress)
+        f, t_span, y0, frame=frame, options=complete_options(solve_ivp, rest, options),
+        stage_solver=stage_solver, jac=jac,
+    )  # fmt: skip
+    return solve_members(problem, progress)[0]
 
 
 def integrate(
@@ -266,100 +243,10 @@ def integrate(
     """
     if h is None:
         raise TypeError(f"h must be a real number, got {h!r}")
+    every = min(check_integer("save_every", save_every, 1), 2**62)
     options: Options = {"method": method, "h": h, "args": args, "parameters": parameters}
     problem = make_problem(
-        f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver, jac=jac
-    )
-    every = min(check_integer("save_every", save_every, 1), 2**62)
-    return solve_one(problem, every, progress)
-
-
-def solve_one(
-    problem: Problem, every: int, progress: Callable[[float, float], None] | None
-) -> Solution:
-    """Integrate one point and store every ``every``-th step, none if it is zero."""
-    plan, h = problem.plan, problem.control.h
-    steps = 0
-    if h is not None:
-        steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
-        check_grid(plan, h, steps, every, problem.dense)
-    watch = Progress(progress, problem.t0, problem.t1)
-    times, y, capacity = problem.t_eval, None, 0
-    if times is not None:
-        y = np.empty((len(times), 1, plan.width))
-    elif h is not None and problem.events is None:
-        capacity = steps // every + len(problem.stops) + 2
-    table = problem.event_table() if problem.events is not None else None
-    run = problem.run(
-        Output(times, every if times is None else 0, problem.dense, y, capacity), table
-    )
-    run.drive(watch.update if watch.function is not None else None)
-    watch.finish()
-    status, message = _status(run)
-    if times is None or y is None:
-        t, points = run.steps()
-    else:
-        sign = math.copysign(1.0, problem.t1 - problem.t0)
-        reached = int((sign * (times - run.reached[0]) <= 0.0).sum())
-        t, points = times[:reached].copy(), plan.points(y[:reached], (reached,))
-    t.flags.writeable = points.flags.writeable = False
-    counts = dict(zip(COUNTS, run.counts[0].tolist(), strict=True))
-    if counts["nrejected"] >= _REJECTIONS and 2 * counts["nrejected"] > counts["steps"]:
-        warnings.warn(MANY_REJECTIONS.format(**counts), stacklevel=3)
-    h = problem.control.h
-    if h is not None and counts["steps"] and takes_long_steps(run):
-        warnings.warn(LONG_STEPS.format(h=h), stacklevel=3)
-    warn_off_manifold(plan, plan.points(run.end, (1,)), stacklevel=4)
-    return Solution(
-        t=t,
-        y=points,
-        sol=_continuous(problem, run) if problem.dense else None,
-        **_events(table, run),
-        **counts,
-        status=status,
-        message=message,
-        success=status >= 0,
-        method=plan.method,
-        frame=plan.frame,
-        h=h,
-    )
-
-
-def warn_off_manifold(plan: Plan, points: Points, stacklevel: int) -> None:
-    """Warn if a final point that is finite is off the manifold."""
-    if plan.surely_on_manifold(points):
-        return
-    finite = np.isfinite(points).reshape(len(points), -1).all(axis=1)
-    distance = plan.distance_from_manifold(points if finite.all() else points[finite])
-    if distance is not None:
-        text = LEFT_MANIFOLD.format(distance=distance, tolerance=MEMBERSHIP_TOLERANCE)
-        warnings.warn(text, stacklevel=stacklevel)
-
-
-def _status(run: Run) -> tuple[int, str]:
-    """Return status and message as SciPy defines them; raise errors other than failed steps."""
-    failure = explain_failure(run, 0) if run.record.failed else None
-    if isinstance(failure, Exception):
-        raise failure
-    if failure is not None:
-        return -1, f"Failure: {failure}."
-    if int(run.status[0]) == Stop.TERMINAL_EVENT:
-        return 1, TERMINAL_EVENT
-    return 0, FINISHED
-
-
-def _continuous(problem: Problem, run: Run) -> DenseOutput:
-    _, t, y = run.events()
-    return DenseOutput(run.interpolants(), problem.t0, problem.points[0], (t, y[:, 1]))
-
-
-def _events(table: EventTable | None, run: Run) -> dict[str, Any]:
-    if table is None:
-        return {"t_events": None, "y_events": None, "y_after": None}
-    of, t, y = run.events()
-    which = of[:, 1]
-    return {
-        "t_events": table.group_by_event(which, t),
-        "y_events": table.group_by_event(which, y[:, 0]),
-        "y_after": table.group_by_event(which, y[:, 1]),
-    }
+        f, t_span, y0, frame=frame, options=complete_options(integrate, (), options),
+        stage_solver=stage_solver, jac=jac, every=every,
+    )  # fmt: skip
+    return solve_members(problem, progress)[0]

@@ -16,8 +16,9 @@ from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
-from cg.integration.ivp import solve_ivp
-from cg.integration.options import Options, check_no_more, expand_options
+from cg.integration.ensemble import solve_members
+from cg.integration.options import Options, complete_options, expand_options
+from cg.integration.problem import make_problem
 from cg.integration.results import Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
@@ -93,27 +94,19 @@ def solve_linear(
     >>> run.success, abs(run.y[-1][1, 0]).round(8)
     (True, np.float64(0.70710678))
     """
-    check_no_more(rest)
-    compiled = compiled_rhs(a, "a")
+    given = complete_options(solve_linear, rest, options)
     vectorized = check_flag("vectorized", vectorized)
-    args = check_args(options.get("args"))
-    options["args"] = args
-    if compiled is None:
-        _check_callable(a, args, options.get("parameters"))
-    elif vectorized:
-        raise ValueError("vectorized must be False for a compiled a, which takes one time")
-    method = options.get("method", AUTO)
+    given["args"] = args = check_args(given["args"])
+    if compiled_rhs(a, "a") is None:
+        _check_callable(a, args, given["parameters"])
+    method = given["method"]
     if isinstance(method, str) and method == AUTO:
-        options["method"] = _lobatto() if isinstance(frame, LinearAction) else _DEFAULT
-    f: Any = compiled or a
-    try:
-        return solve_ivp(
-            TimeFunction(f, vectorized), t_span, y0, frame=frame, progress=progress, **options
-        )
-    except (TypeError, ValueError) as error:
-        if str(error).startswith("f must "):
-            raise type(error)(f"a{str(error)[1:]}") from None
-        raise
+        given["method"] = _lobatto() if isinstance(frame, LinearAction) else _DEFAULT
+    function: Any = a
+    problem = make_problem(
+        TimeFunction(function, vectorized), t_span, y0, frame=frame, options=given
+    )
+    return solve_members(problem, progress)[0]
 
 
 @cache

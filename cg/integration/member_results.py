@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cg.frames.arrays import Array, Points
-from cg.integration.ivp import warn_off_manifold
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput, Steps
 from cg.integration.loop.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.loop.record import COUNTS
@@ -17,134 +16,140 @@ from cg.integration.problem import Problem
 from cg.integration.results import EnsembleSolution
 
 
-@dataclass(frozen=True)
-class MemberResults:
-    """Results of some members: points at all times, status and counts of each, steps and events."""
+class MemberResults(NamedTuple):
+    """Results of some members."""
 
-    y: Points
-    reached: Array
+    t: Array
+    y: Any  # points, shape (times, members, *point_shape)
+    reached: Array  # their last times
     status: Any
-    counts: Any
-    messages: dict[int, str]
+    counts: Any  # shape (members, 6)
+    messages: dict[int, str]  # of those whose status isn't 0
     steps: Steps | None
-    events: tuple[Any, Array, Points]
+    events: tuple[Any, Array, Points] | None  # members and events, times, points before and after
+    warnings: list[str]
 
 
-class EnsembleResults:
+class Results:
     """The results of all members, collected as they arrive."""
 
     def __init__(self, problem: Problem, out: Any) -> None:
-        plan = problem.plan
-        assert problem.t_eval is not None
-        self._problem = problem
-        self._members = members = len(problem.points)
-        shape = (len(problem.t_eval), members, *plan.frame.point_shape)
-        self._out = out
-        if out is None:
-            self._y: Any = np.full(shape, math.nan, dtype=plan.frame.dtype)
-        else:
-            _check_out(out, shape, plan.frame.dtype)
-            self._y = out
-        self._reached = np.full(members, problem.t0)
-        self._status = np.full(members, -1)
-        self._counts = np.zeros((members, len(COUNTS)), dtype=np.int64)
-        self._messages: dict[int, str] = {}
-        self._outputs: dict[int, DenseOutput] = {}
-        self._table = problem.event_table() if problem.events is not None else None
-        self._events: dict[int, list[tuple[Array, Points]]] = {}
+        self.problem, self.out = problem, out
+        self.members = len(problem.points)
+        self._shape = self.members, *problem.plan.frame.point_shape
+        self._all: MemberResults | None = None
         self._any_finished = False
+        if out is not None:
+            assert problem.t_eval is not None
+            _check_out(out, (len(problem.t_eval), *self._shape), problem.plan.frame.dtype)
+        self._marks: dict[int, tuple[Array, Points]] = {}  # of events in continuous solutions
+        self._outputs: dict[int, DenseOutput] = {}
+        self._events: dict[int, list[tuple[Array, Points]]] = {}
+
+    def joint(self) -> MemberResults:
+        """Return results of all members, those that haven't arrived being failures."""
+        if self._all is None:
+            problem, members = self.problem, self.members
+            t, y = problem.t_eval, self.out
+            assert t is not None
+            if y is None:
+                y = np.full((len(t), *self._shape), math.nan, dtype=problem.plan.frame.dtype)
+            counts = np.zeros((members, len(COUNTS)), dtype=np.int64)
+            status = np.full(members, -1)
+            reached = np.full(members, problem.t0)
+            self._all = MemberResults(t, y, reached, status, counts, {}, None, None, [])
+        return self._all
 
     def add(self, members: slice, part: MemberResults) -> None:
         """Add the results of some members."""
         self._any_finished = True
-        self._y[:, members] = part.y
-        if len(part.y):
-            warn_off_manifold(self._problem.plan, part.y[-1], stacklevel=5)
-        self._reached[members] = part.reached
-        self._status[members] = part.status
-        self._counts[members] = part.counts
-        self._messages.update((members.start + k, text) for k, text in part.messages.items())
+        if part.events is not None:
+            self._add_events(members.start, part)
+        if part.steps is not None:
+            problem = self.problem
+            for k, point in enumerate(problem.points[members], members.start):
+                steps = part.steps.of(k - members.start)
+                self._outputs[k] = DenseOutput(steps, problem.t0, point, self._marks.get(k))
+        if self.out is None and len(part.status) == self.members:
+            self._all = part
+            return
+        joint = self.joint()
+        joint.y[:, members] = part.y
+        joint.reached[members] = part.reached
+        joint.status[members] = part.status
+        joint.counts[members] = part.counts
+        joint.messages.update((members.start + k, text) for k, text in part.messages.items())
+        joint.warnings.extend(part.warnings)
+
+    def _add_events(self, first: int, part: MemberResults) -> None:
+        """Add the events of some members."""
+        assert part.events is not None
+        assert self.problem.events is not None
         of, t, y = part.events
         order = np.argsort(of[:, 0], kind="stable")
         of, t, y = of[order], t[order], y[order]
-        bounds = np.searchsorted(of[:, 0], np.arange(len(part.status) + 1))
-        for k in range(len(part.status)) if self._table or part.steps else ():
-            own = slice(bounds[k], bounds[k + 1])
-            if part.steps is not None:
-                point = self._problem.points[members.start + k]
-                marks = t[own], y[own, 1]
-                self._outputs[members.start + k] = DenseOutput(
-                    part.steps.of(k), self._problem.t0, point, marks
-                )
-            if self._table is not None:
-                which = of[own, 1]
-                self._events[members.start + k] = [
-                    (t[own][which == i], y[own][which == i]) for i in range(len(self._table))
-                ]
+        bounds = np.searchsorted(of[:, 0], np.arange(len(part.status) + 1)).tolist()
+        for k, (begin, end) in enumerate(pairwise(bounds), first):
+            which, t_k, y_k = of[begin:end, 1], t[begin:end], y[begin:end]
+            self._marks[k] = t_k, y_k[:, 1]
+            self._events[k] = [
+                (t_k[which == i], y_k[which == i]) for i in range(len(self.problem.events))
+            ]
 
     def add_failure(self, members: slice, message: str) -> None:
         """Record that the worker of some members died."""
-        for member in range(members.start, members.stop):
-            self._messages[member] = message
-        if self._out is not None:
-            self._y[:, members] = math.nan
+        joint = self.joint()
+        joint.messages.update((k, message) for k in range(members.start, members.stop))
+        if self.out is not None:
+            self.out[:, members] = math.nan
 
     def solution(self) -> EnsembleSolution:
         """Return the solution of all members."""
-        failures = {k: self._messages[k] for k in np.flatnonzero(self._status < 0).tolist()}
+        problem, joint = self.problem, self.joint()
+        failures = {}
+        if joint.messages:
+            failures = {k: joint.messages[k] for k in np.flatnonzero(joint.status < 0).tolist()}
+        message = failed_members(failures, self.members) if failures else FINISHED
         if not self._any_finished:
-            raise RuntimeError(failed_members(failures, self._members))
-        problem = self._problem
-        if self._out is None:
-            self._y.flags.writeable = False
-        assert problem.t_eval is not None
-        t = problem.t_eval.copy()
-        t.flags.writeable = False
-        counts: dict[str, Any] = dict(zip(COUNTS, self._counts.T, strict=True))
-        message = FINISHED
-        if failures:
-            message = failed_members(failures, self._members)
-        elif (self._status == 1).all():
+            raise RuntimeError(message)
+        joint.t.flags.writeable = False
+        if self.out is None:
+            joint.y.flags.writeable = False
+        if not failures and len(joint.messages) == self.members:
             message = TERMINAL_EVENT
-        sol = None
-        if problem.dense:
-            empty = {k for k in range(self._members) if k not in self._outputs}
-            for k in empty:
-                self._outputs[k] = self._empty_output(k)
-            sol = EnsembleOutput([self._outputs[k] for k in range(self._members)])
-        return EnsembleSolution(
-            t=t,
-            y=self._y,
-            sol=sol,
-            t_end=self._reached,
+        return problem.make_solution(problem, {
+            "t": joint.t,
+            "y": joint.y,
+            "sol": self._output() if problem.dense else None,
+            "t_end": joint.reached,
             **self._event_lists(),
-            status=self._status,
-            **counts,
-            messages=dict(sorted(self._messages.items())),
-            message=message,
-            success=not failures,
-            method=problem.plan.method,
-            frame=problem.plan.frame,
-            h=problem.control.h,
-        )
+            "status": joint.status,
+            **dict(zip(COUNTS, joint.counts.T, strict=True)),
+            "messages": dict(sorted(joint.messages.items())),
+            "message": message,
+            "success": not failures,
+            "method": problem.plan.method,
+            "frame": problem.plan.frame,
+            "h": problem.control.h,
+        })  # fmt: skip
 
-    def _empty_output(self, member: int) -> DenseOutput:
+    def _output(self) -> EnsembleOutput:
+        outputs = [self._outputs.get(k) or self._start(k) for k in range(self.members)]
+        return EnsembleOutput(outputs)
+
+    def _start(self, member: int) -> DenseOutput:
         """Return the continuous solution of a member whose worker died: its initial point."""
-        plan = self._problem.plan
-        width = plan.columns * plan.frame.dim
-        none = np.empty(0, dtype=np.int64)
-        steps = Steps(
-            plan, none, np.empty((0, 4)), np.empty((0, 2, plan.width)), np.empty((0, width))
-        )
-        return DenseOutput(steps, self._problem.t0, self._problem.points[member])
+        problem, plan = self.problem, self.problem.plan
+        shapes = (4,), (2, plan.width), (plan.columns * plan.frame.dim,)
+        nothing = Steps(plan, np.empty(0, np.int64), *(np.empty((0, *shape)) for shape in shapes))
+        return DenseOutput(nothing, problem.t0, problem.points[member])
 
     def _event_lists(self) -> dict[str, Any]:
-        if self._table is None:
+        if self.problem.events is None:
             return {"t_events": None, "y_events": None, "y_after": None}
-        none = [(np.empty(0), np.empty((0, 2, *self._problem.plan.frame.point_shape)))]
-        nothing = none * len(self._table)
-        rows = [self._events.get(k, nothing) for k in range(self._members)]
-        events = range(len(self._table))
+        events = range(len(self.problem.events))
+        nothing = [(np.empty(0), np.empty((0, 2, *self._shape[1:]))) for _ in events]
+        rows = [self._events.get(k, nothing) for k in range(self.members)]
         return {
             "t_events": [[row[i][0] for row in rows] for i in events],
             "y_events": [[row[i][1][:, 0] for row in rows] for i in events],

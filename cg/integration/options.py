@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable
-from types import CodeType
 from typing import Any, TypedDict, TypeVar, cast
 
 from numpy.typing import ArrayLike
@@ -47,38 +46,29 @@ _DEFAULTS: dict[str, Any] = dict.fromkeys(Options.__annotations__) | {
 }
 
 
-_EXPANDED: dict[CodeType, Any] = {}  # functions with options, by their code
+def complete_options(
+    function: Callable[..., Any],
+    positional: tuple[Any, ...],
+    options: StepOptions,
+    kind: type = Options,
+) -> Options:
+    """Return the options of a call of ``function`` with the defaults of those that aren't given.
 
-
-def complete_options(options: StepOptions, kind: type = Options) -> Options:
-    """Return options with the defaults of those that aren't given; TypeError for another name."""
-    for name in options:
-        if name not in kind.__annotations__:
-            caller, names = _caller()
-            hint = similar_names(name, names) or f"; the options are {', '.join(names)}"
-            raise TypeError(f"{caller}() got an unexpected keyword argument {name!r}{hint}")
+    TypeError is raised for other names, and for more positional arguments than it takes.
+    """
+    if positional or not options.keys() <= kind.__annotations__.keys():
+        name = function.__qualname__.removesuffix(".__init__")
+        if positional:
+            raise TypeError(
+                f"{name}() takes method and all options by keyword, such as "
+                f"method={positional[0]!r}, got {len(positional)} too many positional arguments"
+            )
+        wrong = next(iter(options.keys() - kind.__annotations__.keys()))
+        parameters = inspect.signature(function).parameters.values()
+        names = [each.name for each in parameters if each.kind == each.KEYWORD_ONLY]
+        hint = similar_names(wrong, names) or f"; the options are {', '.join(names)}"
+        raise TypeError(f"{name}() got an unexpected keyword argument {wrong!r}{hint}")
     return cast(Options, {**_DEFAULTS, **options})
-
-
-def _caller() -> tuple[str, list[str]]:
-    """Return the name of the function with options that the user called, and its keywords."""
-    frame, function = inspect.currentframe(), None
-    while frame is not None:
-        function = _EXPANDED.get(frame.f_code, function)
-        frame = frame.f_back
-    assert function is not None
-    parameters = inspect.signature(function).parameters.values()
-    names = [each.name for each in parameters if each.kind == each.KEYWORD_ONLY]
-    return function.__qualname__.removesuffix(".__init__"), names
-
-
-def check_no_more(positional: tuple[Any, ...]) -> None:
-    """Raise TypeError if there are more positional arguments than functions with options take."""
-    if positional:
-        raise TypeError(
-            f"{_caller()[0]}() takes method and all options by keyword, such as "
-            f"method={positional[0]!r}, got {len(positional)} too many positional arguments"
-        )
 
 
 def expand_options(function: _Function) -> _Function:
@@ -101,5 +91,4 @@ def expand_options(function: _Function) -> _Function:
     # without it, a misspelt keyword gets a better message than that frame is missing
     defaults = cast(Any, function).__kwdefaults__
     cast(Any, function).__kwdefaults__ = {"frame": None, **(defaults or {})}
-    _EXPANDED[cast(Any, function).__code__] = function
     return function

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, cast
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.catalogue import find_method, resolve_method
-from cg.frames.arrays import Array, Points, real_array
+from cg.catalogue import methods, resolve_method
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import (
@@ -27,15 +27,15 @@ from cg.integration.arguments import (
     check_unused,
 )
 from cg.integration.default_method import AUTO, choose_method
-from cg.integration.loop.record import Control, Output
-from cg.integration.loop.run import Run
-from cg.integration.options import Options, StepOptions, complete_options
+from cg.integration.loop.record import Control
+from cg.integration.options import Options
+from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.python import Coefficients, PythonRhs
-from cg.integration.step.collocation import Jacobian, jacobian_of
+from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
+from cg.integration.step.jacobian import Jacobian, jacobian_of
 from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
@@ -44,168 +44,96 @@ from cg.method.splitting import Splitting
 from cg.method.warnings import check_order, check_pair
 from cg.support.checks import check_flag
 
+Rhs = CompiledRhs | PythonRhs
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """An integration of one point or of the members of an ensemble.
-
-    Attributes
-    ----------
-    plan
-        The frame and the method.
-    rhs
-        The right-hand side.
-    points
-        Initial points, shape ``(members, *point_shape)``.
-    t0
-        Initial time.
-    stops
-        Breakpoints, then the final time.
-    control
-        The step size control.
-    f
-        The right-hand side as the user passed it.
-    events
-        The events as the user passed them.
-    args
-        Further arguments of ``f`` and of the events.
-    t_eval
-        Output times, or None.
-    dense
-        Whether to store interpolants.
-    stage_solver
-        Iteration for implicit stages.
-    common
-        Whether all members take the same steps.
-    jacobian
-        The Jacobian for Newton's method, None for differences.
-    """
+    """An integration of one point or of the members of an ensemble."""
 
     plan: Plan
-    rhs: CompiledRhs | PythonRhs
-    points: Points
+    in_algebra: bool  # whether differences of points are measured in coordinates, not in entries
+    rhs: Rhs
+    points: Points  # the initial ones, shape (members, *point_shape)
     t0: float
-    stops: Array
+    stops: Array  # breakpoints, then the final time
     control: Control
-    f: Any
-    events: Any = None
-    args: tuple[Any, ...] = ()
-    t_eval: Array | None = None
-    dense: bool = False
-    stage_solver: str = "newton"
-    common: bool = False
-    jacobian: Jacobian | None = None
+    events: EventTable | None
+    t_eval: Array | None
+    every: int  # number of steps between stored steps, 0 to store none
+    dense: bool  # whether to store interpolants
+    stage_solver: str
+    many: bool  # whether it is an ensemble
+    common: bool  # whether all members take the same steps
+    of_time: bool  # whether the right-hand side depends on time alone
+    jacobian: Jacobian | None  # for Newton's method, None for differences
+    # makes the solution of the problem from the fields of an `EnsembleSolution`
+    make_solution: Callable[[Problem, dict[str, Any]], EnsembleSolution]
 
     @property
     def t1(self) -> float:
         """Final time."""
         return float(self.stops[-1])
 
-    def arguments(self) -> Callable[[int], tuple[Any, ...]]:
-        """Return a function of a member that returns the further arguments of its events."""
-        rhs = self.rhs
-        if isinstance(rhs, PythonRhs):
-            return rhs.arguments
-        numbers = rhs.parameters
-        if numbers is None:
-            return lambda _: self.args
-        rows = numbers.reshape(len(self.points), -1)
-        return lambda member: (*self.args, rows[member])
-
-    def event_table(self) -> EventTable:
-        """Return the events with their further arguments."""
-        return EventTable(self.events, self.plan.frame, self.arguments())
-
-    def run(self, output: Output, table: EventTable | None = None, **options: Any) -> Run:
-        """Return the run of all members, with further options of `Run`."""
-        return Run(
-            self.plan, self.rhs, self.points, self.t0, self.stops, self.control, output,
-            events=table, common=self.common, stage_solver=self.stage_solver,
-            of_time=isinstance(self.f, TimeFunction),
-            jacobian=self.jacobian, **options,
-        )  # fmt: skip
-
-    def with_rhs(self, rhs: CompiledRhs | PythonRhs, args: tuple[Any, ...]) -> Problem:
-        """Return the problem with another right-hand side, faster than by `replace`."""
-        other = object.__new__(Problem)
-        vars(other).update(vars(self), rhs=rhs, args=args)
-        return other
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what the plan and the right-hand side are made of, and all other fields."""
-        frame, method = self.plan.frame, self.plan.method
-        # a method is sent by its name, so that each process has one instance with its cached data
-        known = find_method(method.name) is method
-        state = {name: value for name, value in vars(self).items() if name not in ("plan", "rhs")}
-        state["plan"] = frame, method.name if known else method
-        state["rhs"] = self.rhs.parameters, self.rhs.vectorized
-        return state
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        frame, method = state["plan"]
-        numbers, vectorized = state["rhs"]
-        args, members = state["args"] or None, len(state["points"])
-        rhs, _ = make_rhs(state["f"], frame, args, numbers, vectorized, members)
-        made = {"plan": plan_of(frame, resolve_method(method)), "rhs": rhs}
-        for name, value in (state | made).items():
-            object.__setattr__(self, name, value)
+    def select(self, first: int, points: Points, parameters: Array | None) -> Problem:
+        """Return the problem of some members, the first of which has a place in the ensemble."""
+        rhs = self.rhs.with_data(self.rhs.args, parameters, first)
+        return replace(self, points=points, rhs=rhs)
 
 
-def make_rhs(
-    f: Any, frame: Frame, args: Any, parameters: ArrayLike | None, vectorized: bool, members: int
-) -> tuple[CompiledRhs | PythonRhs, tuple[Any, ...]]:
-    """Return the right-hand side of some members, and their further arguments, after checking.
+def _make_solution(_: Problem, fields: dict[str, Any]) -> EnsembleSolution:
+    return EnsembleSolution(**fields)
 
-    ``parameters`` have shape ``(members, k)``.
-    """
+
+def _make_rhs(
+    f: Any, frame: Frame, args: Any, parameters: Array | None, vectorized: bool, many: bool
+) -> Rhs:
+    """Return the right-hand side after checking ``f`` and ``args``."""
     extra = check_args(args)
     vectorized = vectorized or (isinstance(f, TimeFunction) and f.vectorized)
-    numbers = None
-    if parameters is not None:
-        numbers = real_array(parameters, "parameters")
-        if numbers.ndim != 2 or len(numbers) != members or numbers.size == 0:
-            raise ValueError(f"parameters must have shape ({members}, k), got {numbers.shape}")
-        numbers.flags.writeable = False
-    compiled = compiled_rhs(f)
+    name = "a" if isinstance(f, TimeFunction) else "f"
+    compiled = compiled_rhs(f, name)
     if compiled is None:
         if not callable(f):
             raise TypeError(f"f must be callable as f(t, y), got {f!r}")
-        return PythonRhs(cast(Coefficients, f), frame, extra, numbers, vectorized), extra
-    if extra and not compiled.has_args:
-        raise ValueError(f"args must be None for a compiled f, got {args!r}")
+        return PythonRhs(f, frame, extra, parameters, vectorized, 0 if many else None)
+    if extra:
+        raise ValueError(f"args must be None for a compiled {name}, got {args!r}")
     if vectorized:
-        raise ValueError("vectorized must be False for a compiled f, which takes one point")
-    return compiled.on(frame, numbers), extra
+        one = "time" if name == "a" else "point"
+        raise ValueError(f"vectorized must be False for a compiled {name}, which takes one {one}")
+    return compiled.on(frame, parameters)
 
 
-def make_control(plan: Plan, options: Options, span: float) -> Control:
-    """Return the step size control after checking its options except ``rtol``."""
-    method, h, first_step = plan.method, options["h"], options["first_step"]
+def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: float) -> Control:
+    """Return the step size control after checking its options except ``rtol``.
+
+    Absolute tolerances may have a shape.
+    """
+    h, first_step = options["h"], options["first_step"]
     rtol, atol, max_steps = options["rtol"], options["atol"], options["max_steps"]
     largest = check_step(options["max_step"], "max_step", infinite=True)
     if h is not None:
         check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
-        check_order(method, stacklevel=4)
+        check_order(plan.method, stacklevel=4)
         size = check_step(h, "h")
         if size > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
         return Control(h=size)
-    if isinstance(method, Splitting):
+    if isinstance(plan.method, Splitting):
         raise ValueError(
-            f"h must be given with {method!r}: steps of splitting methods have a fixed size"
+            f"h must be given with {plan.method!r}: steps of splitting methods have a fixed size"
         )
     if not plan.exponent:
         raise ValueError(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
             "which has no embedded weights"
         )
-    if method.embedded_order is not None:
-        check_pair(method, stacklevel=4)
+    if plan.method.embedded_order is not None:
+        check_pair(plan.method, stacklevel=4)
     tolerances = check_atol(atol)
-    if tolerances.shape not in ((), plan.tolerance_shape):
-        raise ValueError(
-            f"atol must be a number or have shape {plan.tolerance_shape}, got {tolerances.shape}"
-        )
+    if tolerances.shape not in ((), shape):
+        raise ValueError(f"atol must be a number or have shape {shape}, got {tolerances.shape}")
     first = None if first_step is None else check_step(first_step, "first_step")
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
@@ -213,17 +141,19 @@ def make_control(plan: Plan, options: Options, span: float) -> Control:
     return Control(None, rtol, tolerances, largest, first, check_max_steps(max_steps))
 
 
-def _check_of_time(rhs: CompiledRhs, t: float, point: Points) -> None:
+def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
     """Raise ValueError if a compiled function reads its point."""
+    if isinstance(rhs, PythonRhs):
+        return
     nowhere = np.full_like(point, np.nan)
     if not np.array_equal(rhs.at_member(0, t, point), rhs.at_member(0, t, nowhere)):
         raise ValueError(
-            "f must not read its point, since the coefficients of a linear equation depend on "
+            "a must not read its point, since the coefficients of a linear equation depend on "
             f"time alone, got other coefficients for a point of NaN at t = {t:.17g}"
         )
 
 
-def _check_force(rhs: CompiledRhs | PythonRhs, t: float, y: Points, frame: PhaseSpace) -> None:
+def _check_force(rhs: Rhs, t: float, y: Points, frame: PhaseSpace) -> None:
     """Raise ValueError if a force depends on the momentum."""
     q, momentum = frame.split(y)
     more = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
@@ -244,7 +174,7 @@ def _check_force(rhs: CompiledRhs | PythonRhs, t: float, y: Points, frame: Phase
 def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | None) -> Method:
     """Return the method after checking that it suits ``f`` and the frame."""
     if isinstance(method, str) and method == AUTO:
-        method = choose_method(frame, rtol)
+        return methods[choose_method(frame, rtol)]
     chosen = resolve_method(method)
     if isinstance(chosen, MagnusMethod) and not isinstance(f, TimeFunction):
         raise ValueError(
@@ -270,41 +200,42 @@ def make_problem(
     y0: ArrayLike,
     *,
     frame: Any,
-    options: StepOptions,
+    options: Options,
     many: bool = False,
     vectorized: bool = False,
     common: bool = False,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     jac: Any = None,
+    every: int = 1,
 ) -> Problem:
     """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
-    given, adaptive = complete_options(options), options.get("h") is None
+    rtol, t_eval = None, options["t_eval"]
     if not isinstance(frame, Frame):
         raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
     check_stage_solver(stage_solver)
-    if adaptive:
-        given["rtol"] = check_rtol(given["rtol"])
-    chosen = _choose_method(given["method"], f, frame, given["rtol"] if adaptive else None)
-    plan = plan_of(frame, chosen)
-    points, numbers = check_points(plan, y0, given["parameters"], many)
-    plan.detect_coordinates(points[0])
-    rhs, extra = make_rhs(f, frame, given["args"], numbers, vectorized, len(points))
+    if options["h"] is None:
+        options["rtol"] = rtol = check_rtol(options["rtol"])
+    plan = plan_of(frame, _choose_method(options["method"], f, frame, rtol))
+    points, numbers = check_points(plan, y0, options["parameters"], many)
+    rhs = _make_rhs(f, frame, options["args"], numbers, vectorized, many)
     start, stop = check_span(t_span)
-    if isinstance(chosen, Splitting):
-        _check_force(rhs, start, points[0], cast(PhaseSpace, frame))
-    jacobian = None
-    if jac is not None:
-        jacobian = jacobian_of(jac, f, frame, chosen, rhs, start, points[0])
-    if isinstance(f, TimeFunction) and isinstance(rhs, CompiledRhs):
+    if isinstance(plan.method, Splitting) and isinstance(frame, PhaseSpace):
+        _check_force(rhs, start, points[0], frame)
+    jacobian = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
+    if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])
-    stops = check_stops(given["breakpoints"], start, stop)
-    control = make_control(plan, given, abs(stop - start))
-    t_eval = given["t_eval"]
-    problem = Problem(
-        plan, rhs, points, start, stops, control, f, given["events"], extra,
-        None if t_eval is None else check_t_eval(t_eval, start, stop),
-        check_flag("dense_output", given["dense_output"]), stage_solver, common, jacobian,
+    stops = check_stops(options["breakpoints"], start, stop)
+    in_algebra = plan.in_algebra(points[0])
+    shape = (frame.dim,) if in_algebra else frame.point_shape
+    control = _make_control(plan, shape, options, abs(stop - start))
+    if t_eval is not None:
+        t_eval = check_t_eval(t_eval, start, stop)
+    elif many:
+        t_eval = np.array([start, stop][: 1 + (start != stop)])
+    dense = check_flag("dense_output", options["dense_output"])
+    events = None if options["events"] is None else EventTable(options["events"], frame)
+    return Problem(
+        plan, in_algebra, rhs, points, start, stops, control, events, t_eval,
+        every if t_eval is None else 0, dense, stage_solver, many, common, of_time, jacobian,
+        _make_solution,
     )  # fmt: skip
-    if problem.events is not None:
-        problem.event_table()
-    return problem

@@ -11,12 +11,26 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
+from cg.integration.to_xarray import to_xarray
 from cg.method.method import Method
 from cg.support.copies import ReadOnly
 
 
+class _Labelled(ReadOnly):
+    def to_xarray(self) -> Any:
+        """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first.
+
+        Of an ensemble ``member`` is second; the last are ``component`` of vectors, ``row`` and
+        ``column`` of matrices.  Derivatives of solutions are the variables ``transition``,
+        ``sensitivity`` and ``covariance`` with the axes ``coordinate`` and ``initial_coordinate``,
+        ``parameter`` or ``other_coordinate``.  Attributes are the name of the method, the frame,
+        and what the integration took; of an ensemble these numbers are variables.
+        """
+        return to_xarray(self)
+
+
 @dataclass(frozen=True, eq=False)
-class Solution(ReadOnly):
+class Solution(_Labelled):
     """What `cg.solve_ivp` and `cg.integrate` return, with the field names of SciPy's function.
 
     Attributes
@@ -91,12 +105,6 @@ class Solution(ReadOnly):
     frame: Frame
     h: float | None = None
 
-    def to_xarray(self) -> Any:
-        """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first."""
-        from cg.integration.to_xarray import to_xarray
-
-        return to_xarray(self)
-
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
         return (
@@ -106,7 +114,7 @@ class Solution(ReadOnly):
 
 
 @dataclass(frozen=True, eq=False)
-class EnsembleSolution(ReadOnly):
+class EnsembleSolution(_Labelled):
     """What `cg.solve_ensemble` returns; ``solution[i]`` is the `Solution` of a member.
 
     Attributes
@@ -166,12 +174,6 @@ class EnsembleSolution(ReadOnly):
     frame: Frame
     h: float | None = None
 
-    def to_xarray(self) -> Any:
-        """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first."""
-        from cg.integration.to_xarray import to_xarray
-
-        return to_xarray(self)
-
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
         return (
@@ -183,29 +185,39 @@ class EnsembleSolution(ReadOnly):
         return len(self.status)
 
     def __getitem__(self, member: int) -> Solution:
-        member = range(len(self))[member]
-        sign = 1.0 if len(self.t) == 0 or self.t[-1] >= self.t[0] else -1.0
-        there = sign * (self.t - self.t_end[member]) <= 0.0
-        names = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status")
-        counts: dict[str, Any] = {name: int(getattr(self, name)[member]) for name in names}
+        return Solution(**self._fields_of(range(len(self))[member]))
+
+    def _fields_of(self, member: int) -> dict[str, Any]:
+        """Return the fields of the solution of a member."""
+        t, end = self.t, self.t_end[member]
+        if len(t) and t[-1] != end:
+            sign = 1.0 if t[-1] >= t[0] else -1.0
+            t = t[: int((sign * (t - end) <= 0.0).sum())]
+        y = np.ascontiguousarray(self.y[: len(t), member])
+        y.flags.writeable = False
         status = int(self.status[member])
-        events: dict[str, Any] = {
-            name: None if lists is None else [parts[member] for parts in lists]
-            for name, lists in (
-                ("t_events", self.t_events),
-                ("y_events", self.y_events),
-                ("y_after", self.y_after),
-            )
+        message = self.messages.get(member, FINISHED)
+        return {
+            "t": t,
+            "y": y,
+            "sol": None if self.sol is None else self.sol[member],
+            "t_events": _of_member(self.t_events, member),
+            "y_events": _of_member(self.y_events, member),
+            "y_after": _of_member(self.y_after, member),
+            "nfev": int(self.nfev[member]),
+            "njev": int(self.njev[member]),
+            "nlu": int(self.nlu[member]),
+            "nexp": int(self.nexp[member]),
+            "steps": int(self.steps[member]),
+            "nrejected": int(self.nrejected[member]),
+            "status": status,
+            "message": f"Failure: {message}." if status < 0 else message,
+            "success": status >= 0,
+            "method": self.method,
+            "frame": self.frame,
+            "h": self.h,
         }
-        return Solution(
-            t=self.t[there],
-            y=np.asarray(self.y[:, member])[there],
-            sol=None if self.sol is None else self.sol[member],
-            **events,
-            **counts,
-            message=self.messages.get(member, FINISHED),
-            success=status >= 0,
-            method=self.method,
-            frame=self.frame,
-            h=self.h,
-        )
+
+
+def _of_member(events: list[list[Any]] | None, member: int) -> list[Any] | None:
+    return None if events is None else [members[member] for members in events]

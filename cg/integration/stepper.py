@@ -15,14 +15,19 @@ from scipy import LowLevelCallable
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.arguments import check_real_time, check_step, check_stops, is_many
+from cg.integration.arguments import (
+    check_real_time,
+    check_resolution,
+    check_step,
+    check_stops,
+    is_many,
+)
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.failures import explain_failure
 from cg.integration.loop.messages import failed_members
-from cg.integration.loop.record import Output
 from cg.integration.loop.run import Run
 from cg.integration.loop.step_budget import StepBudget
-from cg.integration.options import StepOptions, check_no_more, complete_options, expand_options
+from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
@@ -127,7 +132,7 @@ class Stepper:
         common_steps: bool = False,
         **options: Unpack[StepOptions],
     ) -> None:
-        check_no_more(rest)
+        given = complete_options(Stepper.__init__, rest, options, StepOptions)
         start = check_real_time(t0, "t0", infinite=False)
         bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0
@@ -136,7 +141,6 @@ class Stepper:
         many = is_many(frame, y0)
         if (vectorized or common) and not many:
             raise ValueError("vectorized and common_steps must be False for a single point")
-        given = complete_options(options, StepOptions)
         h, first_step, breakpoints = given["h"], given["first_step"], given["breakpoints"]
         given["first_step"] = None if h is None else first_step  # may be longer than the span below
         given["breakpoints"] = None
@@ -144,12 +148,9 @@ class Stepper:
             f, (start, start + self.direction), y0, frame=frame, options=given, many=many,
             vectorized=vectorized, common=common, stage_solver=stage_solver, jac=jac,
         )  # fmt: skip
-        self.f = f
-        self.frame = frame
-        self.method = problem.plan.method
-        self.t_bound = bound
-        self._many = many
-        self._common = common
+        check_resolution(problem.control.h, start)
+        self.f, self.frame, self.method = f, frame, problem.plan.method
+        self.t_bound, self._many, self._common = bound, many, common
         self._first_step = None if first_step is None else check_step(first_step, "first_step")
         end = bound
         if math.isinf(bound) and h is not None:
@@ -158,7 +159,7 @@ class Stepper:
         self._budget = StepBudget()
         self._failure = ""
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
-        self._problem = replace(problem, stops=self._stops, control=control)
+        self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
         self.t_old: float | None = None
         self.step_size: float | None = None
         self.status = "running" if start != bound else "finished"
@@ -166,7 +167,7 @@ class Stepper:
 
     def _make_run(self) -> Run:
         problem = self._problem
-        run = problem.run(Output(), keep_last=True, lanes=len(problem.points))
+        run = Run(problem, keep_last=True, lanes=len(problem.points))
         self._core = run._core
         self._target = np.empty(1)
         first = self._first_step or 0.0
@@ -256,6 +257,7 @@ class Stepper:
         if target == self.t:
             return None
         self._check_running()
+        check_resolution(self._run.control.h, target)
         if len(self._stops) == 1:
             self._target[0] = target
             stops = self._target
@@ -359,6 +361,7 @@ class Stepper:
             time = check_real_time(t, "t", infinite=False)
             if self.direction * (self.t_bound - time) < 0.0:
                 raise ValueError(f"t must not be beyond t_bound = {self.t_bound:g}, got {t!r}")
+            check_resolution(run.control.h, time)
         if y is not None:
             rows = run.plan.doubles(check_points(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -12,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, real_array
 from cg.integration.arguments import check_args
-from cg.integration.rhs.python import PythonRhs
 
 
 def get_state(stepper: Any) -> dict[str, Any]:
@@ -26,7 +24,7 @@ def get_state(stepper: Any) -> dict[str, Any]:
     }
     reals, integers, points, slopes = run.state()
     current = run.plan.points(np.ascontiguousarray(points[:, 0]), (len(points),))
-    state["problem"] = replace(stepper._problem, points=current, t0=stepper.t)
+    state["problem"] = replace(stepper._problem, rhs=run.rhs, points=current, t0=stepper.t)
     state["trajectories"] = reals, integers, points, slopes
     state["counts"] = run.counts.copy(), run.status.copy(), run.flag.copy()
     kept = {} if jacobian is None else jacobian.kept
@@ -37,12 +35,11 @@ def get_state(stepper: Any) -> dict[str, Any]:
 def set_state(stepper: Any, state: dict[str, Any]) -> None:
     """Give a new stepper a state from `get_state`."""
     state = dict(state)
-    problem = copy.copy(state.pop("problem"))  # with a right-hand side of its own
+    stepper._problem = state.pop("problem")
     reals, integers, points, slopes = state.pop("trajectories")
     counts, status, flag = state.pop("counts")
     matrices = state.pop("matrices")
     vars(stepper).update(state)
-    stepper._problem = problem
     stepper._run = run = stepper._make_run()
     if run.callbacks.jacobian is not None:
         run.callbacks.jacobian.kept.update((k, [matrix]) for k, matrix in matrices.items())
@@ -69,21 +66,13 @@ def check_points(stepper: Any, y: ArrayLike) -> Points:
 
 def replace_rhs(stepper: Any, args: Iterable[Any] | None, parameters: ArrayLike | None) -> None:
     """Replace what ``f`` gets besides time and point, None for what remains."""
-    problem, rhs = stepper._problem, stepper._problem.rhs
-    extra = problem.args if args is None else check_args(args)
+    run, rhs = stepper._run, stepper._run.rhs
+    extra = rhs.args if args is None else check_args(args)
     numbers = rhs.parameters
     if parameters is not None:
         numbers = _check_parameters(parameters, numbers, stepper._many)
-    if isinstance(rhs, PythonRhs):
-        rhs.parameters = numbers
-        rhs.set_args(extra)
-    elif extra:
-        raise ValueError(f"args must be None for a compiled f, got {args!r}")
-    elif parameters is not None:
-        rhs = rhs.on(stepper.frame, numbers)
-    if rhs is not problem.rhs or extra is not problem.args:
-        stepper._problem = problem.with_rhs(rhs, extra)
-        stepper._run.replace_rhs(rhs)
+    if extra is not rhs.args or numbers is not rhs.parameters:
+        run.replace_rhs(rhs.with_data(extra, numbers, rhs.first))
 
 
 def _check_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cg.integration.results import EnsembleSolution, Solution
-
 _DERIVATIVES = {  # with their last axes
     "transition": "initial_coordinate",
     "sensitivity": "parameter",
@@ -16,36 +14,12 @@ _DERIVATIVES = {  # with their last axes
 _NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
 
 
-def to_xarray(result: Solution | EnsembleSolution) -> Any:
-    """Return the times and points of a result as a dataset of xarray.
-
-    Returns
-    -------
-    xarray.Dataset
-        With the variable ``y`` and the coordinate ``t``. Axes of ``y`` are ``t``; of an ensemble
-        ``member``; and of points ``component`` if they are vectors, ``row`` and ``column`` if they
-        are matrices. Derivatives of solutions are the variables ``transition``, ``sensitivity`` and
-        ``covariance`` with the axis ``coordinate`` and ``initial_coordinate``, ``parameter`` or
-        ``other_coordinate``. Attributes are the name of the method, the frame, and what the
-        integration took; of an ensemble these numbers are variables with the axis ``member``.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If xarray isn't installed.
-
-    Examples
-    --------
-    >>> import cg
-    >>> run = cg.integrate(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1),
-    ...                    method="CG3", h=0.5)
-    >>> run.to_xarray().y.sel(t=0.5).item()  # doctest: +SKIP
-    0.5
-    """
+def to_xarray(result: Any) -> Any:
+    """Return the times and points of a result as a dataset of xarray."""
     import xarray
 
     axes = len(result.frame.point_shape)
-    members = ["member"] if isinstance(result, EnsembleSolution) else []
+    members = ["member"] if np.ndim(result.status) else []
     points = {0: [], 1: ["component"], 2: ["row", "column"]}.get(
         axes, [f"axis_{k}" for k in range(axes)]
     )

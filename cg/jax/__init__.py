@@ -15,6 +15,9 @@ except ImportError as error:
 
 from cg.jax.control import controller
 from cg.jax.conversions import from_jaxlie, to_jaxlie
+from cg.jax.divergence import divergence
+from cg.jax.linear import LinearTerm
+from cg.jax.noise import NoiseTerm
 from cg.jax.points import cotangent, flow, log
 from cg.jax.products import join, split
 from cg.jax.solver import Solver
@@ -22,9 +25,12 @@ from cg.jax.term import FrameTerm
 
 __all__ = [
     "FrameTerm",
+    "LinearTerm",
+    "NoiseTerm",
     "Solver",
     "controller",
     "cotangent",
+    "divergence",
     "flow",
     "from_jaxlie",
     "join",

@@ -27,6 +27,10 @@ _LAST_POWER = 0.7
 _BEFORE_LAST_POWER = 0.4
 _MIN_LAST_ERROR = 1e-4
 _FIRST_ERROR = 0.01
+_RAISED_BY_REJECTION = 4
+_LEAST_SUSPICION = 4
+_MAX_SUSPICION = 12
+_JUMP_FACTOR = 20.0
 _NOTHING = 1e-5
 _BLIND_FRACTION = 1e-6
 _MIN_STEP = 10.0  # spacings of numbers at the time
@@ -164,7 +168,8 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         frame = rules_in(terms).frame
         if frame != self.frame:
             raise ValueError(f"controller must be one for the frame {frame!r}, got {self.frame!r}")
-        state = jnp.ones((), real_dtype(y0)), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
+        none = jnp.zeros((), jnp.int32)
+        state = jnp.ones((), real_dtype(y0)), jnp.zeros((), bool), none, none
         start = func(terms, t0, y0, args)
         # XLA removes the evaluation where it is that of the solver.
         t0 = eqx.error_if(
@@ -240,13 +245,15 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         """Return whether a step is accepted, the ends of the next one, and the state."""
         assert y_error is not None
         y0, y1, difference = jax.lax.stop_gradient((y0, y1_candidate, y_error))
-        last_error, after_rejection, failures = controller_state
+        last_error, after_rejection, suspicion, failures = controller_state
         exponent = 1.0 / error_order
         rules = rules_of(self.frame)
         if rules.log is not None:
             difference = rules.coefficients(y1, difference)
         error = self.norm(difference / self._scale(y0, y1))
         error = jnp.where(jnp.isnan(error), jnp.inf, error)
+        long = jnp.abs(t1 - t0) > _JUMP_FACTOR * _MIN_STEP * _spacing(t0)
+        error = jnp.where((suspicion > _LEAST_SUSPICION) & long, _JUMP_FACTOR * error, error)
         keep = error <= 1.0
         positive = jnp.where((error > 0.0) & jnp.isfinite(error), error, 1.0)
         grown = positive**-_LAST_POWER * last_error**_BEFORE_LAST_POWER
@@ -267,7 +274,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
             too_small, diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.successful
         )
         last_error = jnp.where(keep, jnp.maximum(error, _MIN_LAST_ERROR), last_error)
-        state = last_error, ~keep, failures
+        raised = jnp.minimum(suspicion + _RAISED_BY_REJECTION, _MAX_SUSPICION)
+        suspicion = jnp.where(keep, jnp.maximum(suspicion - 1, 0), raised)
+        state = last_error, ~keep, suspicion, failures
         return keep, start, start + size, False, state, result
 
     def _scale(self, x: JaxArray, y: JaxArray) -> JaxArray:

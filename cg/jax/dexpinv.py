@@ -67,10 +67,7 @@ def _within_a_turn(
 
 
 def series_dexpinv(frame: Frame) -> Callable[[JaxArray, JaxArray, int], JaxArray]:
-    """Return dexpinv by its series as far as a method of an order needs it.
-
-    It is NaN where the series to infinite order diverges, as in `cg.frames.dexpinv`.
-    """
+    """Return the series of dexpinv as far as an order needs it, NaN where it diverges."""
     constants = frame._adjoint_basis
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:

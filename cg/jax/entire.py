@@ -29,24 +29,12 @@ _ARCTAN_TERMS = 14
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def stumpff(k: int, q: JaxArray) -> JaxArray:
-    r"""Return Stumpff's function :math:`c_k(q) = \sum_j (-q)^j / (2 j + k)!` for q ≥ 0.
+    r"""Return Stumpff's function :math:`c_k(q) = \sum_j (-q)^j / (2 j + k)!` for real q ≥ 0.
 
-    :math:`c_0(x^2) = \cos x`, :math:`c_1(x^2) = \sin(x) / x`, and :math:`c_{k+2} = (1 / k! - c_k)
-    / q` [1]_.  The derivative is :math:`c_k' = \tfrac12 (k\, c_{k+2} - c_{k+1})`: derivatives
-    of functions of this family are in the family, and none of them is a quotient of small
-    numbers.
-
-    Parameters
-    ----------
-    k
-        At least 0.
-    q
-        Real, any shape.
-
-    References
-    ----------
-    .. [1] K. Stumpff, "Himmelsmechanik", vol. 1, Deutscher Verlag der Wissenschaften, 1959,
-       section 41.
+    :math:`c_0(x^2) = \cos x`, :math:`c_1(x^2) = \sin(x) / x`, and :math:`c_{k+2} = (1 / k! - c_k) /
+    q` (Stumpff, *Himmelsmechanik*, vol. 1, 1959, section 41). The derivative is :math:`c_k' =
+    \tfrac12 (k\, c_{k+2} - c_{k+1})`: derivatives of functions of this family are in the family,
+    and none of them is a quotient of small numbers.
     """
     q = jnp.asarray(q)
     if k < 2:

@@ -20,6 +20,7 @@ from cg.frames import (
     Euclidean,
     FieldFrame,
     Frame,
+    LinearAction,
     MatrixFrame,
     Power,
     Product,
@@ -37,13 +38,7 @@ from cg.jax.rules import Rules
 
 
 def rules_of(frame: Frame) -> Rules:
-    """Return what a frame is in JAX.
-
-    Raises
-    ------
-    TypeError
-        If it is no frame, or none that JAX has functions for.
-    """
+    """Return the functions of a frame in JAX; TypeError if it has none."""
     if not isinstance(frame, Frame):
         raise TypeError(f"frame must be a cg.frames.Frame, got {frame!r}")
     return _rules(frame)
@@ -77,4 +72,5 @@ _MAKERS: dict[type[Frame], Callable[[Any], Rules]] = {
     Power: lambda frame: power_rules(frame, rules_of(frame.factor)),
     FieldFrame: own_rules,
     MatrixFrame: own_rules,
+    LinearAction: own_rules,
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from cg.frames import Euclidean, FieldFrame, MatrixFrame, Sphere, Stiefel
+from cg.frames import Euclidean, FieldFrame, LinearAction, MatrixFrame, Sphere, Stiefel
 from cg.integration.step.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine
@@ -76,15 +76,16 @@ def stiefel_rules(frame: Stiefel) -> Rules:
     )
 
 
-def own_rules(frame: FieldFrame | MatrixFrame) -> Rules:
+def own_rules(frame: FieldFrame | MatrixFrame | LinearAction) -> Rules:
     """Return the rules of a frame whose functions the user has written in jax.numpy."""
     functions = frame._functions
     if isinstance(frame, FieldFrame):
         flow = frame._flow
     else:
+        matrices = frame.matrices if isinstance(frame, MatrixFrame) else frame.dense()
 
         def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-            return expm(linear(v, frame.matrices)) @ y
+            return expm(linear(v, matrices)) @ y
 
     def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
         eye = jnp.eye(frame.dim, dtype=real_dtype(y))

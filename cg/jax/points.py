@@ -147,10 +147,7 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
 
 
 def membership_error(frame: Frame, y: JaxArray) -> JaxArray:
-    """Return the size of the residuals of the equations of a manifold.
-
-    To first order it is `cg.frames.Frame.membership_error`; it is zero for frames of the user.
-    """
+    """Return the residuals of a manifold's equations, to first order its `membership_error`."""
     if isinstance(frame, Product):
         parts = zip(frame.factors, split(frame, y), strict=True)
         return jnp.stack([membership_error(factor, part) for factor, part in parts]).max()

@@ -23,23 +23,12 @@ _NEARBY_STEPS = 4
 class Rules:
     """A frame as functions of JAX.
 
-    Attributes
-    ----------
-    frame
-        The frame.
-    flow, restore
-        ``flow(v, y)`` leaves rounding errors, which ``restore(y)`` removes.
-    log
-        ``log(y0, y1)``, the coefficients whose flow takes one point to the other; None where the
-        frame has no `cg.frames.Frame.exp_coordinates`.
-    dexpinv
-        ``dexpinv(u, v, order)`` as `cg.frames.Frame.dexpinv`; None without brackets.
-    coefficients
-        ``coefficients(y, tangent)``, the shortest ones whose field is nearest to a tangent.
-    sizes
-        ``sizes(y)`` as `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``.
-    free
-        Whether two points determine the coefficients of the short flow between them.
+    ``flow(v, y)`` leaves rounding errors, which ``restore(y)`` removes. ``log(y0, y1)`` are the
+    coefficients whose flow takes one point to the other, None where the frame has no
+    `cg.frames.Frame.exp_coordinates`; ``dexpinv(u, v, order)`` is that of the frame, None without
+    brackets. ``coefficients(y, tangent)`` are the shortest ones whose field is nearest to a
+    tangent, ``sizes(y)`` those of `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``. ``free``
+    says whether two points determine the coefficients of the short flow between them.
     """
 
     frame: Frame

@@ -20,9 +20,18 @@ from cg.integration.arguments import check_algebra
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.integration.step.plan import error_exponent
 from cg.jax.entire import JaxArray
+from cg.jax.linear import (
+    Before,
+    LinearTerm,
+    magnus_error,
+    no_step,
+    node_difference,
+    values_at_nodes,
+)
+from cg.jax.noise import check_noise, increments
 from cg.jax.points import membership_error
 from cg.jax.rules import Rules
-from cg.jax.term import refuse_implicit_adjoint, rules_in
+from cg.jax.term import refuse_implicit_adjoint, rules_in, unwrapped
 from cg.jax.within import Within, interpolant
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
@@ -64,6 +73,10 @@ class _Steps:
         return isinstance(self.method, MuntheKaas)
 
     @cached_property
+    def of_time(self) -> bool:
+        return isinstance(self.method, MagnusMethod)
+
+    @cached_property
     def errors(self) -> NDArray[np.float64]:
         """The weights of the error estimates, shape ``(0, 1 or 2, stages)``."""
         return np.array(self.paths.errors, dtype=np.float64).reshape(-1, len(self.paths.stages))
@@ -81,7 +94,7 @@ def _steps_of(method: Method) -> _Steps:
     return _Steps(method)
 
 
-class Solver(diffrax.AbstractAdaptiveSolver):
+class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver):
     r"""An explicit method of the catalogue, or of the user, as a solver of `diffrax.diffeqsolve`.
 
     Its term is a `FrameTerm`.  The error estimate of a pair is a tangent at the end of the step:
@@ -145,8 +158,6 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         method = resolve_method(method)
         if not method.explicit:
             raise ValueError(f"method must be explicit in JAX, got {method!r}")
-        if isinstance(method, MagnusMethod):
-            raise ValueError(f"method must be for nonlinear equations, got {method!r}")
         if isinstance(method, Splitting):
             raise ValueError(f"method must not be a splitting method in JAX, got {method!r}")
         if dense not in _DENSE:
@@ -179,24 +190,41 @@ class Solver(diffrax.AbstractAdaptiveSolver):
             return None
         return 1.0 / error_exponent(self.method)
 
+    def strong_order(self, terms: Any) -> float:
+        """Return the strong order for noise whose fields don't commute."""
+        return 0.5
+
     def func(self, terms: Any, t0: JaxArray, y0: JaxArray, args: Any) -> JaxArray:
         """Return the coefficients at a point."""
         refuse_implicit_adjoint(rules_in(terms).frame)
+        if isinstance(terms, diffrax.MultiTerm):
+            return terms.terms[0].vf(t0, y0, args)
         return terms.vf(t0, y0, args)
 
-    def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> JaxArray:
-        """Return the coefficients at the start, after checking the term and the point."""
+    def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> Any:
+        """Return the coefficients at the start, after checking the term and the point.
+
+        Those of a Magnus method come with the step before.
+        """
         frame = rules_in(terms).frame
         if self.steps.on_algebra:
             check_algebra(frame, self.method)
-        first = terms.vf(t0, y0, args)
+        if self.steps.of_time and not isinstance(unwrapped(terms), LinearTerm):
+            raise ValueError(
+                f"method must be for nonlinear equations, got {self.method!r}; those of time alone "
+                "are a cg.jax.LinearTerm"
+            )
+        if isinstance(terms, diffrax.MultiTerm):
+            check_noise(terms, self.method)
+        first = self.func(terms, t0, y0, args)
         tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
-        return eqx.error_if(
+        first = eqx.error_if(
             first,
             ~(membership_error(frame, y0) <= tolerance),
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )
+        return (first, no_step(self.steps.paths, first)) if self.steps.of_time else first
 
     def step(
         self,
@@ -205,13 +233,10 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         t1: JaxArray,
         y0: JaxArray,
         args: Any,
-        solver_state: JaxArray,
+        solver_state: Any,
         made_jump: Any,
     ) -> tuple[Any, ...]:
-        """Return the point after a step, its error, and what else diffrax wants of it.
-
-        The state is the vector of coefficients at the start of the step.
-        """
+        """Return the point after a step, its error, and what else diffrax wants of it."""
         y1, error, within, last = _step(self, terms, t0, t1, y0, args, solver_state, made_jump)
         return y1, error, {"within": within}, last, diffrax.RESULTS.successful
 
@@ -220,18 +245,11 @@ class Solver(diffrax.AbstractAdaptiveSolver):
 class _Stages:
     """What a step has computed at its stages.
 
-    Attributes
-    ----------
-    values
-        The coefficients at the stages, shape ``(stages, dim)``; of a method of Munthe-Kaas the
-        derivatives of coordinates.
-    result, embedded
-        The points that the step leads to; the second is None where no pair compares two points.
-    errors
-        Weighted sums of the values, further error estimates divided by the step, shape ``(0, 1 or
-        2, dim)``.
-    last
-        The coefficients at the result, None if no stage is there.
+    ``values`` are the coefficients at the stages, shape ``(stages, dim)``, of a method of
+    Munthe-Kaas the derivatives of coordinates; ``last`` those at the result, None if no stage is
+    there. ``embedded`` and ``third`` are further results, None where no pair compares points.
+    ``errors`` are weighted sums of the values, further error estimates divided by the step, shape
+    ``(0, 1 or 2, dim)``.
     """
 
     values: JaxArray
@@ -239,6 +257,7 @@ class _Stages:
     embedded: JaxArray | None
     errors: JaxArray
     last: JaxArray | None
+    third: JaxArray | None = None
 
 
 @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
@@ -249,11 +268,14 @@ def _step(
     t1: JaxArray,
     y0: JaxArray,
     args: Any,
-    first: JaxArray,
+    state: Any,
     made_jump: Any,
-) -> tuple[JaxArray, JaxArray | None, Any, JaxArray]:
-    """Return the point after a step, its error, the interpolant and the coefficients there."""
+) -> tuple[JaxArray, JaxArray | None, Any, Any]:
+    """Return the point after a step, its error, the interpolant and the next state."""
     rules, steps = rules_in(terms), solver.steps
+    if isinstance(terms, diffrax.MultiTerm):
+        return _noisy_step(solver, rules, increments(terms, t0, t1, args), y0, state)
+    first, before = state if steps.of_time else (state, None)
     h = jnp.asarray(terms.contr(t0, t1), first.dtype)
 
     def f(c: Any, y: JaxArray) -> JaxArray:
@@ -261,6 +283,8 @@ def _step(
 
     if made_jump is not False:
         first = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: first)
+        if before is not None:
+            before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
     if steps.on_algebra:
         stages = _take_stages_on_algebra(steps, rules, f, h, y0, first, solver.unroll)
     else:
@@ -270,7 +294,41 @@ def _step(
     within = interpolant(
         solver.method, rules, f, h, y0, y1, first, last, values, accurate=solver.dense == _DENSE[0]
     )
-    return y1, _error(steps, rules, h, y0, stages), within, last
+    if before is None:
+        return y1, _error(steps, rules, h, y0, stages), within, last
+    return (
+        y1,
+        _error_of_time(steps, rules, h, y0, stages, before),
+        within,
+        (last, Before(h, values)),
+    )
+
+
+def _noisy_step(
+    solver: Solver, rules: Rules, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, state: Any
+) -> tuple[JaxArray, None, Any, Any]:
+    """Take a step of size one along increments; there is no error estimate."""
+    steps, one = solver.steps, jnp.ones((), state.dtype)
+    first = f(0.0, y0)
+    if steps.on_algebra:
+        stages = _take_stages_on_algebra(steps, rules, f, one, y0, first, solver.unroll)
+    else:
+        stages = _take_stages(steps, rules, f, one, y0, first)
+    within = interpolant(
+        solver.method, rules, f, one, y0, stages.result, first, first, stages.values, accurate=False
+    )
+    return stages.result, None, within, state
+
+
+def _error_of_time(
+    steps: _Steps, rules: Rules, h: JaxArray, y0: JaxArray, stages: _Stages, before: Before
+) -> JaxArray | None:
+    """Return the estimate of a Magnus method as a tangent; None without a pair."""
+    if stages.embedded is None:
+        return None
+    others = [stages.embedded, *([] if stages.third is None else [stages.third])]
+    unseen = node_difference(steps.paths, stages.values, h, before)
+    return magnus_error(steps.paths, rules, y0, stages.result, others, unseen)
 
 
 def _take_stages(
@@ -286,7 +344,7 @@ def _take_stages(
     last = None
     stages: list[JaxArray] = []
     ends = [y0]
-    results = {paths.result, paths.embedded}
+    results = {paths.result, paths.embedded, paths.third}
 
     def follow(last: int) -> None:
         for k in range(len(ends), last + 1):
@@ -298,7 +356,10 @@ def _take_stages(
                 y = jax.lax.optimization_barrier(rules.flow(_combined(h, row, stages), y))
             ends.append(rules.restore(y) if k in results else y)
 
-    for c, k in zip(paths.doubles[1].tolist(), paths.stages, strict=True):
+    if steps.of_time:
+        stages = list(values_at_nodes(paths, f, y0, h.dtype))
+        last = stages[-1] if paths.abscissae[-1] == 1.0 else None
+    for c, k in zip(paths.abscissae.tolist()[len(stages) :], paths.stages, strict=False):
         follow(k)
         value = first if k == 0 and c == 0.0 and not stages else f(c, ends[k])
         if len(stages) + 1 == paths.final_stage:
@@ -308,7 +369,8 @@ def _take_stages(
     embedded = ends[paths.embedded] if paths.embedded else None
     values = jnp.stack(stages)
     errors = jnp.asarray(steps.errors, h.dtype) @ values
-    return _Stages(values, ends[paths.result], embedded, errors, last)
+    third = ends[paths.third] if paths.third else None
+    return _Stages(values, ends[paths.result], embedded, errors, last, third)
 
 
 def _take_stages_on_algebra(
@@ -330,7 +392,7 @@ def _take_stages_on_algebra(
     """
     paths = steps.paths
     weights = jnp.asarray(steps.weights, h.dtype)
-    nodes = jnp.asarray(paths.doubles[1], h.dtype)
+    nodes = jnp.asarray(paths.abscissae, h.dtype)
     numbers = jnp.asarray(paths.stages)
     assert rules.dexpinv is not None
     flow = jax.checkpoint(rules.flow, prevent_cse=False)
@@ -386,8 +448,8 @@ def _error(
 ) -> JaxArray | None:
     """Return the estimate as a tangent at the end of the step; None without a pair.
 
-    Two estimates are made one as in DOP853, by norms that are those of `controller` where both of
-    its tolerances are equal.
+    Two estimates are made one as in DOP853, or the larger one counts, by norms that are those of
+    `controller` where both of its tolerances are equal.
     """
     y1, other = stages.result, stages.embedded
     if other is None and not steps.paths.errors:
@@ -403,9 +465,21 @@ def _error(
         error = rules.field(estimates[0], y1)
         measured = []
     measured += [rules.measured(each, y1) for each in estimates]
-    if len(measured) == 2:
+    if len(measured) > 1:
         size = rules.extent(y0, y1)
         squares = [(jnp.abs(each / size) ** 2).sum() for each in measured]
+        if steps.paths.power == 0:
+            at_end = rules.field(estimates[-len(steps.paths.errors)], y1)
+            return _larger(error, float(steps.paths.factor) * at_end, steps, squares)
         total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
         error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
     return error
+
+
+def _larger(error: JaxArray, at_end: JaxArray, steps: _Steps, squares: list[JaxArray]) -> JaxArray:
+    """Return the error, or that at the end of the step if it is larger, see `end_weights`."""
+    end = squares[1]
+    if len(squares) > 2:
+        share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
+        end, at_end = end * share, jax.lax.stop_gradient(jnp.sqrt(share)) * at_end
+    return jnp.where(float(steps.paths.factor) ** 2 * end > squares[0], at_end, error)

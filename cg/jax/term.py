@@ -97,21 +97,19 @@ class FrameTerm(diffrax.AbstractTerm):
 
 
 def rules_in(terms: Any) -> Rules:
-    """Return the rules of the frame of a term.
-
-    Raises
-    ------
-    TypeError
-        If the term is none of a frame.
-    """
-    term = terms
-    while isinstance(term, diffrax._term.WrapTerm):
-        term = term.term
+    """Return the rules of the frame of a term; TypeError if it is no term of a frame."""
+    first = terms.terms[0] if isinstance(terms, diffrax.MultiTerm) else terms
+    term = unwrapped(first)
     if isinstance(term, FrameTerm):
         return rules_of(term.frame)
-    kind = type(term).__name__
-    more = "; f is one function with all coefficients" if kind == "MultiTerm" else ""
-    raise TypeError(f"terms must be one cg.jax.FrameTerm, got {kind}{more}")
+    raise TypeError(f"terms must be one cg.jax.FrameTerm, got {type(term).__name__}")
+
+
+def unwrapped(terms: Any) -> Any:
+    """Return the term of the user that diffrax has wrapped."""
+    while isinstance(terms, diffrax._term.WrapTerm):
+        terms = terms.term
+    return terms
 
 
 def refuse_implicit_adjoint(frame: Frame) -> None:

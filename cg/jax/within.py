@@ -34,15 +34,9 @@ _ITERATIONS = 3  # of Newton's method; each squares the error, which is of third
 
 @dataclass(frozen=True, eq=False)
 class _Scheme:
-    """Weights of flows as polynomials.
+    """Weights of flows as polynomials, and whether the interpolant is as accurate as the step.
 
-    Attributes
-    ----------
-    weights
-        Of θ, θ², … in the weights of coefficients in flows, shape ``(flows, coefficients,
-        degree)``.
-    accurate
-        Whether the interpolant is as accurate as the step.
+    ``weights`` are those of θ, θ², …, shape ``(flows, coefficients, degree)``.
     """
 
     weights: NDArray[np.float64]
@@ -108,19 +102,10 @@ def interpolant(
 ) -> _Interpolant:
     """Return the interpolant of a step.
 
-    Parameters
-    ----------
-    method
-        The method of the step.
-    f
-        ``f(theta, y)``, coefficients at a fraction of the step.
-    first, last
-        The coefficients at both ends.
-    stages
-        Those at stages; of a method of Munthe-Kaas the derivatives of coordinates.
-    accurate
-        Whether it is as accurate as the step; otherwise it consists of the flows of the step, with
-        weights proportional to time.
+    ``f(theta, y)`` returns coefficients at a fraction of the step; ``first`` and ``last`` are those
+    at both ends, ``stages`` those at stages, of a method of Munthe-Kaas the derivatives of
+    coordinates. If not ``accurate``, it consists of the flows of the step, with weights
+    proportional to time.
     """
     if not accurate:
         return _Interpolant(y0, h * stages, rules, _straight(method))
@@ -133,7 +118,7 @@ def interpolant(
 @cached
 def _straight(method: Method) -> _Scheme:
     flows = paths_of(method).result_flows
-    weights = np.zeros((len(flows), method.stages, 1))
+    weights = np.zeros((len(flows), len(paths_of(method).stages), 1))
     for row, flow in zip(weights, flows, strict=True):
         for stage, weight in flow:
             row[stage] = float(weight)

@@ -37,21 +37,14 @@ _BINARY = re.compile(r"[+-]?0x[01](\.[0-9a-f]*)?p[+-]?\d{1,4}", re.ASCII)
 
 @dataclass(frozen=True)
 class Coefficient:
-    """A coefficient of a method.
+    """A coefficient of a method: a `text`, its exact value, and the unit of its last place.
 
-    Attributes
-    ----------
-    value : Fraction
-        The exact value of `text`.
-    text : str
-        An integer, a rational like ``"119/216"``, a decimal with all its digits, or a
-        double as ``float.hex`` writes it.
-    unit : Fraction
-        Largest distance of the intended number from `value`. It is 0 for zero, integers,
-        rationals and decimals with fewer than `MIN_ROUNDED_PLACES` places; one unit in the last
-        place for other decimals, which may have been truncated or rounded, but at least
-        ``2**-52`` of the magnitude with up to 17 digits, which may be a printed double, and
-        ``2**-112`` with more; ``2**-53`` of the magnitude for doubles.
+    The text is an integer, a rational like ``"119/216"``, a decimal with all its digits, or a
+    double as ``float.hex`` writes it. `unit` is the largest distance of the intended number from
+    `value`: 0 for zero, integers, rationals and decimals with fewer than `MIN_ROUNDED_PLACES`
+    places; one unit in the last place for other decimals, which may have been truncated or rounded,
+    but at least ``2**-52`` of the magnitude with up to 17 digits, which may be a printed double,
+    and ``2**-112`` with more; ``2**-53`` of the magnitude for doubles.
     """
 
     value: Fraction
@@ -60,19 +53,7 @@ class Coefficient:
 
     @classmethod
     def read(cls, number: Any) -> Coefficient:
-        """Return the coefficient that a number or a text stands for.
-
-        Parameters
-        ----------
-        number : str, Fraction, int, float, Decimal or Coefficient
-
-        Raises
-        ------
-        ValueError
-            If `number` isn't a finite real number.
-        OverflowError
-            If `number` is hexadecimal and beyond the range of doubles.
-        """
+        """Return the coefficient that a finite number or a text stands for, else ValueError."""
         if isinstance(number, Coefficient):
             return number
         if isinstance(number, str):

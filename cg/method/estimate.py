@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames.dexpinv import bernoulli_terms
+from .end_weights import end_weights
 from .magnus import MagnusMethod
 from .method import Method, cached
 from .munthe_kaas import MuntheKaas
@@ -63,17 +64,9 @@ def jump_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate where the field jumps.
 
     The field is constant before and after a time within the step. A pair without a node at the end
-    of the step doesn't see jumps after its last node, so that the ratio is infinite.
-
-    Parameters
-    ----------
-    method : Method
-
-    Returns
-    -------
-    float or None
-        None without an error estimate, and for Magnus methods, whose estimates also use the nodes
-        of the step before.
+    of the step doesn't see jumps after its last node, so that the ratio is infinite. None without
+    an error estimate, and for Magnus methods, whose estimates also use the nodes of the step
+    before.
     """
     if method.embedded_order is None or isinstance(method, MagnusMethod):
         return None
@@ -88,20 +81,11 @@ def jump_ratio(method: Method) -> float | None:
 
 @cached
 def estimate_ratio(method: Method) -> float | None:
-    """Return the largest ratio of the error of a step to its estimate.
+    """Return the largest ratio of the error of a step to its estimate; None without an estimate.
 
     Of all steps of up to `MAX_ANGLE` radians, of Munthe-Kaas methods less than a turn, and of
     perturbations by the powers 1 to 4 of time; and of the powers of time up to the order plus 4
     that the quadrature of the result misses.
-
-    Parameters
-    ----------
-    method : Method
-
-    Returns
-    -------
-    float or None
-        None without an error estimate.
     """
     if method.embedded_order is None:
         return None
@@ -119,7 +103,7 @@ def _response(method: Method, powers: int | None) -> Response:
 
 
 def error_power(method: Method) -> int:
-    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ.
+    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ, 0 with `end_weights`.
 
     With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)).  This n leads to
     the order of the error of the step, O(h^(p + 1)), or one below.
@@ -127,7 +111,7 @@ def error_power(method: Method) -> int:
     third = method.third_order
     second = None if third is None else method.embedded_order
     if second is None or third is None or third >= second:
-        return 1
+        return 0 if end_weights(method) else 1
     return max((method.order - second) // (second - third), 1)
 
 
@@ -139,8 +123,11 @@ def _compare(
         float(method.third_factor.value) if isinstance(method, MagnusMethod) else _DOP853_FACTOR
     )
     result, e, e3 = responses[0], abs(responses[1]), abs(responses[2])
-    share = e / np.maximum(np.hypot(e, factor * e3), 1e-300)
-    return abs(result - exact), e * share ** error_power(method)
+    if end := end_weights(method):
+        estimate = np.maximum(e, float(end.factor) * e3)
+    else:
+        estimate = e * (e / np.maximum(np.hypot(e, factor * e3), 1e-300)) ** error_power(method)
+    return abs(result - exact), estimate
 
 
 def _largest_ratio(method: Method, response: Response, max_angle: float) -> float:
@@ -184,7 +171,10 @@ def _flow_response(method: Method, values: Vector, angles: Vector) -> tuple[Vect
         if end is not None
     ]
     third = np.zeros(len(angles))
-    if isinstance(method, MagnusMethod) and method.third_weights is not None:
+    if end := end_weights(method):
+        row, *lower = np.array(end.rows, np.float64) @ [*values, 1.0]
+        third = third + (row if not lower else row * row / max(np.hypot(row, lower[0]), 1e-300))
+    elif isinstance(method, MagnusMethod) and method.third_weights is not None:
         flow = dict(enumerate(weight.value for weight in method.third_weights))
         third = results[0] - _at_end([flow], values, angles)
     elif method.third_order is not None:

@@ -25,18 +25,8 @@ def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     """Return the classical order of a tableau, up to the rounding of its coefficients.
 
     Residuals are exact. Their tolerance is that of `cg.Method.exact_order`, for the derivatives of
-    the classical weights; it is 0 for rational coefficients.
-
-    Parameters
-    ----------
-    tableau : Tableau
-    embedded : bool, optional
-        Return the order of the second weights of a pair.
-
-    Returns
-    -------
-    int
-        At most ``conditions.MAX_ORDER``.
+    the classical weights; it is 0 for rational coefficients. With `embedded`, it is the order of
+    the second weights of a pair.
     """
     weights = tableau.embedded_weights if embedded else tableau.weights
     if weights is None:
@@ -75,26 +65,7 @@ def _failing(
 def flat_residuals(
     a: Sequence[Sequence[Fraction]], b: Sequence[Fraction], order: int
 ) -> tuple[Fraction, ...]:
-    """Return ``Φ(t) - 1/γ(t)`` for the classical order conditions, in exact arithmetic.
-
-    Parameters
-    ----------
-    a : s rows of s Fractions
-    b : s Fractions
-    order : int
-        At least 1.
-
-    Returns
-    -------
-    tuple of Fraction
-        In the sequence of `cg.trees.rooted.rooted_trees_through`.
-
-    Examples
-    --------
-    >>> import cg
-    >>> max(map(abs, flat_residuals(*cg.methods["CG3"].exact, 3)))
-    Fraction(0, 1)
-    """
+    """Return the exact ``Φ(t) - 1/γ(t)`` of the trees of `rooted_trees_through`."""
     trees = rooted_trees_through(order)
     weights = _weights(a, b, trees)
     return tuple(phi - Fraction(1, density(t)) for phi, t in zip(weights, trees, strict=True))
@@ -156,10 +127,7 @@ def _tolerances(
 
 
 def stage_orders(tableau: Tableau) -> tuple[int, ...]:
-    """Return the order of each stage as an approximation of the solution at its abscissa.
-
-    The order is the classical one, of the row of the stage as weights of a step of length c.
-    """
+    """Return the classical order of each row of ``a`` as weights of a step to its abscissa."""
     orders = []
     for row in tableau.entries:
         c = sum((entry.value for entry in row), Fraction(0))

@@ -33,30 +33,12 @@ Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 def from_two_registers(
     a: Iterable[Any], b: Iterable[Any], *, name: str = "", source: str = ""
 ) -> CommutatorFree:
-    """Return the two-register method with coefficients A and B.
+    """Return the two-register method with coefficients A and B, which `Coefficient.read` takes.
 
-    Parameters
-    ----------
-    a : sequence of s numbers
-        The first one multiplies an empty register and must be 0, as in publications. Numbers as
-        for `cg.method.coefficients.Coefficient.read`.
-    b : sequence of s numbers
-        None may be 0, since the next stage would repeat the previous one.
-    name, source : str, optional
+    The first A multiplies an empty register and must be 0, as in publications. No B may be 0, since
+    the next stage would repeat the previous one. Weights are rational if all numbers are exact;
+    otherwise decimals, with as many places as the units of A and B determine.
 
-    Returns
-    -------
-    CommutatorFree
-        With exact rational weights if all numbers are exact. Otherwise weights are decimals, with
-        as many places as the units of A and B determine.
-
-    Raises
-    ------
-    MethodError
-        If a number isn't finite, lengths differ, or a zero is missing or in the wrong place.
-
-    Examples
-    --------
     >>> from_two_registers(["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]).order
     3
     """
@@ -101,22 +83,6 @@ def two_registers(method: Method) -> Registers | None:
     """Return the coefficients A and B of a two-register method; None for other methods.
 
     Rounded weights have to be of this form only up to their units.
-
-    Parameters
-    ----------
-    method : Method
-
-    Returns
-    -------
-    tuple of s Fractions, tuple of s Fractions
-        A, whose first entry is 0, and B.
-
-    Examples
-    --------
-    >>> import cg
-    >>> a, b = two_registers(cg.methods["CF3b"])
-    >>> [str(x) for x in a], [str(x) for x in b]
-    (['0', '-17/32', '-32/27'], ['1/4', '8/9', '3/4'])
     """
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")

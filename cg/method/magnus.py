@@ -21,7 +21,7 @@ from ..conditions.linear_equations import (
 from ..structure.layout import Layout
 from ..structure.points import START, MethodError, Point, PointTree
 from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
-from .method import Method
+from .method import Method, frozen
 from .tolerance import TOLERANCE_FACTOR
 
 
@@ -196,9 +196,7 @@ class MagnusMethod(Method):
     @cached_property
     def c(self) -> NDArray[np.float64]:
         """The nodes, rounded to double; shape (K,), read-only."""
-        nodes = np.array(self.abscissae, dtype=np.float64)
-        nodes.flags.writeable = False
-        return nodes
+        return frozen(self.abscissae)
 
     @cached_property
     def exact_order(self) -> int:
@@ -207,13 +205,7 @@ class MagnusMethod(Method):
         return next((order for order in orders if self.satisfies(order)), 0)
 
     def residuals(self, order: int) -> list[Decimal]:
-        """Return the residuals of the conditions of all words through a degree, to 50 digits.
-
-        Parameters
-        ----------
-        order : int
-            From 1 to ``MAX_LINEAR_ORDER``.
-        """
+        """Return the residuals of the conditions of all words through a degree, to 50 digits."""
         return linear_residuals(self.abscissae, self._values, order)
 
     def _next_residuals(self) -> NDArray[np.float64]:

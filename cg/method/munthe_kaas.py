@@ -209,15 +209,7 @@ class MuntheKaas(Method):
         return self.exact_order >= check_integer("order", order, 1)
 
     def residuals(self, order: int, *, embedded: bool = False) -> tuple[Fraction, ...]:
-        """Return the exact residuals ``Φ(t) - 1/γ(t)`` of rooted trees through an order.
-
-        Parameters
-        ----------
-        order : int
-            At least 1.
-        embedded : bool, optional
-            Use the second weights.
-        """
+        """Return the exact residuals of rooted trees, of the first or the second weights."""
         embedded = check_flag("embedded", embedded)
         a, b = self.tableau.exact
         if embedded and self.exact_embedded is None:
@@ -230,10 +222,7 @@ class MuntheKaas(Method):
 
 
 def _is_collocation(tableau: Tableau) -> bool:
-    """Return whether compiled code can solve the stages of an implicit tableau.
-
-    Its inverse must have a real eigenvalue, and a pair of complex ones.
-    """
+    """Return whether a tableau is one of collocation, with a real and two complex eigenvalues."""
     a, b = tableau.exact
     if len(b) != 4 or any(a[0]) or any(row[0] for row in a) or a[-1] != b:
         return False

@@ -16,31 +16,11 @@ from .tableau import Tableau
 def make_method(
     layout: Layout, coefficients: Sequence[Any], *, digits: int | None = None, **fields: Any
 ) -> Tableau | CommutatorFree | MagnusMethod:
-    """Return the method with a layout and packed coefficients.
+    """Return the method with a layout and packed coefficients, which `Coefficient.read` takes.
 
-    Parameters
-    ----------
-    layout : Layout
-        Of a tableau, which makes a `Tableau`, of nodes, which makes a `MagnusMethod`, or of points,
-        which makes a `CommutatorFree`.
-    coefficients : sequence of layout.size numbers
-        As `Coefficient.read` takes them.
-    digits : int, optional
-        Round to this many significant decimals. Without it, Fractions count as exact.
-    **fields
-        Further keyword arguments of the class, such as `name` and `source`.
-
-    Raises
-    ------
-    ValueError
-        If there are too few or too many coefficients.
-    MethodError
-        If the method would be wrong; of tableaux a `TableauError`.
-
-    Examples
-    --------
-    >>> make_method(Layout.tableau(2), ["1/2", 0, 1], name="midpoint")
-    <Tableau midpoint: order 2, 2 evaluations, 2 flows>
+    A layout of a tableau makes a `Tableau`, of nodes a `MagnusMethod`, of points a
+    `CommutatorFree`. Coefficients are rounded to `digits` significant decimals; without it,
+    Fractions count as exact. Further `fields` are those of the class, such as `name` and `source`.
     """
     check_length(coefficients, layout.size)
     if digits is not None:

@@ -39,25 +39,10 @@ class StabilityLimits:
 
 
 def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
-    """Return numerator and denominator of the stability function R(z).
+    """Return numerator and denominator of the stability function R(z), constant coefficients first.
 
-    One step of ``y' = λ y`` multiplies y by R(hλ). With the flat tableau,
-    ``R(z) = det(I - z A + z 1 bᵀ) / det(I - z A)``.
-
-    Parameters
-    ----------
-    method : Method
-
-    Returns
-    -------
-    numerator, denominator : tuple of Fraction
-        Coefficients, the constant first; of an explicit method the denominator is 1.
-
-    Examples
-    --------
-    >>> import cg
-    >>> stability_function(cg.methods["CG2"])[0]
-    (Fraction(1, 1), Fraction(1, 1), Fraction(1, 2))
+    One step of ``y' = λ y`` multiplies y by R(hλ). With the flat tableau, ``R(z) = det(I - z A + z
+    1 bᵀ) / det(I - z A)``.
     """
     from flint import fmpq_mat
 
@@ -79,27 +64,10 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
 def stability_limits(method: Method) -> StabilityLimits:
     """Return the stability limits of a method on the negative real and the imaginary axis.
 
-    Parameters
-    ----------
-    method : Method
-
-    Returns
-    -------
-    StabilityLimits
-        NaN for methods whose exact polynomials are too large; see `too_large`.
-
-    Notes
-    -----
-    The limits are roots of ``|D|² - |N|²`` with R = N / D. They are isolated rigorously, so that
-    no root is missed. Rounded coefficients leave small residuals in the order conditions; these are
-    removed, since their signs would decide whether the method is stable near the origin.
-
-    Examples
-    --------
-    >>> import cg
-    >>> limits = stability_limits(cg.methods["CG2"])
-    >>> round(limits.real, 6), limits.imaginary
-    (2.0, 0.0)
+    The limits are roots of ``|D|² - |N|²`` with R = N / D. They are isolated rigorously, so that no
+    root is missed. Rounded coefficients leave small residuals in the order conditions; these are
+    removed, since their signs would decide whether the method is stable near the origin. NaN for
+    methods whose exact polynomials are too large; see `too_large`.
     """
     if too_large(method):
         return StabilityLimits(math.nan, math.nan)

@@ -53,10 +53,7 @@ def satisfies(
 def tolerance(
     layout: Layout, coefficients: Sequence[Coefficient], order: int
 ) -> NDArray[np.float64]:
-    """Return the largest residuals that rounded coefficients may cause, by independent condition.
-
-    Zeros for rational coefficients.
-    """
+    """Return the largest residuals, by condition, that rounded coefficients may cause."""
     units = _units(coefficients)
     if not units.any():
         return np.zeros(conditions.count(order, independent=True))

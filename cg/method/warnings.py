@@ -17,11 +17,7 @@ MIN_DIFFERENCE = 1e-6
 
 
 def check_order(method: Method, *, stacklevel: int = 2) -> None:
-    """Warn if a method has order 0.
-
-    Then the weights of the result don't add up to one, so that solutions don't converge.
-    ``stacklevel`` is that of `warnings.warn`, for the caller of this function.
-    """
+    """Warn if a method has order 0: the weights of its result don't add up to one."""
     if not _converges(method):
         warnings.warn(
             f"{_name(method)} has order 0: its solutions don't converge", stacklevel=stacklevel + 1
@@ -29,11 +25,7 @@ def check_order(method: Method, *, stacklevel: int = 2) -> None:
 
 
 def check_pair(method: Method, *, stacklevel: int = 2) -> None:
-    """Warn if one of the orders of a pair is 0, both are the same, or its results nearly coincide.
-
-    Then they give no useful error estimate.  ``stacklevel`` is that of `warnings.warn`, for the
-    caller of this function.  ValueError is raised if the method isn't a pair.
-    """
+    """Warn if the orders of a pair are equal, one is 0, or its results nearly coincide."""
     if method.embedded_order is None:
         raise ValueError(f"method must be a pair, got {method!r}")
     check_order(method, stacklevel=stacklevel + 1)

@@ -9,13 +9,17 @@ from __future__ import annotations
 from .attitude import attitude
 from .errors import convergence, work_precision
 from .methods import points, tableau
+from .observables import bands, invariants
 from .stability import stability_region
-from .trajectories import trajectory_of_axes, trajectory_on_sphere
+from .trajectories import bloch, trajectory_of_axes, trajectory_on_sphere
 from .trees import tree
 
 __all__ = [
     "attitude",
+    "bands",
+    "bloch",
     "convergence",
+    "invariants",
     "points",
     "stability_region",
     "tableau",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames.arrays import check_finite, real_array
+from ..frames.base import Frame
 from ..frames.rotations import is_rotation
 from ..support.checks import check_flag
 from .drawn_rotations import drawn_rotations, rotations_of
@@ -39,7 +40,8 @@ def attitude(
     y : Solution, scipy.spatial.transform.Rotation or array_like
         A solution on `SO3`, `UnitQuaternion`, `SE3` or a product with one of them, rotations,
         matrices of shape ``(n, 3, 3)``, or quaternions of shape ``(n, 4)``, scalar last.  A
-        solution with dense output is drawn between its steps too.
+        solution with dense output is drawn between its steps too.  Of an ensemble the curves of
+        all members that succeeded are drawn.
     ax : matplotlib.axes.Axes, optional
         By default those of a new figure.
     show : str, optional
@@ -104,23 +106,38 @@ def attitude(
     constant = isinstance(reference, Sized) and len(reference) == 1
     # another solution is compared at the steps, not between them
     between = t is None and (reference is None or constant)
-    rotations, times_of_solution = drawn_rotations(y) if between else rotations_of(y)
-    times = _times(t, times_of_solution, len(rotations))
-    times, curves, labels, title = _curves(
-        show, rotations, times, reference, check_flag("wrap", wrap)
-    )
+    members = _members(y)
+    wrap = check_flag("wrap", wrap)
     ax = axes_for(ax)
-    for curve, label, colour, dashes in zip(
-        np.rad2deg(curves.T), labels, COLOURS, _DASHES, strict=False
-    ):
-        ax.plot(times, curve, color=colour, linestyle=dashes, linewidth=1.4, label=label)
+    for k, member in enumerate(members):
+        rotations, times_of_solution = drawn_rotations(member) if between else rotations_of(member)
+        times = _times(t, times_of_solution, len(rotations))
+        times, curves, labels, title = _curves(show, rotations, times, reference, wrap)
+        opacity = 1.0 if len(members) == 1 else max(0.05, min(0.5, 10 / len(members)))
+        for curve, label, colour, dashes in zip(
+            np.rad2deg(curves.T), labels, COLOURS, _DASHES, strict=False
+        ):
+            (line,) = ax.plot(times, curve, color=colour, linestyle=dashes, linewidth=1.4)
+            line.set(alpha=opacity, label="_" if k else label)
     if show == "error":
         ax.set_yscale("log", nonpositive="mask")
     else:
-        ax.legend(frameon=False, fontsize=8)
+        for handle in ax.legend(frameon=False, fontsize=8).get_lines():
+            handle.set_alpha(1.0)
     unit = "° / unit of time" if show == "rate" else "°"
     ax.set(xlabel="t", ylabel=f"{title} ({unit})")
     return ax
+
+
+def _members(y: Any) -> list[Any]:
+    """Return the solutions of the members of an ensemble that succeeded, else ``[y]``."""
+    frame = getattr(y, "frame", None)
+    if not isinstance(frame, Frame) or np.ndim(y.y) != 2 + len(frame.point_shape):
+        return [y]
+    members = [y[k] for k in np.flatnonzero(y.status >= 0).tolist()]
+    if not members:
+        raise ValueError("y must be an ensemble with a member that succeeded, got none")
+    return members
 
 
 def _curves(

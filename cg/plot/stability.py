@@ -86,10 +86,7 @@ def stability_region(
 
 
 def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the stability function R(z), the factor of a step of ``y' = λ y`` with ``z = h λ``.
-
-    See `cg.method.stability.stability_function`.
-    """
+    """Return the stability function R(z), the factor of a step of ``y' = λ y`` with ``z = h λ``."""
     if problem := too_large(method):
         raise ValueError(f"method must have fewer stages or digits, got {method!r}: {problem}")
     above, below = (np.array([float(c) for c in p]) for p in stability_function(method))
@@ -98,10 +95,7 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
 
 def _box(methods: list[Method]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ranges of both axes that contain the boundaries of the regions.
-
-    Boundaries without end determine the ranges only if all are such.
-    """
+    """Return ranges of both axes with the boundaries of the regions, preferably the finite ones."""
     boundaries = list(map(_boundary, methods))
     whole = [z for z, cut in boundaries if not cut]
     z = np.concatenate([[0j], *(whole or [z for z, _ in boundaries])])

@@ -22,10 +22,7 @@ def axes_for(ax: Any) -> Any:
 
 
 def spatial_axes_for(ax: Any) -> Any:
-    """Return `ax`, or three-dimensional axes of a new figure if it is None.
-
-    TypeError if it isn't axes of matplotlib, ValueError if they aren't three-dimensional.
-    """
+    """Return `ax`, or three-dimensional axes of a new figure if it is None."""
     ax = _axes(ax, "3d")
     if getattr(ax, "name", "") != "3d":
         raise ValueError(f"ax must be three-dimensional, made with projection='3d', got {ax!r}")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames.arrays import check_finite, real_array
+from ..frames.arrays import check_finite, complex_array, real_array
 from ..support.checks import check_integer
 from .drawn_rotations import drawn_rotations
 from .style import COLOURS, check_label, spatial_axes_for
@@ -57,11 +57,18 @@ def trajectory_on_sphere(
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise ValueError(f"y must have shape (n, 3), got {points.shape}")
     check_finite(points, "y")
+    radius = float(np.linalg.norm(points, axis=-1).max())
+    return _trajectory(points, radius, ax, label, color)
+
+
+def _trajectory(
+    points: NDArray[np.float64], radius: float, ax: Any, label: str | None, color: str | None
+) -> Any:
+    """Draw points within a sphere."""
     check_label(label)
     if color is not None and not isinstance(color, str):
         raise TypeError(f"color must be a str or None, got {color!r}")
     ax = spatial_axes_for(ax)
-    radius = float(np.linalg.norm(points, axis=-1).max())
     number = len(ax.get_lines())
     _draw_sphere(ax, radius)
     colour = COLOURS[number % len(COLOURS)] if color is None else color
@@ -69,6 +76,52 @@ def trajectory_on_sphere(
     if label is not None:
         ax.legend(frameon=False, fontsize=8)
     return ax
+
+
+def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None = None) -> Any:
+    """Draw the Bloch vector of a two-level system over time, on the sphere of pure states.
+
+    Parameters
+    ----------
+    y : array_like or Solution
+        State vectors, shape ``(n, 2)``; density matrices or unitary propagators, shape
+        ``(n, 2, 2)``, of the latter the state that began in the first level; or a solution with
+        such points.
+    ax, label, color
+        As for `trajectory_on_sphere`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If `y` has another shape or isn't finite, or the axes aren't three-dimensional.
+    TypeError
+        If `ax` isn't axes of matplotlib.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> run = cg.solve_linear(
+    ...     lambda t: [np.cos(t), 0.0, 1.0], (0, 3), np.eye(2), frame=cg.frames.SU(2)
+    ... )
+    >>> cg.plot.bloch(run).get_zlabel()
+    'z'
+    """
+    states = complex_array(getattr(y, "y", y), "y")
+    if states.ndim not in (2, 3) or states.shape[1:] not in ((2,), (2, 2)) or len(states) == 0:
+        raise ValueError(f"y must have shape (n, 2) or (n, 2, 2), got {states.shape}")
+    check_finite(states, "y")
+    is_density = states.ndim == 3 and np.allclose(np.trace(states, axis1=1, axis2=2), 1.0)
+    if not (is_density and np.allclose(states, states.conj().swapaxes(1, 2))):
+        kets = states if states.ndim == 2 else states[:, :, 0]
+        states = kets[:, :, None] * kets[:, None, :].conj()
+    upper = 2 * states[:, 0, 1].conj()
+    vectors = np.stack([upper.real, upper.imag, (states[:, 0, 0] - states[:, 1, 1]).real], axis=-1)
+    return _trajectory(vectors, 1.0, ax, label, color)
 
 
 def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:

@@ -65,10 +65,7 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
 
 
 def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
-    """Return the positions of the nodes, root first, and the edges as (parent, child).
-
-    Neighbouring leaves have distance one; other nodes are above the middle of their children.
-    """
+    """Return the places of nodes, root first, leaves one apart, and edges (parent, child)."""
     order: list[OrderedTree] = []
     parents: list[int] = []
     depths: list[int] = []

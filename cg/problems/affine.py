@@ -44,10 +44,9 @@ class AffineField(ReadOnly, QuadraticProblem):
 
     Raises
     ------
-    TypeError
-        If ``frame`` isn't a `Frame`, or ``seed`` isn't an integer.
-    ValueError
-        If points are complex, ``initial`` isn't a point, or the fields aren't affine.
+    TypeError, ValueError
+        If ``frame`` isn't a `Frame`, or ``seed`` isn't an integer; if points are complex,
+        ``initial`` isn't a point, or the fields aren't affine.
 
     Examples
     --------

@@ -103,10 +103,9 @@ class QuadraticProblem(ABC):
 
         Raises
         ------
-        TypeError
-            If ``bits`` isn't an integer.
-        ValueError
-            If a time isn't a finite number, or ``bits`` is less than 2.
+        TypeError, ValueError
+            If ``bits`` isn't an integer; if a time isn't a finite number, or ``bits`` is less than
+            2.
         """
         return reference_solution(self._system, times, bits=bits)
 

@@ -10,8 +10,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from ..conditions.words import Condition, Word, parse, text
 from ..support.parsing import quoted, read_file, read_toml, write_file
-from .words import Condition, Word, parse, text
 
 MAX_SMALL = Decimal("1e-40")
 """Larger bounds don't tell conditions that hold from coefficients that are rounded."""
@@ -55,15 +55,7 @@ class CertificationError(ArithmeticError):
 
 @dataclass(frozen=True)
 class ViolatedCondition:
-    """A violated condition of the next order.
-
-    Attributes
-    ----------
-    word : tuple
-        The children of its tree.
-    bound : Decimal
-        ``|Φ(t) - 1/γ(t)|`` is at least this for the exact solution.
-    """
+    """A condition by the word of its tree's children, for which ``|Φ(t) - 1/γ(t)| ≥ bound``."""
 
     word: Word
     bound: Decimal
@@ -81,16 +73,10 @@ class ViolatedCondition:
 class Box:
     """A box around the stored coefficients in which conditions have exactly one zero.
 
-    Attributes
-    ----------
-    radius : Decimal
-        0 for rational methods, which satisfy the conditions themselves.
-    fixed : tuple of str
-        The coefficients that are held, such as ``a_3,1``, ``b_2`` and ``b_embedded_2``.
-    left_out : tuple of (int, word)
-        The independent conditions that are no equations, with their rows of weights.
-    bound : Decimal or None
-        What the residuals of these are below, at the zero; None if they follow by orthogonality.
+    `radius` is 0 for rational methods, which satisfy the conditions themselves. `fixed` are the
+    coefficients that are held, such as ``a_3,1``, ``b_2`` and ``b_embedded_2``. `left_out` are the
+    independent conditions that are no equations, with their rows of weights; their residuals at the
+    zero are below `bound`, None if they follow by orthogonality.
     """
 
     radius: Decimal
@@ -240,15 +226,7 @@ class Certificate:
 
     @classmethod
     def loads(cls, text: str) -> Certificate:
-        """Read what `dumps` writes.
-
-        Raises
-        ------
-        CertificationError
-            If a key is missing, unknown, or has a value of the wrong kind.
-        TypeError
-            If `text` isn't a str.
-        """
+        """Read what `dumps` writes; CertificationError if a key or a value is wrong."""
         if not isinstance(text, str):
             raise TypeError(f"text must be a str, got {text!r}")
         entry = read_toml(text, CertificationError)

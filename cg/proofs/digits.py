@@ -11,14 +11,11 @@ from ..method.method import Method
 from ..support.balls import exact_midpoint
 from ..support.balls import working_precision as precision
 from ..support.checks import check_flag, check_integer
-from ..support.quads import to_decimal
+from ..support.quads import MAX_WRITTEN, to_decimal
 from .certificate import Certificate, CertificationError
 from .files import certificate_of
 from .statement import fitting
 from .zero import check_left_out, check_rational, precise, prove_zero, zero_of
-
-MAX_DIGITS = 4000
-"""More decimal digits of an integer Python doesn't write by default."""
 
 _GUARD_DIGITS = 15
 
@@ -33,7 +30,7 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     the `digits` significant digits of the others, at most `max_digits`, are right, the last one is
     rounded. CertificationError if the certificate isn't one of the method, or proves fewer digits.
     """
-    digits = check_integer("digits", digits, 1, MAX_DIGITS)
+    digits = check_integer("digits", digits, 1, MAX_WRITTEN)
     if not isinstance(certificate, Certificate):
         raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
     packed = fitting(certificate, method)
@@ -71,7 +68,7 @@ def max_digits(certificate: Certificate) -> int:
     may be quadratic in the distance from a solution of all conditions.
     """
     bound = certificate.box.bound
-    return MAX_DIGITS if bound is None else min(MAX_DIGITS, -bound.adjusted() // 2)
+    return MAX_WRITTEN if bound is None else min(MAX_WRITTEN, -bound.adjusted() // 2)
 
 
 def _stored(method: Method) -> Certificate | None:

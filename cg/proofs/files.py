@@ -28,15 +28,7 @@ def certificate_names() -> list[str]:
 
 
 def certificate_of(method: Method) -> Certificate:
-    """Return the certificate of a method of the catalogue, or the one beside the method's file.
-
-    It isn't proved again here: see `check`.
-
-    Raises
-    ------
-    CertificationError
-        If there is none, or it is another method's.
-    """
+    """Return the certificate in the catalogue or beside the method's file, unchecked."""
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     name = method.name
@@ -61,11 +53,8 @@ def certificate_of(method: Method) -> Certificate:
 def proved(method: Method) -> str:
     """Return how much of a method's order its certificate proves.
 
-    Returns
-    -------
-    str
-        ``"yes"``; ``"in part"`` if some conditions are only shown to be small; ``"classical"`` for
-        a Munthe-Kaas method, which has the order of its tableau; ``"no"`` without a certificate.
+    ``"yes"``; ``"in part"`` if some conditions are only shown to be small; ``"classical"`` for a
+    Munthe-Kaas method, which has the order of its tableau; ``"no"`` without a certificate.
     """
     if isinstance(method, MuntheKaas):
         return "classical"
@@ -76,12 +65,7 @@ def proved(method: Method) -> str:
 
 
 def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:
-    """Return the certificate beside the file of a method, None if there is none.
-
-    It has the file's name with ``.certificate.toml`` at its end, or is in a folder ``certificates``
-    beside the file. It isn't proved again here: see `check`. CertificationError if the file is no
-    certificate, or another method's.
-    """
+    """Return the certificate beside the file of a method, None if there is none; see `check`."""
     path = certificate_path(Path(file))
     if not path.is_file():
         return None
@@ -91,21 +75,7 @@ def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate
 
 
 def check_file(path: str | PathLike[str], method: Method | None = None) -> Certificate:
-    """Prove what a certificate file says from scratch, and return it.
-
-    Parameters
-    ----------
-    path : path
-    method : Method, optional
-        By default the one of the catalogue that the certificate names.
-
-    Raises
-    ------
-    CertificationError
-        If the file is no certificate, the method isn't known, or the proof fails.
-    OSError
-        If the file can't be read.
-    """
+    """Prove what a certificate file says, by default of the method that it names, and return it."""
     certificate = Certificate.load(path)
     if method is None:
         method = find_method(certificate.name)

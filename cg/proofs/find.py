@@ -72,10 +72,7 @@ def _bounded(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -> Box:
 def _try(
     packed: Packed, left_out: NDArray[np.signedinteger[Any]], jacobian: NDArray[np.float64]
 ) -> _Proved | dict[str, float]:
-    """Return the box with the zero proved, or the quantities that tell why not.
-
-    `left_out` are indices of conditions, the rows of `jacobian`.
-    """
+    """Return the box with a zero proved, or quantities that tell why there is none."""
     omitted = [packed.conditions[k] for k in sorted(map(int, left_out))]
     system = packed.system(omitted)
     jacobian = np.delete(jacobian, left_out, axis=0)

@@ -21,8 +21,8 @@ from flint import arb, arb_mat
 from numpy.typing import NDArray
 from scipy import linalg
 
+from ..conditions.systems import EquationSystem
 from .certificate import CertificationError
-from .systems import EquationSystem
 
 RANK_THRESHOLD = 1e-12
 """Singular values below this fraction of the largest count as zero."""
@@ -72,10 +72,7 @@ def numerical_rank(jacobian: NDArray[np.float64]) -> tuple[int, NDArray[np.float
 
 
 def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> list[int]:
-    """Choose as many of the candidates as there are equations, by QR with column pivoting.
-
-    `jacobian` has shape (m, unknowns). Returns m indices in increasing order.
-    """
+    """Choose as many of the candidates as there are equations, by QR with column pivoting."""
     indices = np.array(candidates)
     pivots = linalg.qr(jacobian[:, indices], mode="r", pivoting=True)[1]
     return sorted(int(k) for k in indices[pivots[: len(jacobian)]])

@@ -101,19 +101,7 @@ def certify(
 
 
 def check(certificate: Certificate, method: Method) -> None:
-    """Prove what a certificate says from scratch.
-
-    Parameters
-    ----------
-    certificate : Certificate
-        Used as a hint only.
-    method : Method
-
-    Raises
-    ------
-    CertificationError
-        If it doesn't belong to the method, or if it can't be proved.
-    """
+    """Prove what a certificate, which is a hint only, says of a method; else CertificationError."""
     if not isinstance(certificate, Certificate):
         raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
     if not isinstance(method, Method):

@@ -11,14 +11,14 @@ from flint import arb
 from numpy.typing import NDArray
 
 from ..conditions import MAX_ORDER
+from ..conditions.systems import EquationSystem
+from ..conditions.words import Condition, conditions_of
 from ..method.coefficients import Coefficient
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..structure.layout import Layout
 from ..support.balls import to_ball
 from .certificate import Box, Certificate, CertificationError
-from .systems import EquationSystem
-from .words import Condition, conditions_of
 
 _MAX_BITS = 1 << 14
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 
+from ..conditions.systems import EquationSystem
+from ..conditions.words import Condition, Word, condition_words, is_of_time, nodes
 from ..support.balls import exact_midpoint
 from .certificate import Box, Certificate, CertificationError, ViolatedCondition
 from .statement import Packed
-from .systems import EquationSystem
-from .words import Condition, Word, condition_words, is_of_time, nodes
 
 _MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
 _ROUNDED_DOWN = Context(prec=3, rounding=ROUND_FLOOR)

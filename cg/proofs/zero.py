@@ -9,6 +9,8 @@ from fractions import Fraction
 import numpy as np
 from flint import arb, arb_mat
 
+from ..conditions.systems import EquationSystem
+from ..conditions.words import Condition, text
 from ..method.tolerance import TOLERANCE_FACTOR
 from ..support.balls import to_ball, to_flint, to_fraction
 from ..support.balls import working_precision as precision
@@ -16,8 +18,6 @@ from .certificate import Box, CertificationError
 from .dependent.orthogonality import follow
 from .krawczyk import KrawczykTest, enclose_zero, krawczyk, max_abs, to_double
 from .statement import Packed
-from .systems import EquationSystem
-from .words import Condition, text
 
 SHARP_PLACES = 45
 """Decimal places of balls around a zero, in which relations between residuals are evaluated."""
@@ -76,10 +76,7 @@ def zero_of(packed: Packed, box: Box, attempt: KrawczykTest, places: int) -> lis
 def largest_residual(
     packed: Packed, box: Box, attempt: KrawczykTest, places: int, bits: int
 ) -> arb:
-    """Return an upper bound of the residuals that are left out, at the zero of the others.
-
-    The zero is known to some more than the given decimal places.
-    """
+    """Return an upper bound of the residuals that are left out, at the zero of the others."""
     places += _GUARD_PLACES
     with precision(precise(places, bits)):
         zero = zero_of(packed, box, attempt, places)

@@ -126,3 +126,17 @@ def sqlite_errors(path: Path) -> Iterator[None]:
             "SQLITE_BUSY": errno.EAGAIN,
         }.get("_".join(name.split("_")[:2]), errno.EIO)
         raise OSError(number, f"store can't be used: {error}", str(path)) from error
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection, path: Path) -> Iterator[None]:
+    """Commit the changes of a block, or none of them if it raises an exception."""
+    with sqlite_errors(path):
+        try:  # an interrupt may come between any two of these statements
+            connection.execute("BEGIN IMMEDIATE")
+            yield
+            connection.execute("COMMIT")
+        except BaseException:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            raise

@@ -38,11 +38,7 @@ class RunOptions:
         store: str | os.PathLike[str] | None,
         progress: Callable[[int, int], None] | ProgressLine | bool | None,
     ) -> RunOptions:
-        """Return the options of a run after checking the arguments that users pass.
-
-        TypeError or ValueError for an argument of the wrong type or out of range. The store is
-        checked when it is opened.
-        """
+        """Return the options of a run, checked, except the store, which is opened later."""
         line = ProgressLine() if progress is True else None
         if isinstance(progress, ProgressLine):
             line = progress

@@ -9,14 +9,11 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import astuple, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from .database import sqlite_errors
+from .database import sqlite_errors, transaction
 from .owner import ACTIVE_OWNERS
 from .records import Failure, Record
-
-if TYPE_CHECKING:
-    from .store import Store
 
 _COLUMNS = tuple(field.name for field in fields(Record))
 _INSERT = (
@@ -29,17 +26,15 @@ _SELECT = f"SELECT {', '.join(_COLUMNS)} FROM starts WHERE run = ?"
 class StoredRun:
     """One run in a store; made by `Store.begin` and `Store.run`."""
 
-    def __init__(self, store: Store, number: int, owner: str | None) -> None:
-        self._store, self.number, self._owner = store, number, owner
+    def __init__(
+        self, connection: sqlite3.Connection, path: Path, number: int, owner: str | None
+    ) -> None:
+        self._connection, self.path = connection, path
+        self.number, self._owner = number, owner
 
     def __len__(self) -> int:
         (count,) = self._query("SELECT count(*) FROM starts WHERE run = ?").fetchone()
         return int(count)
-
-    @property
-    def path(self) -> Path:
-        """The store's file."""
-        return self._store.path
 
     def kind(self) -> str:
         """Return the kind of the run, ``"search"`` or ``"construct"``."""
@@ -94,15 +89,15 @@ class StoredRun:
         """
         now = time.time()
         rows = [(self.number, now, *astuple(record)) for record in records]
-        with self._store._transaction():
-            self._store._connection.executemany(_INSERT, rows)
+        with transaction(self._connection, self.path):
+            self._connection.executemany(_INSERT, rows)
             self._touch(now)
 
     def fail(self, failure: Failure) -> None:
         """Store a failure."""
         now = time.time()
-        with self._store._transaction():
-            self._store._connection.execute(
+        with transaction(self._connection, self.path):
+            self._connection.execute(
                 "INSERT OR REPLACE INTO failures (run, number, message, finished) "
                 "VALUES (?, ?, ?, ?)",
                 (self.number, failure.index, failure.message, now),
@@ -114,8 +109,8 @@ class StoredRun:
         if self._owner is None:
             return
         try:
-            with self._store._transaction():
-                self._store._connection.execute(
+            with transaction(self._connection, self.path):
+                self._connection.execute(
                     "UPDATE runs SET owner = NULL WHERE number = ? AND owner = ?",
                     (self.number, self._owner),
                 )
@@ -123,13 +118,11 @@ class StoredRun:
             ACTIVE_OWNERS.discard(self._owner)
 
     def _touch(self, now: float) -> None:
-        self._store._connection.execute(
-            "UPDATE runs SET changed = ? WHERE number = ?", (now, self.number)
-        )
+        self._connection.execute("UPDATE runs SET changed = ? WHERE number = ?", (now, self.number))
 
     def _query(self, query: str, *values: Any) -> sqlite3.Cursor:
-        with sqlite_errors(self._store.path):
-            return self._store._connection.execute(query, (self.number, *values))
+        with sqlite_errors(self.path):
+            return self._connection.execute(query, (self.number, *values))
 
 
 def _record(row: tuple[Any, ...]) -> Record:

@@ -17,11 +17,7 @@ _REPORT = 30.0  # seconds between lines in a file
 
 @dataclass(frozen=True)
 class Score:
-    """How good the result of a piece of work is, for the progress line.
-
-    The result with the smallest `size`, then with the smallest sum of squared residuals f, is the
-    best one; `note` is shown after its f. `solved` says whether the piece led to a method.
-    """
+    """How good a result is: the smallest `size`, then f, is the best; `note` is shown after f."""
 
     f: float
     solved: bool
@@ -37,9 +33,9 @@ class Score:
 class ProgressLine:
     """A line that shows the progress of a search or a construction.
 
-    It shows the number of finished starts, their rate, the best result, the number of solved
-    starts and failures, and the remaining time. On a terminal the line is redrawn. In a file,
-    a line is written every 30 seconds, and a last one at the end if there was one before.
+    It shows the number of finished starts, their rate, the best result, the number of solved starts
+    and failures, and the remaining time. On a terminal the line is redrawn. In a file, a line is
+    written every 30 seconds, and a last one at the end if there was one before.
 
     Parameters
     ----------
@@ -49,20 +45,6 @@ class ProgressLine:
         Seconds between lines; by default 0.1 on a terminal and 30 elsewhere.
     clock : callable, optional
         Returns the time in seconds.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `every` isn't a number, or negative.
-
-    Examples
-    --------
-    >>> import cg, sys
-    >>> from cg.runs import ProgressLine
-    >>> line = ProgressLine(sys.stdout, every=0, clock=iter(range(9)).__next__)
-    >>> _ = cg.search(2, 2, 2, seed=1, workers=1, progress=line)  # doctest: +ELLIPSIS
-    1 of 2 starts, 1 a second, best f ..., 1 solved, 1 s left
-    2 of 2 starts, 1 a second, best f ..., 2 solved
     """
 
     def __init__(

@@ -13,31 +13,12 @@ from numpy.typing import NDArray
 class Record:
     """The result of one random start, as a store keeps it.
 
-    Attributes
-    ----------
-    number : int
-        Number of the start; with the settings of the run it determines the rest except `seconds`.
-    stages : int
-    flows : int or None
-        Number of flows; None for tableaux.
-    tree : str or None
-        The tree of points as JSON if it was drawn with the start.
-    phase : {"double", "quad"}
-        Arithmetic of the last solver.
-    f : float
-        Sum of squared residuals after the run in double precision.
-    status, evaluations : int or None
-        Final status of the solver in double precision, and evaluations of the residuals.
-    refined_f, refined_status, refined_evaluations : float, int, int, or None
-        The same for the refinement.
-    largest_residual : float or None
-        Largest residual of all order conditions.
-    solved : bool
-        Whether the start led to a method.
-    coefficients : bytes
-        Packed coefficients in binary128, 16 bytes each.
-    seconds : float
-        Duration of the start.
+    `number` and the settings of the run determine the rest except `seconds`. `flows` is None for
+    tableaux; `tree` is JSON, and only there if it was drawn with the start. `phase` is the
+    arithmetic of the last solver, ``"double"`` or ``"quad"``. `f` is the sum of squared residuals
+    after the run in double precision, with the final `status` of the solver and the `evaluations`
+    of residuals; the `refined` ones are those of the refinement. `largest_residual` is that of all
+    order conditions. `coefficients` are packed, in binary128 of 16 bytes each.
     """
 
     number: int
@@ -58,24 +39,13 @@ class Record:
 
     @property
     def quads(self) -> NDArray[np.int8]:
-        """The coefficients in binary128, shape (n, 16), see `cg.support.quads`.
-
-        ValueError if the number of bytes isn't a multiple of 16.
-        """
+        """The coefficients in binary128, shape (n, 16), see `cg.support.quads`."""
         return np.frombuffer(self.coefficients, np.int8).reshape(-1, 16)
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A start whose worker died.
-
-    Attributes
-    ----------
-    index : int
-        Number of the start; with the seed it determines everything else.
-    message : str
-        Why it died.
-    """
+    """A start whose worker died, by number, and why."""
 
     index: int
     message: str
@@ -85,25 +55,11 @@ class Failure:
 class RunSummary:
     """Settings and progress of a run in a store.
 
-    Attributes
-    ----------
-    number : int
-        Number of the run in the store.
-    kind : {"search", "construct"}
-    settings : dict
-        All that determines the results.
-    versions : dict
-        Versions of the package, Python and the machine that began the run.
-    created, changed : float
-        Seconds since 1970: when the run began, and when its last start was recorded.
-    starts, solved, failed : int
-        Numbers of finished starts, of those that led to a method, and of failures.
-    best : float or None
-        Smallest sum of squared residuals, after refinement if there was one.
-    seconds : float
-        Total duration of all starts.
-    running : bool
-        Whether a process is carrying it out.
+    `kind` is ``"search"`` or ``"construct"``; `settings` determine its results; `versions` are
+    those of the package, Python and the machine that began it. It was `created` and last `changed`
+    at these seconds since 1970. `starts`, `solved` and `failed` are numbers of starts, `best` is
+    the smallest sum of squared residuals, `seconds` the duration of all starts. `running` says
+    whether a process is carrying it out.
     """
 
     number: int

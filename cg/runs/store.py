@@ -14,8 +14,7 @@ import os
 import platform
 import sqlite3
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -27,6 +26,7 @@ from .database import (
     has_log,
     log_path,
     sqlite_errors,
+    transaction,
     use_wal,
 )
 from .one_run import StoredRun
@@ -120,7 +120,7 @@ class Store:
         use_wal(connection)
         connection.execute("PRAGMA synchronous = NORMAL")
         connection.execute("PRAGMA foreign_keys = ON")
-        with self._transaction():
+        with transaction(connection, self.path):
             if not self._version():  # another process may have created the tables since
                 for statement in TABLES:
                     connection.execute(statement)
@@ -166,35 +166,14 @@ class Store:
         if not self._read_only:
             fold_log(self.path)
 
-    @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        with sqlite_errors(self.path):
-            try:  # an interrupt may come between any two of these statements
-                self._connection.execute("BEGIN IMMEDIATE")
-                yield
-                self._connection.execute("COMMIT")
-            except BaseException:
-                if self._connection.in_transaction:
-                    self._connection.execute("ROLLBACK")
-                raise
-
     def begin(self, kind: str, settings: Mapping[str, Any]) -> StoredRun:
-        """Begin a run, or resume the one with the same settings.
+        """Begin a run, or resume the one with the same settings, which are plain data.
 
-        Parameters
-        ----------
-        kind : str
-        settings : mapping
-            All that determines the results, as plain data.
-
-        Raises
-        ------
-        OSError
-            If another process is carrying out the same run.
+        OSError if another process is carrying out the same run.
         """
         text = json.dumps(settings, sort_keys=True)
         connection, owner = self._connection, new_owner()
-        with self._transaction():
+        with transaction(connection, self.path):
             row = connection.execute(
                 "SELECT number, owner, changed FROM runs WHERE kind = ? AND settings = ?",
                 (kind, text),
@@ -221,20 +200,14 @@ class Store:
         connection.execute("PRAGMA wal_checkpoint")  # so that a copy of the file shows the owner
         assert number is not None
         ACTIVE_OWNERS.add(owner)
-        return StoredRun(self, int(number), owner)
+        return StoredRun(connection, self.path, int(number), owner)
 
     def run(self, number: int) -> StoredRun:
-        """Return a run for reading.
-
-        Raises
-        ------
-        KeyError
-            If there is no run of that number; the message lists the numbers.
-        """
+        """Return a run for reading; KeyError, which lists the numbers, if there is none."""
         numbers = [each for (each,) in self._connection.execute("SELECT number FROM runs")]
         if number not in numbers:
             raise KeyError(f"no run {number!r} in {self.path}; there are {numbers}")
-        return StoredRun(self, number, None)
+        return StoredRun(self._connection, self.path, number, None)
 
     def runs(self) -> tuple[RunSummary, ...]:
         """Return summaries of all runs, oldest first."""

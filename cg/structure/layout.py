@@ -34,15 +34,8 @@ class Rows(IntEnum):
 
 
 def check_rows(rows: Rows | str | int) -> Rows:
-    """Return the pattern with a name or a number.
+    """Return the pattern with a name or a number; ValueError if there is none.
 
-    Raises
-    ------
-    ValueError
-        If `rows` is neither a pattern nor the name or number of one.
-
-    Examples
-    --------
     >>> check_rows("diagonal")
     <Rows.DIAGONAL: 1>
     """
@@ -81,25 +74,15 @@ def rows_of(a: Sequence[Sequence[Any]] | NDArray[Any]) -> Rows:
 class Layout:
     """The structure of a method without its numbers: flows, and the stages of each flow.
 
-    The unknowns are the weights, packed point by point. In the layout of a tableau each entry,
-    also a zero, is a point of its own: the rows of ``a``, then ``b``, then the second weights of a
-    pair.
+    The unknowns are the weights, packed point by point. In the layout of a tableau each entry, also
+    a zero, is a point of its own: the rows of ``a``, then ``b``, then the second weights of a pair.
 
-    Attributes
-    ----------
-    parents : tuple of int
-        The point where the flow to each point starts, `START` for the initial point.
-    weights : tuple of tuples of int
-        The stages (from 0) of the weights of each point, increasing.
-    stage_points : tuple of int
-        The point of each stage.
-    results : tuple of one or two ints
-        The point of the result, and for pairs that of the second result.
-    rows : Rows or None
-        The pattern of a tableau; None for other methods.
-    of_time : bool
-        Whether coefficients depend on time alone. Then a stage is at the end of a flow from the
-        initial point along its own field, whose weight is its node.
+    `parents` are the points where the flows to the points start, `START` for the initial point;
+    `weights` the increasing stages (from 0) of each point's weights; `stage_points` the points of
+    the stages, `results` those of the result and of the second result of a pair. `rows` is the
+    pattern of a tableau, None for other methods. `of_time` says that coefficients depend on time
+    alone. Then a stage is at the end of a flow from the initial point along its own field, whose
+    weight is its node.
     """
 
     parents: tuple[int, ...]

@@ -32,16 +32,11 @@ class MethodError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    r"""A point of a step, reached from an earlier point by one flow.
+    r"""A point of a step, reached from an earlier point `parent`, or `START`, by one flow.
 
     .. math:: y_m = \exp\Bigl(h \sum_k \alpha_{m,k} F_k\Bigr) y_{\mathrm{parent}(m)}
 
-    Attributes
-    ----------
-    parent : int
-        Index of the point where the flow starts, `START` for the initial point.
-    weights : mapping from int to Fraction
-        The nonzero weights α by the stages (from 0) whose frozen fields they multiply.
+    `weights` are the nonzero α by the stages (from 0) whose frozen fields they multiply.
     """
 
     parent: int
@@ -71,18 +66,9 @@ class Point:
 
 @dataclass(frozen=True)
 class PointTree:
-    """The points of a step, with the points of its stages and results.
+    """The points of a step, parents before children, with the points of its stages and results.
 
-    Attributes
-    ----------
-    points : tuple of Point
-        Parents come before their children.
-    stage_points : tuple of int
-        The point of each stage; the first stage of an explicit method is at `START`.
-    result : int
-        The result of the step.
-    embedded_result : int or None
-        The second result of a pair.
+    The first stage of an explicit method is at `START`; a pair has an `embedded_result`.
     """
 
     points: tuple[Point, ...]
@@ -117,10 +103,7 @@ class PointTree:
         return tuple(map(self.flat_row, self.stage_points)), self.flat_row(self.result)
 
     def flows(self, ends: Iterable[int]) -> int:
-        """Return the number of different flows on the paths to some points.
-
-        Points with the same parent and weights count once; points without weights don't count.
-        """
+        """Return the number of different flows, those with weights, on the paths to points."""
         return len({self.merged[m] for end in ends for m in self.path(end)} - {START})
 
     def same(self, one: int, other: int) -> bool:
@@ -174,12 +157,7 @@ def points_of(method: Any) -> PointTree:
 
 
 def check_tree(tree: PointTree) -> None:
-    """Check that points make an explicit method.
-
-    MethodError is raised if a parent or a stage isn't a point, a parent comes after its child, the
-    first stage isn't at the initial point, a weight is on a stage that is evaluated later, or a
-    result depends on no stage.
-    """
+    """Raise MethodError unless points make an explicit method."""
     _check_shape(tree)
     _check_sequence(tree)
     for label, end in (("result", tree.result), ("embedded_result", tree.embedded_result)):
@@ -267,10 +245,7 @@ def tree_of_rows(
 
 
 def tree_of_flat_rows(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
-    """Return the tree of a Munthe-Kaas method: one flow from the start to each stage and result.
-
-    Equal rows share a point; a row of zeros makes none.
-    """
+    """Return the tree of a Munthe-Kaas method: one flow from the start to each stage and result."""
     index: dict[tuple[Fraction, ...], int] = {}
 
     def point(row: Sequence[Fraction]) -> int:

@@ -28,10 +28,7 @@ def _call(name: str, result: Any, *arguments: Any) -> Any:
 
 @cache
 def provide_lapack() -> None:
-    """Give compiled code the addresses of the routines of BLAS and LAPACK that it calls.
-
-    They are those of SciPy, so that the package links no library.
-    """
+    """Give compiled code the addresses of SciPy's routines of BLAS and LAPACK, to link none."""
     from scipy.linalg import cython_blas, cython_lapack
 
     from cg import _core_r64

@@ -57,11 +57,7 @@ def check_generator(name: str, value: Any) -> np.random.Generator:
 
 
 def check_real(name: str, value: Any, *, positive: bool = False, most: float = math.inf) -> float:
-    """Return `value` as a float.
-
-    ValueError, with the name of the argument, if it isn't a finite real number, is negative, is
-    zero and must be `positive`, or exceeds `most`.
-    """
+    """Return `value` as a float; ValueError if it isn't finite or is out of range."""
     number = math.nan
     if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
         try:
@@ -77,11 +73,7 @@ def check_real(name: str, value: Any, *, positive: bool = False, most: float = m
 
 
 def check_integer(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """Return `value` as an int.
-
-    TypeError if it isn't an integer, ValueError if it is less than `least` or more than `most`,
-    with the name of the argument.
-    """
+    """Return `value` as an int; TypeError if it isn't one, ValueError if it is out of range."""
     try:
         if isinstance(value, bool | np.bool_):
             raise TypeError

@@ -17,10 +17,7 @@ _REPAIR = (
 
 
 def check_folder(folder: str) -> None:
-    """Raise ImportError if the unrelated distribution ``cg`` is installed in the package's folder.
-
-    The message says how to remove it. Only the names beside the folder are read.
-    """
+    """Raise ImportError if the unrelated distribution ``cg`` is in the package's folder."""
     folder = os.path.abspath(folder)
     try:
         names = os.listdir(os.path.dirname(folder))

@@ -164,10 +164,7 @@ def work_for(stop_flag: StopFlag) -> None:
 
 
 def end_with_parent() -> None:
-    """End this process when its parent process ends, even if the parent was killed.
-
-    Otherwise workers of a pool would wait for work forever.
-    """
+    """End this process when its parent ends, even if that was killed, so as not to wait forever."""
     from multiprocessing import parent_process
 
     parent = parent_process()

@@ -40,13 +40,7 @@ def _escaped(text: str, escape: Callable[[str], str]) -> str:
 
 
 def visible(text: str) -> str:
-    r"""Return a text with all characters escaped that aren't printable, also line breaks.
-
-    Examples
-    --------
-    >>> visible("line\nbreak, \x1b[2J"), visible("König 5")
-    ('line\\nbreak, \\x1b[2J', 'König 5')
-    """
+    """Return a text with all characters escaped that aren't printable, also line breaks."""
 
     def escape(letter: str) -> str:
         if category(letter) == "Zs":  # spaces of other widths
@@ -73,11 +67,7 @@ def to_json(data: Any, **options: Any) -> str:
 
 
 def read_fraction(value: Any) -> Fraction:
-    """Return what `fractions.Fraction` makes of a value, unless it takes a power beyond reason.
-
-    The errors are those of `fractions.Fraction`; ValueError also where an exponent exceeds
-    `MAX_POWER_OF_TEN` or there are more digits than Python reads.
-    """
+    """Return what `fractions.Fraction` makes of a value; ValueError for powers beyond reason."""
     exponent = 0
     if isinstance(value, str):
         match = _EXPONENT.search(value)
@@ -110,20 +100,12 @@ def read_file(path: Traversable, error: type[Exception]) -> str:
 
 
 def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, Any]:
-    """Return the table of a TOML text; options as for `tomllib.loads`.
-
-    An `error` is raised if the text isn't TOML, is longer than `MAX_CHARACTERS`, is nested too
-    deeply, or has a number with too many digits.
-    """
+    """Return the table of a TOML text; options as for `tomllib.loads`."""
     return _read("TOML", partial(tomllib.loads, **options), text, error)
 
 
 def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
-    """Return the object of a JSON text, with numbers that aren't integers as strings.
-
-    An `error` is raised as by `read_toml`; also if the text isn't an object, has a key twice, or a
-    number isn't finite.
-    """
+    """Return the object of a JSON text, with numbers that aren't integers as strings."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         table = dict(pairs)
@@ -173,10 +155,7 @@ def _check_depth(table: dict[str, Any]) -> None:
 
 
 def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Path:
-    """Return the path of the file with a name in a folder.
-
-    ValueError if some system doesn't allow the name, or it would lead out of the folder.
-    """
+    """Return the path of a file in a folder; ValueError if a system doesn't allow its name."""
     fit = (
         0 < len(name.encode("utf-8", "replace")) <= _MAX_NAME
         and not _UNFIT.search(name)

@@ -7,8 +7,8 @@ length 16, in little-endian byte order.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
+from decimal import MAX_EMAX, MIN_EMIN, ROUND_HALF_EVEN, Context, Decimal
 from fractions import Fraction
 from functools import cache
 from importlib import import_module
@@ -25,6 +25,9 @@ Quads = NDArray[np.int8]
 
 DECIMAL_DIGITS = 36
 """Number of significant decimal digits that distinguish all binary128 numbers."""
+
+MAX_WRITTEN = 4000
+"""Largest number of digits to write: Python writes integers of up to 4300 digits by default."""
 
 _PRECISION = 113
 _MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
@@ -67,12 +70,7 @@ def core(what: str) -> Any:
 
 
 def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
-    """Round exact values to binary128, to nearest, ties to even; shape (n, 16).
-
-    Strings are decimal or rational, as for `fractions.Fraction`. OverflowError if a value is beyond
-    the largest binary128 number, ValueError if it isn't a finite number, TypeError if `values`
-    isn't a sequence.
-    """
+    """Round exact values, or texts that `fractions.Fraction` reads, to binary128; shape (n, 16)."""
     if not isinstance(values, Iterable) or (isinstance(values, np.ndarray) and values.ndim == 0):
         raise TypeError(f"values must be a sequence of numbers, got {values!r}")
     packed = b"".join(_encode_one(_exact(value)) for value in values)
@@ -106,11 +104,7 @@ def _encode_one(value: Fraction) -> bytes:
 
 
 def decode(quads: Quads) -> list[Fraction]:
-    """Return the exact values of binary128 numbers, of shape (n, 16).
-
-    ValueError if one of them is infinite or not a number, or the shape isn't (n, 16); TypeError for
-    anything but an array of int8.
-    """
+    """Return the exact values of binary128 numbers, of shape (n, 16)."""
     quads = _checked(quads, "n")
     data = quads.tobytes()
     return [_decode_one(data[i : i + 16]) for i in range(0, len(data), 16)]
@@ -139,11 +133,7 @@ def _checked(quads: Any, lead: str) -> Quads:
 
 
 def to_float(quads: Quads) -> NDArray[np.float64]:
-    """Round binary128 numbers of shape (..., 16) to doubles of shape (...).
-
-    ValueError for another shape, TypeError for anything but an array of int8, and MissingQuadsError
-    in a build without quadruple precision.
-    """
+    """Round binary128 numbers of shape (..., 16) to doubles of shape (...)."""
     quads = _checked(quads, "...")
     flat = quads.reshape(-1, 16)
     values: NDArray[np.float64] = core("cg.support.quads.to_float").to_double(flat.T)
@@ -151,11 +141,7 @@ def to_float(quads: Quads) -> NDArray[np.float64]:
 
 
 def from_float(values: Any) -> Quads:
-    """Widen doubles of shape (...) to binary128 numbers of shape (..., 16), exactly.
-
-    ValueError if `values` aren't real numbers, MissingQuadsError in a build without quadruple
-    precision.
-    """
+    """Widen doubles of shape (...) to binary128 numbers of shape (..., 16), exactly."""
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "iufO":
@@ -179,29 +165,13 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = F
     digits = check_integer("digits", digits, 1, _MAX_DIGITS)
     if value == 0:
         return "0"
-    magnitude = abs(value)
-    exponent = _decimal_exponent(magnitude)
-    sign = "-" if value < 0 else ""
+    context = Context(prec=digits, rounding=ROUND_HALF_EVEN, Emax=MAX_EMAX, Emin=MIN_EMIN)
+    number = context.divide(Decimal(value.numerator), Decimal(value.denominator))
+    exponent = number.adjusted()
+    if zeros:
+        number = number.quantize(Decimal((0, (1,), exponent - digits + 1)), context=context)
+    else:
+        number = number.normalize(context)
     if abs(exponent) > _MAX_PLACES:
-        significand = to_decimal(magnitude / Fraction(10) ** exponent, digits, zeros=zeros)
-        return f"{sign}{significand}e{exponent}"
-    places = digits - exponent - 1
-    scaled = round(magnitude * Fraction(10) ** places)
-    if scaled == 10**digits:  # rounded up to one digit more
-        scaled, places = scaled // 10, places - 1
-    if places <= 0:
-        return f"{sign}{scaled * 10**-places}"
-    text = str(scaled).rjust(places + 1, "0")
-    whole, part = text[:-places], text[-places:]
-    if not zeros:
-        part = part.rstrip("0")
-    return f"{sign}{whole}.{part}" if part else f"{sign}{whole}"
-
-
-def _decimal_exponent(value: Fraction) -> int:
-    # from bits, since Python limits the number of digits of str(int)
-    bits = value.numerator.bit_length() - value.denominator.bit_length()
-    exponent = math.floor((bits - 1) * math.log10(2)) - 1
-    while value >= Fraction(10) ** (exponent + 1):
-        exponent += 1
-    return exponent
+        return f"{number.scaleb(-exponent, context):f}e{exponent}"
+    return f"{number:f}"

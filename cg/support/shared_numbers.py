@@ -87,14 +87,30 @@ class BlockOption(IntEnum):
     POLYNOMIAL = 4  # the flows of a path are the coefficients of a polynomial in time
 
 
-class Status(IntEnum):
-    """MINPACK's ``info``.
+class StageLimit(IntEnum):
+    """The largest number of iterations for the stages of an implicit method."""
 
-    References
-    ----------
-    .. [1] J. J. Moré, B. S. Garbow, K. E. Hillstrom, User Guide for MINPACK-1,
-       Argonne National Laboratory report ANL-80-74 (1980).
-    """
+    NEWTON = 25
+    FIXED_POINT = 100
+
+
+class JacobianKind(IntEnum):
+    """The Jacobian for Newton's method on implicit stages."""
+
+    DIFFERENCES = 0
+    MATRIX = 1  # evaluated in Python
+    SPARSE = 2  # evaluated and factored in Python; or none, for the fixed-point iteration
+
+
+class StateSize(IntEnum):
+    """Numbers of a trajectory's state between steps; see ``fortran/steps/saved_state.f90``."""
+
+    REALS = 14
+    INTEGERS = 13
+
+
+class Status(IntEnum):
+    """MINPACK's ``info`` (Moré, Garbow, Hillstrom, User Guide for MINPACK-1, ANL-80-74, 1980)."""
 
     STOPPED_BY_USER = -1
     IMPROPER_INPUT = 0
@@ -171,6 +187,9 @@ _SUFFIXES = {
     BlockKind: "_block",
     BlockOption: "",
     Operation: "_operation",
+    StageLimit: "_limit",
+    JacobianKind: "_jacobian",
+    StateSize: "_of_state",
     Status: "",
     MinimumNormStatus: "",
     ConditionOwner: "",
@@ -186,7 +205,7 @@ RECORD = {
     "of_time": "integer",  # whether the right-hand side doesn't depend on the point
     "keep_last": "integer",  # whether the interpolant of the last step may be requested
     "free": "integer",  # whether small coefficients determine the end of their flow
-    "jacobian": "integer",  # of f: 0 by differences, 1 a matrix, 2 a sparse one or none
+    "jacobian": "integer",  # of f, a `JacobianKind`
     "t0": "real",
     "segments": "integer",
     "stops": "address",  # ends of segments
@@ -196,9 +215,11 @@ RECORD = {
     "vectorized": "integer",  # whether it takes many points, and is called through the context
     "data": "address",
     "data_stride": "integer",  # bytes from one member's data to the next
+    "curves": "integer",  # inputs of compiled functions
+    "inputs": "address",  # a row for each curve, see fortran/steps/inputs.f90
     "functions": "integer",  # number of events
     "event_width": "integer",  # numbers of a point that they depend on
-    "event_table": "address",  # of each: address, data, direction, max count, whether it jumps
+    "event_table": "address",  # `EVENT`
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones
     "rtol": "real",
@@ -220,8 +241,7 @@ RECORD = {
     "residual": "real",  # of the stage equations in the last iteration of a single trajectory
     # of each member
     "states": "address",  # its point (at first the initial one), its time, the time of a failure
-    # its status, flag, evaluations, flows, Jacobians, factorisations, steps, rejected steps
-    "counters": "address",
+    "counters": "address",  # `COUNTERS`
     # points at output times
     "outputs": "integer",
     "times": "address",
@@ -248,6 +268,60 @@ RECORD = {
     "event_y": "address",
 }
 """The record shared by Python and the compiled loop over steps: names and kinds of entries."""
+
+METHOD = {
+    # numbers of paths, of their flows, of terms of these, and of stages
+    "paths": "integer",
+    "flows": "integer",
+    "terms": "integer",
+    "stages": "integer",
+    # C integers from 1
+    "origin": "address",  # (paths) the path to the start of each, 0 for the start of the step
+    "path_first": "address",  # (paths + 1) the first flow of each
+    "flow_first": "address",  # (flows + 1) the first term of each
+    "flow_stage": "address",  # (terms)
+    "stage_path": "address",  # (stages) the path to each, 0 for the start
+    # doubles
+    "weight": "address",  # (terms)
+    "c": "address",  # (stages)
+    "registers": "address",  # A and B of a method of two registers, else 0
+    "error": "address",  # (stages, errors) weights
+    "transformation": "address",  # the numbers of transformation_t, of a collocation method
+    "drifts": "address",  # (flows) of a splitting method, whose flows are kicks before them, else 0
+    "errors": "integer",
+    # the paths to the results, 0 where there is none, and the stage at the end of the step
+    "result": "integer",
+    "embedded": "integer",
+    "third": "integer",
+    "final_stage": "integer",
+    "series": "integer",  # on a Lie algebra, the order of that of dexp⁻¹, else 0
+    "power": "integer",  # of the quotient of two error estimates
+    "factor": "real",  # of the second one in it
+    "blocks": "integer",  # of stages that an implicit method solves together
+    "polynomial": "integer",  # whether the flows of a path are one along a polynomial
+}
+"""The record of a method as paths of flows: names and kinds of entries."""
+
+COUNTERS = {
+    "status": "integer",  # a `Stop`
+    "flag": "integer",  # what a compiled function returned
+    "nfev": "integer",
+    "nexp": "integer",  # flows
+    "njev": "integer",
+    "nlu": "integer",
+    "steps": "integer",
+    "nrejected": "integer",
+}
+"""What is counted of a member: names and kinds of entries."""
+
+EVENT = {
+    "function": "address",  # in C, 0 for one in Python
+    "data": "address",  # 0 for that of the member
+    "direction": "integer",  # sign of the slope at an event, 0 for any
+    "most": "integer",  # this event ends the trajectory
+    "jumps": "integer",  # whether the solution jumps
+}
+"""A function whose zeros are events: names and kinds of entries."""
 
 VARIATION = {
     # functions in C (0: use differences) and their data (0: use the data of the members)
@@ -301,7 +375,14 @@ def fortran_module() -> str:
         for member in enumeration:
             name = member.name.lower() + suffix
             lines.append(f"  integer, parameter :: {name} = {member.value}")
-    lines += record_type("record_t", RECORD) + record_type("variation_t", VARIATION)
+    for name, entries in (
+        ("record_t", RECORD),
+        ("method_record_t", METHOD),
+        ("counters_t", COUNTERS),
+        ("event_record_t", EVENT),
+        ("variation_t", VARIATION),
+    ):
+        lines += record_type(name, entries)
     return "\n".join([*lines, "end module shared_numbers", ""])
 
 

@@ -147,30 +147,14 @@ def is_lyndon(word: Sequence[int]) -> bool:
 class Forest:
     """All ordered trees with at most `max_nodes` nodes, each with an integer index.
 
-    Indices start at 1 (``τ``), as in the generated Fortran. Trees with fewer nodes
-    come first; among those with equally many, the one whose first child has the
-    smaller index, and so on. All attributes below are indexed by ``tree index - 1``.
+    Indices start at 1 (``τ``), as in the generated Fortran. Trees with fewer nodes come first;
+    among those with equally many, the one whose first child has the smaller index, and so on. All
+    attributes are indexed by ``tree index - 1``.
 
-    Order conditions are stated for words of trees. So a tree also stands for the word
-    of its children; without its first or last letter the word is that of a smaller tree.
-
-    Parameters
-    ----------
-    max_nodes : int
-        The largest number of nodes, at least 1.
-
-    Attributes
-    ----------
-    nodes : tuple of int
-        Node counts.
-    first, rest : tuple of int
-        Index of the first child, and of the tree without it; 0, 0 for ``τ``.
-    prefix, last : tuple of int
-        Index of the tree without its last child, and of that child; 0, 0 for ``τ``.
-    children : tuple of tuple of int
-        Indices of the children.
-    density : tuple of int
-        Densities.
+    Order conditions are stated for words of trees. So a tree also stands for the word of its
+    children; without its first or last letter the word is that of a smaller tree. `first` and
+    `rest` are the indices of the first child and of the tree without it, `prefix` and `last` those
+    of the tree without its last child and of that child, 0 for ``τ``.
     """
 
     max_nodes: int
@@ -207,15 +191,7 @@ class Forest:
         return is_lyndon(self.children[self._position(index)])
 
     def tree(self, index: int) -> OrderedTree:
-        """Return the tree with this index.
-
-        Raises
-        ------
-        TypeError
-            If `index` isn't an integer.
-        IndexError
-            If there is no such tree.
-        """
+        """Return the tree with this index; IndexError if there is none."""
         return self._trees[self._position(index)]
 
     def index(self, tree: OrderedTree) -> int:

@@ -15,18 +15,7 @@ RootedTree = tuple["RootedTree", ...]
 
 
 def rooted_trees(nodes: int) -> tuple[RootedTree, ...]:
-    """Return the rooted trees with `nodes` nodes: 1, 1, 2, 4, 9, 20, 48, 115, ….
-
-    Parameters
-    ----------
-    nodes : int
-        Between 1 and `MAX_NODES`.
-
-    Examples
-    --------
-    >>> rooted_trees(3)
-    ((((),),), ((), ()))
-    """
+    """Return the 1, 1, 2, 4, 9, 20, 48, 115, … rooted trees with 1, 2, … `nodes`."""
     return _rooted_trees(check_integer("nodes", nodes, 1, MAX_NODES))
 
 
@@ -60,13 +49,7 @@ def node_count(tree: RootedTree) -> int:
 
 @cache
 def density(tree: RootedTree) -> int:
-    """Return ``γ(t)``, the number of nodes times the densities of the children.
-
-    Examples
-    --------
-    >>> [density(tree) for tree in rooted_trees_through(3)]
-    [1, 2, 6, 3]
-    """
+    """Return ``γ(t)``, the number of nodes times the densities of the children."""
     return node_count(tree) * prod(map(density, tree))
 
 

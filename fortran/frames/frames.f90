@@ -8,6 +8,7 @@ module frames_m
                             so3_block, so_block, space_axes, sphere_block, su2_block, su_block, &
                             u_block
   use blocks_m, only: block_t, body_t, flow_sequence_t
+  use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
   use linear_action_m, only: make_linear_action, move_linearly
   use linear_polynomial_m, only: move_polynomially
@@ -17,34 +18,14 @@ module frames_m
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, callback_t, make_frame, apply_flows, flow_along, move_block, restore, &
-            distance_bound, turn
-
-  ! Functions outside of compiled code, by their Operation
-  type, abstract :: callback_t
-  contains
-    procedure(apply_i), deferred :: apply
-  end type callback_t
-
-  abstract interface
-
-    ! Applies an operation to two arrays. The result is NaN where there is none.
-    subroutine apply_i(self, operation, a, b, c)
-      import :: callback_t, wp
-      class(callback_t), intent(in) :: self
-      integer, intent(in) :: operation
-      real(wp), contiguous, intent(in) :: a(:), b(:)
-      real(wp), contiguous, intent(inout) :: c(:)
-    end subroutine apply_i
-
-  end interface
+  public :: frame_t, make_frame, apply_flows, flow_along, move_block, restore, distance_bound, turn
 
   type :: frame_t
     integer :: dimension = 0
     integer :: point_size = 0
     real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
-    class(callback_t), pointer :: callback => null()
+    type(callback_t), pointer :: callback => null()
     type(flow_sequence_t) :: single          ! one flow along one field with weight 1
     ! of a mechanical system, the number of momenta, the last coefficients and entries of a point;
     ! right-hand sides give as many forces

@@ -1,14 +1,6 @@
 ! Interface for f2py of the order conditions and of conversions between kinds.
 ! In Python numbers of the wide kind are arrays of bytes.
 
-subroutine core_digits(count)
-  use kinds, only: wp
-  implicit none
-  integer, intent(out) :: count
-
-  count = digits(1.0_wp)
-end subroutine core_digits
-
 ! To double and back, rounded to nearest.
 subroutine core_to_double(n, x, y)
   use, intrinsic :: iso_fortran_env, only: real64
@@ -108,20 +100,3 @@ subroutine core_jacobian(order, l, layout, n, x, m, trees, owner, jac)
   call conditions%set_up(order, layout, trees, owner)
   call conditions%jacobian(x, jac, flag)
 end subroutine core_jacobian
-
-! The generated tables as they were compiled, for comparison with their generator.
-subroutine core_tables(m, first_out, rest_out, prefix_out, last_out, condition_out, density_out)
-  use, intrinsic :: iso_fortran_env, only: int64
-  use tree_tables, only: first, rest, prefix, last, condition, density
-  implicit none
-  integer, intent(in) :: m
-  integer, intent(out) :: first_out(m), rest_out(m), prefix_out(m), last_out(m), condition_out(m)
-  integer(int64), intent(out) :: density_out(m)
-
-  first_out = first(:m)
-  rest_out = rest(:m)
-  prefix_out = prefix(:m)
-  last_out = last(:m)
-  condition_out = condition(:m)
-  density_out = density(:m)
-end subroutine core_tables

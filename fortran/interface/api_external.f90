@@ -7,7 +7,7 @@ subroutine call_field(function_address, data_address, data_stride, t, members, n
   !f2py threadsafe
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
-  use external_field_m, only: field_at, rhs_i
+  use vector_field_m, only: field_at, rhs_i
   use kinds, only: wp
   implicit none
   integer(c_intptr_t), intent(in) :: function_address

@@ -2,25 +2,26 @@
 ! Both stay in memory between calls, and the caller knows them by their addresses.
 
 ! Makes a plan from a frame and a method.
-subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, &
-                     stages, c, address)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
+subroutine plan_open(blocks, description, numbers, constants, method_address, address)
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
   use frames_m, only: make_frame
   use kinds, only: wp
   use method_m, only: make_method
   use run_m, only: at_address, plan_t
+  use shared_numbers, only: method_record_t
   implicit none
-  integer, intent(in) :: blocks, numbers, integers, terms, stages
+  integer, intent(in) :: blocks, numbers
   integer, intent(in) :: description(3, blocks)
   real(wp), intent(in) :: constants(numbers)
-  integer, intent(in) :: list(integers)
-  real(wp), intent(in) :: weight(terms), c(stages)
+  integer(c_intptr_t), intent(in) :: method_address    ! of a method_record_t
   integer(c_intptr_t), intent(out) :: address
   type(plan_t), pointer :: plan
+  type(method_record_t), pointer :: record
 
   allocate (plan)
   call make_frame(description, constants, plan%frame)
-  call make_method(list, weight, c, plan%method)
+  call c_f_pointer(transfer(method_address, c_null_ptr), record)
+  call make_method(record, plan%method)
   address = at_address(c_loc(plan))
 end subroutine plan_open
 
@@ -127,9 +128,10 @@ subroutine loop_open(plan_address, record_address, address)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
   use error_norm_m, only: tolerances_t
-  use external_field_m, only: field_at
+  use vector_field_m, only: field_at
   use kinds, only: wp
-  use run_m, only: at_address, begin_run, plan_at, plan_t, run_t, set_events
+  use run_m, only: at_address, begin_run, plan_at, plan_t, run_t, set_events, set_inputs
+  use shared_numbers, only: differences_jacobian, sparse_jacobian
   implicit none
   integer(c_intptr_t), intent(in) :: plan_address, record_address
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
@@ -149,6 +151,7 @@ subroutine loop_open(plan_address, record_address, address)
     run%field%nan = ieee_value(run%field%nan, ieee_quiet_nan)
     run%field%data_address = record%data
     run%field%data_stride = record%data_stride
+    call set_inputs(run)
     problem%frame => run%frame
     if (record%vectorized == 0) problem%field => run%field
     problem%method => plan%method
@@ -156,8 +159,8 @@ subroutine loop_open(plan_address, record_address, address)
     problem%common = record%common /= 0
     problem%of_time = record%of_time /= 0
     problem%free = record%free /= 0
-    problem%has_jacobian = record%jacobian > 0
-    problem%dense = record%jacobian < 2
+    problem%has_jacobian = record%jacobian /= differences_jacobian
+    problem%dense = record%jacobian /= sparse_jacobian
     call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
     problem%stops = stops
     problem%adaptive = .not. record%h > 0
@@ -248,7 +251,7 @@ end subroutine loop_continue
 subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use kinds, only: wp
-  use run_m, only: run_at, run_t
+  use run_m, only: run_at, run_t, set_inputs
   use trajectory_m, only: set_start
   implicit none
   integer(c_intptr_t), intent(in) :: address
@@ -261,6 +264,8 @@ subroutine loop_restart(address, n, members, t, y, first_step, data_address)
 
   run => run_at(address)
   run%field%data_address = data_address
+  run%events%member_data = data_address
+  call set_inputs(run)
   do i = 1, members
     call set_start(t, y(:, i), first_step, run%lanes(i))
   end do
@@ -286,7 +291,8 @@ subroutine loop_interpolate(address)
 end subroutine loop_interpolate
 
 ! Reads or writes the states of all trajectories.
-subroutine loop_state(address, write, n, m, columns, members, reals, integers, points, slopes)
+subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, integers, points, &
+                      slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
   use kinds, only: wp
   use collocation_m, only: refactor
@@ -295,9 +301,9 @@ subroutine loop_state(address, write, n, m, columns, members, reals, integers, p
   implicit none
   integer(c_intptr_t), intent(in) :: address
   logical, intent(in) :: write
-  integer, intent(in) :: n, m, columns, members
-  real(wp), intent(inout) :: reals(14, members)
-  integer(c_int64_t), intent(inout) :: integers(13, members)
+  integer, intent(in) :: n, m, columns, members, nr, ni  ! nr, ni: see save_state
+  real(wp), intent(inout) :: reals(nr, members)
+  integer(c_int64_t), intent(inout) :: integers(ni, members)
   real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
   type(run_t), pointer :: run
   integer :: i
@@ -321,7 +327,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
                             fields, y)
   !f2py threadsafe
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
-  use callback_m, only: python_t
+  use callback_m, only: callback_t
   use frames_m, only: frame_t
   use interpolant_m, only: evaluate_interpolant, interpolant_t, reserve_interpolant
   use kinds, only: wp
@@ -336,7 +342,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   real(wp), intent(inout) :: y(n, count)
   type(plan_t), pointer :: plan
   type(frame_t) :: frame
-  type(python_t), target :: python
+  type(callback_t), target :: python
   type(interpolant_t) :: interpolant
   integer :: i, k, last, memory
 

@@ -5,22 +5,23 @@ module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
                                          c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
-  use callback_m, only: external_events_t, python_t
-  use external_field_m, only: rhs_i
+  use callback_m, only: callback_t
+  use events_m, only: events_t
   use frames_m, only: frame_t
   use interpolant_m, only: scheme_t
   use kinds, only: wp
   use loop_m, only: resume
   use method_m, only: method_t
   use output_m, only: store_step, output_t
-  use shared_numbers, only: buffer_full, fields_operation, finished, needs_field, needs_maximum, &
-                            needs_minimum, out_of_memory, paused, raised, raised_in_python, &
-                            record_t, terminal_event
+  use shared_numbers, only: buffer_full, counters_t, event_record_t, fields_operation, finished, &
+                            needs_field, needs_maximum, needs_minimum, out_of_memory, paused, &
+                            raised, raised_in_python, record_t, terminal_event
   use trajectory_m, only: problem_t, set_start, start, trajectory_t
   use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, begin_run, drive, set_events, set_output, at_address, plan_at, run_at
+  public :: plan_t, run_t, begin_run, drive, set_events, set_inputs, set_output, at_address, &
+            plan_at, run_at
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -29,22 +30,12 @@ module run_m
     type(scheme_t) :: scheme
   end type plan_t
 
-  ! A function in C of one point
-  type, extends(vector_field_t) :: function_t
-    procedure(rhs_i), pointer, nopass :: rhs => null()
-    real(wp) :: nan = 0.0_wp
-    integer(c_intptr_t) :: data_address = 0  ! 0 for none
-    integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
-  contains
-    procedure :: coefficients
-  end type function_t
-
   type :: run_t
     type(problem_t) :: problem
     type(frame_t) :: frame                   ! of the plan, with the callback of this run
-    type(python_t) :: python
-    type(external_events_t) :: events
-    type(function_t) :: field
+    type(callback_t) :: python
+    type(events_t) :: events
+    type(vector_field_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
@@ -52,7 +43,7 @@ module run_m
     ! views of the caller's memory
     type(output_t) :: output
     real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 2, members)
-    integer(c_int64_t), pointer, contiguous :: counters(:, :) => null() ! (8, members)
+    type(counters_t), pointer, contiguous :: counters(:) => null()      ! (members)
   end type run_t
 
 contains
@@ -91,10 +82,9 @@ contains
       members = int(record%members)
       lanes = int(record%lanes)
       call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 2, members])
-      call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [8, members])
+      call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
-      run%counters(:, :) = 0
-      run%counters(1, :) = paused
+      run%counters(:) = counters_t(status=paused)
       within = run%problem%scheme%columns > 0 &
                .and. (record%dense /= 0 .or. record%outputs > 0 .or. associated(run%problem%events))
       allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
@@ -109,23 +99,33 @@ contains
     call set_output(run)
   end subroutine begin_run
 
+  ! Sets the inputs of functions from the table in the record.
+  subroutine set_inputs(run)
+    type(run_t), intent(inout) :: run
+
+    if (run%record%curves == 0) return
+    call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs%table, &
+                     [7, int(run%record%curves)])
+    run%events%inputs = run%field%inputs
+  end subroutine set_inputs
+
   ! Sets the events of a run from the table in the record.
   subroutine set_events(run)
     type(run_t), target, intent(inout) :: run
-    integer(c_int64_t), pointer, contiguous :: table(:, :)
+    type(event_record_t), pointer, contiguous :: table(:)
 
     associate (record => run%record)
-      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [5, int(record%functions)])
-      run%events%count = size(table, 2)
+      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [int(record%functions)])
+      run%events%count = size(table)
       run%events%width = int(record%event_width)
-      run%events%address = table(1, :)
-      run%events%data = table(2, :)
-      run%events%direction = int(table(3, :))
-      run%events%most = table(4, :)
-      run%events%jumps = table(5, :) /= 0
+      run%events%address = table%function
+      run%events%data = table%data
+      run%events%direction = int(table%direction)
+      run%events%most = table%most
+      run%events%jumps = table%jumps /= 0
       run%events%member_data = record%data
       run%events%stride = record%data_stride
-      run%events%python = run%python
+      run%events%callback = run%python
       run%problem%events => run%events
     end associate
   end subroutine set_events
@@ -167,14 +167,18 @@ contains
   end subroutine set_output
 
   ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
+  ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer :: requests(size(run%lanes))     ! lanes that need coefficients
-    integer(int64) :: budget
-    integer :: i, count
+    integer(int64) :: budget, share(size(run%lanes))
+    integer :: i, count, status
     logical :: waits, stops
 
     budget = run%record%budget
+    associate (lanes => size(run%lanes, kind=int64))
+      share = (budget + lanes - 1) / lanes
+    end associate
     run%output%steps = 0
     run%output%interpolants = 0
     run%output%events = 0
@@ -183,7 +187,11 @@ contains
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
-        select case (advance_lane(run, i, budget))
+        if (.not. run%problem%common) share(i) = budget
+        budget = budget - share(i)
+        status = advance_lane(run, i, share(i))
+        budget = budget + share(i)
+        select case (status)
         case (needs_field)
           count = count + 1
           requests(count) = i
@@ -242,13 +250,8 @@ contains
     if (run%next > size(run%states, 2)) return
     associate (lane => run%lanes(i), member => run%next, n => run%frame%point_size)
       lane%member = member
-      lane%nfev = 0
-      lane%nexp = 0
-      lane%njev = 0
-      lane%nlu = 0
-      lane%steps = 0
-      lane%rejected = 0
-      lane%attempts = 0
+      lane%counts = counters_t()
+      lane%control%attempts = 0
       lane%outputs_done = 0
       call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
@@ -271,8 +274,9 @@ contains
     associate (lane => run%lanes(i), n => run%frame%point_size)
       run%states(:n, lane%member) = lane%y(:, 0)
       run%states(n + 1:, lane%member) = [lane%t, lane%failed_at]
-      run%counters(:, lane%member) = [int([lane%status, lane%flag], int64), lane%nfev, lane%nexp, &
-                                     lane%njev, lane%nlu, lane%steps, lane%rejected]
+      run%counters(lane%member) = lane%counts
+      run%counters(lane%member)%status = int(lane%status, c_int64_t)
+      run%counters(lane%member)%flag = int(lane%request%flag, c_int64_t)
     end associate
   end subroutine store_lane
 
@@ -305,32 +309,18 @@ contains
       if (.not. run%busy(i)) cycle
       if (kind == 0) then
         kind = run%lanes(i)%status
-        shared = run%lanes(i)%shared
+        shared = run%lanes(i)%request%shared
       else if (kind == needs_minimum) then
-        shared = min(shared, run%lanes(i)%shared)
+        shared = min(shared, run%lanes(i)%request%shared)
       else
-        shared = max(shared, run%lanes(i)%shared)
+        shared = max(shared, run%lanes(i)%request%shared)
       end if
     end do
     do i = 1, size(run%lanes)
-      run%lanes(i)%shared = shared
+      run%lanes(i)%request%shared = shared
       if (run%busy(i)) run%lanes(i)%status = paused
     end do
   end subroutine exchange
-
-  ! Evaluates a function in C. Coefficients that it doesn't write are NaN.
-  subroutine coefficients(self, n, m, t, y, f, flag)
-    class(function_t), intent(inout) :: self
-    integer, intent(in) :: n, m
-    real(wp), intent(in) :: t
-    real(wp), intent(in) :: y(n)
-    real(wp), intent(out) :: f(m)
-    integer, intent(out) :: flag
-
-    f = self%nan
-    flag = self%rhs(t, y, f, transfer(self%data_address + int(self%member - 1, c_intptr_t) &
-                                      * self%data_stride, c_null_ptr))
-  end subroutine coefficients
 
   ! Evaluates a vectorized function for all lanes that need coefficients.
   subroutine evaluate(run, requests)
@@ -351,16 +341,16 @@ contains
       end if
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          where(i) = lane%request_t
+          where(i) = lane%request%t
           where(k + i) = real(lane%member - 1, wp)
-          points((i - 1) * n + 1:i * n) = lane%request_y
+          points((i - 1) * n + 1:i * n) = lane%request%y
         end associate
       end do
       call run%python%apply(fields_operation, where, points, slopes)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          lane%received(:m) = slopes((i - 1) * m + 1:i * m)
-          lane%flag = 0
+          lane%request%received(:m) = slopes((i - 1) * m + 1:i * m)
+          lane%request%flag = 0
         end associate
       end do
     end associate

@@ -10,7 +10,8 @@ module collocation_m
   use newton_m, only: correction, derivatives, factor, filtered, predict
   use requests_m, only: reject_stage, request
   use phases_m
-  use trajectory_m, only: copy, fail, problem_t, trajectory_t
+  use trajectory_m, only: fail, problem_t, trajectory_t
+  use vectors_m, only: copy
   use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
   implicit none
   private
@@ -41,7 +42,7 @@ contains
         end if
         if (abs(x%h - newton%factored_h) > noise * abs(x%h)) then
           call factor(problem%frame, method%transformation, x%h, newton, singular)
-          x%nlu = x%nlu + 2
+          x%counts%nlu = x%counts%nlu + 2
           if (singular) then
             call give_up(problem, trajectory)
             return
@@ -54,7 +55,7 @@ contains
       end if
       call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
       call flow_along(problem%frame, newton%z(:, x%stage - 1), x%y(:, x%result))
-      x%nexp = x%nexp + 1
+      x%counts%nexp = x%counts%nexp + 1
       call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, x%result), &
                    phase_stage_received)
     end associate
@@ -79,7 +80,7 @@ contains
     logical :: exists
 
     associate (x => trajectory, z => trajectory%newton%z)
-      x%f(:, x%stage) = x%received
+      x%f(:, x%stage) = x%request%received
       call dexpinv(problem%frame, problem%method%series, z(:, x%stage - 1), x%f(:, x%stage), exists)
       if (.not. exists) then
         call reject_stage(problem, trajectory, step_too_long, x%t)
@@ -155,11 +156,11 @@ contains
                                                 tiny(1.0_wp))
         return
       end if
-      call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%work, x%scale)
+      call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
       correction_norm = 0.0_wp
       do i = 1, size(dz, 2)
-        call tangent(frame, tolerances, dz(:, i), x%y(:, 0), x%v)
-        correction_norm = hypot(correction_norm, norm(tolerances, x%v, x%scale))
+        call tangent(frame, tolerances, dz(:, i), x%y(:, 0), x%control%v)
+        correction_norm = hypot(correction_norm, norm(tolerances, x%control%v, x%control%scale))
       end do
       correction_norm = correction_norm / sqrt(real(size(dz, 2), wp))
     end associate
@@ -172,7 +173,7 @@ contains
 
     associate (x => trajectory, newton => trajectory%newton)
       newton%rate_factor = 1.0_wp
-      x%flag = newton%iteration
+      x%request%flag = newton%iteration
       if (newton%fresh) then
         call reject_stage(problem, trajectory, stages_not_solved, x%t)
       else
@@ -190,7 +191,7 @@ contains
     real(wp) :: answer(max(1, size(trajectory%newton%jacobian)))
 
     associate (x => trajectory, newton => trajectory%newton)
-      x%njev = x%njev + 1
+      x%counts%njev = x%counts%njev + 1
       if (.not. problem%has_jacobian) then
         call displacements(problem, trajectory, newton%z(:, 1))
         newton%column = 1
@@ -251,7 +252,7 @@ contains
       x%u(column) = x%newton%z(column, 1)
       call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
       call flow_along(problem%frame, x%u, x%y(:, x%result))
-      x%nexp = x%nexp + 1
+      x%counts%nexp = x%counts%nexp + 1
       call request(problem, trajectory, x%t, x%y(:, x%result), phase_column_received)
     end associate
   end subroutine request_column
@@ -266,7 +267,7 @@ contains
     associate (x => trajectory, newton => trajectory%newton, column => trajectory%newton%column)
       x%u = 0.0_wp
       x%u(column) = newton%z(column, 1)
-      newton%jacobian(:, column) = x%received
+      newton%jacobian(:, column) = x%request%received
       call dexpinv(problem%frame, problem%method%series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
       free = without_control(problem, size(free))

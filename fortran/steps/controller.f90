@@ -6,6 +6,7 @@ module controller_m
   implicit none
   private
   public :: rejected_size, accepted_size, first_guess, first_size, max_iterations, &
+            max_suspicion, raised_by_rejection, suspected_error, &
             min_last_predicted, predicted_size, smallest_size, tried_size
 
   real(wp), parameter :: safety = 0.9_wp
@@ -28,7 +29,23 @@ module controller_m
   real(wp), parameter :: blind_fraction = 1e-6_wp
   real(wp), parameter :: smallest_step = 10.0_wp      ! in spacings of numbers at the time
 
+  ! At a discontinuity many steps are rejected, since estimates decrease slowly there. A rejection
+  ! raises the suspicion of one, and an accepted step lowers it by 1. Above `least_suspicion` errors
+  ! count as many times as estimates at a jump can be too small.
+  integer, parameter :: raised_by_rejection = 4, least_suspicion = 4, max_suspicion = 12
+  real(wp), parameter :: jump_factor = 20.0_wp
+
 contains
+
+  ! The error of a step, raised where a discontinuity is suspected
+  pure real(wp) function suspected_error(error, taken, t, suspicion)
+    real(wp), intent(in) :: error, taken, t
+    integer, intent(in) :: suspicion
+
+    suspected_error = error
+    if (suspicion > least_suspicion .and. taken > jump_factor * smallest_size(t)) &
+      suspected_error = jump_factor * min(error, huge(error) / jump_factor)
+  end function suspected_error
 
   ! The size of the next attempt after a rejected step; its error is huge if there is no estimate.
   pure real(wp) function rejected_size(taken, error, exponent)

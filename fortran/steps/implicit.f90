@@ -18,12 +18,11 @@ module implicit_m
   use phases_m
   use requests_m, only: reject_stage
   use trajectory_m, only: problem_t, trajectory_t
-  use shared_numbers, only: stages_not_solved
+  use shared_numbers, only: fixed_point_limit, newton_limit, stages_not_solved
   implicit none
   private
   public :: prepare_stage, store_value
 
-  integer, parameter :: max_newton = 25, max_fixed_point = 100
   real(wp), parameter :: noise = 1e-10_wp      ! corrections below it may be rounding errors of f
   real(wp), parameter :: slow = 0.1_wp         ! factors are replaced if corrections decrease by less
   real(wp), parameter :: diverged = 1e3_wp     ! growth of residuals
@@ -94,16 +93,16 @@ contains
                n => size(trajectory%f, 1))
       block = merge(solver%first, 1, method%blocks > 1)
       if (method%blocks > 1 .and. .not. is_implicit(method, x%stage)) then
-        x%f(:, x%stage) = x%received
+        x%f(:, x%stage) = x%request%received
         call next_block(problem, trajectory)
         return
       end if
       if (solver%column == 0) then
-        solver%value(:, x%stage) = x%received
+        solver%value(:, x%stage) = x%request%received
       else
         associate (row => (x%stage - solver%first) * n)
           solver%lu(row + 1:row + n, solver%column, block) = &
-            (solver%value(:, x%stage) - x%received) / solver%moved
+            (solver%value(:, x%stage) - x%request%received) / solver%moved
         end associate
       end if
       x%stage = x%stage + 1
@@ -114,13 +113,13 @@ contains
         x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%before
         solver%column = solver%column + 1
       else if (.not. (solver%fixed_point .or. abs(solver%factored_h(block) - x%h) <= 0)) then
-        x%njev = x%njev + 1
+        x%counts%njev = x%counts%njev + 1
         solver%column = 1
         solver%factored_h(block) = 0.0_wp              ! its columns overwrite the factors
       end if
       if (solver%column > size(solver%lu, 1)) then
         call factor(solver%lu(:, :, block), solver%pivot(:, block), info)
-        x%nlu = x%nlu + 1
+        x%counts%nlu = x%counts%nlu + 1
         solver%factored_h(block) = x%h
         solver%column = 0
         if (info /= 0) then
@@ -211,7 +210,7 @@ contains
         call next_block(problem, trajectory)
         return
       end if
-      limit = merge(max_fixed_point, max_newton, solver%fixed_point)
+      limit = merge(fixed_point_limit, newton_limit, solver%fixed_point)
       if (.not. solver%residual <= diverged * solver%smallest .or. solver%iteration == limit) then
         call give_up(problem, trajectory, block)
         return
@@ -230,7 +229,7 @@ contains
     integer, intent(in) :: block
 
     trajectory%solver%factored_h(block) = 0.0_wp
-    trajectory%flag = trajectory%solver%iteration
+    trajectory%request%flag = trajectory%solver%iteration
     call reject_stage(problem, trajectory, stages_not_solved, trajectory%t)
   end subroutine give_up
 

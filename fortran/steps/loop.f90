@@ -1,5 +1,5 @@
 ! The loop over steps of one trajectory, as a state machine that can pause anywhere and be resumed.
-! The same loop serves built-in fields, C functions of one point and vectorized functions.
+! The same loop serves functions in C of one point and vectorized functions.
 !
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
 ! returns with a status (needs_field: coefficients at request_t, request_y; needs_minimum,
@@ -42,7 +42,7 @@ contains
 
     select case (trajectory%status)
     case (needs_field)
-      call check_coefficients(problem, trajectory, trajectory%request_y)
+      call check_coefficients(problem, trajectory, trajectory%request%y)
     case (needs_minimum, needs_maximum, paused, buffer_full)
       trajectory%status = finished
     end select
@@ -57,7 +57,7 @@ contains
       case (phase_curvature_received)
         call choose_first_size(problem, trajectory)
       case (phase_size_shared)
-        trajectory%step_size = trajectory%shared
+        trajectory%control%step_size = trajectory%request%shared
         trajectory%phase = phase_choose_step
       case (phase_choose_step)
         if (.not. has_room(output)) then
@@ -69,10 +69,10 @@ contains
           call choose_step(problem, trajectory)
         end if
       case (phase_start_received)
-        trajectory%slope(:) = trajectory%received
+        trajectory%slope(:) = trajectory%request%received
         trajectory%slope_known = .true.
         trajectory%phase = phase_next_stage
-        if (problem%adaptive .and. .not. trajectory%step_size > 0) &
+        if (problem%adaptive .and. .not. trajectory%control%step_size > 0) &
           trajectory%phase = phase_guess_size
       case (phase_next_stage)
         call request_stage(problem, trajectory)

@@ -1,9 +1,11 @@
 ! A method as paths of flows from one point to another. The points are stages, results, and points
 ! from which more than one path starts.
 module method_m
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_int64_t, c_intptr_t, c_null_ptr
   use blocks_m, only: flow_sequence_t
   use kinds, only: wp
   use newton_m, only: transformation_t
+  use shared_numbers, only: method_record_t
   implicit none
   private
   public :: method_t, make_method
@@ -38,7 +40,7 @@ module method_m
     logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
     type(transformation_t) :: transformation ! of a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
-    integer :: power = 1                     ! of the quotient of two error estimates
+    integer :: power = 1                     ! of the quotient of two error estimates; 0: see step_m
     real(wp) :: factor = 1.0_wp              ! of the second one in the quotient
     ! weights of the stages in error estimates that need no flow
     real(wp), allocatable :: error(:, :)     ! (stages, estimates)
@@ -46,81 +48,82 @@ module method_m
 
 contains
 
-  ! Makes a method. All its integers come as one list, as cg/integration/step/paths.py writes them:
-  ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
-  ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, the
-  ! power, the number of its error estimates by weights, the number of blocks of stages of an implicit
-  ! method, 1 if the flows of a path are one along a polynomial, and 1 for a splitting method. The
-  ! weights are followed by a and b of registers, by those of errors, by the entries of
-  ! transformation_t, by the factor, and by drifts.
-  subroutine make_method(list, weight, c, method)
-    integer, intent(in) :: list(:)
-    real(wp), intent(in) :: weight(:)        ! (terms + 1) or more
-    real(wp), intent(in) :: c(:)             ! (stages)
+  ! Makes a method from its record.
+  subroutine make_method(record, method)
+    type(method_record_t), intent(in) :: record
     type(method_t), intent(out) :: method
-    integer :: used, k
+    real(wp), allocatable :: numbers(:)
+    integer :: k, stages
 
-    used = 4
-    associate (paths => list(1), flows => list(2), terms => list(3), stages => list(4))
-      call take(paths, method%origin)
-      call take(paths + 1, method%path_first)
-      call take(flows + 1, method%flows%first)
-      call take(terms, method%flows%stage)
-      call take(stages, method%stage_path)
-      method%flows%weight = weight(:terms)
-      method%result = list(used + 1)
-      method%embedded = list(used + 2)
-      method%third = list(used + 3)
-      method%final_stage = list(used + 4)
-      method%two_registers = list(used + 5) == 1
-      if (method%two_registers) then
-        method%a = weight(terms + 1:terms + stages)
-        method%b = weight(terms + stages + 1:terms + 2 * stages)
-      end if
-      method%series = list(used + 6)
-      method%on_algebra = method%series > 0
-      method%power = list(used + 7)
-      k = terms
-      if (method%two_registers) k = k + 2 * stages
-      method%error = reshape(weight(k + 1:k + stages * list(used + 8)), [stages, list(used + 8)])
-      k = k + size(method%error)
-      method%blocks = list(used + 9)
-      method%collocation = method%blocks > 0 .and. method%on_algebra
-      method%implicit = method%blocks > 0 .and. .not. method%on_algebra
-      if (method%collocation) then
-        associate (scheme => method%transformation)
-          scheme%inverse = reshape(weight(k + 1:k + 9), [3, 3])
-          scheme%t = reshape(weight(k + 10:k + 18), [3, 3])
-          scheme%t_inverse = reshape(weight(k + 19:k + 27), [3, 3])
-          scheme%integral = reshape(weight(k + 28:k + 36), [3, 3])
-          scheme%gamma = weight(k + 37)
-          scheme%mu = weight(k + 38:k + 39)
-        end associate
-        k = k + 39
-      end if
-      method%factor = weight(k + 1)
-      method%splitting = list(used + 11) == 1
-      if (method%splitting) method%drift = weight(k + 2:k + 1 + flows)
-    end associate
-    method%c = c
-    method%polynomial = list(used + 10) == 1
-    method%has_nodes = method%blocks == 0 .and. size(c) > 2 .and. all(method%stage_path == 0)
+    stages = int(record%stages)
+    method%origin = integers(record%origin, record%paths)
+    method%path_first = integers(record%path_first, record%paths + 1)
+    method%flows%first = integers(record%flow_first, record%flows + 1)
+    method%flows%stage = integers(record%flow_stage, record%terms)
+    method%flows%weight = reals(record%weight, record%terms)
+    method%stage_path = integers(record%stage_path, record%stages)
+    method%c = reals(record%c, record%stages)
+    method%result = int(record%result)
+    method%embedded = int(record%embedded)
+    method%third = int(record%third)
+    method%final_stage = int(record%final_stage)
+    method%two_registers = record%registers /= 0
+    if (method%two_registers) then
+      numbers = reals(record%registers, 2 * record%stages)
+      method%a = numbers(:stages)
+      method%b = numbers(stages + 1:)
+    end if
+    method%series = int(record%series)
+    method%on_algebra = method%series > 0
+    method%power = int(record%power)
+    method%factor = record%factor
+    method%error = reshape(reals(record%error, record%stages * record%errors), &
+                           [stages, int(record%errors)])
+    method%blocks = int(record%blocks)
+    method%collocation = method%blocks > 0 .and. method%on_algebra
+    method%implicit = method%blocks > 0 .and. .not. method%on_algebra
+    if (method%collocation) then
+      numbers = reals(record%transformation, 39_c_int64_t)
+      associate (scheme => method%transformation)
+        scheme%inverse = reshape(numbers(1:9), [3, 3])
+        scheme%t = reshape(numbers(10:18), [3, 3])
+        scheme%t_inverse = reshape(numbers(19:27), [3, 3])
+        scheme%integral = reshape(numbers(28:36), [3, 3])
+        scheme%gamma = numbers(37)
+        scheme%mu = numbers(38:39)
+      end associate
+    end if
+    method%splitting = record%drifts /= 0
+    if (method%splitting) method%drift = reals(record%drifts, record%flows)
+    method%polynomial = record%polynomial /= 0
+    method%has_nodes = method%blocks == 0 .and. stages > 2 .and. all(method%stage_path == 0)
     allocate (method%leads(0:size(method%origin)), source=.false.)
     method%leads([method%result, method%embedded, method%third]) = .true.
     do k = size(method%origin), 1, -1
       if (method%leads(k)) method%leads(method%origin(k)) = .true.
     end do
-
-  contains
-
-    subroutine take(length, part)
-      integer, intent(in) :: length
-      integer, allocatable, intent(out) :: part(:)
-
-      part = list(used + 1:used + length)
-      used = used + length
-    end subroutine take
-
   end subroutine make_method
+
+  ! The integers at an address
+  function integers(address, count)
+    integer(c_intptr_t), intent(in) :: address
+    integer(c_int64_t), intent(in) :: count
+    integer(c_int), allocatable :: integers(:)
+    integer(c_int), pointer, contiguous :: array(:)
+
+    call c_f_pointer(transfer(address, c_null_ptr), array, [count])
+    integers = array
+  end function integers
+
+  ! The real numbers at an address
+  function reals(address, count)
+    integer(c_intptr_t), intent(in) :: address
+    integer(c_int64_t), intent(in) :: count
+    real(wp), allocatable :: reals(:)
+    real(wp), pointer, contiguous :: array(:)
+
+    call c_f_pointer(transfer(address, c_null_ptr), array, [count])
+    reals = array
+  end function reals
 
 end module method_m

@@ -31,11 +31,11 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     type(output_t), intent(in) :: output
-    real(wp) :: values(size(trajectory%event_before))
+    real(wp) :: values(size(trajectory%events%before))
     logical :: stopped
 
     associate (x => trajectory)
-      x%steps = x%steps + 1
+      x%counts%steps = x%counts%steps + 1
       x%grid_done = x%grid_done + 1
       x%needs_interpolant = output%dense
       if (x%outputs_done < output%outputs) then
@@ -45,9 +45,10 @@ contains
       x%seeks_events = size(values) > 0
       call evaluate_events(problem, trajectory, x%t_end, x%y(:, x%result), values, stopped)
       if (stopped) return
-      x%event_after = values
-      if (x%seeks_events) x%needs_interpolant = x%needs_interpolant .or. any(x%came_from /= 0) &
-          .or. any(crosses(x%event_before, values, problem%events%direction) .and. abs(values) > 0)
+      x%events%after = values
+      if (x%seeks_events) x%needs_interpolant = x%needs_interpolant &
+          .or. any(x%events%came_from /= 0) &
+          .or. any(crosses(x%events%before, values, problem%events%direction) .and. abs(values) > 0)
       x%phase = phase_record_step
       if (.not. (x%needs_interpolant .or. x%seeks_events)) return
       call request_ends(problem, trajectory)
@@ -65,9 +66,10 @@ contains
       call find_zeros(problem, trajectory, .true., stopped)
       x%phase = phase_record_step
       if (stopped .and. x%status == finished) call fail(x, raised, x%t_end)
-      x%needs_interpolant = any(x%zero < 1 .or. abs(x%event_after(x%zero_of)) > 0)
-      x%seeks_events = size(x%zero) > 0
-      if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%zero, x%zero_of, x%zero_from)
+      x%needs_interpolant = any(x%events%zero < 1 .or. abs(x%events%after(x%events%zero_of)) > 0)
+      x%seeks_events = size(x%events%zero) > 0
+      if (x%needs_interpolant .or. .not. x%seeks_events) &
+        deallocate (x%events%zero, x%events%zero_of, x%events%zero_from)
       if (x%needs_interpolant .and. .not. stopped) call interpolate(problem, trajectory)
     end associate
   end subroutine detect_events
@@ -104,7 +106,7 @@ contains
 
     associate (x => trajectory)
       stopped = .false.
-      if (.not. allocated(x%zero)) call find_zeros(problem, trajectory, .false., stopped)
+      if (.not. allocated(x%events%zero)) call find_zeros(problem, trajectory, .false., stopped)
       if (.not. stopped) call record_zeros(problem, trajectory, output, until, ended, after, full, &
                                            stopped)
       if (stopped) then
@@ -115,7 +117,7 @@ contains
         x%status = buffer_full
         return
       end if
-      deallocate (x%zero, x%zero_of, x%zero_from)
+      deallocate (x%events%zero, x%events%zero_of, x%events%zero_from)
       t = x%t_end
       if (until < 1) t = x%t + until * (x%t_end - x%t)
       if (ended) then
@@ -139,13 +141,13 @@ contains
     associate (x => trajectory)
       call record_outputs(problem, trajectory, t, y, output)
       if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
-      call store_step(output, x%steps, t, y, .not. abs(t - problem%stops(size(problem%stops))) > 0 &
-                     .or. ended)
-      if (x%keep_last) then
-        x%t_old = x%t
-        x%h_old = x%t_end - x%t
-        x%y_old(:) = x%y(:, 0)
-        x%slope_old(:) = x%slope
+      call store_step(output, x%counts%steps, t, y, &
+                      .not. abs(t - problem%stops(size(problem%stops))) > 0 .or. ended)
+      if (x%last%kept) then
+        x%last%t = x%t
+        x%last%h = x%t_end - x%t
+        x%last%y(:) = x%y(:, 0)
+        x%last%slope(:) = x%slope
       end if
       call begin_next_step(problem, trajectory, t, y, ended)
     end associate
@@ -159,13 +161,13 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
     logical :: ends, stopped
-    real(wp), dimension(size(trajectory%event_before)) :: sizes, values
+    real(wp), dimension(size(trajectory%events%before)) :: sizes, values
 
     associate (x => trajectory)
       ends = .not. abs(t - problem%stops(x%segment)) > 0
       if (ended) then
-        if (abs(t - x%t) > 10 * smallest_size(t)) x%jumps_in_place = 0
-        x%jumps_in_place = x%jumps_in_place + 1
+        if (abs(t - x%t) > 10 * smallest_size(t)) x%events%jumps_in_place = 0
+        x%events%jumps_in_place = x%events%jumps_in_place + 1
       end if
       x%t = t
       x%y(:, 0) = y
@@ -176,30 +178,31 @@ contains
       if (ended .or. (ends .and. x%segment < size(problem%stops))) call forget_step(trajectory)
       if (ends) x%phase = phase_begin_segment
       if (size(values) == 0) return
-      sizes = max(abs(x%event_before), abs(x%event_after))
-      x%event_before(:) = x%event_after
+      sizes = max(abs(x%events%before), abs(x%events%after))
+      x%events%before(:) = x%events%after
       if (.not. ended) return
-      if (any(x%event_count >= problem%events%most)) then
+      if (any(x%events%count >= problem%events%most)) then
         x%phase = phase_ended
         x%status = terminal_event
         return
       end if
-      if (x%jumps_in_place > max_stuck) then
+      if (x%events%jumps_in_place > max_stuck) then
         call fail(x, jumps_without_progress, t)
         return
       end if
       call evaluate_events(problem, trajectory, t, y, values, stopped)
       if (stopped) return
-      x%event_before = values
+      x%events%before = values
       ! where jumps leave the function of an event at zero, this zero isn't another event
-      where (abs(values) > max(small_value * sizes, epsilon(t) * maxval(abs(y(:problem%events%width)))))
-        x%came_from = 0
-      elsewhere (x%came_from /= 0)
-        x%event_before = 0.0_wp
-        x%value_after = values
+      where (abs(values) > max(small_value * sizes, &
+                               epsilon(t) * maxval(abs(y(:problem%events%width)))))
+        x%events%came_from = 0
+      elsewhere (x%events%came_from /= 0)
+        x%events%before = 0.0_wp
+        x%events%value_after = values
       end where
-      x%step_size = 0.0_wp
-      x%last_error = 1.0_wp
+      x%control%step_size = 0.0_wp
+      x%control%last_error = 1.0_wp
       x%phase = phase_begin_segment
     end associate
   end subroutine begin_next_step
@@ -222,7 +225,8 @@ contains
           else
             call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), &
                           output%y(:, x%member, x%outputs_done))
-            x%nexp = x%nexp + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
+            x%counts%nexp = x%counts%nexp &
+                            + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
           end if
         end associate
       end do

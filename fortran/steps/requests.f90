@@ -8,7 +8,8 @@ module requests_m
   use shared_numbers, only: field_not_finite, finished, needs_field, needs_maximum, raised, &
                             raised_in_python, stage_not_finite, stopped_by_field
   use phases_m
-  use trajectory_m, only: fail, finite, problem_t, trajectory_t
+  use trajectory_m, only: fail, problem_t, trajectory_t
+  use vectors_m, only: finite
   implicit none
   private
   public :: check_coefficients, evaluate_events, reject_stage, request, within_segment
@@ -43,16 +44,16 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     integer, intent(in) :: next                        ! phase
 
-    trajectory%request_t = within_segment(problem, trajectory, t)
+    trajectory%request%t = within_segment(problem, trajectory, t)
     trajectory%phase = next
     trajectory%status = needs_field
-    trajectory%nfev = trajectory%nfev + 1
-    trajectory%request_y(:) = y
+    trajectory%counts%nfev = trajectory%counts%nfev + 1
+    trajectory%request%y(:) = y
     if (.not. associated(problem%field)) return
     problem%field%member = trajectory%member
     call problem%field%coefficients(problem%frame%point_size, problem%frame%dimension, &
-                                    trajectory%request_t, trajectory%request_y, &
-                                      trajectory%received, trajectory%flag)
+                                    trajectory%request%t, trajectory%request%y, &
+                                      trajectory%request%received, trajectory%request%flag)
     call check_coefficients(problem, trajectory, y)
   end subroutine request
 
@@ -63,25 +64,25 @@ contains
     type(trajectory_t), intent(inout) :: trajectory
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) where f was evaluated
 
-    if (trajectory%flag == 0) then
+    if (trajectory%request%flag == 0) then
       if (problem%frame%forces > 0) then
-        call take_forces(problem%frame, y, trajectory%received)
+        call take_forces(problem%frame, y, trajectory%request%received)
         if (.not. problem%method%splitting) &
-          call add_free_motion(problem%frame, y, trajectory%received)
+          call add_free_motion(problem%frame, y, trajectory%request%received)
       end if
-      if (finite(trajectory%received)) then
+      if (finite(trajectory%request%received)) then
         trajectory%status = finished
         return
       end if
     end if
-    if (trajectory%flag == raised_in_python) then
-      call fail(trajectory, raised, trajectory%request_t)
+    if (trajectory%request%flag == raised_in_python) then
+      call fail(trajectory, raised, trajectory%request%t)
     else if (.not. finite(y)) then
-      call reject_stage(problem, trajectory, stage_not_finite, trajectory%request_t)
-    else if (trajectory%flag /= 0) then
-      call fail(trajectory, stopped_by_field, trajectory%request_t)
+      call reject_stage(problem, trajectory, stage_not_finite, trajectory%request%t)
+    else if (trajectory%request%flag /= 0) then
+      call fail(trajectory, stopped_by_field, trajectory%request%t)
     else
-      call fail(trajectory, field_not_finite, trajectory%request_t)
+      call fail(trajectory, field_not_finite, trajectory%request%t)
     end if
   end subroutine check_coefficients
 
@@ -98,10 +99,10 @@ contains
     end if
     select case (trajectory%phase)
     case (phase_curvature_received)
-      trajectory%received = huge(1.0_wp)               ! choose_first_size keeps the guess
+      trajectory%request%received = huge(1.0_wp)               ! choose_first_size keeps the guess
     case (phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received)
       trajectory%error = huge(1.0_wp)
-      trajectory%shared = trajectory%error
+      trajectory%request%shared = trajectory%error
       trajectory%status = finished
       trajectory%phase = phase_decide_step
       if (problem%common) trajectory%status = needs_maximum
@@ -111,10 +112,10 @@ contains
         call fail(trajectory, status, t)
         return
       end if
-      trajectory%steps = trajectory%steps - 1
-      trajectory%rejected = trajectory%rejected + 1
-      trajectory%after_rejection = .true.
-      trajectory%step_size = rejected_size(abs(trajectory%h), huge(1.0_wp), &
+      trajectory%counts%steps = trajectory%counts%steps - 1
+      trajectory%counts%nrejected = trajectory%counts%nrejected + 1
+      trajectory%control%after_rejection = .true.
+      trajectory%control%step_size = rejected_size(abs(trajectory%h), huge(1.0_wp), &
                                            problem%tolerances%exponent)
       trajectory%status = finished
       trajectory%phase = phase_choose_step

@@ -3,6 +3,7 @@ module saved_state_m
   use kinds, only: wp
   use time_grid_m, only: grid_t
   use iso_fortran_env, only: int64
+  use shared_numbers, only: integers_of_state, reals_of_state
   use trajectory_m, only: continue_run, trajectory_t
   implicit none
   private
@@ -13,8 +14,8 @@ contains
   ! Copies the state that a trajectory needs between steps to continue bit for bit.
   pure subroutine save_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(in) :: trajectory
-    real(wp), intent(out) :: reals(14)
-    integer(int64), intent(out) :: integers(13)
+    real(wp), intent(out) :: reals(reals_of_state)
+    integer(int64), intent(out) :: integers(integers_of_state)
     ! (point_size, 2), (dimension, 2 + columns of f, then f_before, last and jacobian of newton_t,
     ! or lu and pivot of solver_t, which is zero for factors of other step sizes)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
@@ -22,14 +23,17 @@ contains
     integer :: i
 
     associate (x => trajectory)
-      reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h, x%newton%last_h, &
-               x%newton%rate_factor, x%newton%factored_h, x%grid%start, x%grid%step, x%grid%last, &
+      reals = [x%t, x%control%step_size, x%control%last_error, x%last%t, x%last%h, x%h, &
+               x%newton%last_h, x%newton%rate_factor, x%newton%factored_h, x%grid%start, x%grid%step, x%grid%last, &
                x%grid%stop, x%h_before]
-      integers = [merge(1_int64, 0_int64, x%slope_known), merge(1_int64, 0_int64, &
-                                                                x%after_rejection), &
-                  x%nfev, x%nexp, x%njev, x%nlu, x%steps, x%rejected, x%attempts, &
-                  merge(1_int64, 0_int64, x%newton%has_jacobian), &
-                  merge(1_int64, 0_int64, x%newton%fresh), x%grid%steps, x%grid_done]
+      associate (counts => x%counts)
+        integers = [merge(1_int64, 0_int64, x%slope_known), 2 * int(x%control%suspicion, int64) &
+                    + merge(1_int64, 0_int64, x%control%after_rejection), &
+                    counts%nfev, counts%nexp, counts%njev, counts%nlu, counts%steps, &
+                    counts%nrejected, x%control%attempts, &
+                    merge(1_int64, 0_int64, x%newton%has_jacobian), &
+                    merge(1_int64, 0_int64, x%newton%fresh), x%grid%steps, x%grid_done]
+      end associate
       points(:, 1) = x%y(:, 0)
       slopes(:, 1) = x%slope
       points(:, 2) = x%y(:, 0)
@@ -51,43 +55,44 @@ contains
           slopes(:, n + 1:) = reshape([solver%lu, real(pivot, wp)], shape(slopes(:, n + 1:)))
         end associate
       end if
-      if (allocated(x%y_old)) points(:, 2) = x%y_old
-      if (allocated(x%slope_old)) slopes(:, 2) = x%slope_old
+      if (allocated(x%last%y)) points(:, 2) = x%last%y
+      if (allocated(x%last%slope)) slopes(:, 2) = x%last%slope
     end associate
   end subroutine save_state
 
   ! Restores what save_state has copied.
   pure subroutine load_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp), intent(in) :: reals(14)
-    integer(int64), intent(in) :: integers(13)
+    real(wp), intent(in) :: reals(reals_of_state)
+    integer(int64), intent(in) :: integers(integers_of_state)
     real(wp), intent(in) :: points(:, :), slopes(:, :)
     real(wp), allocatable :: numbers(:)
 
     associate (x => trajectory)
       x%t = reals(1)
-      x%step_size = reals(2)
-      x%last_error = reals(3)
-      x%t_old = reals(4)
-      x%h_old = reals(5)
+      x%control%step_size = reals(2)
+      x%control%last_error = reals(3)
+      x%last%t = reals(4)
+      x%last%h = reals(5)
       x%h = reals(6)
       x%newton%last_h = reals(7)
       x%newton%rate_factor = reals(8)
       x%slope_known = integers(1) == 1
-      x%after_rejection = integers(2) == 1
-      x%nfev = integers(3)
-      x%nexp = integers(4)
-      x%njev = integers(5)
-      x%nlu = integers(6)
-      x%steps = integers(7)
-      x%rejected = integers(8)
-      x%attempts = integers(9)
+      x%control%after_rejection = modulo(integers(2), 2_int64) == 1
+      x%control%suspicion = int(integers(2) / 2)
+      x%counts%nfev = integers(3)
+      x%counts%nexp = integers(4)
+      x%counts%njev = integers(5)
+      x%counts%nlu = integers(6)
+      x%counts%steps = integers(7)
+      x%counts%nrejected = integers(8)
+      x%control%attempts = integers(9)
       x%newton%has_jacobian = integers(10) == 1
       x%newton%fresh = integers(11) == 1
       x%y(:, 0) = points(:, 1)
       x%slope = slopes(:, 1)
-      x%y_old = points(:, 2)
-      x%slope_old = slopes(:, 2)
+      x%last%y = points(:, 2)
+      x%last%slope = slopes(:, 2)
       x%f = slopes(:, 3:2 + size(x%f, 2))
       x%newton%factored_h = reals(9)
       x%grid = grid_t(reals(10), reals(11), reals(12), reals(13), integers(12))

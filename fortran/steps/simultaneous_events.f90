@@ -27,19 +27,19 @@ contains
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
     logical, intent(out) :: full                       ! whether there is no room for an event
     logical, intent(out) :: stopped
-    logical :: happen(size(trajectory%zero))
+    logical :: happen(size(trajectory%events%zero))
     real(wp) :: y(size(after))
     integer :: k
 
     until = 1.0_wp
     ended = .false.
     stopped = .false.
-    associate (x => trajectory, events => problem%events)
+    associate (x => trajectory%events, events => problem%events)
       do while (any(x%zero < 2))
         k = minloc(x%zero, 1)
         happen = x%zero <= x%zero(k) + together
         ended = any(happen .and. (events%jumps(x%zero_of) &
-                                  .or. x%event_count(x%zero_of) + 1 >= events%most(x%zero_of)))
+                                  .or. x%count(x%zero_of) + 1 >= events%most(x%zero_of)))
         call point_at(problem, trajectory, x%zero(k), y)
         happen = .false.
         happen(k) = .true.
@@ -72,13 +72,13 @@ contains
     integer :: k
 
     stopped = .false.
-    associate (x => trajectory, t => time_at(trajectory, until))
+    associate (x => trajectory%events, t => time_at(trajectory, until))
       do k = 1, size(happen)
         if (x%zero(k) > until + near .or. any(happen .and. x%zero_of == x%zero_of(k))) cycle
         happen(k) = x%zero(k) <= until + together &
-                    .or. abs(time_at(x, x%zero(k)) - t) <= smallest_size(t)
+                    .or. abs(time_at(trajectory, x%zero(k)) - t) <= smallest_size(t)
         if (happen(k)) cycle
-        call problem%events%value(x%member, x%zero_of(k), t, y, value, stopped)
+        call problem%events%value(trajectory%member, x%zero_of(k), t, y, value, stopped)
         if (stopped) return
         happen(k) = value * real(x%zero_from(k), wp) <= 0
       end do
@@ -104,20 +104,20 @@ contains
     after = y
     associate (x => trajectory, events => problem%events, t => time_at(trajectory, theta))
       do k = 1, size(happen)
-        associate (i => x%zero_of(k))
-          if (happen(k)) x%event_count(i) = x%event_count(i) + 1
-          jumps(k) = happen(k) .and. events%jumps(i) .and. x%event_count(i) < events%most(i)
+        associate (i => x%events%zero_of(k))
+          if (happen(k)) x%events%count(i) = x%events%count(i) + 1
+          jumps(k) = happen(k) .and. events%jumps(i) .and. x%events%count(i) < events%most(i)
           if (.not. happen(k)) cycle
-          x%event_time(i) = t
+          x%events%time(i) = t
           if (.not. jumps(k)) call store_event(output, x%member, i, t, y, y)
         end associate
       end do
       do k = 1, size(happen)
         if (.not. jumps(k)) cycle
         before = after
-        call events%jump(x%member, x%zero_of(k), t, before, after, stopped)
+        call events%jump(x%member, x%events%zero_of(k), t, before, after, stopped)
         if (stopped) return
-        call store_event(output, x%member, x%zero_of(k), t, before, after)
+        call store_event(output, x%member, x%events%zero_of(k), t, before, after)
       end do
     end associate
   end subroutine record_together

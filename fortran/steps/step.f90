@@ -4,7 +4,8 @@ module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv, remove_isotropy, turning
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
-  use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size
+  use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
+                          max_suspicion, rejected_size, suspected_error
   use error_norm_m, only: norm, point_difference, scales, tangent
   use frames_m, only: apply_flows, flow_along, restore
   use free_motion_m, only: move_by_kicks
@@ -14,7 +15,8 @@ module step_m
   use node_difference_m, only: node_difference
   use requests_m, only: reject_stage, request, within_segment
   use phases_m
-  use trajectory_m, only: copy, fail, finite, problem_t, trajectory_t
+  use trajectory_m, only: fail, problem_t, trajectory_t
+  use vectors_m, only: copy, finite
   use iso_fortran_env, only: int64
   use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
                             step_too_long
@@ -50,7 +52,7 @@ contains
         end if
         x%stage = 2
       end if
-      if (x%stage > size(method%c)) then
+      if (x%stage > stages(problem)) then
         x%phase = phase_finish_step
         return
       end if
@@ -66,16 +68,24 @@ contains
     end associate
   end subroutine request_stage
 
+  ! The number of stages; one at the end that only an error estimate needs is left out without it.
+  pure integer function stages(problem)
+    type(problem_t), intent(in) :: problem
+
+    stages = size(problem%method%c)
+    if (problem%method%power == 0 .and. .not. problem%adaptive) stages = stages - 1
+  end function stages
+
   ! Evaluates a vectorized function of time for all remaining stages of the step.
   subroutine evaluate_nodes(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: times(size(problem%method%c) - trajectory%stage + 1)
-    real(wp) :: members(size(times)), answer(size(trajectory%received) * size(times))
+    real(wp) :: times(stages(problem) - trajectory%stage + 1)
+    real(wp) :: members(size(times)), answer(size(trajectory%request%received) * size(times))
     integer :: k
 
     associate (x => trajectory, method => problem%method)
-      times = within_segment(problem, x, x%t + method%c(x%stage:) * x%h)
+      times = within_segment(problem, x, x%t + method%c(x%stage:stages(problem)) * x%h)
       members = real(x%member - 1, wp)
       call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), &
                                          answer)
@@ -83,9 +93,11 @@ contains
         call fail(x, raised, x%t)
         return
       end if
-      x%nfev = x%nfev + size(times, kind=int64)
+      x%counts%nfev = x%counts%nfev + size(times, kind=int64)
       do k = 1, size(times)
-        x%received(:) = answer((k - 1) * size(x%received) + 1:k * size(x%received))
+        associate (n => size(x%request%received))
+          x%request%received(:) = answer((k - 1) * n + 1:k * n)
+        end associate
         call store_stage(problem, trajectory)
         if (x%phase /= phase_next_stage) return
       end do
@@ -108,13 +120,13 @@ contains
         return
       end if
       if (method%two_registers) then
-        x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%received
+        x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%request%received
         call advance_register(problem, trajectory)
       else
-        x%f(:, x%stage) = x%received
+        x%f(:, x%stage) = x%request%received
         if (x%stage == method%final_stage .or. (problem%of_time .and. &
                                                 .not. abs(method%c(x%stage) - 1) > 0)) then
-          x%end_slope(:) = x%received
+          x%end_slope(:) = x%request%received
           x%end_known = .true.
         end if
         if (method%on_algebra .and. method%stage_path(x%stage) > 0) then
@@ -156,7 +168,8 @@ contains
                            x%f, x%y(:, i))
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
-        x%nexp = x%nexp + int(merge(1, method%path_first(i + 1) - method%path_first(i), &
+        x%counts%nexp = x%counts%nexp &
+                        + int(merge(1, method%path_first(i + 1) - method%path_first(i), &
                                     method%polynomial), int64)
       end do
       x%paths = max(x%paths, last)
@@ -190,7 +203,7 @@ contains
       x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
       call flow_along(problem%frame, x%u, x%y(:, 1))
       call restore(problem%frame, x%y(:, 1))
-      x%nexp = x%nexp + 1
+      x%counts%nexp = x%counts%nexp + 1
     end associate
   end subroutine advance_register
 
@@ -211,7 +224,7 @@ contains
         x%error = huge(1.0_wp)
         if (finite(x%y(:, x%result))) call estimate_error(problem, trajectory)
         if (method%collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
-            .and. (x%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
+            .and. (x%control%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
           call request_error(problem, trajectory)
         else
           call share_error(problem, trajectory)
@@ -233,7 +246,7 @@ contains
     y = trajectory%y(:, 0)
     trajectory%u = -trajectory%u
     call flow_along(problem%frame, trajectory%u, y)
-    trajectory%nexp = trajectory%nexp + 1
+    trajectory%counts%nexp = trajectory%counts%nexp + 1
     call request(problem, trajectory, trajectory%t, y, phase_error_received)
   end subroutine request_error
 
@@ -242,7 +255,7 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
 
-    trajectory%f(:, 1) = trajectory%received
+    trajectory%f(:, 1) = trajectory%request%received
     call estimate_error(problem, trajectory)
     call share_error(problem, trajectory)
   end subroutine store_error
@@ -253,23 +266,25 @@ contains
     type(trajectory_t), intent(inout) :: trajectory
 
     if (.not. trajectory%error < huge(1.0_wp)) trajectory%error = huge(1.0_wp)
-    trajectory%shared = trajectory%error
+    trajectory%request%shared = trajectory%error
     trajectory%phase = phase_decide_step
     if (problem%common) trajectory%status = needs_maximum
   end subroutine share_error
 
   ! Estimates the error in tolerances: from differences of results and from weighted sums of stages.
   ! Two estimates with norms e1 and e2 are combined to e1 (e1 / hypot(e1, factor e2))^power, which
-  ! has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1.
+  ! has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1.  With a
+  ! power of 0 (cg/method/end_weights.py) sums see the end of the step, which results don't, and the
+  ! larger of e1 and factor e2 counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
   subroutine estimate_error(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: errors(2), ratio
-    integer :: i, k, sums
+    real(wp) :: errors(3), ratio
+    integer :: i, k, place, sums
 
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
                method => problem%method, v => trajectory%u)
-      call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%work, x%scale)
+      call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
       errors = 0.0_wp
       sums = size(method%error, 2)
       if (method%embedded > 0) then
@@ -285,22 +300,29 @@ contains
         end do
         if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
-        call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
-        associate (estimate => errors(merge(2, 1 + 2 * (i - 1) / sums, method%embedded > 0)))
-          estimate = hypot(estimate, norm(tolerances, x%work, x%scale))
+        call tangent(frame, tolerances, v, x%y(:, x%result), x%control%work)
+        place = merge(2, 1 + 2 * (i - 1) / sums, method%embedded > 0)
+        if (method%power == 0) place = 1 + i
+        associate (estimate => errors(place))
+          estimate = hypot(estimate, norm(tolerances, x%control%work, x%control%scale))
         end associate
       end do
       ratio = 1.0_wp
       if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &
         ratio = errors(1) / hypot(errors(1), method%factor * errors(2))
       x%error = errors(1) * ratio**method%power
+      if (method%power == 0) then
+        if (errors(3) > 0 .and. errors(3) <= huge(ratio)) &
+          errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
+        x%error = max(errors(1), method%factor * errors(2))
+      end if
       call limit_angle(problem, trajectory)
       if (method%has_nodes .and. abs(x%h_before) > 0) then
         call node_difference(method%c, x%f, x%h_before / x%h, x%f_before, v)
         v = x%h * v
         call remove_isotropy(frame, x%y(:, x%result), v)
-        call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
-        x%error = max(x%error, norm(tolerances, x%work, x%scale))
+        call tangent(frame, tolerances, v, x%y(:, x%result), x%control%work)
+        x%error = max(x%error, norm(tolerances, x%control%work, x%control%scale))
       end if
     end associate
   end subroutine estimate_error
@@ -320,8 +342,8 @@ contains
       x%path_of_u = 0
       do k = 2, size(x%f, 2)
         v = x%h * (x%f(:, k) - x%f(:, 1))
-        call tangent(frame, problem%tolerances, v, x%y(:, x%result), x%work)
-        if (.not. norm(problem%tolerances, x%work, x%scale) <= 1) then
+        call tangent(frame, problem%tolerances, v, x%y(:, x%result), x%control%work)
+        if (.not. norm(problem%tolerances, x%control%work, x%control%scale) <= 1) then
           x%error = excess
           exit
         end if
@@ -336,8 +358,9 @@ contains
     integer, intent(in) :: path
 
     associate (x => trajectory)
-      call point_difference(problem%frame, problem%tolerances, x%y(:, path), x%y(:, x%result), x%v)
-      distance = norm(problem%tolerances, x%v, x%scale)
+      call point_difference(problem%frame, problem%tolerances, x%y(:, path), x%y(:, x%result), &
+                            x%control%v)
+      distance = norm(problem%tolerances, x%control%v, x%control%scale)
     end associate
   end function distance
 
@@ -345,36 +368,41 @@ contains
   subroutine accept_or_reject(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: predicted
+    real(wp) :: predicted, error
 
     associate (x => trajectory, exponent => problem%tolerances%exponent, &
+               control => trajectory%control, &
                newton => trajectory%newton, collocation => problem%method%collocation)
       x%phase = phase_accepted
       predicted = 0.0_wp
       if (problem%adaptive) then
         ! trajectories with common steps must choose the same size
         if (collocation) predicted = predicted_size( &
-          abs(x%h), x%shared, exponent, merge(1, newton%iteration, problem%common), &
-          problem%common .or. converges_fast(x), abs(newton%last_h), x%last_error)
-        if (.not. x%shared <= 1) then
-          x%rejected = x%rejected + 1
-          x%after_rejection = .true.
-          x%step_size = rejected_size(abs(x%h), x%shared, exponent)
-          if (collocation) x%step_size = predicted
+          abs(x%h), x%request%shared, exponent, merge(1, newton%iteration, problem%common), &
+          problem%common .or. converges_fast(x), abs(newton%last_h), control%last_error)
+        error = suspected_error(x%request%shared, abs(x%h), x%t, &
+                                merge(0, control%suspicion, collocation))
+        if (.not. error <= 1) then
+          x%counts%nrejected = x%counts%nrejected + 1
+          control%after_rejection = .true.
+          control%suspicion = min(control%suspicion + raised_by_rejection, max_suspicion)
+          control%step_size = rejected_size(abs(x%h), error, exponent)
+          if (collocation) control%step_size = predicted
           x%phase = phase_choose_step
           return
         end if
         if (collocation) then
-          x%step_size = merge(min(predicted, abs(x%h)), predicted, x%after_rejection)
-          x%last_error = max(x%shared, min_last_predicted)
+          control%step_size = merge(min(predicted, abs(x%h)), predicted, control%after_rejection)
+          control%last_error = max(x%request%shared, min_last_predicted)
         else
-          call accepted_size(abs(x%h), x%shared, exponent, x%after_rejection, x%last_error, &
-                             x%step_size)
+          call accepted_size(abs(x%h), error, exponent, control%after_rejection, &
+                             control%last_error, control%step_size)
         end if
         ! a step that was shortened to end with its segment doesn't shorten the next one
-        if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, &
-                                                                         x%unshortened_size)
-        x%after_rejection = .false.
+        if (control%shortened .and. .not. control%after_rejection) &
+          control%step_size = max(control%step_size, control%unshortened_size)
+        control%after_rejection = .false.
+        control%suspicion = max(control%suspicion - 1, 0)
         if (problem%method%has_nodes) then
           x%f_before(:, :) = x%f
           x%h_before = x%h

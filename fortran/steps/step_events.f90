@@ -56,17 +56,17 @@ contains
     integer :: first, i, k, n
 
     n = parts(problem, trajectory)
-    allocate (x(0:n), own(0:n), values(size(trajectory%event_before), 0:n))
+    allocate (x(0:n), own(0:n), values(size(trajectory%events%before), 0:n))
     x = [(real(k, wp) / real(n, wp), k=0, n)]
-    values(:, 0) = trajectory%event_before
-    values(:, n) = trajectory%event_after
+    values(:, 0) = trajectory%events%before
+    values(:, n) = trajectory%events%after
     allocate (g%y(problem%frame%point_size))
     g%problem => problem
     g%trajectory => trajectory
     g%detects = detects
-    trajectory%zero = [real(wp) ::]
-    trajectory%zero_of = [integer ::]
-    trajectory%zero_from = [integer ::]
+    trajectory%events%zero = [real(wp) ::]
+    trajectory%events%zero_of = [integer ::]
+    trajectory%events%zero_from = [integer ::]
     stopped = .false.
     do first = 2, 1, -1
       do k = first, n - 1, 2
@@ -75,14 +75,14 @@ contains
                              stopped)
         if (stopped) return
       end do
-      if (first == 2 .and. n == min_parts .and. all(trajectory%came_from == 0)) then
+      if (first == 2 .and. n == min_parts .and. all(trajectory%events%came_from == 0)) then
         if (all(are_far(values(:, ::2)))) return
       end if
     end do
     do i = 1, size(values, 1)
       g%event = i
       own(:) = values(i, :)
-      if (trajectory%came_from(i) /= 0) call find_after_event(g, x, own, stopped)
+      if (trajectory%events%came_from(i) /= 0) call find_after_event(g, x, own, stopped)
       if (.not. stopped) call find_zeros_of(g, x, own, stopped)
       if (stopped) return
     end do
@@ -198,9 +198,9 @@ contains
     zero = ends(2)
     if (abs(values(2)) > 0 .and. .not. g%detects) &
       call find_root(g, ends(1), ends(2), values(1), values(2), zero, stopped)
-    g%trajectory%zero = [g%trajectory%zero, zero]
-    g%trajectory%zero_of = [g%trajectory%zero_of, g%event]
-    g%trajectory%zero_from = [g%trajectory%zero_from, merge(-1, 1, values(1) < 0)]
+    g%trajectory%events%zero = [g%trajectory%events%zero, zero]
+    g%trajectory%events%zero_of = [g%trajectory%events%zero_of, g%event]
+    g%trajectory%events%zero_from = [g%trajectory%events%zero_from, merge(-1, 1, values(1) < 0)]
   end subroutine add_zero
 
   ! Decides what follows after an event, whose function is zero at the start of the step up to
@@ -213,7 +213,7 @@ contains
   subroutine find_after_event(g, x, values, stopped)
     type(event_function_t), intent(inout) :: g
     real(wp), contiguous, intent(in) :: x(0:)
-    real(wp), contiguous, intent(inout) :: values(0:)  ! at x; those that are rounding become zero
+    real(wp), contiguous, intent(inout) :: values(0:)  ! at x; first ones of rounding become zero
     logical, intent(out) :: stopped
     integer, parameter :: halvings = 60
     ! points ever nearer, the function there, and its rounding
@@ -222,12 +222,13 @@ contains
     integer :: first, k, last
 
     stopped = .false.
-    associate (trajectory => g%trajectory, from => g%trajectory%came_from(g%event), &
-               side => real(g%trajectory%came_from(g%event), wp), n => ubound(x, 1))
+    associate (trajectory => g%trajectory, from => g%trajectory%events%came_from(g%event), &
+               side => real(g%trajectory%events%came_from(g%event), wp), n => ubound(x, 1))
       do k = 1, n
-        if (abs(values(k)) <= rounding_at(g, x(k), values(n))) values(k) = 0.0_wp
+        if (abs(values(k)) > rounding_at(g, x(k), values(n))) exit
+        values(k) = 0.0_wp
       end do
-      trajectory%event_after(g%event) = values(n)
+      trajectory%events%after(g%event) = values(n)
       first = merge(1, n, values(1) * side < 0)
       if (.not. values(first) * side < 0) then
         if (abs(values(n)) > 0) from = 0
@@ -237,7 +238,7 @@ contains
       at = x(last:first:-1)
       near = values(last:first:-1)
       rounding = [(rounding_at(g, at(k), values(n)), k=1, size(at))]
-      elapsed = abs((trajectory%t - trajectory%event_time(g%event)) / trajectory%h)
+      elapsed = abs((trajectory%t - trajectory%events%time(g%event)) / trajectory%h)
       do k = 1, halvings
         point = x(first) * 0.5_wp**k
         if (point < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < 1.05_wp) exit
@@ -261,7 +262,7 @@ contains
         end if
       end associate
       stopped = .true.
-      trajectory%flag = g%event
+      trajectory%request%flag = g%event
       call fail(trajectory, resting_contact, trajectory%t)
     end associate
   end subroutine find_after_event
@@ -299,7 +300,8 @@ contains
     associate (x => g%trajectory)
       n = g%problem%events%width
       sizes = [maxval(abs(x%y(:n, 0))), at * maxval(abs(x%y(:n, x%result))), at * abs(last)]
-      rounding_at = max(8 * abs(x%value_after(g%event)), 32 * epsilon(1.0_wp) * maxval(sizes))
+      rounding_at = max(8 * abs(x%events%value_after(g%event)), &
+                        32 * epsilon(1.0_wp) * maxval(sizes))
     end associate
   end function rounding_at
 

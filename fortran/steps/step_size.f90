@@ -9,7 +9,8 @@ module step_size_m
   use time_grid_m, only: make_grid
   use requests_m, only: evaluate_events, request
   use phases_m
-  use trajectory_m, only: copy, fail, problem_t, trajectory_t
+  use trajectory_m, only: fail, problem_t, trajectory_t
+  use vectors_m, only: copy
   use shared_numbers, only: needs_minimum, slope_not_finite, step_too_small, &
                             too_many_steps
   implicit none
@@ -22,7 +23,7 @@ contains
   subroutine begin_segment(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: values(size(trajectory%event_before))
+    real(wp) :: values(size(trajectory%events%before))
     logical :: stopped
 
     if (.not. abs(problem%stops(trajectory%segment) - trajectory%t) > 0) then
@@ -38,16 +39,16 @@ contains
       trajectory%h = sign(trajectory%h, stop - trajectory%t)
     end associate
     trajectory%phase = phase_choose_step
-    if (problem%adaptive .and. .not. trajectory%step_size > 0) then
+    if (problem%adaptive .and. .not. trajectory%control%step_size > 0) then
       trajectory%phase = phase_guess_size
       if (.not. trajectory%slope_known) then
         call request(problem, trajectory, trajectory%t, trajectory%y(:, 0), phase_start_received)
       end if
     end if
     if (.not. associated(problem%events)) return
-    if (any(trajectory%event_count > 0) .or. trajectory%steps > 0) return
+    if (any(trajectory%events%count > 0) .or. trajectory%counts%steps > 0) return
     call evaluate_events(problem, trajectory, trajectory%t, trajectory%y(:, 0), values, stopped)
-    if (.not. stopped) trajectory%event_before = values
+    if (.not. stopped) trajectory%events%before = values
   end subroutine begin_segment
 
   ! Makes the grid of equal steps to a stop, unless the present one leads there.
@@ -70,16 +71,17 @@ contains
     type(trajectory_t), intent(inout) :: trajectory
 
     associate (frame => problem%frame, tolerances => problem%tolerances, x => trajectory)
-      call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%work, x%scale)
-      call point_sizes(frame, tolerances, x%y(:, 0), x%v)
-      x%norms(1) = norm(tolerances, x%v, x%scale)
-      call tangent(frame, tolerances, x%slope, x%y(:, 0), x%v)
-      x%norms(2) = norm(tolerances, x%v, x%scale)
-      if (.not. abs(x%norms(2)) <= huge(1.0_wp)) then
+      call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
+      call point_sizes(frame, tolerances, x%y(:, 0), x%control%v)
+      x%control%norms(1) = norm(tolerances, x%control%v, x%control%scale)
+      call tangent(frame, tolerances, x%slope, x%y(:, 0), x%control%v)
+      x%control%norms(2) = norm(tolerances, x%control%v, x%control%scale)
+      if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
         call fail(trajectory, slope_not_finite, x%t)
         return
       end if
-      x%shared = first_guess(x%norms(1), x%norms(2), span(problem, trajectory))
+      x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), &
+                                     span(problem, trajectory))
     end associate
     trajectory%phase = phase_guess_shared
     if (problem%common) trajectory%status = needs_minimum
@@ -91,14 +93,14 @@ contains
     type(trajectory_t), intent(inout) :: trajectory
 
     associate (x => trajectory, moved => trajectory%y(:, trajectory%result))
-      x%guessed_size = max(min(x%shared, span(problem, x), problem%tolerances%max_step), &
-                    smallest_first(problem, x))
-      x%h = sign(x%guessed_size, problem%stops(x%segment) - x%t)
+      x%control%guessed_size = max(min(x%request%shared, span(problem, x), &
+                                       problem%tolerances%max_step), smallest_first(problem, x))
+      x%h = sign(x%control%guessed_size, problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
       x%u = x%h * x%slope
       call flow_along(problem%frame, x%u, moved)
       call restore(problem%frame, moved)
-      x%nexp = x%nexp + 1
+      x%counts%nexp = x%counts%nexp + 1
       call request(problem, x, x%t + x%h, moved, phase_curvature_received)
     end associate
   end subroutine request_curvature
@@ -107,18 +109,20 @@ contains
   subroutine choose_first_size(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: start_value(size(trajectory%v))
+    real(wp) :: start_value(size(trajectory%control%v))
 
     associate (x => trajectory, tolerances => problem%tolerances)
-      x%shared = x%guessed_size
-      if (all(abs(x%received) < huge(1.0_wp))) then
+      x%request%shared = x%control%guessed_size
+      if (all(abs(x%request%received) < huge(1.0_wp))) then
         call tangent(problem%frame, tolerances, x%slope, x%y(:, 0), start_value)
-        call tangent(problem%frame, tolerances, x%received, x%y(:, x%result), x%v)
-        x%norms(3) = norm(tolerances, x%v - start_value, x%scale)
-        x%shared = first_size(x%norms(1), x%norms(2), x%norms(3) / x%guessed_size, &
-                              tolerances%exponent)
-        x%shared = max(min(100 * x%guessed_size, x%shared, span(problem, x), tolerances%max_step), &
-                       smallest_first(problem, x))
+        call tangent(problem%frame, tolerances, x%request%received, x%y(:, x%result), x%control%v)
+        x%control%norms(3) = norm(tolerances, x%control%v - start_value, x%control%scale)
+        associate (control => x%control, shared => x%request%shared)
+          shared = first_size(control%norms(1), control%norms(2), &
+                              control%norms(3) / control%guessed_size, tolerances%exponent)
+          shared = max(min(100 * control%guessed_size, shared, span(problem, x), &
+                           tolerances%max_step), smallest_first(problem, x))
+        end associate
       end if
     end associate
     trajectory%phase = phase_size_shared
@@ -158,23 +162,23 @@ contains
           x%t_end = stop
         end if
       else
-        if (x%attempts >= problem%max_steps) then
+        if (x%control%attempts >= problem%max_steps) then
           call fail(x, too_many_steps, x%t)
           return
         end if
-        x%step_size = tried_size(x%step_size, x%t, stop, problem%tolerances%max_step, &
-                                 x%after_rejection)
-        if (x%step_size < 0) then
+        x%control%step_size = tried_size(x%control%step_size, x%t, stop, &
+                                         problem%tolerances%max_step, x%control%after_rejection)
+        if (x%control%step_size < 0) then
           call fail(x, step_too_small, x%t)
           return
         end if
-        x%attempts = x%attempts + 1
-        x%unshortened_size = x%step_size
-        x%h = sign(x%step_size, stop - x%t)
+        x%control%attempts = x%control%attempts + 1
+        x%control%unshortened_size = x%control%step_size
+        x%h = sign(x%control%step_size, stop - x%t)
         x%t_end = x%t + x%h
         ! A rest that is smaller than the smallest step belongs to this step.
-        x%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -smallest_size(x%t)
-        if (x%shortened) x%t_end = stop
+        x%control%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -smallest_size(x%t)
+        if (x%control%shortened) x%t_end = stop
         x%h = x%t_end - x%t
       end if
       if (abs(x%h - x%weighted_by) > 0) then
@@ -189,7 +193,8 @@ contains
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start
-      if (problem%method%splitting .and. abs(problem%method%c(1)) > 0 .and. .not. x%keep_last) return
+      if (problem%method%splitting .and. .not. x%last%kept .and. abs(problem%method%c(1)) > 0) &
+        return
       if (.not. x%slope_known) call request(problem, x, x%t, x%y(:, 0), phase_start_received)
     end associate
   end subroutine choose_step

@@ -2,6 +2,7 @@
 module trajectory_m
   use kinds, only: wp
   use error_norm_m, only: tolerances_t, width
+  use events_m, only: events_t
   use blocks_m, only: flow_sequence_t
   use frames_m, only: frame_t
   use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
@@ -11,55 +12,18 @@ module trajectory_m
   use time_grid_m, only: grid_t
   use vector_field_m, only: vector_field_t
   use iso_fortran_env, only: int64
-  use shared_numbers, only: paused
+  use shared_numbers, only: counters_t, paused
   implicit none
   private
-  public :: events_t, problem_t, trajectory_t, continue_run, copy, fail, finite, follow_grid, &
-            forget_step, set_start, start
-
-  ! Functions whose zeros along the solution are events
-  type, abstract :: events_t
-    integer :: count = 0
-    integer :: width = 0                     ! numbers of a point that they depend on
-    integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
-    integer(int64), allocatable :: most(:)   ! (count) the last event ends the trajectory
-    logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event
-  contains
-    procedure(event_value_i), deferred :: value
-    procedure(event_jump_i), deferred :: jump
-  end type events_t
-
-  abstract interface
-
-    subroutine event_value_i(self, member, event, t, y, g, flag)
-      import :: events_t, wp
-      class(events_t), intent(in) :: self
-      integer, intent(in) :: member, event             ! from 1
-      real(wp), intent(in) :: t
-      real(wp), contiguous, intent(in) :: y(:)         ! (point_size)
-      real(wp), intent(out) :: g
-      logical, intent(out) :: flag                     ! whether the function failed
-    end subroutine event_value_i
-
-    subroutine event_jump_i(self, member, event, t, y, after, flag)
-      import :: events_t, wp
-      class(events_t), intent(in) :: self
-      integer, intent(in) :: member, event
-      real(wp), intent(in) :: t
-      real(wp), contiguous, intent(in) :: y(:)         ! (point_size) before
-      real(wp), contiguous, intent(out) :: after(:)    ! (point_size)
-      logical, intent(out) :: flag
-    end subroutine event_jump_i
-
-  end interface
+  public :: problem_t, trajectory_t, continue_run, fail, forget_step, set_start, start
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
     type(method_t), pointer :: method => null()
     type(scheme_t), pointer :: scheme => null()        ! of the interpolant
     logical :: free = .false.                ! whether small coefficients determine the flow's end
-    class(events_t), pointer :: events => null()
-    class(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
+    type(events_t), pointer :: events => null()
+    type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
     logical :: adaptive = .false.
     logical :: common = .false.              ! whether all trajectories take the same steps
     logical :: of_time = .false.             ! whether the right-hand side depends on time alone
@@ -87,7 +51,59 @@ module trajectory_m
     integer, allocatable :: pivot(:, :)      ! (unknowns, blocks)
   end type solver_t
 
+  ! A request for coefficients and its answer
+  type :: request_t
+    real(wp) :: t = 0.0_wp
+    real(wp), allocatable :: y(:)            ! (point_size) the field may overwrite it
+    real(wp), allocatable :: received(:)     ! (dimension) coefficients
+    integer :: flag = 0                      ! returned by the field
+    real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
+  end type request_t
+
+  ! The control of step sizes
+  type :: control_t
+    real(wp) :: step_size = 0.0_wp           ! of the next step; zero if it has to be chosen
+    real(wp) :: last_error = 1.0_wp
+    logical :: after_rejection = .false.
+    integer :: suspicion = 0                 ! that f is discontinuous here, see controller_m
+    integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
+    logical :: shortened = .false.           ! whether the step ends at the end of the segment
+    real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
+    real(wp) :: norms(3) = 0.0_wp            ! of point, slope and curvature, for the first size
+    real(wp) :: guessed_size = 0.0_wp
+    real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
+  end type control_t
+
+  ! The events of a trajectory
+  type :: event_state_t
+    real(wp), allocatable :: before(:), after(:)       ! (events) values at both ends of the step
+    integer(int64), allocatable :: count(:)  ! (events) how often each happened
+    real(wp), allocatable :: time(:)         ! (events) when each happened last
+    ! (events) sign of its function before an event at the start of the step, or just before it, 0
+    ! if there is none, and the function then
+    integer, allocatable :: came_from(:)
+    real(wp), allocatable :: value_after(:)
+    ! (zeros) those within the step that aren't recorded yet: fractions of it, or 2, events, and
+    ! signs of their functions before
+    real(wp), allocatable :: zero(:)
+    integer, allocatable :: zero_of(:), zero_from(:)
+    integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
+  end type event_state_t
+
+  ! The step before, whose interpolant may be requested
+  type :: last_step_t
+    logical :: kept = .false.
+    real(wp) :: t = 0.0_wp, h = 0.0_wp
+    real(wp), allocatable :: y(:), slope(:)  ! at its start
+  end type last_step_t
+
   type :: trajectory_t
+    integer :: member = 1
+    integer :: phase = phase_begin_segment
+    integer :: status = paused               ! a Stop
+    real(wp) :: failed_at = 0.0_wp
+    type(counters_t) :: counts
+    type(request_t) :: request
     ! the present point
     real(wp) :: t = 0.0_wp
     real(wp), allocatable :: y(:, :)         ! (point_size, 0:paths) ends of paths; 0 is the start
@@ -96,29 +112,12 @@ module trajectory_m
     integer :: segment = 1
     type(grid_t) :: grid                     ! of equal steps in the segment
     integer(int64) :: grid_done = 0          ! steps of the grid that have been taken
-    real(wp) :: step_size = 0.0_wp           ! of the next step; zero if it has to be chosen
-    real(wp) :: last_error = 1.0_wp
-    logical :: after_rejection = .false.
-    ! the request and its answer
-    integer :: status = paused               ! a Stop
-    real(wp) :: request_t = 0.0_wp
-    real(wp), allocatable :: request_y(:)    ! (point_size) the field may overwrite it
-    real(wp), allocatable :: received(:)     ! (dimension) coefficients
-    integer :: flag = 0                      ! returned by the field
-    real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
-    real(wp) :: failed_at = 0.0_wp
-    ! counts
-    integer(int64) :: nfev = 0, nexp = 0, njev = 0, nlu = 0, steps = 0, rejected = 0
-    integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
+    type(control_t) :: control
     ! the step
-    integer :: member = 1
-    integer :: phase = phase_begin_segment
     integer :: stage = 1
     integer :: paths = 0                     ! number of paths that have been followed
     integer :: path_of_u = 0                 ! path that u has the coordinates of
     integer :: result = 0                    ! column of y with the result
-    logical :: shortened = .false.           ! whether it ends at the end of the segment
-    real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
     real(wp) :: t_end = 0.0_wp
     real(wp) :: h = 0.0_wp                   ! signed size
     real(wp) :: error = 0.0_wp               ! in tolerances
@@ -131,34 +130,17 @@ module trajectory_m
     real(wp) :: h_before = 0.0_wp
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
+    real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     type(newton_t) :: newton                 ! of a collocation method
     type(solver_t) :: solver                 ! of another implicit method
-    real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
-    real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
-    real(wp) :: norms(3) = 0.0_wp            ! of point, slope and curvature, for the first size
-    real(wp) :: guessed_size = 0.0_wp
     ! output
     type(interpolant_t) :: interpolant
     logical :: needs_interpolant = .false.
     logical :: seeks_events = .false.        ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
-    real(wp), allocatable :: event_before(:), event_after(:)   ! (events) values at both ends
-    integer(int64), allocatable :: event_count(:)      ! (events) how often each happened
-    ! (zeros) those within the step that aren't recorded yet: fractions of it, or 2, events, and
-    ! signs of their functions before
-    real(wp), allocatable :: zero(:)
-    integer, allocatable :: zero_of(:), zero_from(:)
-    integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
-    real(wp), allocatable :: event_time(:)   ! (events) when each happened last
-    ! (events) sign of its function before an event at the start of the step, or just before it, 0 if
-    ! there is none, and the function then
-    integer, allocatable :: came_from(:)
-    real(wp), allocatable :: value_after(:)
-    ! the step before, whose interpolant may be requested
-    logical :: keep_last = .false.
-    real(wp) :: t_old = 0.0_wp, h_old = 0.0_wp
-    real(wp), allocatable :: y_old(:), slope_old(:)
+    type(event_state_t) :: events
+    type(last_step_t) :: last
   end type trajectory_t
 
 contains
@@ -177,8 +159,8 @@ contains
       allocate (trajectory%y(frame%point_size, 0:merge(1, size(method%origin), &
                                                        method%two_registers)), &
                 trajectory%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
-                trajectory%request_y(frame%point_size), &
-                trajectory%received(frame%dimension), trajectory%slope(frame%dimension), &
+                trajectory%request%y(frame%point_size), &
+                trajectory%request%received(frame%dimension), trajectory%slope(frame%dimension), &
                 trajectory%end_slope(frame%dimension), trajectory%u(frame%dimension), &
                 stat=memory)
       if (memory == 0 .and. method%has_nodes) &
@@ -198,18 +180,21 @@ contains
       if (memory /= 0) return
       n = 0
       if (problem%adaptive) n = width(frame, problem%tolerances)
-      allocate (trajectory%v(n), trajectory%scale(n), trajectory%work(n), stat=memory)
+      associate (control => trajectory%control)
+        allocate (control%v(n), control%scale(n), control%work(n), stat=memory)
+      end associate
       if (memory /= 0) return
       n = 0
       if (associated(problem%events)) n = problem%events%count
-      allocate (trajectory%event_before(n), trajectory%event_after(n), &
-                trajectory%event_count(n), trajectory%event_time(n), trajectory%came_from(n), &
-                trajectory%value_after(n), stat=memory)
+      associate (events => trajectory%events)
+        allocate (events%before(n), events%after(n), events%count(n), events%time(n), &
+                  events%came_from(n), events%value_after(n), stat=memory)
+      end associate
       if (memory /= 0) return
       if (within) call reserve_interpolant(frame, problem%scheme, trajectory%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
-      trajectory%keep_last = .true.
-      allocate (trajectory%y_old(frame%point_size), trajectory%slope_old(frame%dimension), &
+      trajectory%last%kept = .true.
+      allocate (trajectory%last%y(frame%point_size), trajectory%last%slope(frame%dimension), &
                 stat=memory)
     end associate
   end subroutine start
@@ -225,22 +210,23 @@ contains
     trajectory%y(:, 0) = y
     trajectory%slope_known = .false.
     trajectory%end_known = .false.
-    trajectory%step_size = first_step
-    trajectory%last_error = 1.0_wp
-    trajectory%after_rejection = .false.
+    trajectory%control%step_size = first_step
+    trajectory%control%last_error = 1.0_wp
+    trajectory%control%after_rejection = .false.
+    trajectory%control%suspicion = 0
     trajectory%phase = phase_begin_segment
     trajectory%status = paused
     trajectory%segment = 1
     trajectory%interpolate_only = .false.
-    trajectory%jumps_in_place = 0
+    trajectory%events%jumps_in_place = 0
     trajectory%grid = grid_t()
     trajectory%grid_done = 0
     trajectory%weighted_by = 0.0_wp
     call forget_step(trajectory)
-    trajectory%event_before = 0.0_wp
-    trajectory%event_time = huge(1.0_wp)
-    trajectory%came_from = 0
-    trajectory%event_count = 0
+    trajectory%events%before = 0.0_wp
+    trajectory%events%time = huge(1.0_wp)
+    trajectory%events%came_from = 0
+    trajectory%events%count = 0
   end subroutine set_start
 
   ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or the
@@ -255,18 +241,6 @@ contains
     trajectory%newton%rate_factor = 1.0_wp
     if (allocated(trajectory%solver%factored_h)) trajectory%solver%factored_h = 0.0_wp
   end subroutine forget_step
-
-  ! Makes a trajectory continue a grid of equal steps.
-  pure subroutine follow_grid(grid, done, trajectory)
-    type(grid_t), intent(in) :: grid
-    integer(int64), intent(in) :: done
-    type(trajectory_t), intent(inout) :: trajectory
-
-    trajectory%grid = grid
-    trajectory%grid_done = done
-    trajectory%phase = phase_choose_step
-    if (done == grid%steps) trajectory%phase = phase_ended
-  end subroutine follow_grid
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
   pure subroutine continue_run(trajectory)
@@ -287,23 +261,5 @@ contains
     trajectory%status = status
     trajectory%failed_at = t
   end subroutine fail
-
-  ! Tells whether all numbers are finite. With ieee_is_finite every procedure that uses its module
-  ! would save and restore the floating-point state.
-  pure logical function finite(x)
-    real(wp), contiguous, intent(in) :: x(:)
-
-    finite = all(abs(x) <= huge(x))
-  end function finite
-
-  ! Copies a vector. In a procedure of its own the compiler knows that two columns of an array don't
-  ! overlap.
-  pure subroutine copy(n, from, to)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: from(n)
-    real(wp), intent(out) :: to(n)
-
-    to = from
-  end subroutine copy
 
 end module trajectory_m

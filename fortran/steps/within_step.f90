@@ -56,7 +56,7 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
 
-    trajectory%slope(:) = trajectory%received
+    trajectory%slope(:) = trajectory%request%received
     trajectory%slope_known = .true.
     call request_ends(problem, trajectory)
   end subroutine store_begin
@@ -68,11 +68,11 @@ contains
 
     associate (x => trajectory)
       if (x%interpolate_only) then
-        x%slope(:) = x%received
-        x%slope_known = abs(x%t - x%request_t) <= 0
+        x%slope(:) = x%request%received
+        x%slope_known = abs(x%t - x%request%t) <= 0
         call interpolate_last(problem, trajectory, x%slope)
       else
-        x%end_slope(:) = x%received
+        x%end_slope(:) = x%request%received
         x%end_known = .true.
         call interpolate(problem, trajectory)
       end if
@@ -121,7 +121,7 @@ contains
     logical :: exists
 
     associate (x => trajectory)
-      call set_ends(x%interpolant, x%t_old, x%h_old, x%y_old, x%y(:, 0), x%slope_old, slope)
+      call set_ends(x%interpolant, x%last%t, x%last%h, x%last%y, x%y(:, 0), x%last%slope, slope)
       call complete_ends(problem, trajectory)
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
                              exists)
@@ -136,7 +136,7 @@ contains
     logical, intent(in) :: exists
     integer, intent(in) :: flows                       ! that the node has taken
 
-    trajectory%nexp = trajectory%nexp + int(flows, int64)
+    trajectory%counts%nexp = trajectory%counts%nexp + int(flows, int64)
     trajectory%phase = phase_node_received
     if (.not. exists) then
       call reject_stage(problem, trajectory, step_too_long, trajectory%interpolant%t0)
@@ -153,7 +153,7 @@ contains
 
     associate (x => trajectory)
       call next_node(problem%frame, problem%scheme, x%interpolant, theta)
-      x%nexp = x%nexp + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
+      x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
       call request(problem, trajectory, x%interpolant%t0 + theta * x%interpolant%h, &
                    x%interpolant%y, phase_node_received)
     end associate
@@ -169,8 +169,8 @@ contains
     associate (x => trajectory)
       before = x%interpolant%nexp
       if (problem%method%splitting) &
-        call add_free_motion(problem%frame, x%interpolant%y, x%received)
-      call add_node(problem%frame, problem%scheme, x%received, x%interpolant, exists)
+        call add_free_motion(problem%frame, x%interpolant%y, x%request%received)
+      call add_node(problem%frame, problem%scheme, x%request%received, x%interpolant, exists)
       call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp - before)
     end associate
   end subroutine store_node

@@ -8,7 +8,6 @@ from typing import Any
 
 from cg.catalogue import methods
 from cg.conditions import count
-from cg.formats.markdown import table as markdown_table
 from cg.method.commutator_free import CommutatorFree
 from cg.method.method import Method
 from cg.method.tableau import Tableau
@@ -19,6 +18,7 @@ from ..blocks import Block, Data, Table, Text, number, places
 from ..coefficients import RANK_THRESHOLD, singular_values
 from ..context import Context
 from ..item import Item
+from ..markdown import table as markdown_table
 
 _EXPLANATION = (
     "Order: p(q) for a pair whose second weights have order q; ≈ if the conditions hold "

@@ -1,4 +1,4 @@
-"""Convergence in real(16) of the methods of order six and more, beside the paper's CG6a."""
+"""Convergence in quadruple precision of methods of order six and more, beside the paper's CG6a."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .fig4_2 import draw_errors, mark_roundoff
 _LOWEST_ORDER = 6
 _POWERS = range(2, 12)
 _FLOWS = 2**20
-"""Largest number of flows of an integration, about four seconds of one core."""
+"""Largest number of flows of an integration, about ten seconds of one core."""
 
 _NEAR = 0.1
 """Largest difference between the order and a slope between neighbouring points."""
@@ -44,7 +44,7 @@ def select(catalogue: Mapping[str, Method] = methods) -> list[str]:
 
 
 def compute(context: Context) -> Data:
-    """Integrate in real(16) with stepsizes from 1/4 down to 1/2048.
+    """Integrate in quadruple precision with stepsizes from 1/4 down to 1/2048.
 
     Returns
     -------
@@ -85,10 +85,10 @@ def present(data: Data) -> Sequence[Block]:
     """Draw errors and slopes against stepsizes, and tabulate slopes."""
     blocks: list[Block] = [
         Text(
-            "The spinning top again, in binary128, with every explicit method of the catalogue "
-            "whose order is six or more. CG6a is the paper's, as printed: its coefficients "
-            "satisfy the conditions through order six approximately, and its error stops falling "
-            "once that shows. The others satisfy them to all their digits."
+            "The spinning top again, in quadruple precision, with every explicit method of the "
+            "catalogue whose order is six or more. CG6a is the paper's, as printed: its "
+            "coefficients satisfy the conditions through order six approximately, and its error "
+            "stops falling once that shows. The others satisfy them to all their digits."
         )
     ]
     for reading, part in data["readings"].items():
@@ -97,8 +97,8 @@ def present(data: Data) -> Sequence[Block]:
             Chart(
                 f"beyond-order-{reading}",
                 lambda figure, runs=runs: _draw(figure, runs),  # type: ignore[misc]
-                f"Left: global error of B at t = 1 against the stepsize in real(16). Right: slope "
-                f"between neighbouring stepsizes; that of CG6a leaves the panel. "
+                f"Left: global error of B at t = 1 against the stepsize in quadruple precision. "
+                f"Right: slope between neighbouring stepsizes; that of CG6a leaves the panel. "
                 f"{top.READINGS[reading]}. The error of the reference, by Taylor series, is about "
                 f"{number(part['reference_error'], 2)}.",
                 _describe(runs),
@@ -120,8 +120,8 @@ def present(data: Data) -> Sequence[Block]:
         ]
         blocks.append(
             Table(
-                f"Slopes in real(16), {reading}. The last column counts the decades of the error, "
-                f"up from the smallest, in which slopes between neighbours stay within "
+                f"Slopes in quadruple precision, {reading}. The last column counts the decades of "
+                f"the error, up from the smallest, in which slopes between neighbours stay within "
                 f"{number(data['near'])} of the order",
                 ("method", "order", "stages", "smallest h", "error there",
                  f"slope over the last {FIT} points", "last slope", "decades"),
@@ -140,7 +140,7 @@ def _draw(figure: Figure, runs: Data) -> None:
     draw_errors(left, finest, {}, _beginnings(runs))
     mark_roundoff(left)
     left.set_ylabel("global error of B at t = 1 (2-norm)")
-    label_panel(left, "Error against stepsize in real(16)")
+    label_panel(left, "Error in quadruple precision")
     for name, run in runs.items():
         h = np.array(run["h"])
         right.plot(np.sqrt(h[1:] * h[:-1]), run["local"], **hollow[name])

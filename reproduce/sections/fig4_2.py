@@ -49,7 +49,7 @@ def compute(context: Context) -> Data:
     h = [1 / steps for steps in _STEPS]
     for done, (reading, method) in enumerate(runs):
         context.progress(done, len(runs))
-        error = [top.end_error(reading, method, steps)[0] for steps in _STEPS]
+        error = [top.end_error(reading, method, steps) for steps in _STEPS]
         slope, fitted = _slope(h, error)
         readings.setdefault(reading, {})[method] = {
             "distance": top.errors(reading, method, _DISTANCE_STEPS).distance.tolist(),

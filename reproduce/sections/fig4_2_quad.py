@@ -1,4 +1,4 @@
-"""Figure 4.2, right, in real(16): where rounding in double hides the order no more."""
+"""Figure 4.2, right, in quadruple precision: where rounding in double hides the order no more."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _POWERS = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16)
 
 
 def compute(context: Context) -> Data:
-    """Integrate in real(16) with stepsizes down to 1/65536.
+    """Integrate in quadruple precision with stepsizes down to 1/65536.
 
     Returns
     -------
@@ -38,8 +38,9 @@ def present(data: Data) -> Sequence[Block]:
     """Draw errors against stepsizes, and tabulate slopes."""
     blocks: list[Block] = [
         Text(
-            "The compiled stepper in binary128, with the 36-digit coefficients of the catalogue "
-            "for CG4, CG4a and CG5a, and the paper's 8 digits for CG6a."
+            "Fixed-point arithmetic with 114 binary places, about the precision of binary128, with "
+            "the 36-digit coefficients of the catalogue for CG4, CG4a and CG5a, and the paper's 8 "
+            "digits for CG6a."
         )
     ]
     for reading, part in data["readings"].items():
@@ -48,7 +49,7 @@ def present(data: Data) -> Sequence[Block]:
             Chart(
                 f"fig4.2-quad-{reading}",
                 lambda figure, methods=methods: _draw(figure, methods),  # type: ignore[misc]
-                f"Global error of B at t = 1 against the stepsize in real(16). "
+                f"Global error of B at t = 1 against the stepsize in quadruple precision. "
                 f"{top.READINGS[reading]}. The error of the reference is about "
                 f"{number(part['reference_error'], 2)}.",
                 _describe(methods),
@@ -67,7 +68,7 @@ def present(data: Data) -> Sequence[Block]:
         ]
         blocks.append(
             Table(
-                f"Slopes in real(16), {reading}",
+                f"Slopes in quadruple precision, {reading}",
                 ("method", "smallest h", "error there", f"slope over the last {FIT} points",
                  "largest slope between neighbours"),
                 rows,
@@ -91,7 +92,7 @@ def _draw(figure: Figure, methods: Data) -> None:
     mark_roundoff(axes)
     axes.set_ylim(1e-22, 30)
     axes.set_ylabel("global error of B at t = 1 (2-norm)")
-    label_panel(axes, "Error against stepsize in real(16)")
+    label_panel(axes, "Error in quadruple precision")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
 
 
@@ -103,4 +104,4 @@ def _describe(methods: Data) -> str:
     return "One panel, both axes logarithmic. " + "; ".join(parts) + "."
 
 
-ITEMS = (Item("fig4.2quad", "Figure 4.2 in real(16)", 50, 90, compute, present),)
+ITEMS = (Item("fig4.2quad", "Figure 4.2 in quadruple precision", 50, 90, compute, present),)

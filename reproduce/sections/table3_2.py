@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cg.conditions import count, count_classical, table_rows, unknowns
+from cg.conditions import count, table_rows, unknowns
+from cg.trees.rooted import rooted_trees_through
 
 from ..blocks import Block, Data, Table, Text, number
 from ..context import Context
@@ -36,7 +37,7 @@ def compute(context: Context) -> Data:
             "s": s,
             "n": unknowns(s),
             "N_CG": count(q, independent=True),
-            "N_RK": count_classical(q),
+            "N_RK": len(rooted_trees_through(q)),
         }
         table = table_rows(q)
         rows.append(

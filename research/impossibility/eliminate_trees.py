@@ -21,10 +21,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from cg.conditions import condition_trees
-from cg.conditions.exact import word_weights
 from cg.trees.ordered import forest
 from research.impossibility import PointsShape, point_shapes
 from research.impossibility.ring import Ring
+from research.impossibility.weights import word_weights
 
 MIN_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: research.impossibility
 

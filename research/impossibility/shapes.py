@@ -16,13 +16,13 @@ from functools import cached_property
 from itertools import permutations, product
 from math import prod
 
-from cg.conditions import condition_trees, exact_weights, right_sides
-from cg.conditions.exact import word_weights
+from cg.conditions import condition_trees, right_sides
 from cg.structure.points import START, Point, PointTree
 from cg.support.checks import MAX_STAGES, check_integer
 from cg.trees.ordered import OrderedTree, forest
 
 from .ring import Polynomial, Ring
+from .weights import exact_weights, word_weights
 
 _LETTERS = (1, 2)  # the indices of τ and [τ]
 

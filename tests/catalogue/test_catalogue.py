@@ -1,10 +1,6 @@
 import re
-import subprocess
-import sys
 from fractions import Fraction
-from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -178,24 +174,3 @@ class TestFiles:
         with pytest.raises(TableauError, match=re.escape(message)) as caught:
             load(path)
         assert str(path) in str(caught.value)
-
-
-TOOL = Path(__file__).parents[2] / "research" / "make_explicit_methods.py"
-
-
-def test_recipes_reproduce_explicit_methods(tmp_path):
-    command = [sys.executable, str(TOOL), str(tmp_path), "CG3(2)"]
-    subprocess.run(command, check=True, capture_output=True)
-    actual, expected = load(tmp_path / "CG3(2).toml"), methods["CG3(2)"]
-    assert (actual.order, actual.embedded_order) == (3, 2)
-    # optimisation stops within 1e-4 of the least sum of squares, so coefficients within its root
-    np.testing.assert_allclose(actual.principal_error, expected.principal_error, rtol=1e-4)
-    np.testing.assert_allclose(actual.a, expected.a, atol=1e-2)
-
-
-def test_unknown_recipe(tmp_path):
-    command = [sys.executable, str(TOOL), str(tmp_path), "CG9z"]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    assert done.returncode == 1
-    assert "no recipe for CG9z; there are CG3(2)" in done.stderr
-    assert not list(tmp_path.iterdir())

@@ -83,12 +83,6 @@ class TestSelfAdjoint:
         assert equation.frame.distance(there, equation.y0) > 0.01
         assert equation.frame.distance(back, equation.y0) < 1e-14
 
-    def test_other_methods_are_not_self_adjoint(self, problem):
-        equation, _ = problem
-        there = step(equation, methods["DICG3"], 0.2, equation.y0, 0.05)
-        back = step(equation, methods["DICG3"], 0.25, there, -0.05)
-        assert equation.frame.distance(back, equation.y0) > 1e-9
-
     @pytest.mark.parametrize("name", SELF_ADJOINT)
     def test_stages_are_on_the_path(self, name):
         a, b = methods[name].exact

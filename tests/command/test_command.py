@@ -42,9 +42,6 @@ class TestHelp:
             assert f"crouch-grossman {name}" in output.partition("Examples:")[2]
             assert ("--json" in output) == (name not in {"export", "plot", "runs", "completion"})
 
-    def test_without_arguments(self, run):
-        assert run() == run("--help")
-
     def test_version(self, run):
         assert run("--version") == (0, f"crouch-grossman {cg.__version__}\n", "")
 
@@ -96,10 +93,6 @@ class TestExport:
         file = tmp_path / "cg3.h"
         assert run("export", "CG3", "c", "-o", str(file))[:2] == (0, "")
         assert file.read_text() == cg.export("CG3", "c")
-
-    def test_digits(self, run):
-        text = run("export", "CG4a", "json", "--digits", "50")[1]
-        assert json.loads(text) == json.loads(cg.export("CG4a", "json", digits=50))
 
     def test_certificate(self, run, tmp_path):
         method = cg.methods["CG3(2)"].with_coefficients(
@@ -203,14 +196,6 @@ def test_messages_name_options_and_files(run, tmp_path):
         cg.save(cg.methods["CG3"], tmp_path / "none" / "x.toml")
 
 
-def test_publish_checks_folder_first(run, tmp_path):
-    store = tmp_path / "runs.db"
-    run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
-    code, _, err = run("runs", "publish", str(store), "1", "Mine", "--folder", "/proc")
-    assert code == 2
-    assert "--folder: /proc/Mine can't be written" in err
-
-
 def test_reproduce_takes_the_options_of_reproduce_paper(run):
     code, output, _ = run("reproduce", "--list")
     assert code == 0
@@ -241,3 +226,11 @@ class TestProcess:
         code, output, _ = run("completion", shell)
         assert code == 0
         assert "_CROUCH_GROSSMAN_COMPLETE" in output
+
+
+def test_publish_checks_folder_first(run, tmp_path):
+    store = tmp_path / "runs.db"
+    run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
+    code, _, err = run("runs", "publish", str(store), "1", "Mine", "--folder", "/proc")
+    assert code == 2
+    assert "--folder: /proc/Mine can't be written" in err

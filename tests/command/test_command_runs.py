@@ -69,18 +69,6 @@ def test_best(run_command, path):
     assert (code, out) == (1, "no start led to a method\n")
 
 
-def test_numbers_of_starts_have_all_digits(run_command, tmp_path):
-    path = tmp_path / "runs.db"
-    settings = cg.search(2, 2, 1, 1, store=path).settings
-    with Store(path) as store:
-        (record,) = store.run(1).records()
-        rerun = store.begin("search", vars(settings) | {"seed": 2})
-        rerun.append([replace(record, number=1_234_567)])
-        rerun.close()
-    out = run_command("runs", "best", str(path), "2")[1]
-    assert out.splitlines()[1].split()[0] == "1234567"
-
-
 def test_publish(run_command, path, tmp_path):
     code, out, _ = run_command("runs", "publish", path, "1", "Mine", "--folder", str(tmp_path))
     assert code == 0
@@ -107,3 +95,15 @@ def test_wrong_arguments(run_command, path, tmp_path):
     code, _, err = run_command("runs", "list", str(tmp_path / "notes"))
     assert code == 2
     assert "is not an SQLite database" in err
+
+
+def test_numbers_of_starts_have_all_digits(run_command, tmp_path):
+    path = tmp_path / "runs.db"
+    settings = cg.search(2, 2, 1, 1, store=path).settings
+    with Store(path) as store:
+        (record,) = store.run(1).records()
+        rerun = store.begin("search", vars(settings) | {"seed": 2})
+        rerun.append([replace(record, number=1_234_567)])
+        rerun.close()
+    out = run_command("runs", "best", str(path), "2")[1]
+    assert out.splitlines()[1].split()[0] == "1234567"

@@ -5,7 +5,6 @@ import sys
 from types import SimpleNamespace
 
 import click
-import numpy as np
 import pytest
 
 import cg
@@ -119,14 +118,6 @@ def test_a_search_with_a_tree(capsys):
     assert main([*command, "--seed", "1"]) == 0
     method = cg.construct(5, 6, 1, flows=9, first_flows=10).method
     assert cg.catalogue.loads(capsys.readouterr().out) == method
-
-
-def test_minima_that_several_starts_reach_are_listed_once():
-    rows = cg.search(4, 5, 100, 7, minimise="principal_error").methods  # 49 and 76 reach one
-    x = np.array([[float(k.value) for k in method.coefficients] for method in rows])
-    apart = np.abs(x[:, None] - x).max(axis=-1)
-    assert apart[np.triu_indices(len(x), 1)].min() > 1e-4
-    assert len(x) > 5
 
 
 def test_solutions_beyond_a_bound_are_counted(run_command):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from quad_core import residuals_quad
+from refusals import refuses
 from strategies import dyadics, rationals, tableaux
 
-from cg import _core_r64, _core_r128, conditions
+from cg import conditions
 from cg.conditions import Rows
 from cg.structure.layout import Layout
 from cg.trees.ordered import OrderedTree, forest
@@ -68,21 +68,6 @@ class TestCounts:
 
 
 class TestCompiledTables:
-    @pytest.mark.parametrize("core", [_core_r64, _core_r128], ids=["r64", "r128"])
-    def test_tables_equal_those_of_python(self, core):
-        trees = forest(conditions.MAX_ORDER + 1)
-        first, rest, prefix, last, condition, density = core.tables(len(trees))
-        assert tuple(first) == trees.first
-        assert tuple(rest) == trees.rest
-        assert tuple(prefix) == trees.prefix
-        assert tuple(last) == trees.last
-        assert tuple(density) == trees.density
-        assert tuple(condition[1:]) == conditions.table_rows(conditions.MAX_ORDER)
-
-    def test_digits_of_kinds(self):
-        assert _core_r64.digits() == 53
-        assert _core_r128.digits() == 113
-
     def test_generated_source(self, tmp_path):
         output = tmp_path / "tables.f90"
         main(["--order", "3", "--output", str(output)])
@@ -99,13 +84,6 @@ class TestCompiledTables:
 
 
 class TestExactOracle:
-    def test_independent_residuals_are_a_subset(self):
-        a, b = [[0, 0], ["2/3", "1/7"]], ["1/4", "3/4"]
-        residuals = dict(zip(conditions.condition_trees(5), exactly(a, b, 5), strict=True))
-        independent = exactly(a, b, 5, independent=True)
-        chosen = conditions.condition_trees(5, independent=True)
-        assert independent == tuple(residuals[t] for t in chosen)
-
     def test_orders_beyond_the_compiled_tables(self):
         order = conditions.MAX_ORDER + 1
         residuals = exactly([[0]], [1], order)
@@ -142,29 +120,10 @@ class TestExactOracle:
         ],
     )
     def test_bad_input(self, a, b, message):
-        with pytest.raises(ValueError, match=message):
-            exactly(a, b, 2)
+        refuses(ValueError, message, exactly, a, b, 2)
 
 
 class TestCompiledCore:
-    @given(tableaux(), st.integers(1, 5))
-    @settings(max_examples=30, deadline=None)
-    def test_wider_patterns_have_equal_residuals(self, tableau, order):
-        a, b = tableau
-        actual = [
-            residuals_quad(layout, layout.packed([*a, b]), order)
-            for rows in Rows
-            if rows >= conditions.rows_of(a)
-            for layout in [Layout.tableau(len(b), rows)]
-        ]
-        assert all(residuals == actual[0] for residuals in actual)
-
-    def test_weights_are_residuals_and_right_sides(self):
-        a, b = [[0, 0], [0.5, 0]], [0.25, 0.75]
-        sides = np.array(conditions.right_sides(4), **FLOATS)
-        difference = conditions.weights(a, b, 4) - conditions.residuals(a, b, 4)
-        np.testing.assert_allclose(difference, sides, atol=1e-15)
-
     @given(tableaux(max_stages=3), st.data())
     @settings(max_examples=40, deadline=None)
     def test_jacobian_agrees_with_exact_derivatives(self, tableau, data):
@@ -191,13 +150,6 @@ class TestCompiledCore:
         scale = np.abs(jacobian) @ np.abs(np.array(v, **FLOATS)) + 1
         error = jacobian @ np.array(v, **FLOATS) - np.array(exact, **FLOATS)
         assert np.all(np.abs(error) <= 1e-10 * scale)
-
-    def test_independent_rows_of_the_jacobian(self):
-        a, b = [[0, 0, 0], [0.5, 0, 0], [-1, 2, 0]], [0.25, 0.5, 0.25]
-        position = {t: k for k, t in enumerate(conditions.condition_trees(4))}
-        chosen = [position[t] for t in conditions.condition_trees(4, independent=True)]
-        full = conditions.jacobian(a, b, 4)
-        np.testing.assert_array_equal(conditions.jacobian(a, b, 4, independent=True), full[chosen])
 
 
 class TestPacking:
@@ -230,8 +182,7 @@ class TestPacking:
             conditions.jacobian([[1]], [1], 2, rows=Rows.EXPLICIT)
 
     def test_wrong_length(self):
-        with pytest.raises(ValueError, match="x must have 3 entries, got 4"):
-            conditions.unpack([0, 1, 2, 3], 2)
+        refuses(ValueError, "x must", conditions.unpack, [0, 1, 2, 3], 2)
 
 
 COMPILED = [conditions.residuals, conditions.weights, conditions.jacobian]
@@ -248,8 +199,7 @@ class TestBadInput:
         ],
     )
     def test_order(self, function, order, error, message):
-        with pytest.raises(error, match=re.escape(message)):
-            function([[0]], [1], order)
+        refuses(error, re.escape(message), function, [[0]], [1], order)
 
     @pytest.mark.parametrize("function", COMPILED)
     @pytest.mark.parametrize(
@@ -267,12 +217,10 @@ class TestBadInput:
         ],
     )
     def test_tableau(self, function, a, b, message):
-        with pytest.raises(ValueError, match=re.escape(message)):
-            function(a, b, 2)
+        refuses(ValueError, re.escape(message), function, a, b, 2)
 
     @pytest.mark.parametrize("stages", [0, -1])
     def test_stages(self, stages):
-        with pytest.raises(ValueError, match=f"stages must be at least 1, got {stages}"):
-            conditions.unknowns(stages)
+        refuses(ValueError, f"stages must be at least 1, got {stages}", conditions.unknowns, stages)
         with pytest.raises(ValueError, match=f"stages must be at least 1, got {stages}"):
             conditions.unpack([], stages)

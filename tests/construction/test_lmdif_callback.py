@@ -1,18 +1,13 @@
 """lmdif with bad arguments and with failing functions."""
 
-from __future__ import annotations
-
-import dataclasses
-import resource
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from refusals import refuses
 
 import cg
-from cg.construction.solvers.lmdif import LmdifResult
 from cg.support.shared_numbers import Status
 
 pytestmark = pytest.mark.sanitize
@@ -20,19 +15,19 @@ pytestmark = pytest.mark.sanitize
 START = [-1.2, 1.0]
 
 
-def rosenbrock(x: np.ndarray) -> np.ndarray:
+def rosenbrock(x):
     return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
 
 
-def never(x: np.ndarray) -> np.ndarray:
+def never(x):
     raise AssertionError("f was called")
 
 
-def at_call(number: int, then: Callable[[np.ndarray], object]) -> Callable[[np.ndarray], object]:
+def at_call(number, then):
     """Return Rosenbrock's function, which returns `then` at the given call."""
     calls = 0
 
-    def f(x: np.ndarray) -> object:
+    def f(x):
         nonlocal calls
         calls += 1
         return then(x) if calls == number else rosenbrock(x)
@@ -65,11 +60,8 @@ def at_call(number: int, then: Callable[[np.ndarray], object]) -> Callable[[np.n
         ({"f": lambda x: np.where(x > 1, 1e308, -1e307), "x0": [1.0, 1.0]}, ValueError, "overflow"),
     ],
 )
-def test_rejects_bad_arguments(
-    options: dict[str, object], error: type[Exception], message: str
-) -> None:
-    with pytest.raises(error, match=message):
-        cg.lmdif(**{"f": never, "x0": START, **options})
+def test_rejects_bad_arguments(options, error, message):
+    refuses(error, message, cg.lmdif, **{"f": never, "x0": START, **options})
 
 
 # Calls 2 and 3 are differences, call 4 is the first step.
@@ -86,16 +78,13 @@ def test_rejects_bad_arguments(
         ([-np.inf, 1.0], ValueError, r"f must return finite residuals, got f\[0\] = -inf at x"),
     ],
 )
-def test_rejects_bad_residuals(
-    call: int, returned: object, error: type[Exception], message: str
-) -> None:
-    with pytest.raises(error, match=message):
-        cg.lmdif(at_call(call, lambda x: returned), START)
+def test_rejects_bad_residuals(call, returned, error, message):
+    refuses(error, message, cg.lmdif, at_call(call, lambda x: returned), START)
 
 
 @pytest.mark.parametrize("call", [2, 4])
 @pytest.mark.parametrize("size", [1, 3])
-def test_rejects_changing_number_of_residuals(call: int, size: int) -> None:
+def test_rejects_changing_number_of_residuals(call, size):
     with pytest.raises(ValueError, match=f"f must return 2 residuals as it did at x0, got {size}"):
         cg.lmdif(at_call(call, lambda x: np.ones(size)), START)
 
@@ -104,68 +93,13 @@ class Interrupted(BaseException):
     pass
 
 
-@pytest.mark.parametrize("call", [1, 2, 4, 20])
-@pytest.mark.parametrize("kind", [ValueError, KeyboardInterrupt, SystemExit, Interrupted])
-def test_exception_of_f_is_raised(call: int, kind: type[BaseException]) -> None:
-    error = kind("stop here")
-
-    def fail(x: np.ndarray) -> object:
-        raise error
-
-    with pytest.raises(kind) as caught:
-        cg.lmdif(at_call(call, fail), START)
-    assert caught.value is error
-
-
-def test_exceptions_leave_no_references() -> None:
-    def fail(x: np.ndarray) -> object:
-        raise Interrupted
-
-    megabytes = 16
-
-    def wide(x: np.ndarray) -> np.ndarray:
-        return np.ones(megabytes * 2**20 // 8 // x.size)
-
-    def once() -> None:
-        calls = 0
-
-        def f(x: np.ndarray) -> object:
-            nonlocal calls
-            calls += 1
-            return wide(x) if calls < 3 else fail(x)
-
-        with pytest.raises(Interrupted):
-            cg.lmdif(f, np.ones(50))
-
-    once()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for _ in range(10):
-        once()
-    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 2**10
-    assert grown < 4 * megabytes
-
-
-def test_f_may_call_lmdif() -> None:
-    inner_counts = []
-
-    def outer(x: np.ndarray) -> np.ndarray:
-        inner = cg.lmdif(lambda y: [y[0] ** 2 - x[0], y[0] - y[0]], [1.0])
-        inner_counts.append(inner.nfev)
-        return np.array([inner.x[0] - 3, x[1] - 1])
-
-    fit = cg.lmdif(outer, [4.0, 0.0])
-    assert fit.success
-    np.testing.assert_allclose(fit.x, [9.0, 1.0], rtol=1e-7)
-    assert len(inner_counts) == fit.nfev
-
-
-def test_exception_passes_through_nested_calls() -> None:
+def test_exception_passes_through_nested_calls():
     error = Interrupted()
 
-    def inner(y: np.ndarray) -> np.ndarray:
+    def inner(y):
         raise error
 
-    def outer(x: np.ndarray) -> object:
+    def outer(x):
         return cg.lmdif(inner, x).x
 
     with pytest.raises(Interrupted) as caught:
@@ -174,8 +108,8 @@ def test_exception_passes_through_nested_calls() -> None:
     assert cg.lmdif(rosenbrock, START).nfev == 54
 
 
-def test_calls_from_several_threads() -> None:
-    def solve(start: float) -> LmdifResult:
+def test_calls_from_several_threads():
+    def solve(start):
         return cg.lmdif(rosenbrock, [start, 1.0])
 
     starts = np.linspace(-2, -1, 40)
@@ -187,10 +121,10 @@ def test_calls_from_several_threads() -> None:
         assert_array_equal(a.x, b.x)
 
 
-def test_f_may_modify_and_keep_its_argument() -> None:
+def test_f_may_modify_and_keep_its_argument():
     points = []
 
-    def f(x: np.ndarray) -> np.ndarray:
+    def f(x):
         value = rosenbrock(x)
         x[:] = np.nan
         points.append(x)
@@ -201,38 +135,29 @@ def test_f_may_modify_and_keep_its_argument() -> None:
     assert np.isnan(points).all()
 
 
-def test_f_may_reuse_its_result() -> None:
+@pytest.mark.parametrize("kind", [list, tuple, lambda f: f.astype(np.longdouble)])
+def test_f_may_return_other_sequences(kind):
+    assert cg.lmdif(lambda x: kind(rosenbrock(x)), START).nfev == 54
+
+
+def test_every_status_has_a_message():
+    messages = {status.message for status in Status}
+    assert len(messages) == len(Status)
+    assert {status for status in Status if status.converged} == {1, 2, 3, 4}
+
+
+def test_f_may_reuse_its_result():
     buffer = np.empty(2)
 
-    def f(x: np.ndarray) -> np.ndarray:
+    def f(x):
         buffer[:] = rosenbrock(x)
         return buffer
 
     assert_array_equal(cg.lmdif(f, START).x, cg.lmdif(rosenbrock, START).x)
 
 
-@pytest.mark.parametrize("kind", [list, tuple, lambda f: f.astype(np.longdouble)])
-def test_f_may_return_other_sequences(kind: Callable[[np.ndarray], object]) -> None:
-    assert cg.lmdif(lambda x: kind(rosenbrock(x)), START).nfev == 54
-
-
-def test_x0_and_diag_are_unchanged() -> None:
+def test_x0_and_diag_are_unchanged():
     start, diag = np.array(START), np.array([1.0, 2.0])
     cg.lmdif(rosenbrock, start, diag=diag)
     assert_array_equal(start, START)
     assert_array_equal(diag, [1.0, 2.0])
-
-
-def test_result_is_immutable() -> None:
-    fit = cg.lmdif(rosenbrock, START)
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        fit.nfev = 0
-    for name in ("x", "fvec", "fjac", "ipvt", "qtf"):
-        with pytest.raises(ValueError, match="read-only"):
-            getattr(fit, name)[...] = 0
-
-
-def test_every_status_has_a_message() -> None:
-    messages = {status.message for status in Status}
-    assert len(messages) == len(Status)
-    assert {status for status in Status if status.converged} == {1, 2, 3, 4}

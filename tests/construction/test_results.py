@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refuses
 
 import cg
 from cg.command import main
@@ -118,19 +119,13 @@ def test_publish_without_optimisation(store, tmp_path):
 def test_publish_rejects_bad_arguments(store, tmp_path):
     with pytest.raises(ValueError, match="run 4 has no start that led to a method"):
         publish(store.run(4), "None", tmp_path)
-    with pytest.raises(ValueError, match="number must be that of a solution"):
-        publish(store.run(1), "None", tmp_path, number=10**6)
-    with pytest.raises(ValueError, match="fit for a file's name"):
-        publish(store.run(1), "../up", tmp_path)
+    refuses(ValueError, "number must", publish, store.run(1), "None", tmp_path, number=10**6)
+    refuses(ValueError, "fit for a file's name", publish, store.run(1), "../up", tmp_path)
     (tmp_path / "There.toml").write_text("")
-    with pytest.raises(ValueError, match=r"name must be new, got 'There'"):
-        publish(store.run(1), "There", tmp_path)
-    with pytest.raises(NotADirectoryError, match="folder must be an existing folder"):
-        publish(store.run(1), "New", tmp_path / "none")
-    with pytest.raises(ValueError, match="objective must be one of principal_error"):
-        best(store.run(1), "beauty")
-    with pytest.raises(ValueError, match="count must be at least 1"):
-        best(store.run(1), count=0)
+    refuses(ValueError, "name must", publish, store.run(1), "There", tmp_path)
+    refuses(NotADirectoryError, "folder must", publish, store.run(1), "New", tmp_path / "none")
+    refuses(ValueError, "objective must", best, store.run(1), "beauty")
+    refuses(ValueError, "count must", best, store.run(1), count=0)
 
 
 def test_decades(store):

@@ -2,7 +2,6 @@
 
 import pytest
 
-import cg
 from cg.method.tableau import Tableau
 
 pytestmark = pytest.mark.no_core
@@ -76,9 +75,3 @@ def test_lielab_still_has_these_coefficients(checked):
         s = method.stages
         assert [row[:s] for row in a[:s]] == method.a.tolist()
         assert b[:s] == method.b.tolist()
-
-
-def test_wrong_rational_coefficient_of_symmetric_method(checked):
-    entry = checked["DiffMan", "CG4test"].entry
-    right = [[x.replace("-443/2993", "-1087/7344") for x in row] for row in entry["a"]]
-    assert cg.diagnose(cg.Tableau(right, entry["b"]), c=entry["c"]).order == 4

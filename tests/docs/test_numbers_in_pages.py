@@ -63,7 +63,8 @@ def reproduction():
     numbers = evidence.gather(0)
     assert numbers["approximate"]["six"] == held
     for name, sizes in numbers["drift"].items():
-        first, second, last = (f"{size:.2g}" for size in sizes)
+        first, second = (f"{size:.2g}" for size in sizes[:2])
+        last = f"{sizes[2]:.1g}"  # the solution is chaotic, so that the next digit is rounding
         yield f"{name} by {first}, {second} and {last}"
     for name, run in numbers["rotation_slopes"]["Munthe-Kaas"].items():
         yield f"{run['slope']:.2f} for `{name}`"

@@ -4,10 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from tests_of_pages import blocks_of, run
-
-import cg
 
 pytestmark = pytest.mark.no_core
 
@@ -37,28 +34,12 @@ def test_package_page_has_no_relative_links():
 
 def test_code_of_frames_page():
     names = run("docs/frames.md")
-    path, flight = names["path"], names["flight"]
+    path = names["path"]
     # latitude: z' = -(1 - z^2) / 2; longitude grows with time
     z = -np.tanh(path.t / 2)
     expected = np.stack([np.cos(path.t), np.sin(path.t), z], axis=-1)
     expected[:, :2] *= np.sqrt(1 - z * z)[:, None]
     np.testing.assert_allclose(path.y, expected, atol=1e-7)
-
-    scalar_first = cg.frames.Product(
-        cg.frames.UnitQuaternion(scalar_first=True), cg.frames.Euclidean(3)
-    )
-    last = names["frame"]
-
-    def euler(t, y):
-        q, omega = scalar_first.split(y)
-        return names["euler"](t, last.join(np.roll(q, -1), omega))
-
-    y0 = scalar_first.join(names["start"].as_quat(scalar_first=True), last.split(flight.y[0])[1])
-    again = cg.solve_ivp(euler, (0, 10), y0, frame=scalar_first, rtol=1e-9, atol=1e-9)
-    first = Rotation.from_quat(scalar_first.split(again.y[-1])[0], scalar_first=True)
-    second = Rotation.from_quat(last.split(flight.y[-1])[0])
-    assert (first * second.inv()).magnitude() < 1e-12
-    assert names["angles"].shape == (50, 3)
 
     eigenvalues, vectors = np.linalg.eigh(names["lattice"])
     np.testing.assert_allclose(names["sorted_"].y[-1], np.diag(eigenvalues[::-1]), atol=1e-5)

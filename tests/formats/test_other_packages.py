@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from refusals import refuses
 
 import cg
 from cg.formats import to_diffrax, to_nodepy
@@ -75,9 +76,6 @@ def test_nodepy(name):
 
 def test_rejects():
     for convert in (to_diffrax, to_nodepy):
-        with pytest.raises(ValueError, match=r"method must be explicit, got <Tableau DICG4: .*"):
-            convert("DICG4")
-        with pytest.raises(TypeError, match="method must be a name or a Method, got 3"):
-            convert(3)
-    with pytest.raises(ValueError, match="method must have two stages or more for diffrax"):
-        to_diffrax("LieEuler")
+        refuses(ValueError, r"method must be explicit, got <Tableau DICG4: .*", convert, "DICG4")
+        refuses(TypeError, "method must", convert, 3)
+    refuses(ValueError, "method must", to_diffrax, "LieEuler")

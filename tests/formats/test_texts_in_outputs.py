@@ -4,9 +4,9 @@ import ast
 import json
 import subprocess
 import tomllib
-from pathlib import Path
 
 import pytest
+from refusals import refuses
 
 import cg
 from cg.catalogue import dumps, dumps_json, loads
@@ -29,14 +29,14 @@ TEXTS = {
 }
 
 
-def method_of(what: str) -> cg.Tableau:
+def method_of(what):
     name, source = TEXTS[what]
     return cg.Tableau([[], ["1/2"]], [0, 1], name=name, source=source)
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_python_reads_code_and_comments(what: str) -> None:
-    def parsed(method: cg.Tableau) -> str:
+def test_python_reads_code_and_comments(what):
+    def parsed(method):
         return ast.dump(ast.parse(cg.export(method, "python").encode()))
 
     assert parsed(method_of(what)) == parsed(cg.Tableau([[], ["1/2"]], [0, 1]))
@@ -44,13 +44,13 @@ def test_python_reads_code_and_comments(what: str) -> None:
 
 @pytest.mark.parametrize("format", CODE)
 @pytest.mark.parametrize("what", TEXTS)
-def test_texts_stay_in_comments(what: str, format: str) -> None:
+def test_texts_stay_in_comments(what, format):
     method = method_of(what)
     plain = cg.Tableau(method.entries, method.weights, name=method.name)
     text = cg.export(method, format)
     mark = {"c": "// ", "fortran": "! ", "matlab": "% "}.get(format, "# ")
 
-    def rest(text: str) -> list[str]:
+    def rest(text):
         return [line for line in text.split("\n") if not f"{line} ".startswith(mark)]
 
     assert rest(text) == rest(cg.export(plain, format))
@@ -60,7 +60,7 @@ def test_texts_stay_in_comments(what: str, format: str) -> None:
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_c_has_no_warnings(what: str, tmp_path: Path) -> None:
+def test_c_has_no_warnings(what, tmp_path):
     (tmp_path / "m.h").write_text(cg.export(method_of(what), "c"), encoding="utf-8")
     (tmp_path / "m.c").write_text('#include "m.h"\nint main(void) { return 0; }\n')
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
@@ -68,7 +68,7 @@ def test_c_has_no_warnings(what: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_latex_comment_has_no_directives(what: str) -> None:
+def test_latex_comment_has_no_directives(what):
     first, rest = cg.export(method_of(what), "latex").split("\n", 1)
     assert first.startswith("% Method ")
     assert visible(TEXTS[what][0]) in first
@@ -76,7 +76,7 @@ def test_latex_comment_has_no_directives(what: str) -> None:
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_data_escape_texts(what: str) -> None:
+def test_data_escape_texts(what):
     method = method_of(what)
     for text in (dumps(method), dumps_json(method)):
         assert text.replace("\n", "").isprintable()
@@ -86,7 +86,7 @@ def test_data_escape_texts(what: str) -> None:
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_notebooks_escape_texts(what: str) -> None:
+def test_notebooks_escape_texts(what):
     method = method_of(what)
     text = to_html(method)
     assert text.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
@@ -95,9 +95,7 @@ def test_notebooks_escape_texts(what: str) -> None:
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_a_terminal_gets_lines_of_text(
-    what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_terminal_gets_lines_of_text(what, tmp_path, capsys):
     file, bad = tmp_path / "mine.toml", tmp_path / "broken\x1b[2J.json"
     file.write_text(dumps(method_of(what)), encoding="utf-8")
     bad.write_text('{"name": 1, "\\u001b[2J": 2}', encoding="utf-8")
@@ -112,15 +110,14 @@ def test_a_terminal_gets_lines_of_text(
     assert output.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
 
 
-def test_rejects_surrogates() -> None:
-    with pytest.raises(cg.TableauError, match=r"source must be text, got 'x\\ud800'"):
-        cg.Tableau([[]], [1], source="x\ud800")
-    with pytest.raises(cg.TableauError, match="name must be text"):
+def test_rejects_surrogates():
+    refuses(cg.TableauError, "source must", cg.Tableau, [[]], [1], source="x\ud800")
+    with pytest.raises(cg.TableauError, match="name must"):
         loads('{"name": "\\ud800", "source": "", "a": [[]], "b": ["1"]}')
 
 
 @pytest.mark.parametrize("draw", ["tableau", "points", "stability_region"])
-def test_plots_show_names_verbatim(draw: str, tmp_path: Path) -> None:
+def test_plots_show_names_verbatim(draw, tmp_path):
     from matplotlib import pyplot as plt
 
     other = cg.Tableau([[]], [1], name="LieEuler")

@@ -5,9 +5,7 @@ import pytest
 from compiled_examples import FRAMES as STARTS
 from compiled_examples import ORBITS
 
-import cg
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
-from cg.integration.step.blocks import is_compiled
 from cg.integration.step.flows import _CompiledFlows, _Flows, difference_of, flows_of
 
 pytestmark = pytest.mark.sanitize
@@ -124,30 +122,6 @@ def test_compiled_differences_of_half_turns(frame):
     actual = difference_of(frame)(np.broadcast_to(y0, y1.shape), y1)
     np.testing.assert_allclose(np.linalg.norm(actual[:, :3], axis=-1), np.pi, rtol=1e-14)
     np.testing.assert_allclose(frame.flow(actual, y0), y1, rtol=0, atol=2e-14)
-
-
-def test_compiled_differences_at_the_ends():
-    opposite = difference_of(Sphere(2))(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]))
-    assert np.isnan(opposite).all()
-    q = np.array([0.0, 0.0, 0.0, 1.0])
-    turn = difference_of(UnitQuaternion())(q, -q)
-    np.testing.assert_array_equal(turn, UnitQuaternion().exp_coordinates(q, -q))
-
-
-class Turned(SO3):
-    """Rotations whose flows turn by twice the angle."""
-
-    def flow(self, v, y):
-        return super().flow(2.0 * np.asarray(v), y)
-
-
-@pytest.mark.parametrize("frame", [Turned(), Product(Euclidean(1), Turned())], ids=repr)
-def test_subclass_of_compiled_frame_uses_its_own_flow(frame):
-    assert not is_compiled(frame)
-    y0 = frame.random_point(np.random.default_rng(7))
-    v = np.arange(1.0, frame.dim + 1)
-    end = cg.integrate(lambda t, y: v, (0, 1), y0, frame=frame, method="CG3", h=1.0).y[-1]
-    np.testing.assert_allclose(end, frame.flow(v, y0), rtol=0, atol=1e-14)
 
 
 MATRICES = [SO(2), SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(1), U(3, "body")]

@@ -103,15 +103,6 @@ def test_coordinates_of_motions_without_a_real_logarithm():
     assert np.isnan(frame.logarithm(y)).all()
 
 
-def test_logarithms_of_triangular_matrices_have_those_of_the_diagonal():
-    """Square roots and doublings would leave errors of 50 roundings there."""
-    rng = np.random.default_rng(215)
-    for _ in range(50):
-        x = np.diag(np.exp(rng.uniform(1.0, 30.0, 3))) + np.triu(rng.standard_normal((3, 3)), 1)
-        diagonal = np.diagonal(GL(3).logarithm(x).reshape(3, 3))
-        np.testing.assert_allclose(diagonal, np.log(np.diagonal(x)), rtol=4e-16)
-
-
 def test_scipy_prints_nothing(capfd):
     y = np.array([[1.0, 1e9], [0.0, 1.0 + 1e-6]])
     with warnings.catch_warnings():
@@ -163,3 +154,12 @@ def test_half_turns_of_some_planes(kind, n, distance):
         actual = difference(y0, y1)
         if np.isfinite(actual).all():
             assert off(frame, actual, y0, y1) < 2e-13
+
+
+def test_logarithms_of_triangular_matrices_have_those_of_the_diagonal():
+    """Square roots and doublings would leave errors of 50 roundings there."""
+    rng = np.random.default_rng(215)
+    for _ in range(50):
+        x = np.diag(np.exp(rng.uniform(1.0, 30.0, 3))) + np.triu(rng.standard_normal((3, 3)), 1)
+        diagonal = np.diagonal(GL(3).logarithm(x).reshape(3, 3))
+        np.testing.assert_allclose(diagonal, np.log(np.diagonal(x)), rtol=4e-16)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from flint import acb, acb_mat, arb_mat, ctx
 from frame_examples import COMPACT_GROUPS, SMALL_EXPONENTS
+from refusals import refuses
 
 import cg
 from cg.frames import (
@@ -75,7 +76,7 @@ def of_size(group, rng, size):
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=repr)
-@pytest.mark.parametrize("size", [*SMALL, 1.0, 10.0, 1e3])
+@pytest.mark.parametrize("size", [*SMALL, 1.0, 10.0, 1e3, 1e8])
 def test_exponentials(group, size):
     if group in OTHERS and size > 10.0:
         size = 30.0  # they grow exponentially
@@ -192,15 +193,6 @@ def test_large_angles_stay_on_compact_manifolds(frame, size):
         np.testing.assert_allclose(back, y, rtol=0, atol=100.0 * EPSILON * size)
 
 
-@pytest.mark.parametrize("group", [SO(4), U(2), U(3), SU(3)], ids=repr)
-@pytest.mark.parametrize("size", [1e4, 1e8])
-def test_large_angles_are_reduced(group, size):
-    v = of_size(group, np.random.default_rng(67), size)
-    with ctx.workdps(60):
-        expected = doubles(group, exact_exponential(group, v))
-    np.testing.assert_allclose(group.exponential(v), expected, rtol=0, atol=10.0 * EPSILON * size)
-
-
 NOT_COMPACT = [
     *OTHERS[:7],
     Semidirect(SL(2)),
@@ -217,8 +209,7 @@ def test_flows_of_too_large_coefficients_raise(frame):
     rng = np.random.default_rng(68)
     y, v = frame.random_point(rng, (2,)), frame.random_vector(rng, (2,))
     v[1] *= 1e14 / np.linalg.norm(v[1])
-    with pytest.raises(FlowOverflowError, match="v with"):
-        frame.flow(v, y)
+    refuses(FlowOverflowError, "v with", frame.flow, v, y)
     with pytest.raises(OverflowError):
         frame.flow(v[1], y)
     v[1] = np.nan

@@ -5,11 +5,10 @@ Flows with exponentials in 100 digits are the reference.
 
 import numpy as np
 import pytest
-from flint import acb_mat, arb, arb_mat, ctx
+from flint import acb_mat, arb_mat, ctx
+from refusals import refuses
 
-import cg
 from cg.frames import GL, SE3, SL, CoadjointOrbit, MatrixFrame, Semidirect, Sp
-from cg.frames.matrix_functions import determinant_correction, symplectic_correction
 
 GROUPS = [
     *(GL(2), GL(3, "body"), SL(2), SL(2, "body"), SL(3), SL(4), SL(3, "body"), Sp(2), Sp(4)),
@@ -77,40 +76,6 @@ def test_growing_solutions_keep_their_digits(frame, way):
         np.testing.assert_allclose(y, expected, rtol=0, atol=1e-12 * size)
 
 
-@pytest.mark.parametrize("frame", [f for f in GROUPS if "Semi" not in repr(f)], ids=repr)
-def test_growth_in_changing_directions(frame):
-    rng = np.random.default_rng(52)
-    vectors = np.array([hyperbolic(frame, rng, 0.4) for _ in range(100)])
-    y0 = y = frame.random_point(rng)
-    for u in vectors:
-        y = frame.flow(u, y)
-    expected = exact_flows(frame, vectors, y0)
-    size = np.abs(expected).max()
-    assert size > 1e3
-    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-11 * size)
-
-
-@pytest.mark.parametrize(
-    ("end", "h"),
-    [(15, 0.1), (19, 0.1), (40, 0.5), (300, 2.0), pytest.param(300, 0.1, marks=pytest.mark.slow)],
-)
-@pytest.mark.parametrize("frame", [SL(2), Sp(2), GL(2)], ids=repr)
-def test_flows_for_long_times(frame, end, h):
-    omega = np.array([[0.0, 1.0], [1.0, 0.0]])
-    v = frame.coefficients(omega)
-    with ctx.workdps(50):
-        growth = [float(arb(end).cosh()), float(arb(end).sinh())]
-    for way in (1.0, -1.0):
-        solution = cg.integrate(
-            lambda t, y: v, (0.0, way * end), np.eye(2), frame=frame, method="CG4", h=h
-        )
-        expected = growth[0] * np.eye(2) + way * growth[1] * omega
-        np.testing.assert_allclose(solution.y[-1], expected, rtol=1e-10)
-        if frame != GL(2):  # there it is singular, as far as doubles can tell
-            assert frame.relative_error(solution.y[-1]) < 1e-14
-            frame.check_point(solution.y[-1])
-
-
 @pytest.mark.parametrize("frame", [SL(2), SL(3), Sp(2), Sp(4), Semidirect(SL(2))], ids=repr)
 @pytest.mark.parametrize("growth", [1.0, 1e4, 1e8, 1e12, 1e100])
 def test_restoring_never_increases_the_error(frame, growth):
@@ -137,28 +102,9 @@ def test_large_points_off_the_group_are_rejected():
     wrong = large @ [[1.0, 1e-3], [1e-3, 1.0]]
     for frame in (SL(2), Sp(2)):
         off = wrong + np.diag([0.0, 0.1])
-        with pytest.raises(ValueError, match=r"its relative distance from the manifold is"):
-            frame.check_point(off)
+        refuses(ValueError, r"its relative distance from the manifold is", frame.check_point, off)
     with pytest.raises(ValueError, match=r"its relative distance from the manifold is"):
         Semidirect(SL(2)).check_point(np.diag([1.0, 1.0 + 1e-6, 1.0]))
-
-
-@pytest.mark.parametrize("size", [1e-3, 1e-6])
-def test_corrections_have_minimum_norm(size):
-    """No smaller change meets the constraint to first order."""
-    rng = np.random.default_rng(54)
-    for frame in (SL(3), Sp(4)):
-        on = frame.random_point(rng, (5,))
-        y = on + size * rng.standard_normal(on.shape)
-        change = (
-            determinant_correction(y)
-            if isinstance(frame, SL)
-            else symplectic_correction(y, frame._form)
-        )
-        assert (frame.membership_error(y + change) < 100.0 * size**2).all()
-        fields = frame.field(np.eye(frame.dim), on[:, None]).reshape(5, frame.dim, -1)
-        along = np.abs(fields @ change.reshape(5, -1, 1)).max()
-        assert along < 30.0 * size**2 * np.abs(fields).max()
 
 
 @pytest.mark.parametrize("frame", [Sp(2), Sp(4), SL(2), SL(3)], ids=repr)

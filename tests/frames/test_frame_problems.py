@@ -8,14 +8,12 @@ import cg
 from cg.frames import (
     GL,
     SE3,
-    SO,
     SO3,
     SU,
     CoadjointOrbit,
     Euclidean,
     IsospectralOrbit,
     Product,
-    Semidirect,
     Stiefel,
 )
 
@@ -41,16 +39,6 @@ def reference(f, span, y0):
 
 def bracket(lax):
     return np.triu(lax, 1) - np.tril(lax, -1)
-
-
-def test_a_free_body_keeps_its_casimir_and_its_energy():
-    frame = CoadjointOrbit(SO3(), MOMENTUM)
-    solution = cg.solve_ivp(lambda t, m: m / INERTIA, (0, 10), MOMENTUM, frame=frame, **TIGHT)
-    expected = reference(lambda t, m: np.cross(m, m / INERTIA), (0, 10), MOMENTUM)
-    np.testing.assert_allclose(solution.y[-1], expected, rtol=0, atol=1e-6)
-    np.testing.assert_allclose((solution.y**2).sum(axis=-1), MOMENTUM @ MOMENTUM, rtol=1e-15)
-    energy = (solution.y**2 / INERTIA).sum(axis=-1)
-    np.testing.assert_allclose(energy, energy[0], rtol=1e-6)
 
 
 def test_a_heavy_top_on_the_dual_of_rigid_motions():
@@ -95,36 +83,6 @@ def test_oja_flow_finds_the_largest_eigenvectors():
     assert frame.membership_error(solution.y).max() < 1e-15
 
 
-@pytest.mark.parametrize("group", [SO3(), SO(3)])
-def test_navigation_on_a_semidirect_product(group):
-    frame = Semidirect(group, 2)  # attitude, velocity and position
-    gravity = np.array([0.0, 0.0, -9.81])
-
-    def gyro(t):
-        return np.array([0.1, np.sin(t), 0.5])
-
-    def accelerometer(t):
-        return np.array([1.0, 0.0, np.cos(t)])
-
-    def f(t, y):
-        attitude, velocity = y[:3, :3], y[:3, 3]
-        return np.concatenate(
-            [gyro(t), accelerometer(t) + attitude.T @ gravity, attitude.T @ velocity]
-        )
-
-    def derivative(t, y):
-        rates = np.zeros((5, 5))
-        rates[:3, :3] = y[:3, :3] @ SO3().algebra(gyro(t))
-        rates[:3, 3] = y[:3, :3] @ accelerometer(t) + gravity
-        rates[:3, 4] = y[:3, 3]
-        return rates
-
-    y0 = np.eye(5)
-    np.testing.assert_allclose(frame.field(f(0, y0), y0), derivative(0, y0), rtol=0, atol=1e-14)
-    solution = cg.solve_ivp(f, (0, 2), y0, frame=frame, **TIGHT)
-    np.testing.assert_allclose(solution.y[-1], reference(derivative, (0, 2), y0), rtol=0, atol=1e-6)
-
-
 @pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e6, 1e12])
 def test_final_points_of_scaled_runs_are_points(scale):
     orbit = CoadjointOrbit(SO3(), scale * MOMENTUM)
@@ -148,7 +106,7 @@ def test_final_points_of_scaled_runs_are_points(scale):
         wrong = y0 * (1.0 + 1e-6)
         with pytest.raises(ValueError, match=r"y0 must be a point of .* distance from"):
             cg.solve_ivp(f, (0, 3), wrong, **options)
-        with pytest.raises(ValueError, match=r"y0\[1\] must be a point of"):
+        with pytest.raises(ValueError, match=r"y0\[1\] must"):
             cg.solve_ensemble(f, (0, 3), np.stack([y0, wrong]), **options)
 
 

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from refusals import refuses
 
 from cg.frames import SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
 
@@ -30,15 +31,6 @@ def test_parts_are_views(frame, batch):
 
 
 @pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
-def test_parts_of_readonly_points_are_readonly(frame):
-    y = frame.random_point(np.random.default_rng(82))
-    y.flags.writeable = False
-    for part in frame.split(y):
-        with pytest.raises(ValueError, match="read-only"):
-            part[...] = 0.0
-
-
-@pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
 def test_split_of_unusual_arrays(frame):
     y = frame.random_point(np.random.default_rng(83), (2, 5))
     expected = frame.split(y)
@@ -57,8 +49,7 @@ def test_split_of_unusual_arrays(frame):
     for part, right in zip(frame.split(swapped), expected, strict=True):
         np.testing.assert_array_equal(part, right[1, 2])
     for wrong in (y[0, 0, :-1], 1.0, np.zeros((3, y.shape[-1] + 1))):
-        with pytest.raises(ValueError, match="y must have shape"):
-            frame.split(wrong)
+        refuses(ValueError, "y must", frame.split, wrong)
 
 
 @pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
@@ -71,3 +62,12 @@ def test_join_of_unusual_arrays(frame):
         np.testing.assert_array_equal(frame.join(*odd), y)
     many = np.broadcast_to(parts[0], (3, *parts[0].shape))
     np.testing.assert_array_equal(frame.join(many, *parts[1:]), np.broadcast_to(y, (3, y.size)))
+
+
+@pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
+def test_parts_of_readonly_points_are_readonly(frame):
+    y = frame.random_point(np.random.default_rng(82))
+    y.flags.writeable = False
+    for part in frame.split(y):
+        with pytest.raises(ValueError, match="read-only"):
+            part[...] = 0.0

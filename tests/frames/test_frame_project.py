@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from frame_examples import CIRCLE, ELLIPSE, FRAMES, HEISENBERG_CONSTANTS, OPEN, name
+from refusals import refuses
 from test_frames import condition
 
-import cg
 from cg.frames import (
     GL,
     SL,
@@ -13,12 +13,9 @@ from cg.frames import (
     SO3,
     SU,
     CoadjointOrbit,
-    Euclidean,
     FieldFrame,
-    Frame,
     IsospectralOrbit,
     MatrixFrame,
-    Product,
     Sp,
     Sphere,
     Stiefel,
@@ -74,31 +71,15 @@ def test_off_manifold_errors_suggest_project(frame):
     off = frame.random_point(rng)
     off = off + 1e-4 * rng.standard_normal(off.shape)
     message = r"distance from the manifold is .*; frame\.project\(start\) is the nearest point"
-    with pytest.raises(ValueError, match=message):
-        frame.check_point(off, name="start")
+    refuses(ValueError, message, frame.check_point, off, name="start")
     assert frame.relative_error(frame.check_point(frame.project(off))) < 1e-14
-
-
-@pytest.mark.parametrize(
-    "frame", [SO3(), SO(4), U(3), UnitQuaternion(), Sphere(4), Stiefel(4, 2)], ids=repr
-)
-def test_no_other_point_is_nearer(frame):
-    rng = np.random.default_rng(94)
-    off = frame.random_point(rng)
-    off = off + 0.05 * rng.standard_normal(off.shape)
-    nearest = frame.project(off)
-    least = np.linalg.norm(off - nearest)
-    assert least > 1e-3
-    for size in (1e-3, 0.1, 1.0):
-        others = frame.flow(size * frame.random_vector(rng, (200,)), nearest)
-        distances = np.linalg.norm((off - others).reshape(200, -1), axis=-1)
-        assert distances.min() > least
 
 
 @pytest.mark.parametrize(
     "frame",
     [
         *(SU(2), SU(3), SL(2), SL(3), Sp(2), Sp(4), IsospectralOrbit((-1.0, 0.25, 1.5))),
+        *(SO3(), SO(4), U(3), UnitQuaternion(), Sphere(4), Stiefel(4, 2)),
         CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
     ],
     ids=repr,
@@ -130,8 +111,7 @@ def test_projection_without_nearest_point_is_nan(frame):
     if frame not in OPEN:
         assert np.isnan(projected[0]).any()
     np.testing.assert_allclose(projected[1], y[1], rtol=0, atol=4e-15 * condition(y[1]))
-    with pytest.raises(ValueError, match="y must have shape"):
-        frame.project(np.append(y[1], 1.0))
+    refuses(ValueError, "y must", frame.project, np.append(y[1], 1.0))
 
 
 @every_frame
@@ -183,43 +163,6 @@ def test_user_projections():
     np.testing.assert_allclose(ELLIPSE.project([1.1, 0.0]), [1.0, 0.0])
     np.testing.assert_allclose(CIRCLE.project([[2.0], [3j]]), [[1.0], [1j]])
     np.testing.assert_array_equal(MatrixFrame([[[1.0]]]).project([[3.0]]), [[3.0]])
-    with pytest.raises(TypeError, match="project must be a function or None, got 1"):
-        MatrixFrame([[[1.0]]], project=1)
+    refuses(TypeError, "project must", MatrixFrame, [[[1.0]]], project=1)
     wrong = FieldFrame([abs], abs, point_shape=2, project=lambda y: y[0])
-    with pytest.raises(ValueError, match=r"project must return shape \(2,\), got shape \(\)"):
-        wrong.project([1.0, 2.0])
-
-
-def test_frames_without_projection_raise():
-    class Half(Frame):
-        dim = 1
-        point_shape = (1,)
-
-        def field(self, v, y):
-            return v * y
-
-        def flow(self, v, y):
-            return np.exp(v) * y
-
-        def membership_error(self, y):
-            return np.where(np.asarray(y)[..., 0] > 0.0, 0.0, np.inf)
-
-        def random_point(self, rng, size=()):
-            return np.exp(rng.standard_normal((size, 1)))
-
-    with pytest.raises(NotImplementedError, match=r"Half.* has no projection onto its manifold"):
-        Half().project([1.0])
-    with pytest.raises(ValueError, match=r"distance from the manifold is inf, more than 1e-08$"):
-        Half().check_point([-1.0])
-
-
-def test_a_projected_point_can_be_integrated_from():
-    frame = Product(SO3(), UnitQuaternion(), Euclidean(2))
-    rng = np.random.default_rng(97)
-    y0 = frame.random_point(rng, (3,)).astype(np.float32)
-    f = frame.random_vector(rng)
-    options = {"frame": frame, "method": "CG3", "h": 0.1}
-    with pytest.raises(ValueError, match=r"e-08, more than 1e-08; frame\.project\(y0\) is the"):
-        cg.solve_ensemble(lambda t, y: f, (0, 1), y0, **options)
-    end = cg.solve_ensemble(lambda t, y: f, (0, 1), frame.project(y0), **options).y[-1]
-    assert frame.membership_error(end).max() < 1e-15
+    refuses(ValueError, "project must", wrong.project, [1.0, 2.0])

@@ -5,11 +5,11 @@ import pytest
 from frame_examples import FLAT, FRAMES, MAX_SCALE, OPEN, name
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refuses
 
 import cg.frames
 from cg.frames import (
     FieldFrame,
-    Frame,
     HomogeneousSpace,
     MatrixFrame,
     MatrixGroup,
@@ -27,21 +27,21 @@ scales = st.sampled_from([0.0, 1e-300, 1e-160, 1e-20, 1e-9, 1e-8, 1e-5, 1e-3, 0.
 axioms = settings(max_examples=15, deadline=None)
 
 
-def capped(frame: Frame, scale: float) -> float:
+def capped(frame, scale):
     return min(scale, MAX_SCALE.get(frame, np.inf))
 
 
-def sample(frame: Frame, seed: int, scale: float):
+def sample(frame, seed, scale):
     rng = np.random.default_rng(seed)
     return frame.random_point(rng), capped(frame, scale) * frame.random_vector(rng)
 
 
-def condition(*points) -> float:
+def condition(*points):
     """Return the factor by which rounding errors may grow: one on compact manifolds."""
     return float(np.prod([max(1.0, np.abs(point).max()) for point in points])) ** 2
 
 
-def acts_freely(frame: Frame) -> bool:
+def acts_freely(frame):
     """Return whether different small coefficients lead to different points."""
     if isinstance(frame, Product):
         return all(map(acts_freely, frame.factors))
@@ -210,20 +210,13 @@ def test_rejects_wrong_shapes(frame):
     y, v = frame.random_point(rng), frame.random_vector(rng)
     long = np.append(y, 1.0)
     for operation in (frame.flow, frame.field):
-        with pytest.raises(ValueError, match=r"v must have shape"):
-            operation(np.append(v, 1.0), y)
-        with pytest.raises(ValueError, match=r"y must have shape"):
-            operation(v, long)
-        with pytest.raises(ValueError, match=r"v must have shape"):
-            operation(1.0, y)
-    with pytest.raises(ValueError, match=r"x must have shape"):
-        frame.distance(long, y)
-    with pytest.raises(ValueError, match=r"y must have shape"):
-        frame.membership_error(1.0)
-    with pytest.raises(ValueError, match=r"y0 must have shape"):
-        frame.exp_coordinates(long, y)
-    with pytest.raises(ValueError, match=r"y1 must have shape"):
-        frame.exp_coordinates(y, long)
+        refuses(ValueError, "v must", operation, np.append(v, 1.0), y)
+        refuses(ValueError, "y must", operation, v, long)
+        refuses(ValueError, "v must", operation, 1.0, y)
+    refuses(ValueError, "x must", frame.distance, long, y)
+    refuses(ValueError, "y must", frame.membership_error, 1.0)
+    refuses(ValueError, "y0 must", frame.exp_coordinates, long, y)
+    refuses(ValueError, "y1 must", frame.exp_coordinates, y, long)
 
 
 @every_frame

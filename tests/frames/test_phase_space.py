@@ -17,6 +17,7 @@ from cg.frames import (
     Sphere,
     Stiefel,
     UnitQuaternion,
+    check,
 )
 from tests.helpers.mechanics import INERTIA, MATRIX
 
@@ -32,7 +33,7 @@ FRAMES = [
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_a_phase_space_is_a_frame(frame):
-    frame.check()
+    check(frame)
     assert frame.dim == 2 * frame.configuration.dim == 2 * frame.rhs_dim
     assert pickle.loads(pickle.dumps(frame)) == frame
     assert len({frame, PhaseSpace(frame.configuration, frame.inertia)}) == 1

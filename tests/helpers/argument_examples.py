@@ -151,7 +151,6 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(conditions.pack, a=EULER["a"], b=EULER["b"]),
     call(conditions.unpack, x=[0.5, 0.0, 1.0], stages=2),
     call(conditions.count, order=4, independent=True),
-    call(conditions.count_classical, order=4),
     call(conditions.condition_trees, order=4, independent=True),
     call(conditions.right_sides, order=4, independent=True),
     call(conditions.table_rows, order=4),

@@ -1,25 +1,14 @@
-"""The solver's own Fortran, compiled with all checks for the tests, and Debian's MINPACK."""
-
-from __future__ import annotations
+"""Flags of Fortran with all checks, and Debian's MINPACK."""
 
 import ctypes
 import ctypes.util
 import shutil
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from cg.support.shared_numbers import fortran_module
-
 TESTS = Path(__file__).parents[1]
 SOURCES = TESTS.parent / "fortran"
-MODULES = (
-    *("support/stop_flag", "conditions/least_squares", "support/linalg"),
-    "conditions/levenberg_marquardt",
-)
 KINDS = ("r64", "r128")
 FLAGS = [
     *("-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra"),
@@ -33,29 +22,16 @@ C_DOUBLES = ctypes.POINTER(ctypes.c_double)
 C_INTS = ctypes.POINTER(ctypes.c_int)
 
 
-def compile_fortran(folder: Path, suffix: str, test_source: Path, output: str, *flags: str) -> Path:
-    """Compile the solver and one source of the tests in one kind, into `output`."""
-    shared = folder / "shared_numbers.f90"
-    shared.write_text(fortran_module())
-    modules = [SOURCES / f"{module}.f90" for module in (f"support/kinds_{suffix}", *MODULES)]
-    sources = [str(source) for source in (shared, *modules, test_source)]
-    target = folder / output
-    command = ["gfortran", *FLAGS, *flags, f"-J{folder}", *sources, "-o", str(target)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return target
-
-
-def load_debian_minpack() -> ctypes.CDLL | None:
+def load_debian_minpack():
     name = ctypes.util.find_library("minpack")
     return None if name is None else ctypes.CDLL(name)
 
 
-def pointer(array: np.ndarray) -> ctypes.c_void_p:
+def pointer(array):
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def reference(value: int | float) -> Any:
+def reference(value):
     kind = ctypes.c_int if isinstance(value, int) else ctypes.c_double
     return ctypes.byref(kind(value))
 
@@ -65,30 +41,30 @@ class DebianMinpack:
 
     EPS = 2.22044604926e-16  # its dpmpar(1): the machine precision rounded to twelve digits
 
-    def __init__(self, library: ctypes.CDLL) -> None:
+    def __init__(self, library):
         self._library = library
         library.enorm_.restype = ctypes.c_double
 
     def lmdif(
         self,
-        f: Callable[[np.ndarray], np.ndarray],
-        x0: np.ndarray,
-        m: int,
+        f,
+        x0,
+        m,
         *,
-        ftol: float,
-        xtol: float,
-        gtol: float,
-        maxfev: int,
-        epsfcn: float,
-        factor: float,
-    ) -> dict[str, Any]:
+        ftol,
+        xtol,
+        gtol,
+        maxfev,
+        epsfcn,
+        factor,
+    ):
         n = x0.size
         x, fvec, fjac = x0.copy(), np.empty(m), np.empty((m, n), order="F")
         diag, qtf, ipvt = np.ones(n), np.empty(n), np.empty(n, np.intc)
         work = [np.empty(n), np.empty(n), np.empty(n), np.empty(m)]
         info, nfev = ctypes.c_int(), ctypes.c_int()
 
-        def callback(_m: Any, _n: Any, x_in: Any, f_out: Any, _flag: Any) -> None:
+        def callback(_m, _n, x_in, f_out, _flag):
             at = np.ctypeslib.as_array(x_in, (n,)).copy()
             np.ctypeslib.as_array(f_out, (m,))[:] = f(at)
 

@@ -1,14 +1,9 @@
-"""The least-squares problems of Moré, Garbow and Hillstrom.
+"""Least-squares problems of Moré, Garbow and Hillstrom, ACM TOMS 7 (1981) 17-41.
 
-J. J. Moré, B. S. Garbow, K. E. Hillstrom, Testing unconstrained optimization
-software, ACM TOMS 7 (1981) 17-41, in the sizes that MINPACK's test driver of
-lmdif runs. Every problem carries its standard start and the sums of squares
-at its published minima, so that a wrong digit in a data table shows.
+Every problem has its standard start and the sums of squares at its published minima.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -37,10 +32,10 @@ class Problem:
     minima: tuple[float, ...]
 
     @property
-    def n(self) -> int:
+    def n(self):
         return len(self.standard_start)
 
-    def start(self, factor: float) -> Vector:
+    def start(self, factor):
         """The standard start times `factor`; a zero start moves to `factor` itself."""
         start = np.array(self.standard_start)
         if factor != 1 and not start.any():
@@ -48,28 +43,28 @@ class Problem:
         return factor * start
 
 
-def linear_full_rank(x: Vector, m: int) -> Vector:
+def linear_full_rank(x, m):
     f = np.full(m, -2 * x.sum() / m - 1)
     f[: x.size] += x
     return f
 
 
-def linear_rank_one(x: Vector, m: int) -> Vector:
+def linear_rank_one(x, m):
     return np.arange(1, m + 1) * (np.arange(1, x.size + 1) * x).sum() - 1
 
 
-def linear_rank_one_zero_borders(x: Vector, m: int) -> Vector:
+def zero_borders(x, m):
     inner = (np.arange(2, x.size) * x[1:-1]).sum()
     f = np.arange(m) * inner - 1
     f[-1] = -1
     return f
 
 
-def rosenbrock(x: Vector) -> Vector:
+def rosenbrock(x):
     return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
 
 
-def helical_valley(x: Vector) -> Vector:
+def helical_valley(x):
     if x[0] == 0:
         turns = np.copysign(0.25, x[1])
     else:
@@ -77,7 +72,7 @@ def helical_valley(x: Vector) -> Vector:
     return np.array([10 * (x[2] - 10 * turns), 10 * (np.sqrt(x[0] ** 2 + x[1] ** 2) - 1), x[2]])
 
 
-def powell_singular(x: Vector) -> Vector:
+def powell_singular(x):
     return np.array(
         [
             x[0] + 10 * x[1],
@@ -88,7 +83,7 @@ def powell_singular(x: Vector) -> Vector:
     )
 
 
-def freudenstein_roth(x: Vector) -> Vector:
+def freudenstein_roth(x):
     return np.array(
         [-13 + x[0] + ((5 - x[1]) * x[1] - 2) * x[1], -29 + x[0] + ((1 + x[1]) * x[1] - 14) * x[1]]
     )
@@ -99,7 +94,7 @@ BARD = np.array(
 )
 
 
-def bard(x: Vector) -> Vector:
+def bard(x):
     u = np.arange(1.0, 16.0)
     v = 16 - u
     return BARD - (x[0] + u / (x[1] * v + x[2] * np.minimum(u, v)))
@@ -113,47 +108,28 @@ KOWALIK_OSBORNE = np.array(
 )
 
 
-def kowalik_osborne(x: Vector) -> Vector:
+def kowalik_osborne(x):
     v = KOWALIK_OSBORNE_INVERSE_DOSE
     return KOWALIK_OSBORNE - x[0] * v * (v + x[1]) / (v * (v + x[2]) + x[3])
 
 
-MEYER = np.array(
-    [
-        *(34780, 28610, 23650, 19630, 16370, 13720, 11540, 9744),
-        *(8261, 7030, 6005, 5147, 4427, 3820, 3307, 2872),
-    ],
-    dtype=float,
-)
-
-
-def meyer(x: Vector) -> Vector:
-    return x[0] * np.exp(x[1] / (45 + 5 * np.arange(1, 17) + x[2])) - MEYER
-
-
-def watson(x: Vector) -> Vector:
-    powers = (np.arange(1, 30) / 29)[:, None] ** np.arange(x.size)
-    slope = powers[:, :-1] @ (np.arange(1, x.size) * x[1:])
-    return np.concatenate([slope - (powers @ x) ** 2 - 1, [x[0], x[1] - x[0] ** 2 - 1]])
-
-
-def box_three_dimensional(x: Vector, m: int) -> Vector:
+def box_three_dimensional(x, m):
     i = np.arange(1, m + 1)
     t = i / 10
     return np.exp(-t * x[0]) - np.exp(-t * x[1]) + (np.exp(-i) - np.exp(-t)) * x[2]
 
 
-def jennrich_sampson(x: Vector, m: int) -> Vector:
+def jennrich_sampson(x, m):
     i = np.arange(1, m + 1)
     return 2 + 2 * i - np.exp(i * x[0]) - np.exp(i * x[1])
 
 
-def brown_dennis(x: Vector, m: int) -> Vector:
+def brown_dennis(x, m):
     t = np.arange(1, m + 1) / 5
     return (x[0] + t * x[1] - np.exp(t)) ** 2 + (x[2] + np.sin(t) * x[3] - np.cos(t)) ** 2
 
 
-def chebyquad(x: Vector, m: int) -> Vector:
+def chebyquad(x, m):
     """Means of the shifted Chebyshev polynomials minus their integrals over [0, 1]."""
     f = np.empty(m)
     shifted = 2 * x - 1
@@ -164,7 +140,7 @@ def chebyquad(x: Vector, m: int) -> Vector:
     return f
 
 
-def brown_almost_linear(x: Vector) -> Vector:
+def brown_almost_linear(x):
     f = x + x.sum() - (x.size + 1)
     f[-1] = x.prod() - 1
     return f
@@ -179,78 +155,27 @@ OSBORNE_1 = np.array(
 )
 
 
-def osborne_1(x: Vector) -> Vector:
+def osborne_1(x):
     t = 10.0 * np.arange(33)
     return OSBORNE_1 - (x[0] + x[1] * np.exp(-x[3] * t) + x[2] * np.exp(-x[4] * t))
 
 
-OSBORNE_2 = np.array(
-    [
-        *(
-            *(1.366, 1.191, 1.112, 1.013, 0.991, 0.885, 0.831, 0.847, 0.786, 0.725, 0.746, 0.679),
-            0.608,
-        ),
-        *(
-            *(0.655, 0.616, 0.606, 0.602, 0.626, 0.651, 0.724, 0.649, 0.649, 0.694, 0.644, 0.624),
-            0.661,
-        ),
-        *(
-            *(0.612, 0.558, 0.533, 0.495, 0.500, 0.423, 0.395, 0.375, 0.372, 0.391, 0.396, 0.405),
-            0.428,
-        ),
-        *(
-            *(0.429, 0.523, 0.562, 0.607, 0.653, 0.672, 0.708, 0.633, 0.668, 0.645, 0.632, 0.591),
-            0.559,
-        ),
-        *(
-            *(0.597, 0.625, 0.739, 0.710, 0.729, 0.720, 0.636, 0.581, 0.428, 0.292, 0.162, 0.098),
-            0.054,
-        ),
-    ]
-)
-
-
-def osborne_2(x: Vector) -> Vector:
-    t = np.arange(65) / 10
-    bells = sum(x[k + 1] * np.exp(-((t - x[k + 8]) ** 2) * x[k + 5]) for k in range(3))
-    return OSBORNE_2 - (x[0] * np.exp(-t * x[4]) + bells)
-
-
-def _with_rows(function: Callable[..., Vector], m: int) -> Residual:
+def _with_rows(function, m):
     return partial(function, m=m)
 
 
-def _chebyquad(n: int, tries: int, *minima: float) -> Problem:
+def _chebyquad(n, tries, *minima):
     start = tuple(float(v) for v in np.arange(1, n + 1) / (n + 1))
     m = max(n, 8)
     return Problem(f"chebyquad-{n}", m, _with_rows(chebyquad, m), start, tries, minima)
 
 
-def _linear_problems() -> Iterator[Problem]:
-    for m in (10, 50):
-        yield Problem(
-            f"linear-full-rank-{m}", m, _with_rows(linear_full_rank, m), (1.0,) * 5, 1, (m - 5.0,)
-        )
-        yield Problem(
-            f"linear-rank-one-{m}",
-            m,
-            _with_rows(linear_rank_one, m),
-            (1.0,) * 5,
-            1,
-            (m * (m - 1) / (2 * (2 * m + 1)),),
-        )
-        yield Problem(
-            f"linear-rank-one-zero-borders-{m}",
-            m,
-            _with_rows(linear_rank_one_zero_borders, m),
-            (1.0,) * 5,
-            1,
-            ((m * m + 3 * m - 6) / (2 * (2 * m - 3)),),
-        )
+ONES = (1.0,) * 5
 
-
-PROBLEMS: tuple[Problem, ...] = (
-    *_linear_problems(),
+PROBLEMS = (
+    Problem("linear-full-rank", 10, _with_rows(linear_full_rank, 10), ONES, 1, (5.0,)),
+    Problem("linear-rank-one", 50, _with_rows(linear_rank_one, 50), ONES, 1, (2450 / 202,)),
+    Problem("linear-rank-one-zero-borders", 10, _with_rows(zero_borders, 10), ONES, 1, (124 / 34,)),
     Problem("rosenbrock", 2, rosenbrock, (-1.2, 1.0), 3, (0.0,)),
     Problem("helical-valley", 3, helical_valley, (-1.0, 0.0, 0.0), 3, (0.0,)),
     Problem("powell-singular", 4, powell_singular, (3.0, -1.0, 0.0, 1.0), 3, (0.0,)),
@@ -264,10 +189,6 @@ PROBLEMS: tuple[Problem, ...] = (
         3,
         (3.075056e-4, 1.027342e-3),
     ),
-    Problem("meyer", 16, meyer, (0.02, 4000.0, 250.0), 2, (87.94586,)),
-    Problem("watson-6", 31, watson, (0.0,) * 6, 3, (2.287670e-3,)),
-    Problem("watson-9", 31, watson, (0.0,) * 9, 3, (1.399760e-6,)),
-    Problem("watson-12", 31, watson, (0.0,) * 12, 3, (4.722381e-10,)),
     Problem(
         "box-three-dimensional",
         10,
@@ -288,12 +209,4 @@ PROBLEMS: tuple[Problem, ...] = (
     Problem("brown-almost-linear-30", 30, brown_almost_linear, (0.5,) * 30, 1, (0.0, 1.0)),
     Problem("brown-almost-linear-40", 40, brown_almost_linear, (0.5,) * 40, 1, (0.0, 1.0)),
     Problem("osborne-1", 33, osborne_1, (0.5, 1.5, -1.0, 0.01, 0.02), 1, (5.464895e-5,)),
-    Problem(
-        "osborne-2",
-        65,
-        osborne_2,
-        (1.3, 0.65, 0.65, 0.7, 0.6, 3.0, 5.0, 7.0, 2.0, 4.5, 5.5),
-        1,
-        (4.013774e-2,),
-    ),
 )

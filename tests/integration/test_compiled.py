@@ -13,7 +13,6 @@ from cg.frames import GL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
-from cg.reproduce.reference_runs import integrate_compiled
 
 pytestmark = pytest.mark.sanitize
 
@@ -125,16 +124,15 @@ def test_workers_run_at_the_same_time(function):
 
 def test_ensembles_and_complex_points_from_python(function):
     growth = compiled_rhs(function("growth"))
-    assert growth.on(Euclidean(1), None)(0.0, np.array([[2.0], [3.0]])).tolist() == [[2.0], [3.0]]
+    points = np.array([[2.0], [3.0]])
+    assert growth.values(Euclidean(1), 0, 0.0, points).tolist() == points.tolist()
     # SU(2) has three coefficients; the others stay unwritten.
     y = np.array([[0.6 + 0.8j, 0.0], [0.0, 0.6 - 0.8j]])
-    actual = growth.on(SU(2), None)(0.0, y)
+    actual = growth.on(SU(2), None).at_member(0, 0.0, y)
     assert actual[0] == 0.6
     assert np.isnan(actual[1:]).all()
     with pytest.raises(RuntimeError, match="f returned the error code 7 at t = 1"):
-        compiled_rhs(function("stops")).on(Euclidean(1), None)(1.0, np.zeros(1))
-    with pytest.raises(ValueError, match="frame must be given"):
-        growth(0.0, np.zeros(1))
+        compiled_rhs(function("stops")).on(Euclidean(1), None).at_member(0, 1.0, np.zeros(1))
 
 
 @pytest.mark.parametrize(
@@ -218,16 +216,6 @@ def test_other_signatures_are_refused(library):
     bare.restype = ctypes.c_double
     with pytest.raises(ValueError, match="f must have the signature"):
         integrate(LowLevelCallable(bare), (0, 1), [1.0], **OPTIONS)
-
-
-@pytest.mark.parametrize("name", list(PROBLEMS))
-def test_built_in_affine_fields_agree_with_python(name):
-    problem = PROBLEMS[name]
-    slow = integrate(problem.f, (0, 1), problem.y0, frame=problem.frame, method="CG4a", h=1 / 16)
-    for kind in ("real64", "real128"):
-        fast = integrate_compiled(problem, method="CG4a", h="1/16", steps=16, kind=kind)
-        np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
-        assert fast.raw.shape[:2] == (17, problem.frame.point_shape[0])
 
 
 @pytest.mark.parametrize(

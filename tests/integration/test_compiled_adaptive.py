@@ -16,7 +16,8 @@ TOLERANCE = 1e-13
 
 def from_python(f, frame):
     """Return the compiled function as one in Python."""
-    return compiled_rhs(f).on(frame, None).__call__
+    rhs = compiled_rhs(f).on(frame, None)
+    return lambda t, y: rhs.at_member(0, t, y)
 
 
 def both(f, span, y0, frame, *, method="CG4(3)", **options):

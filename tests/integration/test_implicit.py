@@ -7,7 +7,6 @@ import pytest
 from kinds import FROZEN
 
 import cg
-from cg.analysis.convergence import final_errors, observed_order
 from cg.frames import SE3, SO3, Euclidean, Product, Sphere
 from cg.integration.step.implicit import STAGE_SOLVERS
 from cg.method.tableau import Tableau
@@ -41,13 +40,6 @@ def energy(m):
     return 0.5 * (m**2 / INERTIA).sum(axis=-1)
 
 
-@pytest.fixture(scope="module", params=["body", "space"])
-def problem(request):
-    problem = StateDependentRotation(request.param)
-    reference = problem.reference([1], bits=128)
-    return problem, reference.y[0, :9].reshape(3, 3)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 def test_stages_solve_their_equations(method, kind):
@@ -79,32 +71,10 @@ def test_stages_solve_their_equations(method, kind):
     assert solution.nfev == len(calls)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
-def test_slope_is_the_order(problem, method, kind):
-    equation, exact = problem
-    h = 1.0 / np.array([16, 32, 64])
-    errors = [
-        cg.integrate(
-            equation.f,
-            (0, 1),
-            equation.y0,
-            frame=equation.frame,
-            method=method,
-            h=size,
-            stage_solver=kind,
-        ).y[-1]
-        for size in h
-    ]
-    errors = equation.frame.distance(np.array(errors), exact)
-    order = observed_order(h, errors, floor=1e-13).order
-    assert order == pytest.approx(method.order, abs=0.15)
-
-
 def test_flat_space_gives_the_classical_method():
     matrix = np.random.default_rng(1).standard_normal((4, 4))
     y0 = np.ones(4)
-    h, n = 0.25, 8
+    h = 0.25
 
     def classical(method):
         identity = np.eye(4 * method.stages)
@@ -118,14 +88,6 @@ def test_flat_space_gives_the_classical_method():
             lambda t, y: matrix @ y, (0, h), y0, frame=Euclidean(4), method=method, h=h
         )
         np.testing.assert_allclose(solution.y[-1], classical(method), rtol=0, atol=1e-13)
-    sizes = 1.0 / np.array([4, n, 16])
-    exact = cg.integrate(
-        lambda t, y: matrix @ y, (0, 1), y0, frame=Euclidean(4), method="CG5a", h=1 / 128
-    ).y[-1]
-    errors = final_errors(
-        lambda t, y: matrix @ y, (0, 1), y0, exact, frame=Euclidean(4), method=GAUSS, h=sizes
-    )
-    assert observed_order(sizes, errors).order == pytest.approx(4.0, abs=0.2)
 
 
 @pytest.mark.parametrize("frame", [SO3(), SE3(), Sphere(2), BODY], ids=repr)
@@ -145,14 +107,6 @@ def test_both_solvers_find_the_same_solution(frame, method):
     np.testing.assert_allclose(newton.y, fixed.y, rtol=0, atol=1e-12)
     assert 0 < newton.njev == newton.nlu
     assert fixed.njev == fixed.nlu == 0
-
-
-def test_midpoint_is_its_own_adjoint():
-    problem = StateDependentRotation()
-    options = {"frame": SO3(), "method": MIDPOINT, "h": 0.125}
-    there = cg.integrate(problem.f, (0, 1), problem.y0, **options).y[-1]
-    back = cg.integrate(problem.f, (1, 0), there, **options).y[-1]
-    np.testing.assert_allclose(back, problem.y0, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("vectorized", [False, True])
@@ -294,8 +248,3 @@ def rigid_body_drift(steps, h=0.1):
 
 def test_midpoint_keeps_energy_and_momentum_of_the_free_rigid_body():
     assert max(rigid_body_drift(2_000)) < 2e-14
-
-
-@pytest.mark.slow
-def test_midpoint_keeps_energy_and_momentum_over_1e5_steps():
-    assert max(rigid_body_drift(100_000)) < 5e-13

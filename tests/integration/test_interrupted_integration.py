@@ -13,7 +13,6 @@ import ctypes
 import numpy as np
 import cg
 from cg.frames import Euclidean
-from cg.reproduce.reference_runs import integrate_compiled
 
 library = ctypes.CDLL({library!r})
 f = library.growth
@@ -35,8 +34,6 @@ CALLS = {
     "**options)",
     "ensemble": "cg.solve_ensemble(f, (0, 1e9), many, max_step=1e-6, max_steps=10**12, **options)",
     "stepper": "cg.Stepper(f, 0.0, one, max_step=1e-6, **options).advance(1e9)",
-    "built in": "integrate_compiled(cg.problems.HeavyTop(), method='CG3', h=1e-3, steps=10**6, "
-    "kind='real128')",
 }
 
 

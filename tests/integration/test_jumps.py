@@ -212,6 +212,18 @@ def test_a_ball_that_comes_to_rest_ends_the_integration(kept, direction, options
     assert rest.y[:, 0].min() > -1e-13
 
 
+@pytest.mark.parametrize("method", ["DP5(4)", "RKMK5(4)"])
+def test_bounces_end_where_a_ball_returns_to_the_rounding_of_its_height(method):
+    """Also where equal steps end there, each of which would give the ball the same speed."""
+    floor = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, -0.7 * y[1]])
+    rest = cg.solve_ivp(
+        lambda t, y: [y[1], -350.0], (0.0, 9.0), [1.0, 0.0], frame=Euclidean(2), events=floor,
+        method=method, max_steps=2000,
+    )  # fmt: skip
+    assert "events[0] leaves its function at zero" in rest.message
+    assert rest.t[-1] == pytest.approx(np.sqrt(2.0 / 350.0) * 1.7 / 0.3, abs=1e-10)
+
+
 @pytest.mark.parametrize("start", np.linspace(0.9, 1.1, 5))
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 0.5}])
 def test_noise_of_a_function_after_a_jump_is_no_event(start, options):
@@ -278,6 +290,14 @@ def test_events_at_the_same_time_happen_in_any_order(order, spread):
             np.testing.assert_allclose(solution.y_events[k][:, 1], -speeds, rtol=0, atol=1e-6)
     np.testing.assert_allclose(solution.y[-1, [1, 3]], KEPT * speeds[-1], rtol=0, atol=1e-5)
     np.testing.assert_array_equal(solution.sol(solution.t[-1]), solution.y[-1])
+
+
+@pytest.mark.parametrize("start", [0.9, 1.0, 1.3])
+def test_a_zero_that_rounding_puts_behind_a_jump_is_not_lost(start):
+    """The last function is zero at all heights below 6e-14."""
+    ends = cg.Event(lambda t, y: (y[0] + 1e3) - 1e3, direction=-1, terminal=True)
+    for events in ([FLOOR, ends], [ends, FLOOR]):
+        assert drop((0.0, 1.0), (start, 0.0), events=events).status == 1
 
 
 def test_other_events_in_the_step_of_a_jump():

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 import cg
 from cg import _core_r64
-from cg.frames import LinearAction
+from cg.frames import LinearAction, check
 
 
 class TestLinearAction:
@@ -84,8 +84,8 @@ class TestLinearAction:
             assert ("both of its triangles" in str(error.value)) == (wrong[-1, 0] == 0)
 
     def test_it_passes_the_checks_of_frames(self):
-        LinearAction([sparse.csr_array(g) for g in self.DENSE]).check()
-        LinearAction([1j * (g + g.T) for g in self.DENSE]).check()
+        check(LinearAction([sparse.csr_array(g) for g in self.DENSE]))
+        check(LinearAction([1j * (g + g.T) for g in self.DENSE]))
 
     def test_frames_are_compared_by_value(self):
         first, second = (LinearAction(list(self.DENSE)) for _ in range(2))

@@ -1,4 +1,4 @@
-"""Munthe-Kaas methods in compiled code: C functions, all compiled frames, real(16)."""
+"""Munthe-Kaas methods in compiled code: C functions, all compiled frames."""
 
 import numpy as np
 import pytest
@@ -8,43 +8,12 @@ from python_steps import Step, uncompiled
 from test_munthe_kaas import METHODS
 
 import cg
-from cg.analysis.convergence import observed_order
 from cg.catalogue import resolve_method
 from cg.frames import SE3, SO, SO3, SU, Power, U, UnitQuaternion
 from cg.frames.dexpinv import series_dexpinv
 from cg.integration.step.flows import dexpinv_of
-from cg.problems.affine import AffineField
-from cg.reproduce.reference_runs import integrate_compiled
 
 pytestmark = pytest.mark.sanitize
-
-ORDERS = {
-    **{key: (m, m.order) for key, m in METHODS.items() if m.explicit},
-    **{
-        f"{key}, second": (m.embedded, m.embedded_order) for key, m in METHODS.items() if m.embedded
-    },
-}
-
-
-MATRICES = AffineField(SO(4, "space"), np.eye(4), seed=3)
-
-
-@pytest.fixture(scope="module", params=["SO3 body", "SE3 space", "SO4 space"])
-def solved(request):
-    problem = PROBLEMS.get(request.param, MATRICES)
-    return problem, problem.reference([1], bits=128).values[0][:-1]
-
-
-@pytest.mark.parametrize("key", ORDERS)
-def test_slopes_in_quadruple_precision(solved, key):
-    (problem, exact), (method, order) = solved, ORDERS[key]
-    counts = [8, 16, 32] if order > 5 else [64, 128, 256]
-    errors = []
-    for n in counts:
-        end = integrate_compiled(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
-        errors.append(float(max(abs(x - y) for x, y in zip(end.exact(-1), exact, strict=True))))
-    slope = observed_order(1 / np.array(counts), errors, floor=1e-31)
-    assert slope.order == pytest.approx(order, abs=0.25)
 
 
 @pytest.mark.parametrize("key", [key for key, method in METHODS.items() if method.explicit])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ambient import solve_in_ambient_space
 from frame_examples import HEISENBERG, generic
-from kinds import FROZEN
+from kinds import FROZEN, MUNTHE_KAAS
 from reversed_flows import reverse_flows
 from slow_cases import slow
 
@@ -29,9 +29,10 @@ from cg.method.tableau import Tableau
 pytestmark = pytest.mark.no_core
 
 EXACT = {name: method for name, method in FROZEN.items() if not method.approximate}
-WEIGHTS = {name: (method, method.order) for name, method in EXACT.items()} | {
+ALL = EXACT | MUNTHE_KAAS
+WEIGHTS = {name: (method, method.order) for name, method in ALL.items()} | {
     f"{name}, embedded": (method.embedded, method.embedded_order)
-    for name, method in EXACT.items()
+    for name, method in ALL.items()
     if method.embedded is not None
 }
 
@@ -75,7 +76,7 @@ def slope_of(name, method, max_steps=64):
     """Return the slope at the smallest errors that are above rounding."""
     frame, f, y0, exact = problem_on(name)
     errors = []
-    for n in 2 ** np.arange(2, np.log2(max_steps) + 1).astype(int):
+    for n in 3 * 2 ** np.arange(int(np.log2(max_steps))):
         end = integrate(f, (0, 1), y0, frame=frame, method=method, h=1 / n).y[-1]
         errors.append(np.abs(end - exact).max())
         if errors[-1] < 1e-11 and len(errors) > 1:

@@ -328,6 +328,19 @@ def test_equal_steps_go_on_from_any_time(direction):
     assert_array_equal(other.y, stepper.y)
 
 
+def test_equal_steps_that_the_time_cannot_resolve_are_refused():
+    options = {"frame": Euclidean(1), "method": "CF4", "h": 1e-3}
+    match = r"h is too small at t = 1000000000000000.0: its times coincide, got 0.001"
+    with pytest.raises(ValueError, match=match):
+        cg.Stepper(lambda t, y: [1.0], 1e15, [0.0], **options)
+    stepper = cg.Stepper(lambda t, y: [1.0], 0.0, [0.0], **options)
+    with pytest.raises(ValueError, match=match):
+        stepper.advance(1e15)
+    with pytest.raises(ValueError, match=match):
+        stepper.restart(t=1e15)
+    assert stepper.t == 0.0
+
+
 def test_a_refused_restart_changes_nothing():
     def f(t, y, rate):
         return rate[0] * y
@@ -376,21 +389,21 @@ def test_ensembles_advance(together):
         stepper.step()
 
 
-def test_members_with_common_steps_take_them_together():
+@pytest.mark.parametrize("control", [OPTIONS, {"method": "CF4", "h": 0.1}])
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_members_with_common_steps_take_them_together(vectorized, control):
     y0 = SO3().random_point(np.random.default_rng(3), 4)
-    stepper = cg.Stepper(
-        turning_together, 0.0, y0, 1.0, frame=SO3(), vectorized=True, common_steps=True, **OPTIONS
-    )
-    whole = cg.solve_ensemble(
-        turning_together, (0, 1), y0, frame=SO3(), vectorized=True, common_steps=True, **OPTIONS
-    )
+    options = {"frame": SO3(), "vectorized": vectorized, "common_steps": True} | control
+    f = turning_together if vectorized else turning
+    stepper = cg.Stepper(f, 0.0, y0, 1.0, **options)
+    whole = cg.solve_ensemble(f, (0, 1), y0, dense_output=True, **options)
     steps = 0
     while stepper.status == "running":
         assert stepper.step() is None
         steps += 1
-        assert stepper.dense_output()(stepper.t).shape == y0.shape
+        for within in (whole.sol, stepper.dense_output()):
+            np.testing.assert_allclose(within(stepper.t), stepper.y, atol=1e-13, rtol=0)
     assert steps == whole.steps[0]
-    np.testing.assert_allclose(stepper.y, whole.y[-1], atol=1e-13, rtol=0)
 
 
 @pytest.mark.parametrize("fixed", [True, False])

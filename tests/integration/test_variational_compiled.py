@@ -10,8 +10,6 @@ from scipy import LowLevelCallable
 import cg
 from cg.frames import SO3, Euclidean, IsospectralOrbit, Product, Stiefel
 from cg.integration.step.plan import has_brackets
-from cg.integration.variational.compiled import CompiledVariation
-from cg.integration.variational.problem import add_derivatives
 
 BODY = Product(SO3(), Euclidean(3))
 Y0 = BODY.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
@@ -154,15 +152,16 @@ def test_user_data_without_parameters(functions, function):
     assert solution.sensitivity is None
 
 
-def test_compiled_coefficients_are_callable_from_python(functions):
-    problem = cg.integration.problem.make_problem(
-        functions["f"], SPAN, Y0, frame=BODY, options={"method": "CG4a", "h": 0.1, "parameters": P}
-    )
-    joint = add_derivatives(problem, **functions, control_derivatives=False)
-    assert isinstance(joint.rhs, CompiledVariation)
-    z = joint.points[0]
-    expected = joint.variational(0.0, z, P)
-    np.testing.assert_allclose(joint.rhs.at_member(0, 0.0, z), expected, rtol=1e-14, atol=1e-14)
+def test_many_points_at_a_time_have_the_derivatives_of_one():
+    """Functions of many points are evaluated in Python, those of one point in compiled code."""
+    options = {"t_span": SPAN, "parameters": np.stack([P, 1.1 * P]), **GIVEN}
+    one = cg.solve_variational_ensemble(top, y0=Y0, **options)
+
+    def many(t, y, p):
+        return np.array([top(*each) for each in zip(t, y, p, strict=True)])
+
+    both = cg.solve_variational_ensemble(many, y0=Y0, vectorized=True, **options)
+    agree(both, one, 1e-9)
 
 
 class TestFailures:

@@ -193,6 +193,22 @@ def test_compiled_events_have_derivatives():
     np.testing.assert_allclose(solution.dt_events[0], expected.dt_events[0], rtol=1e-12)
 
 
+def test_differences_follow_the_size_of_coordinates():
+    """Steps of order one would be lost in the rounding of a height of 1e10."""
+    size = 1e10
+    half = cg.Event(
+        lambda t, y, p: y[0] - size / 2, direction=-1, jump=lambda t, y, p: [y[0], -p[0] * y[1]]
+    )
+    solution = cg.solve_variational(
+        lambda t, y, p: [y[1], -GRAVITY * size], (0, 0.4), [size, 0.0], frame=Euclidean(2),
+        parameters=[0.5], events=half, **TIGHT,
+    )  # fmt: skip
+    time, speed = 1.0 / np.sqrt(GRAVITY), np.sqrt(GRAVITY) * size
+    np.testing.assert_allclose(solution.dt_events[0] * speed, [[1.0, time, 0.0]], atol=1e-9)
+    # the last speed is half of that of impact, minus what gravity takes in the rest of the time
+    assert solution.transition[-1, 1, 0] == pytest.approx(1.5 * np.sqrt(GRAVITY), rel=1e-9)
+
+
 def test_an_event_that_only_touches_has_no_derivative():
     options = {"frame": Euclidean(1), "t_span": (0, 1), "y0": [1.0], "h": 0.25, "method": "CG4a"}
     solution = cg.solve_variational(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from jax_setup import jax
 from numpy.polynomial import Polynomial
+from refusals import refuses
 from slow_cases import slow
 
 import cg
@@ -25,7 +26,7 @@ from cg.frames import (
     UnitQuaternion,
 )
 from cg.frames.dexpinv import bernoulli_terms
-from cg.jax.entire import angle_over_sine, dexpinv_factor, motion_factors, stumpff
+from cg.jax.entire import dexpinv_factor, motion_factors, stumpff
 from cg.jax.frames import rules_of
 
 jnp = jax.numpy
@@ -224,20 +225,6 @@ class TestSeriesOfDexpinv:
                 assert (np.isfinite(values) == exists).all()
         assert np.isnan(values).all()
 
-    @pytest.mark.parametrize("frame", [SU(3), *slow(SO(4))], ids=repr)
-    def test_values(self, frame):
-        rng = np.random.default_rng(11)
-        v = rng.standard_normal((6, frame.dim))
-        u = (
-            rng.standard_normal((6, frame.dim))
-            * np.array([0.0, 0.1, 2.0, 10.0, 1e3, 1e160])[:, None]
-        )
-        u[5] = 8.0 * v[5]
-        values = jax.jit(jax.vmap(lambda u, v: rules_of(frame).dexpinv(u, v, 6)))(u, v)
-        expected = frame.dexpinv(u, v, order=6)
-        assert np.isnan(expected[3:5]).all()
-        np.testing.assert_allclose(values, expected, rtol=1e-12)
-
     def test_derivatives_stay_finite(self):
         frame = SU(3)
         v = np.random.default_rng(12).standard_normal(frame.dim)
@@ -320,13 +307,6 @@ class TestSmoothFunctions:
             expected = [self.series(q, k, derivative) for q in self.AT]
             np.testing.assert_allclose(actual, expected, rtol=1e-13, atol=1e-15)
 
-    def test_single_precision(self):
-        low = jnp.asarray(self.AT, np.float32)
-        for k in range(4):
-            slope = jax.jit(jax.vmap(jax.grad(lambda q, k=k: stumpff(k, q))))(low)
-            expected = [self.series(q, k, 1) for q in np.asarray(low, float)]
-            np.testing.assert_allclose(slope, expected, rtol=2e-5, atol=1e-6)
-
     def test_factors_of_dexpinv(self):
         """The factor is (1 - x cot x) / (4 x^2), and Bernoulli's series near zero."""
 
@@ -347,12 +327,6 @@ class TestSmoothFunctions:
         np.testing.assert_allclose(second, values - q * slopes, rtol=1e-12, atol=1e-13)
         np.testing.assert_allclose(fourth, -slopes, rtol=1e-13)
 
-    @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 0.79, 0.81, 1.6, 2.5, 3.14])
-    def test_angles(self, angle):
-        q, c = np.sin(angle) ** 2, np.cos(angle)
-        actual = angle_over_sine(jnp.asarray(q), jnp.asarray(c))
-        assert float(actual) == pytest.approx(angle / np.sin(angle) if angle else 1.0, rel=1e-12)
-
 
 class TestPoints:
     FRAME = Product(SU(2), UnitQuaternion(), Euclidean(2))
@@ -371,33 +345,15 @@ class TestPoints:
         along = float(g @ frame.field(v, y))
         assert float(cg.jax.cotangent(frame, y, g) @ v) == pytest.approx(along, rel=1e-13)
 
-    def test_logarithms_are_costs(self):
-        frame = UnitQuaternion()
-        y = frame.random_point(np.random.default_rng(3))
-        v = jnp.array([0.1, 0.2, -0.3])
-
-        def cost(v):
-            return (cg.jax.log(frame, y, cg.jax.flow(frame, v, y)) ** 2).sum()
-
-        gradient, hessian = jax.jit(lambda v: (jax.grad(cost)(v), jax.hessian(cost)(0.0 * v)))(v)
-        close(gradient, 2.0 * v)
-        close(hessian, 2.0 * np.eye(3))
-
     def test_bad_input(self):
         quaternion = UnitQuaternion()
-        with pytest.raises(ValueError, match=r"y must have shape \(4,\), got \(3,\)"):
-            cg.jax.flow(quaternion, np.zeros(3), np.zeros(3))
-        with pytest.raises(ValueError, match=r"v must have shape \(3,\), got \(4,\)"):
-            cg.jax.flow(quaternion, np.zeros(4), np.zeros(4))
+        refuses(ValueError, "y must", cg.jax.flow, quaternion, np.zeros(3), np.zeros(3))
+        refuses(ValueError, "v must", cg.jax.flow, quaternion, np.zeros(4), np.zeros(4))
         with pytest.raises(ValueError, match=r"must have exp_coordinates"):
             cg.jax.log(Stiefel(3, 2), np.eye(3, 2), np.eye(3, 2))
-        with pytest.raises(TypeError, match=r"frame must be a cg.frames.Product, got"):
-            cg.jax.split(quaternion, np.zeros(4))
-        with pytest.raises(ValueError, match="parts must be 3 points, got 1"):
-            cg.jax.join(self.FRAME, np.zeros(4))
-        with pytest.raises(ValueError, match=r"parts\[1\] must have shape \(4,\), got \(3,\)"):
+        refuses(TypeError, "frame must", cg.jax.split, quaternion, np.zeros(4))
+        refuses(ValueError, "parts must", cg.jax.join, self.FRAME, np.zeros(4))
+        with pytest.raises(ValueError, match=r"parts\[1\] must"):
             cg.jax.join(self.FRAME, np.eye(2), np.zeros(3), np.zeros(2))
-        with pytest.raises(TypeError, match=r"FieldFrame takes a flow in jax.numpy"):
-            rules_of(cg.frames.Sp(4))
-        with pytest.raises(TypeError, match=r"frame must be a cg.frames.Frame, got 3"):
-            rules_of(3)
+        refuses(TypeError, r"FieldFrame takes a flow in jax.numpy", rules_of, cg.frames.Sp(4))
+        refuses(TypeError, "frame must", rules_of, 3)

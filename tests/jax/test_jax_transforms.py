@@ -1,10 +1,5 @@
 """Derivatives of solutions in JAX, batches, and traced arguments."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
@@ -107,19 +102,6 @@ class TestTransforms:
         flows = sum(len(path.flows) for path in solver.steps.paths.paths)
         assert text.count("= optimization_barrier ") == flows
 
-    @pytest.mark.slow
-    @pytest.mark.parametrize("name", ["CF4(3)", "RKMK5(4)"])
-    def test_repeated_steps_are_the_same(self, name):
-        """The default adjoint repeats steps; their sizes follow from differences near rounding.
-
-        Only XLA with its usual optimisations, which tests do without, shows whether they differ.
-        """
-        environment = {name: text for name, text in os.environ.items() if name != "XLA_FLAGS"}
-        helper = Path(__file__).parents[1] / "helpers/jax_repetition.py"
-        command = [sys.executable, helper, name]
-        done = subprocess.run(command, env=environment, capture_output=True, check=True, text=True)
-        assert abs(float(done.stdout)) < 1e-12
-
     def test_tolerances_may_be_traced(self):
         frame = UnitQuaternion()
         ours, _ = term(frame)
@@ -199,19 +181,6 @@ class TestTransforms:
         assert slopes[3] == pytest.approx(WEIGHTS @ values, rel=1e-8)
         assert curvatures[3] == pytest.approx(WEIGHTS @ slopes, rel=1e-8)
 
-    @pytest.mark.slow
-    def test_hessians_of_solutions(self):
-        ours, _ = term(UnitQuaternion())
-
-        def cost(factor):
-            solver = cg.jax.Solver("CF3", dense="steps")
-            options = {"max_steps": 4, "adjoint": diffrax.DirectAdjoint(), "args": factor}
-            return solve(ours, solver, point(UnitQuaternion()), h=0.25, **options).ys[-1, 0]
-
-        slopes = jax.jit(jax.vmap(jax.grad(cost)))(0.8 + SHIFTS)
-        curvature = float(jax.jit(jax.hessian(cost))(0.8))
-        assert curvature == pytest.approx(WEIGHTS @ np.asarray(slopes), rel=1e-8)
-
     def test_errors_in_gradients_of_solve_ivp_name_cg_jax(self):
         def end(inertia):
             f = body(jnp)
@@ -219,16 +188,10 @@ class TestTransforms:
                 lambda t, y: f(t, y, inertia), (0.0, 1.0), START, frame=ATTITUDE_AND_VELOCITY
             ).y[-1, 0]
 
-        def listed(inertia):
-            f = body(jnp)
-            return cg.solve_ivp(
-                lambda t, y: list(f(t, y, inertia)), (0.0, 1.0), START, frame=ATTITUDE_AND_VELOCITY
-            ).y[-1, 0]
-
         def from_start(y0):
             return cg.solve_ivp(body(np), (0.0, 1.0), y0, frame=ATTITUDE_AND_VELOCITY).y[-1, 0]
 
-        for function, at in ((end, INERTIA), (listed, INERTIA), (from_start, START)):
+        for function, at in ((end, INERTIA), (from_start, START)):
             with pytest.raises(ValueError, match=r"cg\.jax has the methods for JAX"):
                 jax.grad(function)(jnp.asarray(at))
             with pytest.raises(ValueError, match=r"cg\.jax has the methods for JAX"):

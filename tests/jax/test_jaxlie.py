@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from jax_setup import jax
+from refusals import refuses
 
 import cg
 from cg.frames import SE3, SO3, Euclidean, Product, Sphere, UnitQuaternion
@@ -77,15 +78,13 @@ def test_derivatives_and_batches():
 
 
 def test_bad_input():
-    with pytest.raises(TypeError, match="frame must be UnitQuaternion, SO3, SE3 or Product"):
+    with pytest.raises(TypeError, match="frame must"):
         cg.jax.from_jaxlie(Sphere(2), SimpleNamespace(wxyz=np.ones(4)))
-    with pytest.raises(TypeError, match="pose must have the attribute wxyz_xyz"):
-        cg.jax.from_jaxlie(SE3(), SimpleNamespace(wxyz=np.ones(4)))
-    with pytest.raises(ValueError, match=r"wxyz must have shape \(4,\), got \(2, 4\)"):
+    refuses(TypeError, "pose must", cg.jax.from_jaxlie, SE3(), SimpleNamespace(wxyz=np.ones(4)))
+    with pytest.raises(ValueError, match="wxyz must"):
         cg.jax.from_jaxlie(SO3(), SimpleNamespace(wxyz=np.ones((2, 4))))
     with pytest.raises(TypeError, match=r"got Product.*; cg\.jax\.join makes its point"):
         cg.jax.from_jaxlie(Product(SE3(), Euclidean(6)), SimpleNamespace(wxyz_xyz=np.ones(7)))
     with pytest.raises(TypeError, match=r"kind must have 7 parameters for SE3.*, with 4"):
         cg.jax.to_jaxlie(SE3(), np.eye(4), type("SO3", (), {"parameters_dim": 4}))
-    with pytest.raises(ValueError, match=r"y must have shape \(4, 4\), got \(3, 3\)"):
-        cg.jax.to_jaxlie(SE3(), np.eye(3), list)
+    refuses(ValueError, "y must", cg.jax.to_jaxlie, SE3(), np.eye(3), list)

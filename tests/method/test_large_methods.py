@@ -2,7 +2,6 @@
 
 import random
 import time
-from pathlib import Path
 
 import pytest
 
@@ -14,20 +13,18 @@ from cg.formats.notebooks import to_html
 from cg.method.stability import too_large
 
 
-def dense(stages: int) -> cg.Tableau:
+def dense(stages):
     """Return a method of random rationals, whose common denominator has many digits."""
     draw = random.Random(stages)
 
-    def row(length: int) -> list[str]:
+    def row(length):
         return [f"{draw.randint(1, 10**6)}/{draw.randint(1, 10**6)}" for _ in range(length)]
 
     return cg.Tableau([row(i) for i in range(stages)], row(stages), name=f"dense {stages}")
 
 
 @pytest.mark.parametrize("stages", [60, 150])
-def test_show_names_values_that_are_not_computed(
-    stages: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_show_names_values_that_are_not_computed(stages, tmp_path, capsys):
     file = tmp_path / "dense.toml"
     save(dense(stages), file)
     begin = time.process_time()
@@ -41,23 +38,16 @@ def test_show_names_values_that_are_not_computed(
         cg.plot.stability_region(dense(stages))
 
 
-def test_small_coefficients_with_many_stages() -> None:
+def test_small_coefficients_with_many_stages():
     assert compute_summary(dense(12)).not_computed is None
     # Euler's method, 60 times
     assert too_large(cg.Tableau([["1/60"] * i for i in range(60)], ["1/60"] * 60)) is None
 
 
-def test_export_of_many_flows_is_fast() -> None:
-    begin = time.process_time()
-    text = cg.export(dense(150), "c", digits=5)
-    assert time.process_time() - begin < 10
-    assert text.count("_NUMBER(") > 150 * 151 / 2
-
-
-def test_notebook_output_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notebook_output_is_bounded(monkeypatch):
     from cg.formats import latex
 
-    written: list[object] = []
+    written = []
     plain = latex._plain
     monkeypatch.setattr(latex, "_plain", lambda entry: written.append(entry) or plain(entry))
     text = to_html(dense(100))

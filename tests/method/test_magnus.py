@@ -7,6 +7,7 @@ from fractions import Fraction
 from math import factorial
 
 import pytest
+from refusals import refuses
 
 import cg
 from cg.catalogue import dumps, loads
@@ -96,11 +97,4 @@ def test_a_changed_coefficient_is_another_method_of_lower_order():
 )
 def test_bad_coefficients_are_refused(arguments, message):
     options = dict(zip(("third", "third_factor"), arguments[3:], strict=False))
-    with pytest.raises(MethodError, match=message):
-        MagnusMethod(*arguments[:3], **options)
-
-
-@pytest.mark.parametrize("name", ORDERS)
-def test_packed_weights_make_the_same_method(name):
-    method = cg.methods[name]
-    assert method.with_coefficients(method.coefficients) == method
+    refuses(MethodError, message, MagnusMethod, *arguments[:3], **options)

@@ -222,7 +222,7 @@ def test_bad_coefficients_are_refused(drifts, kicks, message):
     ("call", "error", "message"),
     [
         (lambda m: m.a, AttributeError, "has drifts and kicks, no tree of points"),
-        (lambda m: cg.export(m, "c"), ValueError, "format must be json or toml for a Splitting"),
+        (lambda m: cg.export(m, "c"), ValueError, "format must be json or toml for .*Leapfrog"),
         (cg.diagnose, TypeError, "method must not be a splitting method"),
         (cg.certify, TypeError, "method must not be a splitting method"),
     ],

@@ -1,7 +1,6 @@
 """Linear stability against closed forms and computed steps."""
 
 import math
-import random
 from decimal import Decimal, localcontext
 from fractions import Fraction
 from itertools import pairwise
@@ -123,40 +122,6 @@ def test_chebyshev_methods_with_rounded_coefficients(stages):
     rounded = cg.Tableau([rows[i * size : i * size + i] for i in range(size)], b)
     assert max(c.unit for c in rounded.coefficients) > 0
     assert stability_limits(rounded).real == pytest.approx(float(end), rel=1e-12)
-
-
-def growth(rows, weights, x, *, imaginary):
-    """Return |R| squared at -x or ix by taking a step, in decimals of 80 places."""
-    zero = Decimal(0)
-
-    def times(z):
-        return (-x * z[1], x * z[0]) if imaginary else (-x * z[0], zero)
-
-    stages = []
-    for row in [*rows, weights]:
-        sums = [sum((a * k[i] for a, k in zip(row, stages, strict=False)), zero) for i in (0, 1)]
-        stages.append(times((1 + sums[0], sums[1])))
-    end = 1 + sums[0], sums[1]
-    return end[0] ** 2 + end[1] ** 2
-
-
-@pytest.mark.parametrize(("stages", "seed"), [(6, 1), (12, 2), (20, 3), (30, 4), (30, 5)])
-def test_random_methods_against_a_scan(stages, seed):
-    rng = random.Random(seed)
-    rows = [[Fraction(rng.randint(-99, 99), 20 * stages) for _ in range(i)] for i in range(stages)]
-    weights = [Fraction(rng.randint(1, 99)) for _ in range(stages)]
-    weights = [w / sum(weights) for w in weights]
-    limits = stability_limits(cg.Tableau(rows, weights))
-    with localcontext() as context:
-        context.prec = 80
-        a, b = ([[Decimal(x.numerator) / x.denominator for x in row] for row in part]
-                for part in (rows, [weights]))  # fmt: skip
-        for end, imaginary in ((limits.real, False), (limits.imaginary, True)):
-            assert 0 <= end < 100
-            inside = [Decimal(end) * k / 40 for k in range(40)]
-            assert all(growth(a, b[0], x, imaginary=imaginary) <= 1 for x in inside)
-            outside = Decimal(end) * (1 + Decimal("1e-12")) + Decimal("1e-12")
-            assert growth(a, b[0], outside, imaginary=imaginary) > 1
 
 
 def test_literature():

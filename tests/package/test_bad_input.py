@@ -4,11 +4,12 @@ from functools import partial
 
 import numpy as np
 import pytest
+from refusals import refuses
 
 import cg
 from cg import conditions
 from cg.catalogue import dumps, load, loads, resolve_method, save
-from cg.conditions import Rows, check_rows, count, count_classical, unknowns
+from cg.conditions import Rows, check_rows, count, unknowns
 from cg.construction import (
     Goals,
     correct,
@@ -18,8 +19,10 @@ from cg.construction import (
     pack_method,
     to_method,
 )
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.polish import polish
+from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.frames import SO3
 from cg.method.packed import make_method
 from cg.problems import FreeRigidBody
 from cg.proofs import certificate_of
@@ -33,12 +36,12 @@ HUGE = 10**400
 MASKED = np.ma.masked_array([[0.0, 0.0], [1.0, 0.0]], mask=[[0, 0], [1, 0]])
 CG3, CG5A, CF4 = (cg.methods[name] for name in ("CG3", "CG5a", "CF4"))
 POINT = pack_method(CG3)
+SMALL = ConditionSystem.tableau(3, 3)
 HALF, EULER = [[], ["1/2"]], [[0, 0], [1, 0]]
 
 
 OF_THE_ORDER = [
-    *(count, count_classical, conditions.condition_trees, conditions.table_rows),
-    conditions.right_sides,
+    *(count, conditions.condition_trees, conditions.table_rows, conditions.right_sides),
 ]
 
 
@@ -86,7 +89,6 @@ def masked(x):
         (lambda: count(99), ValueError, "order must be at most 13, got 99"),
         (lambda: exactly([[0]], [1], 99), ValueError, "order must be at most 13"),
         (lambda: CG3.largest_residual(99), ValueError, "order must be at most 13, got 99"),
-        (lambda: count_classical(2001), ValueError, "order must be at most 2000, got 2001"),
         (lambda: exactly(MASKED, [0, 1], 2), ValueError, "row 2 of a must hold finite"),
         (lambda: exactly([[0]], [np.inf], 2), ValueError, "b must hold finite real numb"),
         (lambda: exactly([[1j]], [1], 2), ValueError, "row 1 of a must hold finite real"),
@@ -130,6 +132,14 @@ def masked(x):
         (lambda: optimise(POINT, Goals(), max_iterations=1.5), TypeError, "max_iterations must be"),
         (lambda: optimise(POINT, Goals(), tolerance=np.nan), ValueError, "tolerance must be a fin"),
         (lambda: optimise(POINT, Goals(), frozen=["a"]), ValueError, r"frozen must be .*\['a'\]"),
+        (lambda: fit_conditions([0.3] * 6, SMALL, free=[0, 6]), ValueError, "free must"),
+        (lambda: fit_conditions([np.nan] * 6, SMALL), ValueError, "finite"),
+        (lambda: fit_conditions([0.3] * 10, SMALL), ValueError, "must have"),
+        (lambda: fit_conditions([0.3] * 6, SMALL, ftol=-1.0), ValueError, "ftol must"),
+        (lambda: refine(encode([0.3] * 6), SMALL, free=[-1]), ValueError, "free must"),
+        (lambda: refine(encode([0.3] * 5), SMALL), ValueError, "must have"),
+        (lambda: polish([1] * 5, SMALL), ValueError, "x must"),
+        (lambda: polish([1] * 6, SMALL, directions=np.ones(6)), ValueError, "directions must"),
         (lambda: fewer_exponentials(CG3), TypeError, "candidate must be a Candidate, got <Tableau"),
         (lambda: correct(POINT, [99]), ValueError, r"integers from 0 to 5, got \[99\]"),
         (lambda: correct(POINT, [1.5]), ValueError, r"frozen must be .*, got \[1\.5\]"),
@@ -154,35 +164,17 @@ def masked(x):
 )
 def test_bad_arguments_are_rejected(call, error, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(error, match=message):
-        call()
+    refuses(error, message, call)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", [[1], {}, np.array([1]), slice(1)])
 def test_method_names_must_be_strings(name):
-    with pytest.raises(TypeError, match="the name of a method must be a str, got"):
+    with pytest.raises(TypeError, match="the name of a method must"):
         cg.methods[name]
     assert name not in cg.methods
     assert None not in cg.methods
     assert cg.methods.get(1) is None
-
-
-def test_similar_names_of_methods_are_suggested():
-    with pytest.raises(KeyError, match=r"no method is named 'CG4A'; similar names are CG4a"):
-        cg.methods["CG4A"]
-
-
-@pytest.mark.parametrize("refused", [cg.solve_ivp, lambda *_, method, **__: resolve_method(method)])
-def test_unknown_methods_get_similar_names(refused):
-    def message(name):
-        with pytest.raises(ValueError, match="method must be the name of a method") as error:
-            refused(lambda t, y: [0, 0, 0], (0, 1), np.eye(3), frame=SO3(), method=name)
-        return str(error.value).partition("; ")[2]
-
-    assert message("cf5") == "similar names are CF5(4), CF5r, CF5e, CF5d"
-    assert message("Tsit5").startswith("diffrax has a method of that name; RKMK5(4)")
-    assert message("?").startswith("all names are in list(cg.methods)")
 
 
 @pytest.mark.parametrize(
@@ -197,8 +189,7 @@ def test_unknown_methods_get_similar_names(refused):
 def test_orders_must_be_integers(function):
     function(1)  # the cached result for 1 must not serve True
     for order in (True, 2.5):
-        with pytest.raises(TypeError, match=f"order must be an integer, got {order}"):
-            function(order)
+        refuses(TypeError, f"order must be an integer, got {order}", function, order)
 
 
 PAIR = ([[0.0, 0.0], [0.5, 0.0]], [0.0, 1.0])
@@ -217,11 +208,9 @@ def test_coefficients_must_be_arrays_of_real_numbers(function):
     a, b = map(np.array, PAIR)
     function(a, b)
     for wrong in (MASKED, [[HUGE, 0], [0, 0]], a * 1j, a * (1 + 0j), a.astype(str)):
-        with pytest.raises(ValueError, match=r"^a must be an array of real numbers"):
-            function(wrong, b)
+        refuses(ValueError, "^a must", function, wrong, b)
     for wrong in ([HUGE, 0], (b * 1j).tolist(), np.array([0, 1j], dtype=object)):
-        with pytest.raises(ValueError, match=r"^b must be an array of real numbers"):
-            function(a, wrong)
+        refuses(ValueError, "^b must", function, a, wrong)
 
 
 def test_numbers_of_numpy_are_accepted():
@@ -236,12 +225,3 @@ def test_numbers_of_numpy_are_accepted():
     for rows in Rows:
         assert unknowns(7, rows) == sum(Layout.tableau(7, rows).lengths)
     assert check_rows("full") is check_rows(2) is Rows.FULL
-
-
-def test_digits_prove_rational_methods():
-    certificate = certificate_of(CG3)
-    a, b = CG3.exact
-    wrong = cg.Tableau(a, [b[0] + 1, *b[1:]], name="CG3")
-    assert cg.digits(CG3, 20, certificate=certificate)[1] == [str(entry) for entry in b]
-    with pytest.raises(cg.CertificationError, match="is violated"):
-        cg.digits(wrong, 20, certificate=certificate)

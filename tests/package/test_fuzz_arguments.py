@@ -200,7 +200,7 @@ RETURNED = {
     *("Solution", "EnsembleSolution", "Rows", "Structure", "Frame", "HomogeneousSpace"),
     *("MatrixGroup", "Method", "MethodError", "MissingQuadsError", "TableauError"),
     *("CertificationError", "ConvergenceError", "FlowOverflowError", "LiftError"),
-    *("StepTooLongError", "Product", "exact_weights"),
+    *("StepTooLongError", "Product"),
 }
 # Functions of the user, whose own errors are raised unchanged
 FUNCTIONS = {"f", "jac", "df_dp", "events", "progress", "args"}

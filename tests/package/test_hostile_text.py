@@ -1,21 +1,18 @@
 """Malicious files and numbers raise clear errors soon, and no file is written elsewhere."""
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from decimal import Decimal
-from pathlib import Path
-from typing import Any
 
 import pytest
+from refusals import refuses
 
 import cg
 from cg.catalogue import dumps, load, loads, save
+from cg.conditions.words import Condition, parse
 from cg.problems import HeavyTop
 from cg.proofs import Certificate, CertificationError, certificate_of, check
 from cg.proofs.__main__ import main
-from cg.proofs.words import Condition, parse
-from cg.reproduce.reference_runs import integrate_compiled
 from cg.structure.points import MethodError
 from cg.support import quads
 from cg.support.parsing import file_in, read_fraction
@@ -27,7 +24,7 @@ CERTIFICATE = certificate_of(METHOD)
 
 
 @pytest.fixture(autouse=True)
-def _soon() -> Iterator[None]:
+def _soon():
     begin = time.process_time()
     yield
     assert time.process_time() - begin < 10
@@ -40,16 +37,14 @@ NAMES = [
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_rejects_unfit_file_names(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="name must be fit for a file's name"):
-        file_in(tmp_path, name)
-    with pytest.raises(ValueError, match="name must be fit"):
-        save(cg.Tableau([[], ["1/2"]], [0, 1], name=name), tmp_path)
+def test_rejects_unfit_file_names(name, tmp_path):
+    refuses(ValueError, "name must", file_in, tmp_path, name)
+    refuses(ValueError, "name must", save, cg.Tableau([[], ["1/2"]], [0, 1], name=name), tmp_path)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["CG3", "CF4(3)", "König 5", "a.b", "order 4, 5 stages, start 3"])
-def test_accepts_file_names(name: str, tmp_path: Path) -> None:
+def test_accepts_file_names(name, tmp_path):
     method = cg.Tableau([[], ["1/2"]], [0, 1], name=name)
     save(method, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [f"{name}.toml"]
@@ -57,9 +52,7 @@ def test_accepts_file_names(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["../outside", "{folder}/outside", "a/../../outside"])
-def test_certificates_stay_in_the_folder(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_certificates_stay_in_the_folder(name, tmp_path, capsys):
     output = tmp_path / "output"
     output.mkdir()
     name = name.format(folder=tmp_path)
@@ -81,34 +74,22 @@ HUGE = ["1e999999999", "1e-999999999", "-1E+99999999999999999999", "1e1_000_000"
 
 
 @pytest.mark.parametrize("text", [*HUGE, Decimal("1e999999999"), Decimal("1e-999999")])
-def test_rejects_huge_exponents(text: Any) -> None:
-    with pytest.raises(ValueError, match=r"exponents must be at most|Exceeds the limit"):
-        read_fraction(text)
-    with pytest.raises(ValueError, match="values must be finite real numbers"):
-        quads.encode([text])
-    with pytest.raises(ValueError, match="row 1 of a must hold finite real numbers"):
+def test_rejects_huge_exponents(text):
+    refuses(ValueError, "exponents must|Exceeds", read_fraction, text)
+    refuses(ValueError, "values must", quads.encode, [text])
+    with pytest.raises(ValueError, match="row 1 of a must"):
         cg.conditions.residuals([[text]], [1], 1, arithmetic="exact")
-    with pytest.raises(ValueError, match="b must hold finite real numbers"):
-        cg.conditions.residuals([[0]], [text], 1, arithmetic="exact")
+    refuses(ValueError, "b must", cg.conditions.residuals, [[0]], [text], 1, arithmetic="exact")
     with pytest.raises(cg.TableauError):
         cg.Tableau([[text]], [1])
-    with pytest.raises(ValueError, match="phi_over_pi must be rational"):
-        HeavyTop(phi_over_pi=text)
-    with pytest.raises(ValueError, match="h must be a finite number"):
-        integrate_compiled(HeavyTop(), method="CG3", h=text, steps=1)
-
-
-@pytest.mark.parametrize("text", ["1e9999", "-1e-9999", "0.25", "1/3", "1e0000000000000000000001"])
-def test_reads_numbers(text: str) -> None:
-    assert read_fraction(text) * 3 == 3 * read_fraction(text)
-    assert read_fraction(text) != 0
+    refuses(ValueError, "phi_over_pi must", HeavyTop, phi_over_pi=text)
 
 
 ODD = ["1_0e-37", "\u0663e-36", "1e-36 ", "1/3", "0x1p-3"]
 
 
 @pytest.mark.parametrize("text", [*HUGE, *ODD, "nan", "-1", "1/0", "1e5000", "1e-4001"])
-def test_certificates_reject_numbers(text: str) -> None:
+def test_certificates_reject_numbers(text):
     written = CERTIFICATE.dumps()
     for key, value in (("radius", CERTIFICATE.radius), ("bound", CERTIFICATE.beyond.bound)):
         line = f'{key} = "{value}"'
@@ -117,27 +98,19 @@ def test_certificates_reject_numbers(text: str) -> None:
             Certificate.loads(written.replace(line, f'{key} = "{text}"'))
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-1", "1e5000", "1e-4001"])
-def test_certificates_reject_decimals(value: str) -> None:
-    with pytest.raises(CertificationError, match="expected a decimal number"):
-        replace(CERTIFICATE.box, radius=Decimal(value))
-    with pytest.raises(CertificationError, match="expected a decimal number"):
-        replace(CERTIFICATE.beyond, bound=Decimal(value))
-
-
 @pytest.mark.parametrize("tree", ["[" * 3000 + "]" * 3000, "][", "[]]", "(2)", "[]" * 2000])
-def test_certificates_reject_trees(tree: str) -> None:
+def test_certificates_reject_trees(tree):
     written = CERTIFICATE.dumps()
     assert CERTIFICATE.beyond.tree in written
     with pytest.raises(CertificationError):
         Certificate.loads(written.replace(CERTIFICATE.beyond.tree, tree))
 
 
-def _proof(**changes: Any) -> Certificate:
+def _proof(**changes):
     return replace(CERTIFICATE, **changes)
 
 
-def _box(**changes: Any) -> Certificate:
+def _box(**changes):
     return _proof(box=replace(CERTIFICATE.box, **changes))
 
 
@@ -155,14 +128,12 @@ FORGED = {
 
 
 @pytest.mark.parametrize("what", FORGED)
-def test_rejects_forged_certificates(what: str) -> None:
+def test_rejects_forged_certificates(what):
     with pytest.raises(CertificationError):
         check(FORGED[what], METHOD)
 
 
-def test_check_continues_after_invalid_files(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_continues_after_invalid_files(tmp_path, capsys):
     texts = {
         "nested": "a = " + "[" * 10_000,
         "tables": "a" + ".a" * 10_000 + " = 1",
@@ -184,37 +155,19 @@ def test_check_continues_after_invalid_files(
     assert lines[-1] == f"1 proved, {len(paths) + 2} failed"
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        ("a = [", "a = " + "[" * 10_000),
-        ("name =", "name" + ".a" * 10_000 + " ="),
-        ("b = [", "b = [" + "9" * 5000 + ", "),
-        ("b = [", 'b = ["' + "9" * 5000 + '", '),
-        ("b = [", 'b = ["1e999999999", '),
-        ("b = [", "b = [1e999999999, "),
-    ],
-)
-def test_invalid_method_files_raise_method_error(change: tuple[str, str]) -> None:
-    with pytest.raises(MethodError):
-        loads(dumps(METHOD).replace(*change))
-
-
 @pytest.mark.parametrize("stage", ["9" * 5000, "٣", "-1", "1e3"])
-def test_stage_keys_must_be_small_integers(stage: str) -> None:
+def test_stage_keys_must_be_small_integers(stage):
     text = dumps(cg.methods["CF3"]).replace("{0 =", f'{{"{stage}" =', 1)
-    with pytest.raises(MethodError, match="weights of point 0 must be on stages"):
-        loads(text)
+    refuses(MethodError, "weights of point 0 must", loads, text)
 
 
-def test_rejects_long_files() -> None:
+def test_rejects_long_files():
     with pytest.raises(MethodError, match="at most 10000000 characters"):
         loads("#" * 10_000_001)
     with pytest.raises(CertificationError, match="at most 10000000 characters"):
         Certificate.loads("#" * 10_000_001)
 
 
-def test_words_have_at_most_14_nodes() -> None:
+def test_words_have_at_most_14_nodes():
     assert parse("[[][[]]]") == ((), ((),))
-    with pytest.raises(ValueError, match="at most 14 nodes"):
-        parse("[" * 15 + "]" * 15)
+    refuses(ValueError, "at most 14 nodes", parse, "[" * 15 + "]" * 15)

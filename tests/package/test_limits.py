@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,14 +14,14 @@ from cg.construction.start import default_start
 from cg.trees.ordered import OrderedTree
 
 
-def test_construct_starts_at_the_highest_order() -> None:
+def test_construct_starts_at_the_highest_order():
     construction = cg.construct(8, 20, seed=0, tries=1, iterations=1, first_stages=20, force=True)
     assert not construction.exact
     assert construction.tries == 1
 
 
 @pytest.mark.parametrize("structure", Structure)
-def test_default_starts_of_all_orders(structure: Structure) -> None:
+def test_default_starts_of_all_orders(structure):
     most = conditions.MAX_ORDER if structure is Structure.GENERAL else 8
     for order in range(4, most + 1):
         start = default_start(order, structure)
@@ -30,7 +29,7 @@ def test_default_starts_of_all_orders(structure: Structure) -> None:
         assert system.free.size >= system.equations
 
 
-def test_deep_trees() -> None:
+def test_deep_trees():
     depth = 5000
     text = "[" * depth + "]" * depth
     tree, same = OrderedTree.parse(text), OrderedTree.parse(text)
@@ -47,15 +46,6 @@ def test_deep_trees() -> None:
     assert {tree: 1}[same] == 1
 
 
-def test_search_results_have_short_reprs() -> None:
-    result = cg.search(3, 3, 40, 0)
-    assert re.fullmatch(
-        r"<SearchResult: order 3, 3 stages, seed 0: \d+ of 40 starts exact>", repr(result)
-    )
-    assert len(repr(result.best)) < 500
-    assert len(repr(cg.construct(4, 6, seed=0))) < 1000
-
-
 _FULL = """
 import resource, sys
 from cg.reproduce.main import main
@@ -64,7 +54,7 @@ sys.exit(main(["--out", sys.argv[1], "--only", "table3.2"]))
 """
 
 
-def test_full_disk_is_reported(tmp_path: Path) -> None:
+def test_full_disk_is_reported(tmp_path):
     command = [sys.executable, "-c", _FULL, str(tmp_path / "out")]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 2
@@ -72,7 +62,7 @@ def test_full_disk_is_reported(tmp_path: Path) -> None:
     assert "Traceback" not in run.stderr
 
 
-def test_warnings_point_to_the_caller() -> None:
+def test_warnings_point_to_the_caller():
     method = cg.Tableau([[]], ["1/2"], name="half")
     for call in (cg.integrate, cg.solve_ivp):
         with pytest.warns(UserWarning, match="has order 0") as caught:

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 PROPERTY = """
 from pathlib import Path
@@ -18,7 +17,7 @@ def test_property(number):
 """
 
 
-def drawn(folder: Path, *options: str) -> tuple[str, str]:
+def drawn(folder, *options):
     """Run a property that fails below this suite's settings; return what it drew and printed."""
     folder.mkdir()
     (folder / "test_property.py").write_text(PROPERTY)

@@ -97,19 +97,3 @@ class TestGradientFlow:
         assert change(slope) == pytest.approx(-0.5 * slope @ slope, rel=1e-8)
         for k in range(0, len(slope), 31):
             assert change(np.eye(len(slope))[k]) == pytest.approx(-0.5 * slope[k], abs=1e-6)
-
-    def test_is_gauge_invariant_and_decreases_the_action(self):
-        flow, y = self.FLOW, self.FLOW.y0
-        gauge = cg.frames.SU(3).random_point(np.random.default_rng(3), 4)
-        ends = np.concatenate([following for following, _ in flow.neighbours])
-
-        def rotated(links):
-            return np.tile(gauge, (2, 1, 1)) @ links @ gauge[ends].mT.conj()
-
-        assert flow.action(rotated(y)) == pytest.approx(flow.action(y), rel=1e-14)
-        solutions = [
-            cg.integrate(flow.f, (0, 1), start, frame=flow.frame, method="CF4", h=1 / 32).y
-            for start in (y, rotated(y))
-        ]
-        np.testing.assert_allclose(rotated(solutions[0][-1]), solutions[1][-1], rtol=0, atol=1e-13)
-        assert (np.diff([flow.action(links) for links in solutions[0]]) < 0.0).all()

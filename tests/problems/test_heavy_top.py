@@ -1,19 +1,16 @@
 """The spinning top: its equations, its reference, and the compiled integrator in both kinds."""
 
-from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from ambient import solve_in_ambient_space
 from flint import arb
-from kinds import FROZEN
 
 from cg.frames import SO3, Euclidean, Product, hat
 from cg.integration import integrate
 from cg.problems import HeavyTop, StateDependentRotation
 from cg.problems.taylor import QuadraticSystem, reference_solution
-from cg.reproduce.reference_runs import integrate_compiled
 
 READINGS = ["momentum", "velocity"]
 TENTHS = [Fraction(k, 10) for k in range(11)]
@@ -92,16 +89,6 @@ def test_reference_keeps_the_invariants_beyond_quadruple_precision(top, referenc
             assert abs(now - then) < Fraction(1, 10**33)
 
 
-def test_invariants_in_double(top, reference):
-    start = top.invariants(top.y0)
-    for name, values in top.invariants(reference.y).items():
-        assert values.shape == (11,)
-        np.testing.assert_allclose(values, start[name], rtol=0, atol=4e-15, err_msg=name)
-    solution = integrate(top.f, (0, 1), top.y0, frame=top.frame, method="CG5a", h=0.01)
-    for name, values in top.invariants(solution.y).items():
-        np.testing.assert_allclose(values, start[name], rtol=0, atol=1e-7, err_msg=name)
-
-
 def test_reference_agrees_with_an_independent_solver(top, reference):
     expected = solve_in_ambient_space(top.frame, top.f, top.y0, reference.t)
     np.testing.assert_allclose(expected, reference.y, rtol=0, atol=1e-12)
@@ -125,13 +112,6 @@ def test_reference_accepts_times_in_any_order(top):
     np.testing.assert_allclose(solution.y[-1], back.y[1], rtol=0, atol=1e-9)
 
 
-def test_reference_as_decimals():
-    rows = HeavyTop().reference([0]).decimals(40)
-    assert rows[0][0] == "1." + "0" * 40
-    assert rows[0][4] == "0.9807852804032304491261822361342390369739"
-    assert rows[0][7] == "-0.1950903220161282678482848684770222409277"
-
-
 def test_taylor_series_of_known_solutions():
     def build():
         # y' = -y^2 and z' = 1, w' = -w: y = 1/(1 + t), z = t, w = exp(-t)
@@ -144,50 +124,3 @@ def test_taylor_series_of_known_solutions():
         assert abs(z - t) < 1e-60
         assert float(w) == pytest.approx(np.exp(-float(t)), rel=1e-15)
         assert error < 1e-40
-
-
-@pytest.mark.parametrize("name", [name for name, method in FROZEN.items() if method.explicit])
-def test_compiled_stepper_agrees_with_python(top, name):
-    slow = integrate(top.f, (0, 1), top.y0, frame=top.frame, method=name, h=1 / 16)
-    fast = integrate_compiled(top, method=name, h=1 / 16, steps=16)
-    np.testing.assert_array_equal(fast.t, slow.t)
-    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
-
-
-def test_real_kinds_agree_to_double_rounding(top):
-    double = integrate_compiled(top, method="CG4a", h="1/32", steps=32)
-    quadruple = integrate_compiled(top, method="CG4a", h="1/32", steps=32, kind="real128")
-    assert quadruple.raw.shape == (33, 12, 16)
-    np.testing.assert_allclose(double.y, quadruple.y, rtol=0, atol=1e-14)
-    difference = [abs(x - y) for x, y in zip(double.exact(-1), quadruple.exact(-1), strict=True)]
-    assert max(difference) > 1e-17
-    np.testing.assert_array_equal([float(x) for x in quadruple.exact(7)], quadruple.y[7])
-
-
-@pytest.mark.parametrize("kind", ["real64", "real128"])
-def test_threads_do_not_disturb_each_other(kind):
-    def run(k):
-        top = HeavyTop(READINGS[k % 2])
-        name = ("CG3", "CG4a", "CG5a")[k % 3]
-        return integrate_compiled(top, method=name, h=0.01, steps=200, kind=kind).raw
-
-    alone = [run(k) for k in range(6)]
-    with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(run, [k % 6 for k in range(24)]))
-    for k, raw in enumerate(together):
-        np.testing.assert_array_equal(raw, alone[k % 6])
-
-
-def orthogonality(point):
-    return max(
-        abs(sum(point[3 * i + k] * point[3 * j + k] for k in range(3)) - (i == j))
-        for i in range(3)
-        for j in range(3)
-    )
-
-
-def test_rotations_are_orthogonal_to_the_rounding_of_either_kind(top):
-    wide = integrate_compiled(top, method="CG3", h="1/100", steps=1000, kind="real128")
-    assert max(orthogonality(wide.exact(k)) for k in (1, 10, 100, 1000)) < 4e-34
-    narrow = integrate_compiled(top, method="CG3", h="1/100", steps=10_000)
-    assert top.frame.membership_error(narrow.y).max() < 1e-14

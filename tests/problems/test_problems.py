@@ -5,10 +5,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from ambient import solve_in_ambient_space
+from refusals import refuses
 
 from cg.frames import SE3
 from cg.problems import AffineField, ForcedRigidBody, FreeRigidBody, HeavyTop
-from cg.reproduce.reference_runs import integrate_compiled
 
 PROBLEMS = {"rigid body": FreeRigidBody(), "forced body": ForcedRigidBody()}
 
@@ -38,11 +38,6 @@ def test_f_accepts_batches():
         np.testing.assert_allclose(together[index], alone, rtol=1e-13, atol=1e-13)
 
 
-def run(**changes):
-    valid = {"problem": HeavyTop(), "method": "CG3", "h": 0.1, "steps": 10}
-    return integrate_compiled(**valid | changes)
-
-
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
@@ -58,24 +53,12 @@ def run(**changes):
             (lambda t=t: HeavyTop().reference([t]), ValueError, "times must be finite numbers")
             for t in ("noon", np.nan, np.inf, None)
         ),
-        (lambda: run(problem=FreeRigidBody()), TypeError, "problem must be a HeavyTop"),
         (lambda: ForcedRigidBody(frequency=[1, 2]), ValueError, "frequency must be a finite"),
         (lambda: ForcedRigidBody(velocity=(0, np.inf, 0)), ValueError, "velocity must be 3 finite"),
-        (lambda: run(method="CG0"), ValueError, "method must be the name of a method"),
-        (lambda: run(h=0), ValueError, "h must be positive, got 0"),
-        (lambda: run(h=-0.1), ValueError, "h must be positive"),
-        *(
-            (lambda h=h: run(h=h), ValueError, "h must be a finite number")
-            for h in (np.nan, "1/0", None)
-        ),
-        (lambda: run(steps=0), ValueError, "steps must be at least 1, got 0"),
-        (lambda: run(steps=2.0), TypeError, "steps must be an integer"),
-        (lambda: run(kind="real16"), ValueError, 'kind must be "real64" or "real128"'),
     ],
 )
 def test_bad_arguments_are_rejected(make, error, message):
-    with pytest.raises(error, match=message):
-        make()
+    refuses(error, message, make)
 
 
 def test_affine_field_on_a_batch():

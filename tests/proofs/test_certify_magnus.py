@@ -7,14 +7,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from kinds import MAGNUS
+from word_residuals import word_residuals
 
 import cg
 from cg.catalogue import loads
 from cg.conditions.linear_equations import linear_residuals, words
+from cg.conditions.words import Condition, condition_words, parse
 from cg.proofs import CertificationError, certificate_of, certify, check
 from cg.proofs.certificate import ViolatedCondition
-from cg.proofs.systems import exact_residuals
-from cg.proofs.words import Condition, condition_words, parse
 
 pytestmark = pytest.mark.no_core
 
@@ -50,7 +50,7 @@ def test_residuals_are_those_of_words_in_derivatives(name):
     expected = dict(zip(words(7), linear_residuals(*given, 7), strict=True))
     every = words_of_time(7)
     values = [coefficient.value for coefficient in method.coefficients]
-    found = exact_residuals(method.layout, values, every)
+    found = word_residuals(method.layout, values, every)
     for word, residual in zip(every, found, strict=True):
         # the last letter of a word in A_j is followed first, and A_j has a factor (j - 1)!
         degrees = tuple(len(letter) + 1 for letter in reversed(word))

@@ -1,7 +1,7 @@
 """Krawczyk's test on small systems without a zero or with two zeros."""
 
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib.resources import files
@@ -14,7 +14,7 @@ from kinds import FROZEN
 
 import cg
 from cg.proofs.digits import _rounded
-from cg.proofs.krawczyk import KrawczykTest, krawczyk
+from cg.proofs.krawczyk import krawczyk
 from cg.support.balls import working_precision
 
 pytestmark = pytest.mark.no_core
@@ -28,7 +28,7 @@ class Uncoupled:
     slope: Callable[[arb], arb]
     size: int = 1
 
-    def linearise(self, z: Sequence[arb]) -> tuple[list[arb], arb_mat]:
+    def linearise(self, z):
         """Return values and derivatives, as `EquationSystem` does."""
         slopes = [
             [self.slope(x) if i == j else arb(0) for j in range(len(z))] for i, x in enumerate(z)
@@ -42,41 +42,41 @@ class AtPoint:
 
     system: Any
 
-    def linearise(self, z: Sequence[arb]) -> tuple[list[arb], arb_mat]:
+    def linearise(self, z):
         """Return values and derivatives at the middle."""
         return self.system.linearise([x.mid() for x in z])
 
 
-def attempt(system: Any, y: str, radius: str, size: int = 1) -> KrawczykTest:
+def attempt(system, y, radius, size=1):
     with working_precision(200):
         return krawczyk(system, [arb(y)] * size, list(range(size)), arb(radius))
 
 
-def dropped(test: KrawczykTest) -> bool:
+def dropped(test):
     """Return whether the test would pass without its contraction."""
     return test.correction < float(test.radius)
 
 
-def halved(test: KrawczykTest) -> bool:
+def halved(test):
     """Return whether the test would pass with half of its contraction."""
     return test.correction / float(test.radius) + test.contraction / 2 < 1
 
 
-def parabola(constant: str) -> Uncoupled:
+def parabola(constant):
     return Uncoupled(lambda x: x * x + arb(constant), lambda x: 2 * x)
 
 
-def flattening(n: int = 60) -> Uncoupled:
+def flattening(n=60):
     """x - 0.3 - 0.9 ∫ (1 - (1 - x²)^n): its slope is 1 at 0 and soon 0.1, so no zero up to 1."""
 
-    def integral(x: arb) -> arb:
+    def integral(x):
         total, factor = arb(0), arb(1)
         for k in range(n + 1):  # of (1 - x²)^n
             total = total + factor * x ** (2 * k + 1) / (2 * k + 1)
             factor = -factor * (n - k) / (k + 1)
         return x - total
 
-    def slope(x: arb) -> arb:
+    def slope(x):
         most = abs(x).upper()
         least = arb(0) if x.contains(0) else abs(x).lower()
         bounds = [1 - arb("0.9") * (1 - (1 - u * u) ** n) for u in (least, most)]
@@ -95,7 +95,7 @@ def flattening(n: int = 60) -> Uncoupled:
         ("-1e-30", "1.1e-15", "2.5e-15"),
     ],
 )
-def test_the_contraction_is_needed(constant: str, y: str, radius: str, size: int) -> None:
+def test_the_contraction_is_needed(constant, y, radius, size):
     system = parabola(constant)
     test = attempt(system, y, radius, size)
     assert dropped(test)
@@ -104,7 +104,7 @@ def test_the_contraction_is_needed(constant: str, y: str, radius: str, size: int
 
 
 @pytest.mark.parametrize("size", [1, 3])
-def test_all_of_the_contraction_is_needed(size: int) -> None:
+def test_all_of_the_contraction_is_needed(size):
     system = flattening()
     with working_precision(200):
         # it increases, and is negative at the end: there is no zero
@@ -116,20 +116,20 @@ def test_all_of_the_contraction_is_needed(size: int) -> None:
 
 
 @pytest.mark.parametrize(("y", "radius"), [("1.4142", "1e-3"), ("1.4142135623", "1e-9")])
-def test_a_zero_is_proved(y: str, radius: str) -> None:
+def test_a_zero_is_proved(y, radius):
     test = attempt(parabola("-2"), y, radius, 2)
     assert test.proved
     assert test.contraction > 0
     assert abs(test.ratio - test.correction / float(radius) - test.contraction) < 1e-12
 
 
-def test_a_zero_outside_the_box_is_not_proved() -> None:
+def test_a_zero_outside_the_box_is_not_proved():
     assert not attempt(parabola("-2"), "1.4142", "1e-5").proved
     assert attempt(parabola("-2"), "1.4142", "1.5e-5").proved
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_digits_are_decided_at_both_ends_of_a_ball(sign: int) -> None:
+def test_digits_are_decided_at_both_ends_of_a_ball(sign):
     with working_precision(200):
         for middle, radius, digits, expected in (
             ("0.12345", "1e-9", 4, None),  # a tie, where the middle alone would be rounded
@@ -155,7 +155,7 @@ CERTIFICATES = {
 }
 
 
-def method(name: str) -> dict[str, Any]:
+def method(name):
     return tomllib.loads((FOLDER / name).read_text("utf-8"))
 
 
@@ -166,15 +166,15 @@ def method(name: str) -> dict[str, Any]:
         for name, certificate in CERTIFICATES.items()
     ],
 )
-def test_certificates_are_proved_a_second_way(name: str) -> None:
+def test_certificates_are_proved_a_second_way(name):
     with working_precision(53):
         verify(method(name), CERTIFICATES[name])
 
 
 @pytest.mark.parametrize("name", ["CG4a.toml", "CF4.toml", "CG5(4).toml", "CG3.toml"])
-def test_the_second_implementation_rejects_wrong_certificates(name: str) -> None:
+def test_the_second_implementation_rejects_wrong_certificates(name):
     entry, certificate = method(name), CERTIFICATES[name]
-    changes: list[dict[str, Any]] = [
+    changes = [
         {"order": certificate["order"] + 1},
         {"fixed": certificate["fixed"][1:]},
         {"beyond": {**certificate["beyond"], "bound": "10"}},
@@ -192,13 +192,13 @@ def test_the_second_implementation_rejects_wrong_certificates(name: str) -> None
                 verify(entry, {**certificate, **change})
 
 
-def test_the_second_way_refuses_a_condition_left_out_too_many() -> None:
+def test_the_second_way_refuses_a_condition_left_out_too_many():
     """One more coefficient is fixed: the others have a zero, at which the residual isn't small."""
     certificate = CERTIFICATES["CF5d.toml"]
     trees = certificate["left_out"]["trees"]
     held = set(certificate["fixed"])
     free = [name for name in cg.methods["CF5d"].layout.names if name not in held]
-    changes: list[dict[str, Any]] = [
+    changes = [
         {"left_out": {"trees": [*trees, "[[]]"]}, "fixed": [*held, free[0]]},
         {"left_out": {"trees": [*trees, "[[][]]"]}},
         {"left_out": {"trees": trees[:-1]}},
@@ -209,6 +209,6 @@ def test_the_second_way_refuses_a_condition_left_out_too_many() -> None:
                 verify(method("CF5d.toml"), {**certificate, **change})
 
 
-def test_which_certificates_are_proved_a_second_way() -> None:
+def test_which_certificates_are_proved_a_second_way():
     assert len(CERTIFICATES) > 50
     assert {"CG5(4).toml", "CG6b.toml", "CF4.toml", "DICG6.toml"} <= set(CERTIFICATES)

@@ -7,17 +7,18 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from flint import arb, fmpq
+from refusals import refuses
+from word_residuals import word_residuals
 
 import cg
 from cg.catalogue import find_method
+from cg.conditions.word_weights import Quantity, Weights
+from cg.conditions.words import Condition, condition_words, conditions_of, parse, reciprocal_density
 from cg.proofs import CertificationError, certify, check
 from cg.proofs.dependent.contexts import basis, depth, fill, moments, outer_nodes
 from cg.proofs.dependent.orthogonality import find_relations, follow
 from cg.proofs.dependent.pairings import pairings
 from cg.proofs.dependent.reduction import Reduction
-from cg.proofs.systems import exact_residuals
-from cg.proofs.weights import Quantity, Weights
-from cg.proofs.words import Condition, condition_words, conditions_of, parse, reciprocal_density
 from cg.support.balls import working_precision as precision
 
 pytestmark = pytest.mark.no_core
@@ -99,7 +100,7 @@ def test_residuals_of_all_words_by_those_of_conditions():
     layout = cg.methods["CF5c"].layout
     x = random_rationals(layout.size, 4)
     words = list(condition_words(5, independent=False))
-    residuals = dict(zip(words, exact_residuals(layout, x, words), strict=True))
+    residuals = dict(zip(words, word_residuals(layout, x, words), strict=True))
     reduction = Reduction(Fraction, lambda word: residuals[word] + reciprocal_density(word))
     conditions = set(condition_words(5))
     for word in words:
@@ -129,40 +130,6 @@ def test_moments_are_exactly_zero_on_flows_from_the_start():
     for column, vector in zip(flows.columns, flows.right, strict=True):
         zero = [m for m, x in enumerate(vector) if x.is_zero()]
         assert not column.moments or set(first) <= set(zero)
-
-
-@pytest.mark.slow
-def test_conditions_that_follow_since_moments_are_zero(monkeypatch):
-    """Of CF6d not all conditions follow without that; with other moments, relations are false."""
-    method = cg.methods["CF6d"]
-    jacobian = cg.construction.pack_method(method).system.jacobian(
-        np.array([float(c.value) for c in method.coefficients])
-    )
-    rank = np.linalg.matrix_rank(jacobian, tol=1e-9)
-
-    def relations_of(zeros=True):
-        def changed(*arguments):
-            both = pairings(*arguments)
-            for column, vector in zip(both[1].columns, both[1].right, strict=True):
-                for m, parent in enumerate(method.layout.parents):
-                    if column.moments and parent < 0 and not zeros:
-                        vector[m] = vector[m] + arb(0, 1e-60)
-            return both
-
-        monkeypatch.setattr("cg.proofs.dependent.orthogonality.pairings", changed)
-        with precision(320):
-            return find_relations(method.layout, [6], balls(method), 113 - rank)
-
-    assert 113 - rank == 46
-    assert len(relations_of(zeros=False)) < 46
-    assert len(relations_of()) == 46
-    assert np.abs(relations_of() @ jacobian).max() < 1e-9
-
-    def doubled(context):
-        return {word: 2 * m if m < 0 else m for word, m in moments(context).items()}
-
-    monkeypatch.setattr("cg.proofs.dependent.pairings.moments", doubled)
-    assert np.abs(relations_of() @ jacobian).max() > 1e-3
 
 
 def test_dependent_and_independent_conditions():
@@ -227,5 +194,4 @@ def test_a_certificate_that_leaves_out_an_independent_condition():
         fixed=(*certificate.fixed, free[0]),
         radius=Decimal("1e-33"),
     )
-    with pytest.raises(CertificationError, match="that conditions follow from others is not"):
-        check(forged, method)
+    refuses(CertificationError, "that conditions follow from others is not", check, forged, method)

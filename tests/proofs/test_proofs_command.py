@@ -1,12 +1,9 @@
 """The command that proves stored certificates."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
 
-import cg
 from cg.catalogue import methods
 from cg.proofs import Certificate, certificate_of, certify
 from cg.proofs.__main__ import main
@@ -47,13 +44,3 @@ class TestCommand:
         assert main(["--output", str(tmp_path), "CG4a"]) == 0
         assert Certificate.load(tmp_path / "CG4a.toml") == certificate_of(methods["CG4a"])
         assert main(["CG6a"]) == 1
-
-    def test_certify_is_a_function_and_a_command(self):
-        assert cg.certify is certify
-        run = subprocess.run(
-            [sys.executable, "-m", "cg.proofs", "--check", "CG3"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert "CG3: order 3 is proved" in run.stdout

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from kinds import FROZEN, MAGNUS
+from refusals import refuses
 from test_reproduce import check_page, read
 
 from cg.catalogue import methods
@@ -127,6 +128,15 @@ def test_report_has_the_order_section(tmp_path, monkeypatch):
     assert parsed.tags.count("figure") == 1
 
 
+def test_line_styles_are_distinct():
+    names = [f"CG6{letter}" for letter in "abcdefghijkl"]
+    looks = lines(names)
+    assert list(looks) == names
+    assert looks["CG6a"] == LINES["CG6a"]
+    assert len({tuple(map(str, look.values())) for look in looks.values()}) == len(names)
+    refuses(ValueError, "there are styles for at most", lines, map(str, range(100)))
+
+
 def test_order_section_has_all_methods_from_order_six():
     def method(order, explicit=True):
         return SimpleNamespace(order=order, explicit=explicit)
@@ -140,13 +150,3 @@ def test_slopes_use_decades_above_the_smallest_error():
     assert beyond_order.decades(part, 6) == pytest.approx(12)
     assert beyond_order.decades(part, 7) == 0
     assert beyond_order.decades({**part, "local": [6.0, 4.0, 6.0]}, 6) == pytest.approx(6)
-
-
-def test_line_styles_are_distinct():
-    names = [f"CG6{letter}" for letter in "abcdefghijkl"]
-    looks = lines(names)
-    assert list(looks) == names
-    assert looks["CG6a"] == LINES["CG6a"]
-    assert len({tuple(map(str, look.values())) for look in looks.values()}) == len(names)
-    with pytest.raises(ValueError, match="there are styles for at most"):
-        lines(map(str, range(100)))

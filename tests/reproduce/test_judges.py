@@ -154,108 +154,66 @@ def results():
 
 
 J = judges
-APPROXIMATE = "results fig4.2quad readings momentum methods CG6a slope"
+APPROXIMATE = "fig4.2quad readings momentum methods CG6a slope"
 
-# a judge; an entry and its value where it must fail; and where it must still pass
+# a judge; a number; a value for which it must fail; one for which it must still pass
 CASES = [
-    (partial(J.catalogue_order, 6, "CG6a"), ("numbers methods CG6a exact_order", 1), None),
-    (partial(J.catalogue_order, 3, "CG3"), ("numbers methods CG3 exact_order", 4), None),
-    (partial(J.example, 4, "CG4a"), ("numbers methods CG4a exact_order", 3), None),
-    (
-        partial(J.example, 5, "CG5a"),
-        ("results appendix methods CG5a largest_difference", 2.1e-16),
-        ("results appendix methods CG5a largest_difference", 1.9e-16),
-    ),
-    (partial(J.example, 4, "CG4a"), ("results appendix methods CG4a zeros_kept", False), None),
-    (
-        partial(J.slope, 4, "CG4a"),
-        ("results fig4.2quad readings momentum methods CG4a slope", 4.11),
-        ("results fig4.2quad readings momentum methods CG4a slope", 3.91),
-    ),
-    (
-        partial(J.slope, 5, "CG5a"),
-        ("results fig4.2 readings velocity CG5a slope", 4.74),
-        ("results fig4.2 readings velocity CG5a slope", 4.76),
-    ),
-    (partial(J.slope, 5, "CG5a"), ("results fig4.2 readings momentum CG5a slope", None), None),
-    (J.slope_six, (APPROXIMATE, 5.89), (APPROXIMATE, 5.91)),
-    (J.slope_approximate, (APPROXIMATE, 5.5), (APPROXIMATE, 5.4)),
-    (partial(J.many, 4), ("results search4 distinct", 4), ("results search4 distinct", 5)),
-    (J.trees, ("numbers trees generated", 98), None),
-    (J.independence, ("numbers conditions 5 rank", [37, 38]), None),
-    (J.independence, ("numbers conditions 5 all", 38), None),
-    (J.zeros, ("results table3.2 rows 1 discarded", 8), None),
-    (J.table, ("results table3.2 rows 2 agree", False), None),
-    (
-        partial(J.double, 5),
-        ("results search5 f_double", [1e-15] * 4 + [2e-15, 1.0]),
-        ("results search5 f_double", [1e-15] * 5 + [1.0]),
-    ),
+    (partial(J.catalogue_order, 6, "CG6a"), "methods CG6a exact_order", 1),
+    (partial(J.catalogue_order, 3, "CG3"), "methods CG3 exact_order", 4),
+    (partial(J.example, 4, "CG4a"), "methods CG4a exact_order", 3),
+    (partial(J.example, 5, "CG5a"), "appendix methods CG5a largest_difference", 2.1e-16, 1.9e-16),
+    (partial(J.example, 4, "CG4a"), "appendix methods CG4a zeros_kept", False),
+    (partial(J.slope, 4, "CG4a"), "fig4.2quad readings momentum methods CG4a slope", 4.11, 3.91),
+    (partial(J.slope, 5, "CG5a"), "fig4.2 readings velocity CG5a slope", 4.74, 4.76),
+    (partial(J.slope, 5, "CG5a"), "fig4.2 readings momentum CG5a slope", None),
+    (J.slope_six, APPROXIMATE, 5.89, 5.91),
+    (J.slope_approximate, APPROXIMATE, 5.5, 5.4),
+    (partial(J.many, 4), "search4 distinct", 4, 5),
+    (J.trees, "trees generated", 98),
+    (J.independence, "conditions 5 rank", [37, 38]),
+    (J.independence, "conditions 5 all", 38),
+    (J.zeros, "table3.2 rows 1 discarded", 8),
+    (J.table, "table3.2 rows 2 agree", False),
+    (partial(J.double, 5), "search5 f_double", [1e-15] * 4 + [2e-15, 1.0], [1e-15] * 5 + [1.0]),
     (
         partial(J.usually, 4, 1e-31),
-        ("results search4 f_quad", [1e-31, 1e-31, 2e-31, 1.0, None, None]),
-        ("results search4 f_quad", [1e-31, 1e-31, 1e-32, 1.0, 1.0, None]),
+        "search4 f_quad",
+        [1e-31, 1e-31, 2e-31, 1.0, None, None],
+        [1e-31, 1e-31, 1e-32, 1.0, 1.0, None],
     ),
-    (partial(J.usually, 5, 1e-31), ("results search5 f_quad", [None] * 6), None),
-    (
-        J.six_reached,
-        ("results search6 f_double", [1.1e-6] * 4),
-        ("results search6 f_double", [1e-6, 1.0, 1.0, 1.0]),
-    ),
-    (
-        J.six_no_further,
-        ("results search6 f_double", [1e-6, 1e-6, 1e-6, 0.9e-7]),
-        ("results search6 f_double", [1e-7] * 4),
-    ),
-    # what double had reached before isn't the merit of extended precision
-    (J.improved, ("results evaluations stopped f_double", [3e-8, 3e-8, 3e-8, 1e-6]), None),
-    (
-        J.improved,
-        ("results evaluations stopped f_quad", [3e-8, 3e-8, 4e-8, 4e-8]),
-        ("results evaluations stopped f_quad", [3e-8, 3e-8, 3e-8, 4e-8]),
-    ),
-    (
-        J.improved,
-        ("results evaluations stopped f_quad", [None] * 4),
-        ("results search6 f_quad", [None] * 4),
-    ),
-    (J.no_zero, ("results search6 distinct", 1), None),
-    (
-        J.ill_conditioned,
-        ("results search6 best condition_number", 6e7),
-        ("results search6 best condition_number", None),
-    ),
-    (J.ill_conditioned, ("numbers conditions 6 condition_number", 1e3), None),
-    (J.ill_conditioned, ("numbers methods CG4a condition_number", 1e8), None),
-    (J.typical_digits, ("numbers approximate median", 5.9), ("numbers approximate median", 7.0)),
-    (J.typical_digits, ("numbers approximate median", 7.1), ("numbers approximate median", 6.0)),
-    (J.all_digits, ("numbers approximate worst", 5.9), ("numbers approximate worst", 6.0)),
-    (
-        J.moderate,
-        ("numbers methods CG5a largest_coefficient", 3.0),
-        ("numbers methods CG5a largest_coefficient", 2.9),
-    ),
-    (J.in_unit_interval, ("numbers methods CG4a abscissae", [-1e-9, 1.0]), None),
-    (J.in_unit_interval, ("numbers methods CG4a abscissae", [0.0, 1 + 1e-9]), None),
-    (J.initial, ("numbers initial determinant", 1e-15), ("numbers initial determinant", 9e-16)),
+    (partial(J.usually, 5, 1e-31), "search5 f_quad", [None] * 6),
+    (J.six_reached, "search6 f_double", [1.1e-6] * 4, [1e-6, 1.0, 1.0, 1.0]),
+    (J.six_no_further, "search6 f_double", [1e-6, 1e-6, 1e-6, 0.9e-7], [1e-7] * 4),
+    (J.improved, "evaluations stopped f_double", [3e-8, 3e-8, 3e-8, 1e-6]),
+    (J.improved, "evaluations stopped f_quad", [3e-8, 3e-8, 4e-8, 4e-8], [3e-8, 3e-8, 3e-8, 4e-8]),
+    (J.improved, "evaluations stopped f_quad", [None] * 4),
+    (J.no_zero, "search6 distinct", 1),
+    (J.ill_conditioned, "search6 best condition_number", 6e7, None),
+    (J.ill_conditioned, "conditions 6 condition_number", 1e3),
+    (J.ill_conditioned, "methods CG4a condition_number", 1e8),
+    (J.typical_digits, "approximate median", 5.9, 7.0),
+    (J.typical_digits, "approximate median", 7.1, 6.0),
+    (J.all_digits, "approximate worst", 5.9, 6.0),
+    (J.moderate, "methods CG5a largest_coefficient", 3.0, 2.9),
+    (J.in_unit_interval, "methods CG4a abscissae", [-1e-9, 1.0]),
+    (J.in_unit_interval, "methods CG4a abscissae", [0.0, 1 + 1e-9]),
+    (J.initial, "initial determinant", 1e-15, 9e-16),
     (
         J.superior,
-        ("results fig4.1 readings velocity methods CG4a momentum", [0.0, 5e-3, 1e-3]),
-        ("results fig4.1 readings velocity methods CG4a momentum", [0.0, 4e-3, 9e-3]),
+        "fig4.1 readings velocity methods CG4a momentum",
+        [0.0, 5e-3, 1e-3],
+        [0.0, 4e-3, 9e-3],
     ),
     (
         J.best_at_tenth,
-        ("results fig4.1 readings momentum methods CG6a rotation", [0.0, 1e-5, 5.1e-5]),
-        ("results fig4.1 readings momentum methods CG6a rotation", [0.0, 4.9e-5, 4.9e-5]),
+        "fig4.1 readings momentum methods CG6a rotation",
+        [0.0, 1e-5, 5.1e-5],
+        [0.0, 4.9e-5, 4.9e-5],
     ),
-    (
-        J.exact,
-        ("results fig4.2 readings velocity CG5a distance_flows", [0.0, 1e-14]),
-        ("results fig4.2 readings velocity CG5a distance_flows", [0.0, 9e-15]),
-    ),
-    (J.exact, ("results fig4.2 readings momentum CG4 distance", [1e-14, 0.0]), None),
+    (J.exact, "fig4.2 readings velocity CG5a distance_flows", [0.0, 1e-14], [0.0, 9e-15]),
+    (J.exact, "fig4.2 readings momentum CG4 distance", [1e-14, 0.0]),
     *(
-        (partial(J.theorem, kind), (f"numbers rotation_slopes {kind} {name} slope", slope), None)
+        (partial(J.theorem, kind), f"rotation_slopes {kind} {name} slope", slope)
         for kind, name, slope in (
             ("explicit", "CG3", 3.2),
             ("explicit", "CG5a", 4.8),
@@ -264,19 +222,15 @@ CASES = [
         )
     ),
     *(
-        (J.munthe_kaas, (f"numbers rotation_slopes Munthe-Kaas {name} slope", slope), None)
+        (J.munthe_kaas, f"rotation_slopes Munthe-Kaas {name} slope", slope)
         for name, slope in (("RKMK4", 3.8), ("RKMK5(4)", 4.8))
     ),
-    (
-        J.drift,
-        ("numbers drift RK45", [1e-3, 1e-2, 1.5e-3]),
-        ("numbers drift RK45", [1e-5] * 2 + [1]),
-    ),
-    (J.drift, ("numbers drift DOP853", [1e-16, 1e-15, 1e-14]), None),
-    (J.flat, ("numbers flat CG6a", 1e-14), ("numbers flat CG6a", 9e-15)),
-    (J.truncated, ("results appendix methods CG5a if_truncated", 0.51), None),
-    (J.truncated, ("results appendix methods CG6a if_truncated", None), None),
-    (J.truncated, ("results appendix methods CG6a decimals", 8), None),
+    (J.drift, "drift RK45", [1e-3, 1e-2, 1.5e-3], [1e-5] * 2 + [1]),
+    (J.drift, "drift DOP853", [1e-16, 1e-15, 1e-14]),
+    (J.flat, "flat CG6a", 1e-14, 9e-15),
+    (J.truncated, "appendix methods CG5a if_truncated", 0.51),
+    (J.truncated, "appendix methods CG6a if_truncated", None),
+    (J.truncated, "appendix methods CG6a decimals", 8),
 ]
 
 
@@ -288,9 +242,8 @@ def verdict(judge, *changes):
     given = {"numbers": numbers(), "results": results()}
     if name(judge) == "slope_approximate":
         changes = ((APPROXIMATE, 1.0), *changes)
-    for change in filter(None, changes):
-        path, value = change
-        place = given
+    for path, value in changes:
+        place = given["numbers"] | given["results"]
         *way, last = path.split()
         for key in way:
             place = place[int(key) if isinstance(place, list) else key]
@@ -301,15 +254,16 @@ def verdict(judge, *changes):
     return bool(passed)
 
 
-@pytest.mark.parametrize(("judge", "failing", "passing"), CASES)
-def test_judge_passes_and_fails(judge, failing, passing):
+@pytest.mark.parametrize("case", CASES)
+def test_judge_passes_and_fails(case):
+    judge, path, failing, *passing = case
     assert verdict(judge)
-    assert verdict(judge, passing)
-    assert not verdict(judge, failing)
+    assert not verdict(judge, (path, failing))
+    assert all(verdict(judge, (path, value)) for value in passing)
 
 
 def test_every_judge_has_a_case():
-    tried = {name(judge) for judge, _, _ in CASES}
+    tried = {name(judge) for judge, *_ in CASES}
     public = {key for key, f in vars(judges).items() if f.__class__ is type(judges.beyond)}
     assert tried | {"beyond"} == {key for key in public if key.islower() and key[0] != "_"} - {
         "number",
@@ -333,14 +287,6 @@ def test_claim_without_number_is_not_reproducible():
     assert judges.beyond("nobody knows")({}, {}) == (None, "not reproducible because nobody knows")
 
 
-def test_evidence_mentions_partial_searches():
-    given = results()
-    given["search4"]["partial"] = {"starts": 6, "of": 90}
-    evidence = judges.many(4, {}, given)[1]
-    assert "6 starts (of 90, a partial search)" in evidence
-    assert "partial" not in judges.many(5, {}, given)[1]
-
-
 def test_evidence_of_improvement_has_its_numbers():
     given = results()
     given["search6"]["f_double"] = [1e-8] * 4
@@ -349,6 +295,7 @@ def test_evidence_of_improvement_has_its_numbers():
     assert "20 evaluations in double and 100 in real(16), 3 of 4 starts come to" in evidence
     assert "the median of f from 1e−06 to 1e−08" in evidence
     assert "with 1000 and 30, 0 of 4 starts" in evidence
+    assert verdict(judges.improved, ("search6 f_quad", [None] * 4))
 
 
 def test_failing_claims_have_an_interpretation(monkeypatch, tmp_path):

@@ -1,21 +1,19 @@
 """Searches of the report: checkpoints, interrupts, presentation."""
 
 import json
-import signal
 import sqlite3
-import subprocess
-import sys
-import time
 from contextlib import closing
 from dataclasses import astuple, replace
 from fractions import Fraction
 
+import numpy as np
 import pytest
-from test_reproduce import read
+from matplotlib.figure import Figure
+from refusals import refuses
 
 from cg.construction.search.random_search import search
 from cg.construction.search.start import random_start
-from cg.reproduce.blocks import Table
+from cg.reproduce.blocks import Chart, Table
 from cg.reproduce.coefficients import labels
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.sections import evaluations
@@ -61,8 +59,7 @@ def test_median_and_quartiles():
     assert quartiles([1e-9, 1.0, 1e-3]) == [1e-9, 1e-9, 1e-3, 1.0, 1.0]
     assert median([1e-9, 1.0, 1e-3]) == 1e-3
     assert median([4.0, 1.0, 3.0, 2.0]) in (2.0, 3.0)
-    with pytest.raises(ValueError, match="must not be empty"):
-        median([])
+    refuses(ValueError, "must not be empty", median, [])
 
 
 def stop_after(number):
@@ -201,8 +198,9 @@ def test_evaluations_section_uses_the_same_starts(tmp_path, monkeypatch):
     monkeypatch.setattr(evaluations, "COUNTS", (300, 500, 900))
     early = replace(PLANS[6], starts=1, maxfev=400, refine_below=1e3, refine_maxfev=140)
     monkeypatch.setattr(evaluations, "STOPPED", early)
-    six = {"f_double": [1.0, 2.0, 3.0], "f_quad": [0.9, 1.0, 1.0], "paper": {}}
-    given = {"search6": six, "search4": {"f_double": [1e-3], "f_quad": [None], "paper": {}}}
+    paper = {"f_double": 1e-6, "f_quad": 1e-8}
+    six = {"f_double": [1.0, 2.0, 3.0], "f_quad": [0.9, 1.0, 1.0], "paper": paper}
+    given = {"search6": six, "search4": {"f_double": [1e-3], "f_quad": [None], "paper": paper}}
     given["appendix"] = {"methods": {"CG6a": {"residuals": {"paper": {"f": 1e-9}}}}}
     data = evaluations.compute(context(tmp_path, results=given))
     assert data["limits"] == [300, 500, 700, 900]
@@ -218,30 +216,9 @@ def test_evaluations_section_uses_the_same_starts(tmp_path, monkeypatch):
     assert (stopped["f_double"], stopped["f_quad"]) == ([start.double.f], [start.quad.f])
     assert data["f_printed"] == 1e-9
     assert data["smallest_exact"] == {"f_double": 1e-3, "f_quad": None}
-
-
-def start(out, *arguments):
-    command = [sys.executable, "-m", "cg", "reproduce", "--out", str(out), *arguments]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-
-
-def wait_for(condition, process):
-    deadline = time.monotonic() + 300
-    while not condition():
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="no such signal")
-def test_terminated_run_shows_its_partial_search(tmp_path):
-    process = start(tmp_path, "--only", "search4")
-    wait_for(lambda: any(len(recorded(p)) > 20 for p in stores(tmp_path / "checkpoints")), process)
-    process.send_signal(signal.SIGTERM)
-    message = process.communicate()[1]
-    assert process.returncode == 130
-    assert "finished items and searches are kept" in message
-    part = read(tmp_path)["items"]["search4"]["partial"]
-    assert 10 < part["starts"] < part["of"] == 1000
-    assert "Partial searches" in (tmp_path / "report.html").read_text("utf-8")
+    (chart,) = (block for block in evaluations.present(data) if isinstance(block, Chart))
+    figure = Figure(figsize=chart.size)
+    chart.draw(figure)
+    lines = figure.axes[0].get_lines()
+    expected = np.transpose([data["limits"], [f for f, _ in data["f"]]])
+    np.testing.assert_array_equal(lines[0].get_xydata(), expected)

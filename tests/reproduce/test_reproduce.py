@@ -7,19 +7,19 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from refusals import refuses
 from tests_of_pages import power_of_ten, words_of
 
 from cg.catalogue import methods
 from cg.reproduce import items
 from cg.reproduce import run as run_module
-from cg.reproduce.blocks import Table, number
+from cg.reproduce.blocks import number
 from cg.reproduce.coefficients import fixed, labels, method_data
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.evidence import gather
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
 from cg.reproduce.report import page
-from cg.reproduce.sections import search as search_section
 from cg.reproduce.sections import table3_2
 from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
 from cg.support.quads import to_decimal
@@ -125,12 +125,6 @@ def test_rejects_out_that_is_not_writable(capsys):
     assert "/proc/nothing is not writable" in capsys.readouterr().err
 
 
-def test_list(capsys):
-    assert main(["--list"]) == 0
-    printed = capsys.readouterr().out
-    assert [line.split()[0] for line in printed.splitlines()] == list(items.ITEMS)
-
-
 def test_needed_items_run_first():
     chosen = [item.name for item in items.select(["claims"])]
     assert chosen[-1] == "claims"
@@ -155,11 +149,10 @@ def test_table_end_to_end(tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def figures(tmp_path_factory):
-    """Two runs of the same items into different folders."""
+    """Two runs into different folders, the second of some items of the first."""
     folders = [tmp_path_factory.mktemp("figures") for _ in range(2)]
-    for folder in folders:
-        names = ("fig4.1", "fig4.2", "appendix", "table3.2")
-        assert main([*(f"--only={name}" for name in names), "--out", str(folder)]) == 0
+    for folder, names in zip(folders, ("fig4.1,fig4.2,appendix,table3.2", "fig4.1"), strict=True):
+        assert main([f"--only={names}", "--out", str(folder)]) == 0
     return folders
 
 
@@ -184,9 +177,10 @@ def test_equal_runs_write_equal_files(figures):
     first, second = map(read, figures)
     assert first.pop("run") != {}
     assert second.pop("run") != {}
-    assert first == second
-    for path in (figures[0] / "figures").iterdir():
-        assert path.read_bytes() == (figures[1] / "figures" / path.name).read_bytes()
+    assert list(second["items"]) == ["fig4.1"]
+    assert first | {"items": {"fig4.1": first["items"]["fig4.1"]}} == second
+    for path in (figures[1] / "figures").iterdir():
+        assert path.read_bytes() == (figures[0] / "figures" / path.name).read_bytes()
 
 
 def test_reference_is_more_accurate_than_double(figures):
@@ -235,14 +229,6 @@ def test_report_with_other_settings_is_not_overwritten(tmp_path, capsys, other):
     assert contents == {
         path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()
     }
-
-
-def test_full_run_has_its_own_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for arguments in ([], ["--full"]):
-        assert main(["--only", "table3.2", *arguments]) == 0
-    for folder, full in (("reproduce/out", False), ("reproduce/out/full", True)):
-        assert read(tmp_path / folder)["settings"] == {"seed": 0, "full": full}
 
 
 def test_only_accepts_several_items(tmp_path, capsys):
@@ -304,8 +290,7 @@ def test_finished_items_remain_after_a_later_failure(tmp_path):
 def test_rejects_numbers_that_json_cannot_represent(tmp_path):
     run_module.check_output(tmp_path)
     broken = replace(items.ITEMS["fig4.1"], compute=lambda context: {"x": float("nan")})
-    with pytest.raises(ValueError, match="JSON"):
-        run_module.run([broken], tmp_path, Settings(), 1)
+    refuses(ValueError, "JSON", run_module.run, [broken], tmp_path, Settings(), 1)
 
 
 def test_coefficients_are_rounded_from_all_digits():
@@ -319,31 +304,11 @@ def test_coefficients_are_rounded_from_all_digits():
     assert len(labels(16)) == len(set(labels(16))) == 152
 
 
-def test_number():
-    assert number(-1.5e-7, 2) == "−1.5e−07"
-    assert number(None) == "–"
-    assert number(196) == "196"
-
-
-def test_rejects_table_with_uneven_rows():
-    with pytest.raises(ValueError, match="3 cells"):
-        Table("t", ("a", "b", "c"), [("1", "2")])
-
-
 def test_quad_slope_is_resolved_below_double_precision():
     errors = {2**k: 3 * 2.0 ** (-5 * k) for k in range(4, 20, 2)}
     data = order_data(errors)
     assert data["slope"] == pytest.approx(5)
     assert data["error"][-1] < 1e-26
-
-
-def test_page_escapes():
-    state = {
-        "settings": {"seed": 0, "full": False},
-        "items": {},
-        "run": {"version": "<b>", "seconds": {}, "workers": 1},
-    }
-    assert "<b>" not in page(state, {})
 
 
 def test_claims_name_their_section():
@@ -418,15 +383,11 @@ def test_whole_default_run(tmp_path):
     assert parsed.tags.count("figure") == 10
 
 
-def test_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
+def test_damaged_checkpoint_is_named(tmp_path, capsys):
     """A full disk may leave such a file."""
-
-    def stopped(*arguments, **options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(search_section, "_data", stopped)
-    arguments = ["--only", "search4", "--out", str(tmp_path), "--workers", "1"]
-    assert main(arguments) == 130
+    out = ["--out", str(tmp_path)]
+    arguments = ["--only", "search4", "--workers", "1", "--minutes", "0", *out]
+    assert main(arguments) == 0
     (store,) = (tmp_path / "checkpoints").glob("search4-*.db")
     store.write_bytes(store.read_bytes()[:5000])
     capsys.readouterr()
@@ -434,3 +395,32 @@ def test_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
     message = capsys.readouterr().err.splitlines()[-1]
     assert message.startswith(f"reproduce-paper: error: store {store} is not an SQLite database")
     assert message.endswith("; if you delete that file, its content is computed again")
+
+
+def test_full_run_has_its_own_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for arguments in ([], ["--full"]):
+        assert main(["--only", "table3.2", *arguments]) == 0
+    for folder, full in (("reproduce/out", False), ("reproduce/out/full", True)):
+        assert read(tmp_path / folder)["settings"] == {"seed": 0, "full": full}
+
+
+def test_page_escapes():
+    state = {
+        "settings": {"seed": 0, "full": False},
+        "items": {},
+        "run": {"version": "<b>", "seconds": {}, "workers": 1},
+    }
+    assert "<b>" not in page(state, {})
+
+
+def test_number():
+    assert number(-1.5e-7, 2) == "−1.5e−07"
+    assert number(None) == "–"
+    assert number(196) == "196"
+
+
+def test_list(capsys):
+    assert main(["--list"]) == 0
+    printed = capsys.readouterr().out
+    assert [line.split()[0] for line in printed.splitlines()] == list(items.ITEMS)

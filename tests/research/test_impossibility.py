@@ -1,7 +1,5 @@
 """Proofs that methods don't exist: their polynomials, and that wrong proofs are refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from math import factorial
@@ -9,6 +7,7 @@ from math import factorial
 import numpy as np
 import pytest
 from flint import fmpq
+from refusals import refuses
 
 import cg
 from cg.conditions import condition_trees, residuals
@@ -24,16 +23,15 @@ from research.impossibility import (
     point_shapes,
     proof_names,
     read_proof,
-    read_shape,
 )
 from research.impossibility.__main__ import main
-from research.impossibility.ring import Polynomial, Ring
+from research.impossibility.ring import Ring
 from research.impossibility.shapes import flat_density, orderings
 
 pytestmark = pytest.mark.no_core
 
 
-def test_all_proofs_hold_and_say_what_they_prove() -> None:
+def test_all_proofs_hold_and_say_what_they_prove():
     sentences = [sentence for name in proof_names() for sentence in check(name)]
     assert "no explicit Crouch-Grossman tableau of 4 stages has order 4" in sentences
     assert "no tree of 4 points (of 24) has order 4" in sentences
@@ -43,7 +41,7 @@ def test_all_proofs_hold_and_say_what_they_prove() -> None:
 
 
 @pytest.mark.parametrize("name", ["CF3", "CF4", "CF5a", "CF5c", "CF6b", "CG5d", "CG6g"])
-def test_known_methods_have_more_flows_than_are_ruled_out(name: str) -> None:
+def test_known_methods_have_more_flows_than_are_ruled_out(name):
     method = cg.methods[name]
     path = method.tree.path(method.tree.result)
     for order, flows in ((3, 1), (5, 2), (6, 3), (7, 4)):
@@ -51,7 +49,7 @@ def test_known_methods_have_more_flows_than_are_ruled_out(name: str) -> None:
 
 
 @pytest.mark.parametrize("change", ["factor", "missing", "name", "text"])
-def test_wrong_proofs_are_refused(change: str) -> None:
+def test_wrong_proofs_are_refused(change):
     proof = read_proof("order4")
     claim = next(claim for claim in proof.claims if claim.shape == "-1 -1 0 1")
     factors = dict(claim.factors)
@@ -64,25 +62,23 @@ def test_wrong_proofs_are_refused(change: str) -> None:
         factors["lemma 99"] = factors.pop(name)
     else:
         factors[name] += "+"
-    with pytest.raises(ImpossibilityError, match="-1 -1 0 1"):
-        proof.check_claim(replace(claim, factors=factors))
+    refuses(ImpossibilityError, "-1 -1 0 1", proof.check_claim, replace(claim, factors=factors))
 
 
-def test_a_proof_of_another_shape_is_refused() -> None:
+def test_a_proof_of_another_shape_is_refused():
     proof = read_proof("order4")
     claim = next(claim for claim in proof.claims if claim.shape == "tableau")
-    with pytest.raises(ImpossibilityError, match="isn't one"):
-        proof.check_claim(Claim("-1 0 1 2", claim.factors))
+    refuses(ImpossibilityError, "isn't one", proof.check_claim, Claim("-1 0 1 2", claim.factors))
 
 
-def test_a_wrong_lemma_is_refused() -> None:
+def test_a_wrong_lemma_is_refused():
     proof = read_proof("order4")
     wrong = replace(proof.lemmas[0], polynomial=proof.lemmas[0].polynomial + "+1")
     with pytest.raises(ImpossibilityError, match="lemma 1 "):
         replace(proof, lemmas=(wrong, *proof.lemmas[1:])).check_lemmas()
 
 
-def _values(shape: TableauShape | PointsShape, seed: int) -> dict[str, Fraction]:
+def _values(shape, seed):
     random = np.random.default_rng(seed)
     return {
         name: Fraction(int(random.integers(-9, 10)), int(random.integers(1, 10)))
@@ -90,13 +86,13 @@ def _values(shape: TableauShape | PointsShape, seed: int) -> dict[str, Fraction]
     }
 
 
-def _at(polynomial: Polynomial, names: tuple[str, ...], values: dict[str, Fraction]) -> Fraction:
+def _at(polynomial, names, values):
     numbers = [fmpq(values[name].numerator, values[name].denominator) for name in names]
     actual = polynomial(*numbers)
     return Fraction(int(actual.p), int(actual.q))
 
 
-def _rows(stages: int, values: dict[str, Fraction]) -> list[list[Fraction]]:
+def _rows(stages, values):
     rows = [[Fraction(0)] * stages]
     for i in range(2, stages + 1):
         inner = [values[f"a{i}_{j}"] for j in range(2, i)]
@@ -106,7 +102,7 @@ def _rows(stages: int, values: dict[str, Fraction]) -> list[list[Fraction]]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_conditions_of_tableaux_agree_with_the_oracle(seed: int) -> None:
+def test_conditions_of_tableaux_agree_with_the_oracle(seed):
     shape = TableauShape(4)
     values = _values(shape, seed)
     rows = _rows(4, values)
@@ -115,7 +111,7 @@ def test_conditions_of_tableaux_agree_with_the_oracle(seed: int) -> None:
 
 
 @pytest.mark.parametrize("parents", [(-1, 0, 1, 2), (-1, -1, 0, 1), (-1, 0, -1, 2)])
-def test_conditions_of_points_agree_with_the_oracle(parents: tuple[int, ...]) -> None:
+def test_conditions_of_points_agree_with_the_oracle(parents):
     shape = PointsShape(4, parents)
     values = _values(shape, 7)
     rows = _rows(4, values)
@@ -128,7 +124,7 @@ def test_conditions_of_points_agree_with_the_oracle(parents: tuple[int, ...]) ->
     assert actual == list(residuals(tree, 4, arithmetic="exact"))
 
 
-def test_the_flat_conditions_vanish_at_the_classical_method_alone() -> None:
+def test_the_flat_conditions_vanish_at_the_classical_method_alone():
     shape = TableauShape(4)
     values = dict.fromkeys(shape.ring.names, Fraction(0))
     values |= {"a3_2": Fraction(1, 2), "a4_3": Fraction(1), "c2": Fraction(1, 2)}
@@ -143,7 +139,7 @@ def test_the_flat_conditions_vanish_at_the_classical_method_alone() -> None:
     assert _at(flat["[]"], shape.ring.names, values) == 1
 
 
-def test_the_words_of_one_flow_are_those_of_the_exponential() -> None:
+def test_the_words_of_one_flow_are_those_of_the_exponential():
     trees = forest(6)
     expected = {}
     for t in condition_trees(5):
@@ -155,7 +151,7 @@ def test_the_words_of_one_flow_are_those_of_the_exponential() -> None:
     assert values == expected
 
 
-def test_the_words_of_two_flows_vanish_at_a_known_method() -> None:
+def test_the_words_of_two_flows_vanish_at_a_known_method():
     points = cg.methods["CF4"].points
     c = [0, Fraction(1, 2), Fraction(1, 2), 1]
     path = cg.methods["CF4"].tree.path(4)
@@ -169,7 +165,7 @@ def test_the_words_of_two_flows_vanish_at_a_known_method() -> None:
     assert set(actual.values()) != {0}
 
 
-def test_all_trees_are_there() -> None:
+def test_all_trees_are_there():
     shapes = [shape.parents for shape in point_shapes(4)]
     assert len(set(shapes)) == 24 == len(shapes)
     assert catalan(4) == 14
@@ -177,36 +173,21 @@ def test_all_trees_are_there() -> None:
     assert proved == {"tableau", *(" ".join(map(str, parents)) for parents in shapes)}
 
 
-@pytest.mark.parametrize("text", ["", "tableaux", "0 0 0 0", "-1 0 1", "-1 0 1 3", "path of x"])
-def test_unknown_shapes(text: str) -> None:
-    with pytest.raises(ValueError, match="shape must be"):
-        read_shape(text, 4)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [("", "sum of products"), ("x+", "sum of products"), ("x y", "factor"), ("2*z", "got 'z'")],
-)
-def test_polynomials_that_cannot_be_read(text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        Ring(["x", "y"]).read(text)
-
-
-def test_polynomials_are_read_as_written() -> None:
+def test_polynomials_are_read_as_written():
     ring = Ring(["x", "y"])
     polynomial = -(ring["x"] ** 3) * ring["y"] * fmpq(3, 7) + ring["y"] - 5
     assert ring.read(str(polynomial)) == polynomial
     assert ring.read("x - x + 1") == 1
 
 
-def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(capsys):
     assert main(["order3"]) == 0
     assert "path of 1 flows to its result has order 3" in capsys.readouterr().out
     assert main(["order99"]) == 1
     assert "no proof 'order99'" in capsys.readouterr().out
 
 
-def test_the_flat_condition_is_the_sum_of_the_orders() -> None:
+def test_the_flat_condition_is_the_sum_of_the_orders():
     tree = OrderedTree.parse("[[[]][][]]")
     actual = orderings(tree)
     assert sum(actual.values()) == 6

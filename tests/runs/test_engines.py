@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from typing import Any
 
 import pytest
 
@@ -11,7 +10,7 @@ from cg.command import main
 from cg.executors import execution
 from cg.runs import Store
 
-SEARCH: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
+SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
 MPI = """
 import sys
 from mpi4py.futures import MPIPoolExecutor

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from concurrent.futures import (
     BrokenExecutor,
     Executor,
@@ -21,8 +20,7 @@ from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from multiprocessing.context import SpawnContext, SpawnProcess
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import pytest
 
@@ -30,8 +28,8 @@ import cg
 from cg.executors import completed, execution
 from cg.runs import Store
 
-SEARCH: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
-CONSTRUCT: dict[str, Any] = {"order": 5, "stages": 6, "flows": 9, "first_flows": 10, "seed": 1}
+SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
+CONSTRUCT = {"order": 5, "stages": 6, "flows": 9, "first_flows": 10, "seed": 1}
 FOREVER = """
 import sys
 import cg
@@ -44,15 +42,15 @@ if __name__ == "__main__":
 """
 
 
-def processes(workers: int = 2) -> ProcessPoolExecutor:
+def processes(workers=2):
     return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
 
 
-def double(index: int) -> int:
+def double(index):
     return 2 * index
 
 
-def fail_at_five(index: int) -> int:
+def fail_at_five(index):
     if index == 5:
         raise ArithmeticError("five")
     return index
@@ -63,26 +61,33 @@ def collect(seen, run):
         seen.append(finished.index)
 
 
-def die_at_seven(index: int) -> int:
+def die_at_seven(index):
     if index == 7:
         os.kill(os.getpid(), signal.SIGSEGV)
+    return index
+
+
+def die_twice(folder, index):
+    if index == 7 and len(list(folder.iterdir())) < 2:
+        (folder / str(os.getpid())).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
     return index
 
 
 class Unfair(Executor):
     """An executor that runs the newest piece first."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._pool = ThreadPoolExecutor(1)
-        self._jobs: list[tuple[Future[Any], Callable[[], Any]]] = []
+        self._jobs = []
 
     def submit(self, function, /, *args, **kwargs):
-        future: Future[Any] = Future()
+        future = Future()
         self._jobs.append((future, partial(function, *args, **kwargs)))
         self._pool.submit(self._run_one)
         return future
 
-    def _run_one(self) -> None:
+    def _run_one(self):
         time.sleep(0.001)
         future, call = self._jobs.pop()
         if future.set_running_or_notify_cancel():
@@ -98,7 +103,7 @@ class Unfair(Executor):
 class Losing(ThreadPoolExecutor):
     """An executor that loses its pending work after a number of pieces."""
 
-    def __init__(self, pieces: int, moment: str) -> None:
+    def __init__(self, pieces, moment):
         super().__init__(1)
         self._left, self._moment = pieces, moment
 
@@ -108,7 +113,7 @@ class Losing(ThreadPoolExecutor):
             return super().submit(function, *args, **kwargs)
         if self._moment == "handed out":
             raise BrokenExecutor("it has ended")
-        future: Future[Any] = Future()
+        future = Future()
         future.cancel()
         future.set_running_or_notify_cancel()
         return future
@@ -209,6 +214,11 @@ class TestDeath:
         assert failed.index == 7
         assert "BrokenProcessPool" in str(failed.failure)
 
+    def test_a_piece_runs_again_after_the_death_of_its_worker(self, tmp_path):
+        """Workers are killed from outside too: once in a chunk, and once alone."""
+        ended = list(completed(partial(die_twice, tmp_path), range(12), 12, 2, "processes"))
+        assert sorted(finished.result for finished in ended) == list(range(12))
+
     def test_error_if_executor_cannot_be_replaced(self):
         with (
             processes() as pool,
@@ -245,9 +255,9 @@ class TestDeath:
     @pytest.mark.parametrize("moment", ["at work", "handed out"])
     def test_executor_that_loses_work(self, moment):
         """Dask's executor loses work when its scheduler is killed."""
-        made: list[Losing] = []
+        made = []
 
-        def make() -> Executor:
+        def make():
             made.append(Losing(3 if not made else 1000, moment))
             return made[-1]
 
@@ -309,7 +319,7 @@ class StartedLate(SpawnProcess):
     before: ClassVar[list[SpawnProcess]] = []
     ready = False
 
-    def start(self) -> None:
+    def start(self):
         self.before.append(self)
         if len(self.before) != 2:
             return super().start()
@@ -325,11 +335,11 @@ class LateContext(SpawnContext):
     Process = StartedLate
 
 
-def late_processes() -> ProcessPoolExecutor:
+def late_processes():
     return ProcessPoolExecutor(2, mp_context=LateContext())
 
 
-def slow_double(index: int) -> int:
+def slow_double(index):
     time.sleep(0.02)
     return 2 * index
 
@@ -353,7 +363,7 @@ class TestInterrupt:
         assert set(seen) <= {0, 1, 2, 3}
         assert "interrupt again to discard them" in caplog.text
         waits = iter([KeyboardInterrupt, KeyboardInterrupt])
-        dropped: list[int] = []
+        dropped = []
         run = completed(slow_double, range(100), 100, 2, finish_on_interrupt=True)
         with pytest.raises(KeyboardInterrupt):
             collect(dropped, run)
@@ -369,7 +379,7 @@ class TestInterrupt:
     ],
 )
 @pytest.mark.parametrize("call", [cg.search, cg.construct])
-def test_rejects_invalid_executors(call, executor, error, message, tmp_path: Path):
+def test_rejects_invalid_executors(call, executor, error, message, tmp_path):
     path = tmp_path / "runs.db"
     options = {"starts": 1} if call is cg.search else {}
     with pytest.raises(error, match=message):

@@ -13,8 +13,6 @@ import sqlite3
 import sys
 import time
 from contextlib import closing
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -27,11 +25,11 @@ pytestmark = [
 ]
 
 KILLS = int(os.environ.get("CG_KILLS", "8"))
-SEARCH: dict[str, Any] = {"order": 4, "stages": 5, "starts": 150, "seed": 1, "workers": 2}
-CONSTRUCT: dict[str, Any] = {"order": 5, "stages": 9, "seed": 1, "tries": 8, "workers": 2}
+SEARCH = {"order": 4, "stages": 5, "starts": 150, "seed": 1, "workers": 2}
+CONSTRUCT = {"order": 5, "stages": 9, "seed": 1, "tries": 8, "workers": 2}
 
 
-def recorded(path: Path) -> set[tuple[Any, ...]]:
+def recorded(path):
     """Return all rows about starts that a store has."""
     if not path.exists():
         return set()
@@ -42,7 +40,7 @@ def recorded(path: Path) -> set[tuple[Any, ...]]:
             return set()
 
 
-def child(work: Any) -> int:
+def child(work):
     pid = os.fork()
     if pid == 0:
         code = 1
@@ -88,7 +86,7 @@ def killed_at_random(work, stores, restart, seed):
     yield kills, useful
 
 
-def report(kind: str, kills: int, useful: int, ended: int) -> None:
+def report(kind, kills, useful, ended):
     """Add a line to the file of figures, where one is named."""
     if name := os.environ.get("CG_KILLS_REPORT"):
         with open(name, "a", encoding="utf-8") as file:

@@ -3,16 +3,13 @@
 import io
 import itertools
 import re
-import sys
-from concurrent.futures import BrokenExecutor
 
 import pytest
-from watching import interrupted_search
 
 import cg
 from cg.command import main
 from cg.construction import run_attempt
-from cg.runs import Failure, ProgressLine, Store, stored_run
+from cg.runs import Failure, ProgressLine, stored_run
 from cg.runs.progress import duration
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 12, "workers": 1}
@@ -130,22 +127,6 @@ class TestConstruction:
             hits = sum(a.solved and a.stages == 8 for a in attempts[:number])
             assert int(one["solved"]) == hits
 
-    def test_line_shows_flows(self, tmp_path):
-        stream = io.StringIO()
-        settings = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2, "workers": 1}
-        path = tmp_path / "runs.db"
-        cg.construct(**settings, store=path, progress=line(stream, every=0))
-        assert parse_lines(stream.getvalue())[0]["size"] == " with 3 stages and 4 flows"
-        cg.construct(**settings, store=path, progress=line(stream, every=0))
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0.2, "0 s"), (59.4, "59 s"), (60, "1 min"), (3600, "1 h 0 min"), (7900, "2 h 12 min")],
-)
-def test_durations(seconds, text):
-    assert duration(seconds) == text
-
 
 class TestCommand:
     ARGUMENTS = ("search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "12")
@@ -180,28 +161,10 @@ class TestCommand:
             "here"
         )
 
-    def test_lost_executor_says_how_to_continue(self, capsys, monkeypatch, tmp_path):
-        def lost(*_, **__):
-            raise BrokenExecutor("the executor is gone")
-            yield
 
-        monkeypatch.setattr(cg.runs.long_run, "completed", lost)
-        path = tmp_path / "runs.db"
-        command = ["construct", "--order", "3", "--stages", "3", "--store", str(path)]
-        assert main(command) == 2
-        assert capsys.readouterr().err == (
-            f"crouch-grossman: error: the executor is gone; finished results are in {path}; run "
-            "the same construction again to continue, on any executor\n"
-        )
-        with Store(path) as store:
-            assert not store.runs()[0].running
-
-
-def test_signal_to_script_says_how_to_continue(tmp_path):
-    path = tmp_path / "runs.db"
-    script = "import cg, sys; cg.search(5, 9, 10**5, 1, maxfev=60, store=sys.argv[1])"
-    _, error = interrupted_search([sys.executable, "-c", script, str(path)], path)
-    assert error.splitlines()[-2:] == [
-        "KeyboardInterrupt",
-        f"finished results are in {path}; run the same search again to continue, on any executor",
-    ]
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "0 s"), (59.4, "59 s"), (60, "1 min"), (3600, "1 h 0 min"), (7900, "2 h 12 min")],
+)
+def test_durations(seconds, text):
+    assert duration(seconds) == text

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 from functools import partial
-from typing import Any
 
 import pytest
 from stored_runs import starts_of_the_file_alone, stored_numbers
@@ -18,15 +17,15 @@ from cg.construction.search.random_search import search
 from cg.construction.search.start import run_start
 from cg.runs import Store
 
-SMALL: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5}
-CONSTRUCT: dict[str, Any] = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}
+SMALL = {"order": 3, "stages": 3, "seed": 5}
+CONSTRUCT = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}
 
 
 class TestSearch:
-    def counted_runs(self, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-        runs: list[int] = []
+    def counted_runs(self, monkeypatch):
+        runs = []
 
-        def counted(settings: Any, index: int) -> Any:
+        def counted(settings, index):
             runs.append(index)
             return run_start(settings, index)
 
@@ -57,7 +56,7 @@ class TestSearch:
 
     def test_runs_share_a_store(self, tmp_path):
         path = tmp_path / "runs.db"
-        changes: list[dict[str, Any]] = [{}, {"order": 2}, {"seed": 6}, {"algorithm": "lmdif"}]
+        changes = [{}, {"order": 2}, {"seed": 6}, {"algorithm": "lmdif"}]
         changes += [{"rows": "diagonal"}, {"width": 1e200}, {"maxfev": 7}, {"flows": 4}]
         changes += [{"flows": 4, "embedded": True}, {"tree": cg.methods["CF3"]}]
         results = [search(**{**SMALL, **change}, starts=2, store=path) for change in changes]
@@ -96,7 +95,7 @@ class TestSearch:
 
     def test_open_while_another_creates_the_tables(self, tmp_path, monkeypatch):
         path = tmp_path / "runs.db"
-        others: list[threading.Thread] = []
+        others = []
 
         class Slow(sqlite3.Connection):
             def execute(self, statement, *values):
@@ -113,7 +112,7 @@ class TestSearch:
             assert opened.runs() == ()
 
     def test_interrupt_at_begin_of_transaction(self, tmp_path, monkeypatch):
-        begun: list[str] = []
+        begun = []
 
         class Interrupted(sqlite3.Connection):
             def execute(self, statement, *values):

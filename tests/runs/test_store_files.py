@@ -7,14 +7,12 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import pytest
+from refusals import refuses
 from stored_runs import starts_of_the_file_alone, stored_numbers
 
 import cg
@@ -22,21 +20,21 @@ import cg.command
 from cg.construction.search.random_search import search
 from cg.runs import Record, Store, database, schema, store
 
-SMALL: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5}
-CONSTRUCT: dict[str, Any] = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}
-TREES: dict[str, Any] = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2}
+SMALL = {"order": 3, "stages": 3, "seed": 5}
+CONSTRUCT = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}
+TREES = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2}
 RECORD = Record(
     number=0, stages=3, phase="double", f=0.5, status=1, evaluations=2, largest_residual=0.7,
     solved=False, coefficients=bytes(96),
 )  # fmt: skip
 
 
-def run_sql(path: Path, statement: str, *values: Any) -> None:
+def run_sql(path, statement, *values):
     with closing(sqlite3.connect(path)) as connection, connection:
         assert connection.execute(statement, values).rowcount == 1
 
 
-FORGERIES: dict[str, str] = {
+FORGERIES = {
     "solved": "UPDATE starts SET solved = NOT solved WHERE number = ?",
     "a residual": "UPDATE starts SET largest_residual = largest_residual / 2 + 1e-40 "
     "WHERE number = ?",
@@ -59,8 +57,7 @@ def test_rejects_forged_starts(forgery, tmp_path):
     for number in range(6):
         path.write_bytes(content)
         run_sql(path, FORGERIES[forgery], number)
-        with pytest.raises(ValueError, match="not the record of a start"):
-            search(**SMALL, starts=6, store=path)
+        refuses(ValueError, "not the record of a start", search, **SMALL, starts=6, store=path)
 
 
 @pytest.mark.parametrize("settings", [CONSTRUCT, TREES])
@@ -81,11 +78,10 @@ def test_rejects_forged_tries(settings, change, tmp_path):
     whole = cg.construct(**settings, workers=1, store=path)
     assert cg.construct(**settings, store=path) == whole
     run_sql(path, f"UPDATE starts SET {change} WHERE number = 0")
-    with pytest.raises(ValueError, match="not the record of an attempt"):
-        cg.construct(**settings, store=path)
+    refuses(ValueError, "not the record of an attempt", cg.construct, **settings, store=path)
 
 
-def killed(path: Path) -> None:
+def killed(path):
     """Leave a store whose run was killed after its first start."""
     script = (
         "import cg, os, sys\n"
@@ -94,15 +90,15 @@ def killed(path: Path) -> None:
     assert subprocess.run([sys.executable, "-c", script, str(path)], check=False).returncode == 9
 
 
-def only_immutable(monkeypatch: pytest.MonkeyPatch) -> None:
+def only_immutable(monkeypatch):
     """Refuse connections as in a folder where nothing can be written."""
-    connect: Callable[..., sqlite3.Connection] = sqlite3.connect
+    connect = sqlite3.connect
 
     class Refusing(sqlite3.Connection):
-        def execute(self, *arguments: Any) -> sqlite3.Cursor:
+        def execute(self, *arguments):
             raise sqlite3.OperationalError("unable to open database file")
 
-    def refusing(file: str, **options: Any) -> sqlite3.Connection:
+    def refusing(file, **options):
         kind = sqlite3.Connection if "immutable" in file else Refusing
         return connect(file, factory=kind, **options)
 
@@ -141,10 +137,10 @@ class TestLog:
     def test_waits_for_another_process_that_folds(self, tmp_path, monkeypatch, caplog):
         path = tmp_path / "runs.db"
         killed(path)
-        pauses: list[float] = []
+        pauses = []
 
         class Folding(sqlite3.Connection):
-            def execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
+            def execute(self, statement, *values):
                 if "TRUNCATE" in statement and not pauses:  # what SQLite returns at once
                     return super().execute("SELECT 1, -1, -1")
                 return super().execute(statement, *values)
@@ -168,8 +164,7 @@ class TestLog:
         path = tmp_path / "runs.db"
         killed(path)
         only_immutable(monkeypatch)
-        with pytest.raises(OSError, match=r"part of it is in its log runs\.db-wal"):
-            Store(path, read=True)
+        refuses(OSError, r"part of it is in its log runs\.db-wal", Store, path, read=True)
         assert cg.command.main(["runs", "list", str(path)]) == 2
         assert "part of it is in its log runs.db-wal" in capsys.readouterr().err
 
@@ -205,8 +200,7 @@ class TestFile:
             process = subprocess.run(command, capture_output=True, text=True, check=False)
             assert process.returncode == 1
             assert f"in use by process {os.getpid()}" in process.stderr
-            with pytest.raises(BlockingIOError, match="in use by process"):
-                search(**SMALL, starts=4, store=path)
+            refuses(BlockingIOError, "in use by process", search, **SMALL, starts=4, store=path)
             assert opened.runs()[0].running
         assert subprocess.run(command, check=False).returncode == 0
         assert stored_numbers(path) == [0, 1, 2, 3]
@@ -248,8 +242,7 @@ class TestFile:
         with closing(sqlite3.connect(path)) as connection:
             connection.execute("CREATE TABLE starts (x)")
         content = path.read_bytes()
-        with pytest.raises(ValueError, match="a database of another program"):
-            search(**SMALL, starts=1, store=path)
+        refuses(ValueError, "a database of another program", search, **SMALL, starts=1, store=path)
         assert path.read_bytes() == content
 
     def test_error_names_damaged_file(self, tmp_path):
@@ -258,8 +251,7 @@ class TestFile:
         content = bytearray(path.read_bytes())
         content[4096:] = b"\xa5" * (len(content) - 4096)
         path.write_bytes(content)
-        with pytest.raises(ValueError, match=r"runs\.db"):
-            search(**SMALL, starts=31, store=path)
+        refuses(ValueError, r"runs\.db", search, **SMALL, starts=31, store=path)
 
     @pytest.mark.parametrize("read", [False, True])
     @pytest.mark.parametrize("version", [schema.VERSION - 1, schema.VERSION + 1])
@@ -269,8 +261,7 @@ class TestFile:
         with closing(sqlite3.connect(path)) as connection:
             connection.execute(f"PRAGMA user_version = {version}")
         content = path.read_bytes()
-        with pytest.raises(ValueError, match="written by another version"):
-            Store(path, read=read)
+        refuses(ValueError, "written by another version", Store, path, read=read)
         assert path.read_bytes() == content
 
     def test_full_disk_keeps_stored_starts(self, tmp_path):
@@ -280,8 +271,7 @@ class TestFile:
             opened._connection.execute(f"PRAGMA max_page_count = {pages + 4}")
             run.append([RECORD])
             many = [replace(RECORD, number=k) for k in range(2000)]
-            with pytest.raises(OSError, match="store can't be used: database or disk is full"):
-                run.append(many)
+            refuses(OSError, "store can't be used: database or disk is full", run.append, many)
             complete = list(run.numbers())
             assert complete == [0]  # all of a call or nothing
         assert stored_numbers(path) == complete
@@ -289,12 +279,11 @@ class TestFile:
     def test_error_for_readonly_file(self, tmp_path, monkeypatch):
         path = tmp_path / "runs.db"
         search(**SMALL, starts=1, store=path)
-        connect: Callable[..., sqlite3.Connection] = sqlite3.connect
+        connect = sqlite3.connect
         monkeypatch.setattr(
             store.sqlite3, "connect", lambda file, **options: connect(f"{file}?mode=ro", **options)
         )
-        with pytest.raises(OSError, match="readonly database"):
-            search(**SMALL, starts=2, store=path)
+        refuses(OSError, "readonly database", search, **SMALL, starts=2, store=path)
         monkeypatch.undo()
         assert stored_numbers(path) == [0]
 
@@ -308,8 +297,7 @@ class TestFile:
         assert result.starts == expected.starts
         assert repr(result) == repr(expected)
         os.remove(tmp_path / "b" / "runs.db")
-        with pytest.raises(FileNotFoundError, match="store must be an existing file"):
-            list(result.starts)
+        refuses(FileNotFoundError, "store must", list, result.starts)
         assert not (tmp_path / "b" / "runs.db").exists()
 
     @pytest.mark.parametrize("name", [":memory:", "file:x?mode=memory", "a?b#c%20.db", "ü ñ.db"])
@@ -323,8 +311,7 @@ class TestFile:
     def test_reading_changes_no_file(self, content, tmp_path):
         path = tmp_path / "a.toml"
         path.write_bytes(content)
-        with pytest.raises(ValueError, match=r"is not a store|not an SQLite database"):
-            Store(path, read=True)
+        refuses(ValueError, r"is not a store|not an SQLite database", Store, path, read=True)
         assert path.read_bytes() == content
         assert [file.name for file in tmp_path.iterdir()] == ["a.toml"]
 
@@ -343,10 +330,8 @@ class TestFile:
             search(**SMALL, starts=1, store=tmp_path / "none" / "runs.db")
         with pytest.raises(IsADirectoryError):
             search(**SMALL, starts=1, store=tmp_path)
-        with pytest.raises(ValueError, match="store must be a file, got"):
-            search(**SMALL, starts=1, store="/dev/null")
-        with pytest.raises(TypeError, match="store must be a path, got 3"):
-            search(**SMALL, starts=1, store=3)
+        refuses(ValueError, "store must", search, **SMALL, starts=1, store="/dev/null")
+        refuses(TypeError, "store must", search, **SMALL, starts=1, store=3)
 
     def test_rejects_missing_run(self, tmp_path):
         with Store(tmp_path / "runs.db") as opened, pytest.raises(KeyError, match="no run 3"):

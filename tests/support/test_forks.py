@@ -136,7 +136,7 @@ assert blas() == {2}
 """
 
 
-def run(script: str) -> None:
+def run(script):
     done = subprocess.run(
         [sys.executable, "-W", "ignore::DeprecationWarning", "-c", CHILD + script],
         capture_output=True,

@@ -55,7 +55,7 @@ _SETTINGS = {
 }
 
 
-def _run(code: str) -> list[str]:
+def _run(code):
     run = subprocess.run(
         [sys.executable, "-c", _RUNNER + code],
         capture_output=True,
@@ -79,7 +79,7 @@ LARGE = {
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
 @pytest.mark.parametrize("case", LARGE)
-def test_large_methods_are_refused_below_a_limit_of_4_gib(case: str) -> None:
+def test_large_methods_are_refused_below_a_limit_of_4_gib(case):
     message = _run(f"print(outcome({case!r}, 4 << 30))")[0]
     assert message.startswith("MemoryError: ")
     assert LARGE[case] in message
@@ -106,7 +106,7 @@ bits, tolerance = quads.from_float(x), quads.from_float([1e-9]).T
 cases = {
     "door.weights(7, layout, x, trees)": door.evaluation_bytes(7, layout, trees.size),
     "door.residuals(7, layout, x, trees, owner)": door.evaluation_bytes(7, layout, trees.size),
-    "door.residuals_quad(7, layout, bits, trees, owner)":
+    "door.residuals(7, layout, bits, trees, owner)":
         door.evaluation_bytes(7, layout, trees.size, 16),
     "door.jacobian(7, layout, x, trees, owner)": door.derivatives_bytes(7, layout, trees.size),
     "fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, False, flag)":
@@ -118,7 +118,7 @@ cases = {
     "fit_lmdif(5, small, start_quad.T, enough, tolerance, 1, flag)":
         door.evaluation_bytes(5, small, enough.size, 16) + 16 * enough.size * small.size,
 }
-door.jacobian(7, layout, x, trees, owner), door.residuals_quad(7, layout, bits, trees, owner)
+door.jacobian(7, layout, x, trees, owner), door.residuals(7, layout, bits, trees, owner)
 np.linalg.svd(np.ones((50, 50)))  # work space of the linear algebra
 for case, bound in cases.items():
     for k in range(25):
@@ -127,7 +127,7 @@ for case, bound in cases.items():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
-def test_calls_below_any_limit_are_done_or_refused() -> None:
+def test_calls_below_any_limit_are_done_or_refused():
     lines = _run(_PREPARED)
     assert len(lines) == 8 * 25
     assert not [line for line in lines if line != "done" and not line.startswith("MemoryError")]
@@ -138,19 +138,17 @@ def test_calls_below_any_limit_are_done_or_refused() -> None:
         assert outcomes == sorted(outcomes)
 
 
-def test_message_of_refused_memory() -> None:
+def test_message_of_refused_memory():
     raises = pytest.raises(MemoryError, match=r"^a thing needs 1\.05e\+06 GiB of memory")
     with raises, reserved(2**50, "a thing"):
         pass
 
 
-def test_a_call_waits_for_others_if_there_is_too_little_for_both(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_call_waits_for_others_if_there_is_too_little_for_both(monkeypatch):
     monkeypatch.setattr("cg.support.memory.total_memory", lambda: 100e6)
     running, most = 0, 0
 
-    def call() -> None:
+    def call():
         nonlocal running, most
         with reserved(60_000_000, "a call"):
             running += 1
@@ -183,7 +181,7 @@ for case in (
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
-def test_integrations_below_any_limit_are_done_or_refused() -> None:
+def test_integrations_below_any_limit_are_done_or_refused():
     lines = _run(_INTEGRATIONS)
     assert len(lines) == 60
     assert not [line for line in lines if line != "done" and not line.startswith("MemoryError")]

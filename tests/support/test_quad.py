@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from refusals import refuses
 
 from cg import _core_r128
 from cg.structure.layout import Layout
@@ -105,20 +106,17 @@ def test_strings_and_numbers_are_read_exactly():
 
 @pytest.mark.parametrize("value", [float("nan"), "nan", "inf", "", "1/0x"])
 def test_what_is_no_number_is_refused(value):
-    with pytest.raises(ValueError, match="values must be finite real numbers, got"):
-        encode([value])
+    refuses(ValueError, "values must", encode, [value])
 
 
 @pytest.mark.parametrize("pattern", [0x7FFF << 112, (0xFFFF << 112) + 5])
 def test_infinite_bits_are_refused(pattern):
-    with pytest.raises(ValueError, match="not finite"):
-        decode(quads(pattern))
+    refuses(ValueError, "not finite", decode, quads(pattern))
 
 
 @pytest.mark.parametrize("shape", [(16,), (2, 15), (1, 2, 16)])
 def test_wrong_shape_is_refused(shape):
-    with pytest.raises(ValueError, match=r"shape \(n, 16\)"):
-        decode(np.zeros(shape, np.int8))
+    refuses(ValueError, r"shape \(n, 16\)", decode, np.zeros(shape, np.int8))
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=5))
@@ -169,5 +167,4 @@ def test_decimal_examples():
     assert [to_decimal(Fraction(0)), to_decimal(Fraction(5, 2))] == ["0", "2.5"]
     assert [to_decimal(Fraction(999, 1000), 2), to_decimal(Fraction(10), 1)] == ["1", "10"]
     assert [to_decimal(SMALLEST, 3), to_decimal(-LARGEST, 3)] == ["6.48e-4966", "-1.19e4932"]
-    with pytest.raises(ValueError, match="digits must be at least 1, got 0"):
-        to_decimal(third, 0)
+    refuses(ValueError, "digits must", to_decimal, third, 0)

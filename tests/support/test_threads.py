@@ -2,11 +2,9 @@
 
 import os
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
-import pytest
 from flint import arb, ctx
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -16,16 +14,16 @@ from cg.support.balls import working_precision
 from cg.support.parallel import available_cores, single_threads
 
 
-def _blas_threads() -> list[int]:
+def _blas_threads():
     return [pool["num_threads"] for pool in threadpool_info()]
 
 
-def _together(*calls: Callable[[], object]) -> list[object]:
+def _together(*calls):
     with ThreadPoolExecutor(len(calls)) as pool:
         return [future.result() for future in [pool.submit(call) for call in calls]]
 
 
-def test_the_limit_of_threads_is_lifted_by_the_last_user() -> None:
+def test_the_limit_of_threads_is_lifted_by_the_last_user():
     with threadpool_limits(2):
         before = _blas_threads()
         first, second = single_threads(), single_threads()
@@ -40,7 +38,7 @@ def test_the_limit_of_threads_is_lifted_by_the_last_user() -> None:
     assert after == before
 
 
-def test_a_limit_that_someone_sets_meanwhile_stays() -> None:
+def test_a_limit_that_someone_sets_meanwhile_stays():
     with threadpool_limits(2):
         with single_threads():
             threadpool_limits(3)
@@ -49,7 +47,7 @@ def test_a_limit_that_someone_sets_meanwhile_stays() -> None:
     assert set(during) == set(after) == {3}
 
 
-def test_a_limit_that_ends_meanwhile_is_not_set_again() -> None:
+def test_a_limit_that_ends_meanwhile_is_not_set_again():
     with threadpool_limits(3):
         theirs = threadpool_limits(2)
         with single_threads():
@@ -58,28 +56,28 @@ def test_a_limit_that_ends_meanwhile_is_not_set_again() -> None:
     assert set(after) == {3}
 
 
-def test_overlapping_runs_use_one_thread_each() -> None:
+def test_overlapping_runs_use_one_thread_each():
     with threadpool_limits(2):
         ended = threading.Event()
         begun = threading.Event()
 
-        def short(_: int) -> list[int]:
+        def short(_):
             assert begun.wait(10)
             return _blas_threads()
 
-        def long(_: int) -> list[int]:
+        def long(_):
             begun.set()
             assert ended.wait(10)
             return _blas_threads()
 
-        def run_short() -> list[list[int]]:
+        def run_short():
             try:
                 with closing(as_finished(short, [0], 1)) as running:
                     return list(running)
             finally:
                 ended.set()
 
-        def run_long() -> list[list[int]]:
+        def run_long():
             with closing(as_finished(long, [0], 1)) as running:
                 return list(running)
 
@@ -88,22 +86,10 @@ def test_overlapping_runs_use_one_thread_each() -> None:
         assert set(_blas_threads()) == {2}
 
 
-def test_searches_in_two_threads_equal_single_ones() -> None:
-    with threadpool_limits(2):
-        searches = [
-            lambda: cg.search(5, 9, 4, seed=1, workers=1),
-            lambda: cg.search(4, 6, 12, seed=2, workers=2),
-        ]
-        alone = [search() for search in searches]
-        for _ in range(3):
-            assert _together(*searches) == alone
-        assert set(_blas_threads()) == {2}
-
-
-def test_the_precision_is_one_thread_s_at_a_time() -> None:
+def test_the_precision_is_one_thread_s_at_a_time():
     before = ctx.prec
 
-    def third(bits: int) -> str:
+    def third(bits):
         with working_precision(bits):
             for _ in range(20):
                 ball = arb(1) / 3
@@ -117,25 +103,7 @@ def test_the_precision_is_one_thread_s_at_a_time() -> None:
     assert ctx.prec == before
 
 
-def test_certificates_and_digits_in_eight_threads() -> None:
-    before = ctx.prec
-    names = ["CG3", "CG4a", "CF3", "CG3"]
-    certificates = {name: cg.certify(name) for name in names}
-    method = cg.methods["CG4a"]
-    digits = cg.digits(method, 50)
-
-    def work(k: int) -> bool:
-        if k % 2:
-            return bool(cg.digits(method, 50) == digits)
-        name = names[k // 2 % 4]
-        return bool(cg.certify(name) == certificates[name])
-
-    with ThreadPoolExecutor(8) as pool:
-        assert all(pool.map(work, range(16)))
-    assert ctx.prec == before
-
-
-def test_cores_are_counted_where_there_are_no_affinities(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cores_are_counted_where_there_are_no_affinities(monkeypatch):
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     assert available_cores() == (os.cpu_count() or 1)
     assert len(cg.search(2, 2, 2, seed=0).starts) == 2

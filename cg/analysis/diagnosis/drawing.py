@@ -7,25 +7,14 @@ from typing import Any
 
 from ...structure.points import START, points_of
 from ...support.checks import check_integer
-from ...support.quads import to_decimal
+from ...support.quads import MAX_WRITTEN, to_decimal
 from ...trees.ordered import OrderedTree
 
 _NODE = "●"
 
 
 def draw_tree(tree: OrderedTree) -> str:
-    """Return an ordered tree as lines of text, each node above its children.
-
-    The first child is the leftmost, whose flow comes first.
-
-    Examples
-    --------
-    >>> print(draw_tree(OrderedTree.parse("[[][[]]]")))
-    ●
-    ├── ●
-    └── ●
-        └── ●
-    """
+    """Return an ordered tree as lines of text, each node above its children."""
     if not isinstance(tree, OrderedTree):
         raise TypeError(f"tree must be an OrderedTree, got {tree!r}")
     return _draw(tree, lambda node: node.children, lambda _: _NODE)
@@ -37,14 +26,6 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     Each line is one flow: the number of the point, the combination of frozen fields, and the role
     of the point.
 
-    Parameters
-    ----------
-    method : cg.Method or PointTree
-    digits : int, optional
-        Significant digits of weights.
-
-    Examples
-    --------
     >>> import cg
     >>> print(draw_points(cg.methods["CF3"]))
     start: stage 1
@@ -52,7 +33,7 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     │   └── point 3: -0.0833333 F1 + 0.75 F3; result
     └── point 2: 0.666667 F2; stage 3
     """
-    tree, digits = points_of(method), check_integer("digits", digits, 1, 4000)
+    tree, digits = points_of(method), check_integer("digits", digits, 1, MAX_WRITTEN)
     below: dict[int, list[int]] = {m: [] for m in range(START, len(tree.points))}
     for m, point in enumerate(tree.points):
         below[point.parent].append(m)

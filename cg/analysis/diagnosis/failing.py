@@ -22,20 +22,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FailingCondition:
-    """A violated order condition ``Φ(t) = 1/γ(t)``.
+    """A violated order condition ``Φ(t) = 1/γ(t)``, with its residual ``Φ(t) - 1/γ(t)``.
 
-    Attributes
-    ----------
-    order : int
-        Order of the condition.
-    tree : OrderedTree
-        t; for a method of Munthe-Kaas it stands for a rooted tree, whose children have no order.
-    residual : float
-        ``Φ(t) - 1/γ(t)``, correctly rounded.
-    right_side : Fraction
-        1/γ(t).
-    failing, of : int
-        Number of violated independent conditions of that order, and of all of them.
+    For a Munthe-Kaas method the tree stands for a rooted tree, whose children have no order.
+    `right_side` is 1/γ(t). Of the `of` independent conditions of that order, `failing` are
+    violated.
     """
 
     order: int
@@ -73,10 +64,7 @@ class FailingCondition:
 
 
 def first_failing(method: Method) -> FailingCondition | None:
-    """Return the first violated condition of lowest order; None beyond the highest tabulated order.
-
-    Residuals within the uncertainty of the coefficients count as zero, as in `Method.exact_order`.
-    """
+    """Return the first violated condition of lowest order; None beyond the highest known order."""
     order = method.exact_order + 1
     if order > conditions.MAX_ORDER:
         return None

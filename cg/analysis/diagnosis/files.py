@@ -14,22 +14,10 @@ from .findings import Finding
 
 
 def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
-    """Diagnose the method in a file.
+    """Diagnose the method in a file as `cg.catalogue.load` reads it.
 
-    Parameters
-    ----------
-    path : path
-        A file as `cg.catalogue.load` reads it. Abscissae ``c`` may be wrong, and second weights
-        may equal the first, which `cg.Tableau` rejects.
-
-    Raises
-    ------
-    TypeError
-        If `path` isn't a path.
-    MethodError
-        If the file doesn't define a method; the message names the file.
-    OSError
-        If the file can't be read.
+    Abscissae ``c`` may be wrong, and second weights may equal the first, which `cg.Tableau`
+    rejects. MethodError, which names the file, if it doesn't define a method.
     """
     path = check_path(path)
     with errors_naming(path):

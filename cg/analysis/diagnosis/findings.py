@@ -7,15 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """A recognised mistake, or a known property of a method.
+    """A recognised mistake, or a known property of a method, as a sentence.
 
-    Attributes
-    ----------
-    kind : str
-        Its kind: ``"reversed"``, ``"transposed"``, ``"slip"``, ``"changed"``, ``"digits"``,
-        ``"fractions"``, ``"equal weights"``, ``"flat"``, ``"abscissae"``; ``"known"`` is none.
-    message : str
-        A sentence.
+    `kind` is ``"reversed"``, ``"transposed"``, ``"slip"``, ``"changed"``, ``"digits"``,
+    ``"fractions"``, ``"equal weights"``, ``"flat"``, ``"abscissae"``; ``"known"`` is no mistake.
     """
 
     kind: str

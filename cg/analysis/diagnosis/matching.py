@@ -20,11 +20,7 @@ _ROUNDING = Fraction(1, 2**51)
 
 @dataclass(frozen=True)
 class CatalogueMatch:
-    """A method of the catalogue with the same coefficients, but for at most two.
-
-    `changed` has the names of those that differ, their values in the diagnosed method and in the
-    catalogue.
-    """
+    """A method of the catalogue, and the names and both values of up to two other entries."""
 
     method: Method
     changed: tuple[tuple[str, Coefficient, Coefficient], ...]

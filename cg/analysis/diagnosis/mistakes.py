@@ -145,10 +145,7 @@ def _truncated_digits(method: Method, order: int, place: Fraction | None) -> lis
 
 
 def _truncation_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
-    """Return the unit in the last decimal place of truncated coefficients.
-
-    It is negative, and relative, for single precision; None if coefficients aren't truncated.
-    """
+    """Return the unit of truncated coefficients, negative for single precision, or None."""
     places = [p for p in map(_places, coefficients) if p is not None]
     if not places:
         return None

@@ -61,10 +61,7 @@ def _reversed_paths(method: CommutatorFree) -> CommutatorFree | None:
 
 
 def flat_tableau(method: Method) -> Tableau:
-    """Return the classical tableau to which a method reduces where flows commute.
-
-    The uncertainty of a sum of weights is the sum of theirs.
-    """
+    """Return the classical tableau to which a method reduces where flows commute."""
     if isinstance(method, Tableau):
         return method
     if isinstance(method, MuntheKaas):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import condition_trees, exact_weights, right_sides
+from ...conditions.word_weights import Quantity, Weights
+from ...conditions.words import condition_words, nodes, reciprocal_density
 from ...support.balls import exact_midpoint, to_ball, working_precision
 from ...support.quads import DECIMAL_DIGITS, to_decimal
 from ..solvers.rational import refine_rational
@@ -27,11 +28,7 @@ _GAP = 1e-10
 
 @dataclass(frozen=True)
 class Exact:
-    """Weights of a splitting whose sums are exact: unknowns with 36 digits, exact remainders.
-
-    `largest_residual` is that before the unknowns were rounded, `rank` the numerical rank of the
-    derivatives.
-    """
+    """Weights whose sums are exact, the residual before rounding to 36 digits, and the rank."""
 
     weights: tuple[str | Fraction, ...]
     largest_residual: float
@@ -62,26 +59,19 @@ def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
 
 def _residuals(splitting: Splitting, free: Sequence[Fraction]) -> list[Fraction]:
     """Return the residuals, not scaled, in the order of `Splitting.conditions`."""
-    tree = splitting.layout.tree(splitting.full(free))
-    claims = [(tree.result, splitting.order, Fraction(1))]
-    if tree.embedded_result is not None:
-        claims.append((tree.embedded_result, splitting.embedded_order, Fraction(1)))
+    layout, x = splitting.layout, splitting.full(free)
+    claims = [(layout.stages, splitting.order, Fraction(1))]
+    if splitting.embedded_order:
+        claims.append((layout.stages + 1, splitting.embedded_order, Fraction(1)))
     for stage, order in splitting.assumptions:
-        at = tree.stage_points[stage]
-        claims.append((at, order, sum(tree.flat_row(at), Fraction(0))))
+        claims.append((stage, order, sum((x[k] for k in layout.row(stage)), Fraction(0))))
+    quantities, sides = [], []
+    for row, order, c in claims:
+        for word in condition_words(order):
+            quantities.append(Quantity(row, word))
+            sides.append(reciprocal_density(word) * c ** nodes(word))
     with working_precision(_BITS):
-        residuals: list[Fraction] = []
-        for end, order, c in claims:
-            if order == 0:
-                continue
-            trees = condition_trees(order, independent=True)
-            ended = replace(tree, result=end, embedded_result=None)
-            for phi, side, index in zip(
-                exact_weights(ended, order, trees, to_ball),
-                right_sides(order, independent=True),
-                trees,
-                strict=True,
-            ):
-                value = phi - to_ball(side * c ** splitting.nodes(index))
-                residuals.append(exact_midpoint(value))
-        return residuals
+        weights = Weights(layout, quantities).evaluate(list(map(to_ball, x)))
+        return [
+            exact_midpoint(phi - to_ball(side)) for phi, side in zip(weights, sides, strict=True)
+        ]

@@ -24,10 +24,7 @@ _GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau
 
 
 def merged_flows(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit]:
-    """Merge flows with the flows before them until no merge leads to a solution.
-
-    `max_iterations` is for merges that nearly led to a solution. Returns the last solution.
-    """
+    """Merge flows with those before them until no merge leads to a solution; return the last."""
     while True:
         merged = _merged(splitting, end, max_iterations)
         if merged is None:

@@ -53,10 +53,7 @@ class Fit:
 def fit(
     splitting: Splitting, x: Vector, *, max_iterations: int, patience: int | None = None
 ) -> Fit:
-    """Solve the conditions from weights x that add up to the rows, shape (size,).
-
-    With `patience`, stop when this number of steps hasn't halved the sum.
-    """
+    """Solve from weights x, (size,), until `patience` steps don't halve the sum of squares."""
     directions = splitting.directions
     residual = splitting.residual(x)
     f = float(residual @ residual)

@@ -16,7 +16,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
 
-from ...conditions import MAX_ORDER, condition_trees, core_calls
+from ...conditions import condition_trees, core_calls
 from ...structure.layout import Layout
 from ...structure.points import START
 from ...support.balls import to_flint, to_fraction
@@ -61,11 +61,7 @@ class FlatRows:
     def layout(
         self, parents: Sequence[int], at: Sequence[int], result: int, uses: Sequence[set[int]]
     ) -> Layout:
-        """Return the layout with these points, and one for the second result of a pair.
-
-        `parents` are those of the points, `at` the points of the stages in `moved_stages`, `uses`
-        the stages that each point has weights on.
-        """
+        """Return the layout with points, those of `moved_stages`, and one for a second result."""
         parents, weights = list(parents), [tuple(sorted(used)) for used in uses]
         stage_points = (START, *at, *([result] if self.at_result else []))
         results = [result]
@@ -144,10 +140,7 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
 
 
 def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Fraction]]:
-    """Return the sets of weights that lie on one path and multiply one stage, and their sums.
-
-    ArithmeticError if the sums contradict each other.
-    """
+    """Return the sets of weights that lie on one path and multiply one stage, and their sums."""
     sums: dict[frozenset[int], Fraction] = {}
     for end, row in rows.ends(layout):
         on_path: dict[int, list[int]] = {k: [] for k in range(rows.count)}
@@ -271,10 +264,7 @@ class Splitting:
 
     @cached_property
     def conditions(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        """Trees and owners of the conditions, as `ConditionSystem.conditions` returns them.
-
-        The owner is the number of the stage, from 1, for the assumed order of a stage.
-        """
+        """Trees and owners of conditions; the owner of an assumed order is the stage, from 1."""
         trees = list(condition_trees(self.order, independent=True))
         owner = [0] * len(trees)
         further = [(-1, self.embedded_order)] if self.embedded_order else []
@@ -284,11 +274,6 @@ class Splitting:
             trees += more
             owner += [end] * len(more)
         return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
-
-    @staticmethod
-    def nodes(index: int) -> int:
-        """Return the number of nodes of a tree without its root."""
-        return forest(MAX_ORDER + 1).nodes[index - 1] - 1
 
     @cached_property
     def scale(self) -> Vector:
@@ -303,10 +288,7 @@ class Splitting:
         return np.asarray(self.scale * residuals)
 
     def jacobian(self, x: Vector, chosen: NDArray[np.intp] | slice = slice(None)) -> Vector:
-        """Return the derivatives of `residual` along `directions`, shape (m, unknowns).
-
-        The conditions can be restricted to a selection of indices.
-        """
+        """Return the derivatives of `residual` along `directions`, shape (m, unknowns)."""
         trees, owner = (entries[chosen] for entries in self.conditions)
         jacobian = core_calls.jacobian(self.order, self.layout, x, trees, owner)
         return np.asarray(self.scale[chosen, None] * (jacobian @ self.directions))

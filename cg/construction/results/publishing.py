@@ -21,10 +21,8 @@ from .solutions import StoredSolution, solutions
 
 @dataclass(frozen=True)
 class Publication:
-    """A method made of a solution, and its files: that of the method, and that of a certificate.
+    """A method made of a solution, its files and principal errors, the first before optimisation.
 
-    `initial_principal_error` is that of the solution before optimisation. `certificate` is None if
-    the order isn't proved, and isn't `complete` if some conditions are only shown to be small;
     `reason` says why there is no complete certificate.
     """
 
@@ -48,45 +46,14 @@ def publish(
 ) -> Publication:
     """Optimise a solution along the solution set, refine and certify it, and write its files.
 
-    Parameters
-    ----------
-    run : StoredRun
-    name : str
-        Name of the method; must be valid as the name of a file.
-    folder : path
-        Folder for ``NAME.toml`` and ``NAME.certificate.toml``. If `cg.methods` searches this
-        folder, it has the method and its certificate by this name. If the folder has a folder
-        ``certificates``, as the catalogue of the package has, the certificate is written there;
-        ``make catalogue`` and ``make docs`` then add the method to the package.
-    number : int, optional
-        Number of the start; by default the one with the smallest principal error.
-    goals : Goals, optional
-        Objective of the optimisation; by default the principal error.
-    max_iterations : int, optional
-        Number of optimisation steps; 0 for none.
+    The solution is that of the start `number`, by default the one with the smallest principal
+    error, which `max_iterations` steps for `goals` reduce. The files are ``NAME.toml`` and
+    ``NAME.certificate.toml`` in `folder`. If the folder has a folder ``certificates``, as the
+    catalogue of the package has, the certificate is written there; ``make catalogue`` and ``make
+    docs`` then add the method to the package.
 
-    Returns
-    -------
-    Publication
-
-    Raises
-    ------
-    ValueError
-        If the run has no such solution, the name isn't valid as the name of a file, the package
-        has a method of that name, or a file of that name exists.
-    NotADirectoryError
-        If the folder doesn't exist.
-
-    Examples
-    --------
-    >>> import tempfile, cg
-    >>> from cg.runs import Store
-    >>> folder = tempfile.mkdtemp()
-    >>> _ = cg.search(order=3, stages=3, starts=6, seed=5, store=folder + "/runs.db")
-    >>> with Store(folder + "/runs.db") as store:
-    ...     publication = publish(store.run(1), "Mine", folder)
-    >>> publication.method.order, publication.certificate is not None
-    (3, True)
+    ValueError if the run has no such solution, the name isn't valid as the name of a file, or a
+    method or a file of that name exists; NotADirectoryError if the folder doesn't exist.
     """
     folder = Path(folder)
     if not folder.is_dir():

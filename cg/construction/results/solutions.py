@@ -62,23 +62,7 @@ class StoredSolution:
 
 
 def solutions(run: StoredRun) -> Iterator[StoredSolution]:
-    """Yield the distinct solutions of a run, by number of the start.
-
-    Raises
-    ------
-    ValueError
-        If a record says that a start is solved and its coefficients aren't a solution.
-
-    Examples
-    --------
-    >>> import tempfile, cg
-    >>> from cg.runs import Store
-    >>> path = tempfile.mkdtemp() + "/runs.db"
-    >>> _ = cg.search(order=2, stages=2, starts=3, seed=1, store=path)
-    >>> with Store(path) as store:
-    ...     [solution.record.number for solution in solutions(store.run(1))]
-    [0, 1, 2]
-    """
+    """Yield the distinct solutions of a run, by number of the start."""
     settings = run.settings()
     seen: set[tuple[Layout, tuple[float, ...]]] = set()
     for record in run.records("AND solved ORDER BY number"):
@@ -93,20 +77,7 @@ def solutions(run: StoredRun) -> Iterator[StoredSolution]:
 def best(
     run: StoredRun, objective: str = "principal_error", count: int = 10
 ) -> list[StoredSolution]:
-    """Return the best distinct solutions of a run, the best one first.
-
-    Parameters
-    ----------
-    run : StoredRun
-    objective : {"principal_error", "largest_coefficient", "flows", "residual", "seconds"}, optional
-    count : int, optional
-        Largest number of solutions to return.
-
-    Raises
-    ------
-    ValueError
-        If `objective` isn't one of these, or `count` isn't positive.
-    """
+    """Return the best distinct solutions of a run by one of `OBJECTIVES`, the best one first."""
     if objective not in OBJECTIVES:
         raise ValueError(f"objective must be one of {', '.join(OBJECTIVES)}, got {objective!r}")
     count = check_integer("count", count, 1)

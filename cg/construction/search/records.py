@@ -16,15 +16,9 @@ from ...support import quads
 class Phase:
     """The result of one run of a solver.
 
-    Attributes
-    ----------
-    f : float
-        Sum of squared residuals of the independent conditions, the objective of the paper; after
-        refinement of the minimum-norm solver, a bound on the sum over all conditions.
-    info : int
-        Why the solver stopped: `Status` or `MinimumNormStatus` of `cg.support.shared_numbers`.
-    nfev : int
-        Number of evaluations of the residuals, including those for differences.
+    `f` is the sum of squared residuals of the independent conditions, the objective of the paper;
+    after refinement of the minimum-norm solver, a bound on the sum over all conditions. `info`, a
+    `Status` or `MinimumNormStatus`, says why it stopped after `nfev` evaluations of the residuals.
     """
 
     f: float
@@ -34,23 +28,12 @@ class Phase:
 
 @dataclass(frozen=True)
 class RandomStart:
-    """The result of one random start.
+    """The result of one random start, which its number `index` and the settings determine.
 
-    Attributes
-    ----------
-    index : int
-        Number of the start; with the settings it determines everything else.
-    double : Phase
-        The run in double precision.
-    quad : Phase or None
-        The run in real(16); None if `double` ended above `refine_below`.
-    x : tuple of str
-        Packed coefficients in decimal with 36 significant digits: row by row with ``b`` last, or
-        point by point.
-    largest_residual : float
-        Largest residual of all order conditions, computed in real(16) at `x`.
-    exact : bool
-        Whether all conditions hold to the accuracy of real(16).
+    `double` and `quad` are the runs in double precision and in real(16), the latter None if the
+    former ended above `refine_below`. `x` are packed coefficients with 36 significant digits: row
+    by row with ``b`` last, or point by point. `largest_residual` is that of all order conditions in
+    real(16); `exact` says whether it is as small as the accuracy of real(16).
     """
 
     index: int
@@ -66,11 +49,7 @@ class RandomStart:
         return (self.quad or self.double).f
 
     def record(self, layout: Layout, *, drawn: bool, seconds: float = 0.0) -> Record:
-        """Return the record of the start in a store; see `from_record`.
-
-        `layout` is the shape of its methods; if it was `drawn` at random with the start, it is
-        stored.
-        """
+        """Return the record of the start, with its `layout` if that was `drawn` at random."""
         bits = quads.encode(self.x)
         return Record(
             number=self.index,

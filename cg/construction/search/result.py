@@ -31,10 +31,7 @@ _APART = 1e-4  # distance of coefficients of methods that count as distinct afte
 
 
 class StoredStarts(Sequence[RandomStart]):
-    """The first starts of a run in a store, read from the file on access.
-
-    They take no memory. The file must not be moved.
-    """
+    """The first starts of a run in a store, read on access from the file, which must stay."""
 
     def __init__(self, path: str | os.PathLike[str], run: int, starts: int) -> None:
         self._path, self._run, self._starts = os.path.abspath(path), run, starts

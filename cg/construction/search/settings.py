@@ -41,10 +41,7 @@ class SearchSettings(ShapeSettings):
     refine_maxfev: int
 
     def checked(self, force: bool) -> SearchSettings:
-        """Return the settings with defaults for None.
-
-        TypeError or ValueError for an argument of the wrong type or out of range.
-        """
+        """Return the settings, checked, with defaults for None."""
         order = check_order(self.order)
         stages = check_integer("stages", self.stages, 1, MAX_STAGES)
         seed = check_integer("seed", self.seed, 0)

@@ -14,6 +14,7 @@ from ...method.commutator_free import plain_index
 from ...structure.layout import Layout
 from ...structure.points import START, MethodError, Point, PointTree, check_tree
 from ...support.checks import MAX_STAGES, check_flag, check_integer
+from ...trees.rooted import rooted_trees_through
 
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
 """Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.
@@ -24,9 +25,6 @@ References
    Section 324.
 """
 
-FLAT_CONDITIONS = (1, 2, 4, 8, 17, 37, 85, 200)
-"""Numbers of order conditions of orders 1, 2, ... where flows commute: of unordered trees."""
-
 _FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
 _FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
 _FIXED_FROM = 5  # lowest order for which the first weight is fixed
@@ -34,11 +32,7 @@ _BACK = 0.3  # probability that a flow starts from a random earlier point, not t
 
 
 def layout_of(tree: Any) -> Layout:
-    """Return the layout of a tree of points, as `cg.search` takes it.
-
-    TypeError if `tree` is none, MethodError if it isn't that of an explicit method: see
-    `cg.structure.points.check_tree`.
-    """
+    """Return the layout of a tree of points, as `cg.search` takes it."""
     if isinstance(tree, Layout):
         layout = tree
     elif isinstance(getattr(tree, "tree", None), PointTree):
@@ -114,10 +108,7 @@ def draw_layout(
 
 
 def layout_from_json(text: str | Mapping[str, Any]) -> Layout:
-    """Return the layout of a tree as the settings and records of a store have it.
-
-    KeyError, TypeError or ValueError if it isn't one.
-    """
+    """Return the layout of a tree as the settings and records of a store have it."""
     fields = json.loads(text) if isinstance(text, str) else text
     return Layout(
         tuple(fields["parents"]),
@@ -153,10 +144,7 @@ def select_points(
 def merge_point(
     layout: Layout, x: Sequence[float], point: int
 ) -> tuple[Layout, NDArray[np.float64]]:
-    """Return the layout without a point that is neither a stage nor a result, and its weights.
-
-    Flows that start from the point start from its parent instead, with its weights added to theirs.
-    """
+    """Return the layout without a point that is neither a stage nor a result, and its weights."""
     parents, weights = list(layout.parents), layout.point_weights(x)
     for m, parent in enumerate(layout.parents):
         if parent == point:
@@ -290,8 +278,8 @@ def _check_counts(order: int, stages: int, flows: int, unknowns: int) -> None:
             "flows = 4 is too few for order 4, which needs 5: see the page 'Methods that do not "
             "exist' of the documentation; pass force=True to try nevertheless"
         )
-    if unknowns < FLAT_CONDITIONS[order - 1]:
+    if unknowns < (conditions := len(rooted_trees_through(order))):
         raise ValueError(
-            f"the flows have {unknowns} unknowns for {FLAT_CONDITIONS[order - 1]} conditions of "
-            f"order {order} where flows commute; pass force=True to try nevertheless"
+            f"the flows have {unknowns} unknowns for {conditions} conditions of order {order} "
+            "where flows commute; pass force=True to try nevertheless"
         )

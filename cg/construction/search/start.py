@@ -31,10 +31,7 @@ _PROMISING = 1e-11  # with trees: sum of squares below which `finish` is tried
 
 
 def start_layout(settings: SearchSettings, index: int) -> Layout:
-    """Return the layout of the methods of a start.
-
-    If the settings have flows, it is drawn at random and depends on the seed and the index alone.
-    """
+    """Return the layout of a start; if it is drawn at random, by the seed and the index alone."""
     if settings.flows is not None:
         return _draw(settings, index)[0]
     return settings.tree or Layout.tableau(settings.stages, settings.rows)
@@ -59,10 +56,7 @@ def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.f
 
 
 def read_start(settings: SearchSettings, record: Record) -> RandomStart:
-    """Return the start of a record after recomputing its residual.
-
-    ValueError if a field is wrong, or the residual isn't that of its coefficients.
-    """
+    """Return the start of a record; ValueError if the residual isn't that of its coefficients."""
     start = RandomStart.from_record(record)
     where = f"not the record of a start: start {start.index}"
     if not 0 <= start.index <= MAX_COUNT:

@@ -28,11 +28,7 @@ _MAX_BEND = 0.75  # largest ratio |a| / |v| at which the acceleration is trusted
 
 
 class DampedSteps:
-    """Damped steps from one point with a Jacobian of shape (m, n).
-
-    With `by_singular_values`, steps come from the singular value decomposition, not the normal
-    equations.
-    """
+    """Damped steps from a point with a Jacobian (m, n), by normal equations or an SVD."""
 
     def __init__(self, jacobian: Vector, by_singular_values: bool) -> None:
         self.jacobian = jacobian

@@ -29,10 +29,7 @@ provide_lapack()
 
 @dataclass(frozen=True)
 class MinimumNormFit:
-    """Packed weights x, shape (n,), with the sum f of squared residuals, and how they were reached.
-
-    `iterations` and `evaluations` are the numbers of steps tried and of evaluations of residuals.
-    """
+    """Packed weights x, the sum f of squared residuals, and the steps and evaluations taken."""
 
     x: NDArray[np.float64]
     f: float
@@ -100,10 +97,7 @@ def fit_minimum_norm(
     free: Trees,
     *arguments: Any,
 ) -> tuple[Any, ...]:
-    """Call the compiled solver; return its results.
-
-    `free` are the indices, from 1, of the unknowns that may move, intc of shape (k,).
-    """
+    """Call the compiled solver; `free`, intc (k,), are the unknowns that may move, from 1."""
     m, n, k = trees.size, layout.size, free.size
     solver = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
     accurate = m * (2 * k + m)  # of the QR factorisation, with a transposed copy

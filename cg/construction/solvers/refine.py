@@ -24,11 +24,7 @@ _MAX_ITERATIONS = 40
 
 @dataclass(frozen=True)
 class Refined:
-    """Packed weights in binary128, shape (n, 16), and how they were reached.
-
-    `largest_residual` is that of all order conditions, computed in real(16); `rank` is the
-    numerical rank of the Jacobian, `iterations` the number of corrections.
-    """
+    """Packed weights (n, 16), their largest residual, the rank of the Jacobian, and corrections."""
 
     x: quads.Quads
     largest_residual: float

@@ -48,10 +48,7 @@ class Decomposition:
 
 
 def pseudo_inverse(jac: Vector, rcond: float) -> tuple[Vector, int]:
-    """Return the pseudo-inverse of a matrix and its numerical rank.
-
-    Singular values below `rcond` times the largest count as zero.
-    """
+    """Return the pseudo-inverse and the rank by singular values above `rcond` times the largest."""
     left, values, right = linalg.svd(jac, full_matrices=False)
     rank = int(np.sum(values > rcond * values.max(initial=0.0)))
     return (right[:rank].T / values[:rank]) @ left[:, :rank].T, rank

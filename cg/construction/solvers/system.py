@@ -56,23 +56,10 @@ class Structure(IntEnum):
 
 @dataclass(frozen=True)
 class ConditionSystem:
-    """The conditions of an order for a method, or for an embedded pair.
+    """The conditions of an order q for a method with unknowns `layout`, or for an embedded pair.
 
-    Parameters
-    ----------
-    order : int
-        Order q of the method. Second results of pairs have order q - 1.
-    layout : Layout
-        The unknowns.
-    structure : Structure, optional
-        Simplifying assumptions, for explicit tableaux of order 4 or more.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument is of the wrong type or out of its range.
-    MethodError
-        If the layout isn't that of a method: see `cg.structure.points.check_tree`.
+    Second results of pairs have order q - 1. The simplifying assumptions of a `structure` are for
+    explicit tableaux of order 4 or more. TypeError, ValueError or MethodError for a wrong argument.
     """
 
     order: int
@@ -171,8 +158,7 @@ class ConditionSystem:
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
         """Return the trees and owners of the conditions, both of shape (m,).
 
-        The owner is 0 for conditions on the result, -1 for those on the second result, and the
-        number of the stage, from 1, for simplifying assumptions.
+        The owner is a `ConditionOwner`, or the stage, from 1, of a simplifying assumption.
         """
         trees = condition_trees(self.order, independent)
         second = condition_trees(self.order - 1, independent) if self.embedded else ()
@@ -201,7 +187,7 @@ class ConditionSystem:
     def residual_quad(self, x: quads.Quads, independent: bool = False) -> NDArray[np.float64]:
         """Return the residuals, computed in real(16) and rounded to double."""
         trees, owner = self.conditions(independent)
-        return quads.to_float(core_calls.residuals_quad(self.order, self.layout, x, trees, owner))
+        return quads.to_float(core_calls.residuals(self.order, self.layout, x, trees, owner))
 
 
 @cache

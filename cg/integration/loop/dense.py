@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,28 +17,15 @@ from cg.support.copies import ReadOnly
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Steps with the interpolants by which compiled code evaluates the solution within them.
-
-    Attributes
-    ----------
-    plan
-        The frame and the method.
-    member
-        The member of each step, increasing, shape ``(n,)``.
-    t
-        Start, signed size, end (an event may end a step before its full size), and 1 if the
-        interpolant is in coordinates, shape ``(n, 4)``.
-    y
-        Points at both ends of the full step, as doubles, shape ``(n, 2, width)``.
-    field
-        The interpolants' vectors, shape ``(n, columns dim)``.
-    """
+    """Steps with the interpolants by which compiled code evaluates the solution within them."""
 
     plan: Plan
-    member: NDArray[np.int64]
+    member: NDArray[np.int64]  # of each step, increasing, shape (n,)
+    # start, signed size, end (an event may end a step before its full size), and 1 if the
+    # interpolant is in coordinates, shape (n, 4)
     t: Array
-    y: Array
-    field: Array
+    y: Array  # points at both ends of the full step, as doubles, shape (n, 2, width)
+    field: Array  # the interpolants' vectors, shape (n, columns dim)
 
     def of(self, member: int) -> Steps:
         """Return the steps of one member."""
@@ -156,20 +144,25 @@ class EnsembleOutput(DenseOutput):
     members
         The members' solutions.
 
-    Attributes
-    ----------
-    ts
-        The times of all members' steps.
     """
 
     def __init__(self, members: list[DenseOutput]) -> None:
-        forward = max((m.ts[-1] - m.ts[0] for m in members), key=abs) >= 0.0
-        ts = np.unique(np.concatenate([member.ts for member in members]))
-        self.ts = ts if forward else ts[::-1]
-        self.ts.flags.writeable = False
-        self.t_min, self.t_max = float(ts[0]), float(ts[-1])
+        self.t_min = min(member.t_min for member in members)
+        self.t_max = max(member.t_max for member in members)
         self._members = members
-        self._y0 = np.stack([member._y0 for member in members])
+
+    @cached_property
+    def ts(self) -> Array:  # type: ignore[override]
+        """The times of all members' steps."""
+        forward = max((m.ts[-1] - m.ts[0] for m in self._members), key=abs) >= 0.0
+        ts = np.unique(np.concatenate([member.ts for member in self._members]))
+        ts = ts if forward else ts[::-1]
+        ts.flags.writeable = False
+        return ts
+
+    @cached_property
+    def _y0(self) -> Points:  # type: ignore[override]
+        return np.stack([member._y0 for member in self._members])
 
     def __repr__(self) -> str:
         return f"EnsembleOutput(t={self.ts[0]:g}...{self.ts[-1]:g}, members={len(self._members)})"

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
-from cg.frames.arrays import Array, Points
-from cg.frames.base import Frame
-from cg.support.shared_numbers import Stop
-
 FINISHED = "The end of t_span was reached."
 LEFT_MANIFOLD = (
     "the solution has left the manifold: its relative distance at the end is {distance:.3g}, more "
-    "than {tolerance:.3g}; a restore of the frame would keep it there, and frame.check() tells "
-    "whether its flows do"
+    "than {tolerance:.3g}; a restore of the frame would keep it there, and cg.frames.check(frame) "
+    "tells whether its flows do"
 )
 LONG_STEPS = (
     "h = {h:.6g} is far too long a step: between the stages of the last step h f changes by more "
@@ -21,6 +15,20 @@ LONG_STEPS = (
 MANY_REJECTIONS = (
     "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at "
     "known times, name them as breakpoints"
+)
+MAX_STEPS = "max_steps = {steps} steps, rejected ones included, led only to t = {t:.17g}{reason}"
+STEP_TOO_SMALL = "the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
+FLOW_NOT_FINITE = (
+    "the flow of {frame!r} returned NaN or infinity at t = {t:.17g}, however small the step"
+)
+NO_PROGRESS = "jumps of events follow each other without progress at t = {t:.17g}"
+RESTS = (
+    "the jump of events[{event}] leaves its function at zero at t = {t:.17g}, and f doesn't move "
+    "it off, as where a contact rests: continue from there with f of the contact; if the solution "
+    "shall pass, let the jump move it past the zero"
+)
+ZERO_TOLERANCE = (
+    "atol must be positive for coordinates that are zero, got 0 at t = {t:.17g}, y = {point}"
 )
 MANY_STEPS = "the integration takes many steps, since {reason}"
 STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'
@@ -67,74 +75,6 @@ class StepTooLongError(ArithmeticError):
 
     def __reduce__(self) -> tuple[type[StepTooLongError], tuple[float]]:
         return StepTooLongError, (self.t,)
-
-
-def failure(
-    stop: Stop, flag: int, t: float, slope: Array | None = None, name: str = "f"
-) -> Exception:
-    """Return the exception for an integration that failed at time ``t``.
-
-    ``flag`` is what the compiled function ``name`` returned, ``slope`` are the initial coefficients
-    where they are the reason.
-    """
-    where = f"at t = {t:.17g}"
-    error: Exception = MemoryError("there is not enough memory for the stages of one step")
-    match stop:
-        case Stop.STOPPED_BY_FIELD:
-            error = RuntimeError(f"{name} returned the error code {flag} {where}")
-        case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
-            error = OverflowError(f"{name} exceed the range of floating point {where}")
-        case Stop.FIELD_NOT_FINITE:
-            error = ValueError(f"{name} must return finite numbers, and all of them, {where}")
-        case Stop.STAGE_NOT_FINITE:
-            error = StageOverflowError(f"a stage is no longer finite {where}")
-        case Stop.STEP_TOO_LONG:
-            error = StepTooLongError(t)
-        case Stop.SOLUTION_NOT_FINITE:
-            error = OverflowError(f"the solution is no longer finite {where}")
-        case Stop.SLOPE_NOT_FINITE:
-            error = OverflowError(f"f is too large to choose a step {where}, got {slope}")
-    return error
-
-
-def zero_tolerance(t: float, point: Points) -> str:
-    """Return the message for a coordinate of zero that changes without any tolerance."""
-    return (
-        f"atol must be positive for coordinates that are zero, got 0 at t = {t:.17g}, y = {point}"
-    )
-
-
-def too_small_a_step(t: float) -> str:
-    """Return the message for a step size at ``t`` below the resolution of time."""
-    smallest = 10.0 * math.ulp(t)
-    return f"the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
-
-
-def flow_not_finite(frame: Frame, t: float) -> str:
-    """Return the message for a flow that returns NaN even for the smallest step from ``t``."""
-    return f"the flow of {frame!r} returned NaN or infinity at t = {t:.17g}, however small the step"
-
-
-def no_progress(t: float) -> str:
-    """Return the message for jumps without progress in time."""
-    return f"jumps of events follow each other without progress at t = {t:.17g}"
-
-
-def rests(event: int, t: float) -> str:
-    """Return the message for a jump after which the solution would stay on its event."""
-    return (
-        f"the jump of events[{event}] leaves its function at zero at t = {t:.17g}, and f doesn't "
-        "move it off, as where a contact rests: continue from there with f of the contact; if the "
-        "solution shall pass, let the jump move it past the zero"
-    )
-
-
-def too_many_steps(max_steps: int, t: float, rejected: int, reason: str | None) -> str:
-    """Return the message for ``max_steps`` steps that reached only ``t``, with a known reason."""
-    text = f"max_steps = {max_steps} steps, rejected ones included, led only to t = {t:.17g}"
-    if 2 * rejected > max_steps // 10:
-        text += f"; {rejected} of them were rejected"
-    return text if reason is None else f"{text}; {reason}"
 
 
 def failed_members(failures: dict[int, str], total: int) -> str:

@@ -8,7 +8,6 @@ budget of steps is used up, or a buffer is full; then Python collects the output
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,20 +15,14 @@ from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import Steps
-from cg.integration.loop.record import COUNTS, Control, Output, Record
-from cg.integration.loop.step_budget import StepBudget
-from cg.integration.loop.stiffness import StepCheck
-from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.events import EventTable
+from cg.integration.loop.record import Record
+from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.callbacks import Callbacks
-from cg.integration.step.collocation import Jacobian
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.step.plan import Plan
 from cg.support.memory import reserved
-from cg.support.parallel import raise_if_stopped
-from cg.support.shared_numbers import Stop
+from cg.support.shared_numbers import COUNTERS, JacobianKind, StateSize, Stop
 
+_MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
 _LANES = 1024  # members integrated at the same time by a vectorized function
 
@@ -37,37 +30,10 @@ _LANES = 1024  # members integrated at the same time by a vectorized function
 class Run:
     """Trajectories that start at the same time, and their output.
 
-    Parameters
-    ----------
-    plan
-        The frame and the method.
-    rhs
-        The right-hand side.
-    points
-        Initial points, shape ``(members, *point_shape)``.
-    t0
-        Initial time.
-    stops
-        Times at which steps end and the right-hand side may change: breakpoints, then the end.
-    control
-        The step size control.
-    output
-        What to store.
-    events
-        The events, or None.
-    common
-        Whether all members take the same steps.
-    of_time
-        Whether the right-hand side depends on time alone.
-    stage_solver
-        Iteration for implicit stages.
-    jacobian
-        The Jacobian for Newton's method, None for differences.
-    keep_last
-        Whether the interpolant of the last step may be requested.
-    lanes
-        How many members are integrated at the same time.  The default is 1 for a function of one
-        point and up to 1024 for a vectorized one.
+    Points at ``t_eval`` are written into ``y``, shape ``(times, members, width)``; there is room
+    for ``capacity`` steps if their number is known.  With ``keep_last`` the interpolant of the last
+    step may be requested.  By default one member at a time is integrated, or up to 1024 by a
+    vectorized function.
 
     Attributes
     ----------
@@ -85,102 +51,94 @@ class Run:
 
     def __init__(
         self,
-        plan: Plan,
-        rhs: CompiledRhs | PythonRhs,
-        points: Points,
-        t0: float,
-        stops: Array,
-        control: Control,
-        output: Output,
+        problem: Problem,
         *,
-        events: EventTable | None = None,
-        common: bool = False,
-        of_time: bool = False,
-        stage_solver: str = DEFAULT_STAGE_SOLVER,
-        jacobian: Jacobian | None = None,
+        y: Array | None = None,
+        capacity: int = 0,
         keep_last: bool = False,
         lanes: int | None = None,
     ) -> None:
-        self._core = plan.core
-        self.plan, self.rhs = plan, rhs
-        self.control, self.output = control, output
-        self.members = members = len(points)
+        self.problem, self.rhs = problem, problem.rhs
+        self.plan = plan = problem.plan
+        self._core, self.control, self.t0 = plan.core, problem.control, problem.t0
+        self.members = members = len(problem.points)
         if lanes is None:
-            lanes = members if common else _LANES if rhs.vectorized else 1
-        self._lanes = lanes = min(lanes, members)
+            lanes = members if problem.common else _LANES if self.rhs.vectorized else 1
+        self._lanes = min(lanes, members)
+        events, jacobian = problem.events, problem.jacobian
         self._functions = 0 if events is None else len(events)
-        event_width = 0 if events is None else events.width
-        plan.detect_coordinates(points[0])
-        self.callbacks = Callbacks(
-            plan, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.vectorized else None,
-            None if events is None else events.value, None if events is None else events.jump,
-            None if jacobian is None else jacobian.of(rhs), lanes,
-        )  # fmt: skip
-        self.record = self._make_record(t0, len(stops), common, keep_last, event_width)
-        self.kept = plan.kept + plan.kept_nodes + self._choose_stage_solver(stage_solver, jacobian)
-        self.record.of_time = of_time
+        if jacobian is not None:
+            jacobian = jacobian.for_run(self._lanes)
+        self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
+        self.record = self._make_record(keep_last)
+        self.kept = plan.kept + plan.kept_nodes + self._choose_stage_solver()
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []
         self._steps: list[tuple[Array, ...]] = []
         self._events: list[tuple[Array, ...]] = []
-        self._share_members(plan.doubles(points))
-        self.t0 = t0
-        if output.times is not None and output.y is not None and len(output.times):
-            self.record.outputs = len(output.times)
-            self._share("times", np.array(output.times))
-            self._share("y", output.y)
-        self._capacity = output.capacity or _MIN_BUFFER
+        self._share_members(plan.doubles(problem.points))
+        if y is not None and len(y):
+            self.record.outputs = len(y)
+            self._share("times", np.array(problem.t_eval))
+            self._share("y", y)
+        self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
-        self._share("stops", np.array(stops))
-        self._share("atol", control.atol.flatten())
-        if events is not None and len(events):
+        self._share("stops", np.array(problem.stops))
+        self._share("atol", self.control.atol.flatten())
+        if events is not None and self._functions:
             self._share("event_table", events.rows)
-        self._open(points[0])
+        self._open()
 
-    def _make_record(
-        self, t0: float, segments: int, common: bool, keep_last: bool, event_width: int
-    ) -> Record:
-        plan, control, output = self.plan, self.control, self.output
-        in_entries = control.h is None and not plan.in_algebra
+    def _make_record(self, keep_last: bool) -> Record:
+        plan, problem, control = self.plan, self.problem, self.control
+        in_entries = control.h is None and not problem.in_algebra
         function, data, stride = self.rhs.addresses()
         return Record(
-            members=self.members, lanes=self._lanes, common=common, keep_last=keep_last, t0=t0,
-            segments=segments, context=id(self.callbacks), function=function,
-            vectorized=self.rhs.vectorized, data=data, data_stride=stride,
-            functions=self._functions, event_width=event_width,
+            members=self.members, lanes=self._lanes, common=problem.common, keep_last=keep_last,
+            t0=problem.t0, segments=len(problem.stops), context=id(self.callbacks),
+            function=function, vectorized=self.rhs.vectorized, data=data, data_stride=stride,
+            of_time=problem.of_time, functions=self._functions,
+            event_width=problem.events.width if problem.events is not None else 0,
             h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
             in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
             max_step=control.max_step, first_step=control.first_step or 0.0,
-            max_steps=control.max_steps, every=max(output.every, 1), dense=output.dense,
+            max_steps=control.max_steps, every=max(problem.every, 1), dense=problem.dense,
         )  # fmt: skip
 
-    def _choose_stage_solver(self, solver: str, jacobian: Jacobian | None) -> int:
+    def _choose_stage_solver(self) -> int:
         """Record how implicit stages are solved; return how many vectors are kept for it."""
-        plan, stages = self.plan, self.plan.method.stages
+        plan, problem, stages = self.plan, self.problem, self.plan.method.stages
+        jacobian = problem.jacobian
         if jacobian is not None:
-            self.record.jacobian = 1 + jacobian.sparse
-        elif solver == "fixed-point" and not plan.collocation:
-            self.record.jacobian = 2
-        factors = plan.frame.dim if self.record.jacobian < 2 else 0
+            self.record.jacobian = JacobianKind.SPARSE if jacobian.sparse else JacobianKind.MATRIX
+        elif problem.stage_solver == "fixed-point" and not plan.collocation:
+            self.record.jacobian = JacobianKind.SPARSE
+        factors = plan.frame.dim if self.record.jacobian != JacobianKind.SPARSE else 0
         if plan.collocation:
             return stages - 1 + factors
         blocks = plan.paths.blocks
         return factors * stages**2 // blocks + stages if factors and blocks else 0
 
-    def _open(self, point: Points) -> None:
+    def _open(self) -> None:
         """Open the run in compiled code, which allocates memory for the members in its lanes."""
-        plan, record, lanes = self.plan, self.record, self._lanes
-        within = self.output.dense or record.outputs or self._functions
-        record.free = bool(within or record.keep_last) and plan.is_free(point)
-        rows = plan.method.stages + 4 * (self.kept - plan.kept)
+        plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
+        within = problem.dense or record.outputs or self._functions
+        if (within or record.keep_last) and problem.in_algebra:
+            record.free = plan.is_free(problem.points[0])
+        rows = plan.kept + 4 * (self.kept - plan.kept)
         rows += 2 * plan.columns if within else 0
-        needed = (1 << 16 if lanes == 1 else 0) + lanes * 8 * rows * (
-            plan.width + 2 * plan.frame.dim
+        needed = lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
+        self.address = self._reserving(
+            needed, self._core.loop_open, plan.address, ctypes.addressof(record)
         )
-        with reserved(needed, f"{self.members} trajectories of {plan.width} numbers"):
-            self.address = self._core.loop_open(plan.address, ctypes.addressof(record))
         if not self.address:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
+
+    def _reserving(self, needed: int, function: Any, *arguments: int) -> Any:
+        if self._lanes == 1 and needed <= _MUCH:
+            return function(*arguments)
+        with reserved(needed, f"{self._lanes} trajectories of {self.plan.width} numbers"):
+            return function(*arguments)
 
     def __del__(self) -> None:
         if self.address:
@@ -190,7 +148,7 @@ class Run:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
         states = self._share("states", np.empty((members, width + 2)))
-        counters = self._share("counters", np.empty((members, 2 + len(COUNTS)), dtype=np.int64))
+        counters = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end, self.reached, self.failed_at = states[:, :width], states[:, -2], states[:, -1]
         self.status, self.flag, self.counts = counters[:, 0], counters[:, 1], counters[:, 2:]
         self.end[...] = doubles
@@ -204,8 +162,8 @@ class Run:
 
     def _make_buffers(self, capacity: int) -> None:
         """Share arrays for the output of some number of steps."""
-        output, width = self.output, self.plan.width
-        if output.every:
+        problem, width = self.problem, self.plan.width
+        if problem.every:
             self.record.step_capacity = capacity
             block = self._share("step_t", np.empty(capacity * (1 + width)))
             self._buffers["step_y"] = block[capacity:].reshape(capacity, width)
@@ -217,7 +175,7 @@ class Run:
             self._share("event_of", np.empty((events, 2), dtype=np.int64))
             self._share("event_t", np.empty(events))
             self._share("event_y", np.empty((events, 2, width)))
-        if output.dense:
+        if problem.dense:
             self.allocate_interpolants(self._lanes + more)
 
     def allocate_interpolants(self, capacity: int) -> None:
@@ -229,28 +187,11 @@ class Run:
         self._share("dense_y", np.empty((capacity, 2, plan.width)))
         self._share("dense_field", np.empty((capacity, plan.columns * plan.frame.dim)))
 
-    def drive(self, watch: Callable[[float], None] | None = None) -> None:
-        """Advance all members to their ends; ``watch`` gets the time covered by all together."""
-        budget, check = StepBudget(), StepCheck(self)
-        while self.record.ended < self.members:
-            given = min(budget.start(), check.steps_left())
-            self.record.budget = given
-            self.call()
-            raise_if_stopped()
-            budget.stop(max(given - self.record.budget, 1))
-            check.update(given - self.record.budget)
-            if watch is not None:
-                watch(float(np.abs(self.reached - self.t0).sum()))
-
     def call(self) -> None:
         """Call compiled code once and collect its output."""
         try:
-            if self._lanes == 1:
-                self._core.loop_drive(self.address)
-            else:
-                needed = 32 * self._lanes * (self.plan.width + self.plan.frame.dim + 2)
-                with reserved(needed, f"a step of {self._lanes} members"):
-                    self._core.loop_drive(self.address)
+            needed = 32 * self._lanes * (self.plan.width + self.plan.frame.dim + 2)
+            self._reserving(needed, self._core.loop_drive, self.address)
         except Exception as error:
             self._add_note(error)
             raise
@@ -306,8 +247,8 @@ class Run:
         plan = self.plan
         if self._dense:
             member, *arrays = (np.concatenate(parts) for parts in zip(*self._dense, strict=True))
-            order = np.argsort(member, kind="stable")
-            if (np.diff(order) != 1).any():
+            if self.members > 1 and (np.diff(member) < 0).any():
+                order = np.argsort(member, kind="stable")
                 member, arrays = member[order], [array[order] for array in arrays]
         else:
             shapes = (4,), (2, plan.width), (plan.columns * plan.frame.dim,)
@@ -322,7 +263,8 @@ class Run:
     def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
         lanes = self._lanes
-        reals, integers = np.empty((lanes, 14)), np.empty((lanes, 13), dtype=np.int64)
+        reals = np.empty((lanes, StateSize.REALS))
+        integers = np.empty((lanes, StateSize.INTEGERS), dtype=np.int64)
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.frame.dim))
         self._core.loop_state(
@@ -337,15 +279,15 @@ class Run:
         Each times the step size, shape ``(stages, dim)``; one row if the stages aren't kept.
         """
         reals, _, _, slopes = self.state()
-        return np.asarray(reals[0, 5] * slopes[0, 2 : 2 + self.plan.kept])
+        return np.asarray(
+            reals[0, 5] * slopes[0, 2 : 2 + min(self.plan.kept, self.plan.method.stages)]
+        )
 
-    def replace_rhs(self, rhs: CompiledRhs | PythonRhs) -> None:
+    def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
-        self.rhs = rhs
+        self.rhs = self.callbacks.rhs = rhs
         if self.callbacks.jacobian is not None:
-            self.callbacks.jacobian = self.callbacks.jacobian.of(rhs)
-        if isinstance(rhs, PythonRhs) and rhs.vectorized:
-            self.callbacks.fields = rhs.at_members
+            self.callbacks.jacobian.kept.clear()
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
         """Return all events: member and event ``(n, 2)``, times ``(n,)``, and points.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,15 +11,13 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.loop.messages import DISCONTINUOUS, MANY_STEPS, STIFF
 from cg.integration.loop.record import COUNTS
+from cg.integration.loop.run import Run
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.plan import has_brackets
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.support.shared_numbers import Stop
-
-if TYPE_CHECKING:
-    from cg.integration.loop.run import Run
 
 _MAX_DIM = 300
 _STEP = float(np.sqrt(np.finfo(np.float64).eps))
@@ -31,7 +28,7 @@ _DAMPED = 0.05
 _COUNTS = [COUNTS.index("steps"), COUNTS.index("nrejected")]
 _FIRST_CHECK = 10_000  # steps, rejected ones included; a check takes as long as some hundred
 _CONFIRMED = 1000  # steps after which the check is repeated
-_MANY_REJECTED = 0.05  # of all steps, where f may be discontinuous
+_FEW_REJECTED = 0.001  # of all steps, where f is taken to be continuous
 # A change of f is a jump if most of it remains between points that lie a millionth as far apart.
 _BISECTIONS = 20
 _ROUNDING = 1e-6
@@ -70,7 +67,7 @@ class StepCheck:
             return
         difficulty = find_difficulty(run, member, float(run.reached[member]))
         if difficulty and difficulty == self._last:
-            warnings.warn(MANY_STEPS.format(reason=difficulty), stacklevel=5)
+            warnings.warn(MANY_STEPS.format(reason=difficulty), stacklevel=6)
             self._next = 2**62
         elif difficulty and self._last is None:
             self._next = int(active[member]) + _CONFIRMED
@@ -91,7 +88,7 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     point = plan.points(run.end[member].copy(), ())
     arguments = run.rhs, member, t, point, h
     try:
-        if rejected > _MANY_REJECTED * steps and is_discontinuous(plan.frame, *arguments):
+        if rejected > _FEW_REJECTED * steps and is_discontinuous(plan.frame, *arguments):
             return DISCONTINUOUS
         return STIFF if is_stiff(plan.frame, plan.method, *arguments) else None
     except Exception:  # f needn't exist at points that the integration doesn't evaluate it at
@@ -107,7 +104,7 @@ def is_discontinuous(
     def value(x: float) -> Array:
         return rhs.at_member(member, t + x * h, frame.flow(x * h * slope, y))
 
-    x = np.linspace(-2.0, 2.0, 17).tolist()
+    x = np.linspace(-8.0, 8.0, 65).tolist()
     values = [value(each) for each in x]
     changes = np.linalg.norm(np.diff(values, axis=0), axis=1)
     k = int(changes.argmax())

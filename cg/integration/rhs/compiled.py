@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from types import FunctionType
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -26,33 +27,21 @@ _FUNCTION_POINTER: Any = ctypes.CFUNCTYPE(None).__mro__[1]
 
 @dataclass(frozen=True)
 class CompiledRhs:
-    """A compiled right-hand side.
+    """A compiled right-hand side, or another function of the same type."""
 
-    It can also be called from Python as ``f(t, y)``.
-
-    Attributes
-    ----------
-    function
-        The object that the user passed, which is kept alive.
-    address
-        Address of the function.
-    user_data
-        Address passed as its last argument, or 0.
-    parameters
-        The parameters of each member of an ensemble, shape ``(*batch, k)``, or None.  The function
-        receives the address of those of its member in place of ``user_data``.
-    frame
-        The frame of its points, needed to call it from Python.
-    requires_data
-        Whether its last argument is a pointer to doubles, so that it needs data.
-    """
-
-    function: Any
+    function: Any  # the object that the user passed, which is kept alive
     address: int
-    user_data: int
+    user_data: int  # address passed as its last argument, or 0
+    name: str = "f"  # in error messages
+    requires_data: bool = False  # whether its last argument is a pointer to doubles
+    frame: Frame | None = None  # that of its points
+    # of each member, shape (members, k); their address is passed in place of ``user_data``
     parameters: Array | None = None
-    frame: Frame | None = None
-    requires_data: bool = False
+    source: Any = None  # the pointer made of ``function``, kept alive as well
+
+    args: ClassVar[tuple[Any, ...]] = ()
+    vectorized: ClassVar[bool] = False
+    first: ClassVar[int | None] = None  # as that of `PythonRhs`
 
     def on(self, frame: Frame, parameters: Array | None) -> CompiledRhs:
         """Return the right-hand side on a frame, with parameters of shape ``(members, k)``.
@@ -62,23 +51,29 @@ class CompiledRhs:
         """
         if parameters is None and self.requires_data and not self.user_data:
             raise ValueError(
-                "parameters must be given for a compiled f without user_data whose last "
+                f"parameters must be given for a compiled {self.name} without user_data whose last "
                 "argument is of type double *, got None; of type void * it may be null"
             )
         if parameters is not None and self.user_data:
-            raise ValueError("parameters must be None for a compiled f that has user_data")
+            raise ValueError(
+                f"parameters must be None for a compiled {self.name} that has user_data"
+            )
         return replace(self, frame=frame, parameters=parameters)
 
-    vectorized = False
-    """Whether it takes points of several members in one call."""
+    def with_data(
+        self, args: tuple[Any, ...], parameters: Array | None, first: int | None = None
+    ) -> CompiledRhs:
+        """Return the right-hand side with the parameters of other members."""
+        if args:
+            raise ValueError(f"args must be None for a compiled {self.name}, got {args!r}")
+        return self if parameters is self.parameters else replace(self, parameters=parameters)
 
-    has_args = False
-    """Whether further arguments are included."""
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (self.function, self.name, self.frame, self.parameters)
 
-    @property
-    def name(self) -> str:
-        """Its name in error messages."""
-        return "f"
+    def arguments(self, member: int) -> tuple[Any, ...]:
+        """Return the further arguments that events of a member receive."""
+        return () if self.parameters is None else (self.parameters[member],)
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
@@ -90,43 +85,48 @@ class CompiledRhs:
         """Address of the data of the first member."""
         return self.user_data if self.parameters is None else int(self.parameters.ctypes.data)
 
+    @property
+    def failed_name(self) -> str:
+        """Name of the function that failed last."""
+        return self.name
+
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member; RuntimeError if the function returns an error."""
-        answer = self.answer(member, t, y)
-        return answer if self.frame is None else self.frame.complete_rhs(answer, y)
+        assert self.frame is not None
+        return self.frame.complete_rhs(self.answer(member, t, y), y)
 
     def answer(self, member: int, t: float, y: Points) -> Array:
-        """Return what the function returns for a member."""
-        own = None if self.parameters is None else self.parameters[member]
-        return replace(self, parameters=own)(t, y)
+        """Return what the function writes for a member."""
+        assert self.frame is not None
+        _, data, distance = self.addresses()
+        row: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
+        return row
 
-    def part(self, members: slice) -> CompiledRhs:
-        """Return the right-hand side of some of the members."""
-        own = None if self.parameters is None else self.parameters[members]
-        return replace(self, parameters=own)
+    def values(
+        self, frame: Frame, data: int, t: float, y: Points, shape: tuple[int, ...] = ()
+    ) -> Array:
+        """Return what the function writes at several points, shape ``(len(y), *shape)``.
 
-    def __call__(self, t: float, y: Points) -> Array:
-        """Return what the function writes, shape ``(*batch, frame.rhs_dim)``, NaN where nothing.
-
-        Points have the shape ``(*batch, *point_shape)``.  RuntimeError is raised if the function
-        returns another number than zero, ValueError if the frame is unknown.
+        The shape of an answer of ``f`` by default; it is NaN where the function writes nothing.
         """
-        if self.frame is None:
-            raise ValueError("frame must be given before a compiled f is called")
         import cg._core_r64 as core
 
-        points = np.array(
-            y, dtype=self.frame.dtype, order="C"
-        )  # a copy, which the function may overwrite
-        batch = points.shape[: points.ndim - len(self.frame.point_shape)]
-        members = math.prod(batch)
-        coefficients = np.empty((members, self.frame.rhs_dim))
-        if members:
-            rows = points.reshape(members, -1).view(np.float64)
-            _, code = core.call_field(*self.addresses(), t, rows.T, coefficients.T)
-            if code:
-                raise RuntimeError(f"f returned the error code {code} at t = {t:.17g}")
-        return coefficients.reshape(*batch, self.frame.rhs_dim)
+        shape = shape or (frame.rhs_dim,)
+        points = np.array(y, dtype=frame.dtype, order="C")  # the function may overwrite them
+        values = np.empty((len(y), math.prod(shape)))
+        rows = points.reshape(len(y), -1).view(np.float64)
+        _, code = core.call_field(self.address, data, 0, t, rows.T, values.T)
+        if code:
+            raise RuntimeError(f"{self.name} returned the error code {code} at t = {t:.17g}")
+        return values.reshape(len(y), *shape)
+
+
+def _restored(
+    function: Any, name: str, frame: Frame | None, parameters: Array | None
+) -> CompiledRhs:
+    made = compiled_rhs(function, name)
+    assert made is not None
+    return made if frame is None else made.on(frame, parameters)
 
 
 def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
@@ -138,55 +138,33 @@ def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
     """
     if isinstance(f, TimeFunction):
         f = f.a
-    if isinstance(f, CompiledRhs):
-        return f
+    return f if isinstance(f, CompiledRhs) else _compiled(f, name, SIGNATURE)
+
+
+def compiled_event(f: Any) -> CompiledRhs | None:
+    """Return a compiled function of an event, None if ``f`` isn't compiled."""
+    return _compiled(f, "event", EVENT_SIGNATURE)
+
+
+def _compiled(f: Any, name: str, signature: str) -> CompiledRhs | None:
     if isinstance(f, CompiledFunction):
-        return CompiledRhs(f, f.address, f.data_address)
-    source = _low_level(f, name, SIGNATURE)
+        return CompiledRhs(f, f.address, f.data_address, name)
+    source = _low_level(f, name, signature)
     if source is None:
         return None
-    if not _fits(source.signature, SIGNATURE):
-        raise ValueError(f"{name} must have the signature {SIGNATURE!r}, got {source.signature!r}")
+    if not _fits(source.signature, signature):
+        raise ValueError(f"{name} must have the signature {signature!r}, got {source.signature!r}")
+    # the first item is a capsule, whose context is the address of the user's data
+    capsule = tuple.__getitem__(source, 0)
     requires_data = _words(source.signature).endswith(",double*)")
-    return CompiledRhs((f, source), *_addresses(source), requires_data=requires_data)
-
-
-@dataclass(frozen=True)
-class CompiledEvent:
-    """A compiled function of an event.
-
-    Attributes
-    ----------
-    function
-        The object that the user passed, which is kept alive.
-    address, user_data
-        Address of the function, and of its data, 0 for those of the right-hand side.
-    """
-
-    function: Any
-    address: int
-    user_data: int
-
-
-def compiled_event(f: Any) -> CompiledEvent | None:
-    """Return a compiled function as an event, None if ``f`` isn't compiled.
-
-    ValueError is raised unless its signature is `EVENT_SIGNATURE`.
-    """
-    if isinstance(f, CompiledFunction):
-        return CompiledEvent(f, f.address, f.data_address)
-    source = _low_level(f, "event", EVENT_SIGNATURE)
-    if source is None:
-        return None
-    if not _fits(source.signature, EVENT_SIGNATURE):
-        raise ValueError(
-            f"event must have the signature {EVENT_SIGNATURE!r}, got {source.signature!r}"
-        )
-    return CompiledEvent((f, source), *_addresses(source))
+    addresses = address_in(capsule), context_of(capsule)
+    return CompiledRhs(f, *addresses, name, requires_data, source=source)
 
 
 def _low_level(f: Any, name: str, signature: str) -> Any:
     """Return a compiled function as a `LowLevelCallable`, None if ``f`` isn't compiled."""
+    if isinstance(f, FunctionType):
+        return None
     # not isinstance, since numba may not be installed
     is_cfunc = hasattr(f, "address") and isinstance(getattr(f, "ctypes", None), _FUNCTION_POINTER)
     source: Any = f.ctypes if is_cfunc else f
@@ -195,13 +173,6 @@ def _low_level(f: Any, name: str, signature: str) -> Any:
             raise ValueError(f"{name} must have argtypes and restype of {signature!r}, got {f!r}")
         source = LowLevelCallable(source)
     return source if isinstance(source, LowLevelCallable) else None
-
-
-def _addresses(source: Any) -> tuple[int, int]:
-    """Return the addresses of a function and of its data."""
-    # the first item is a capsule, whose context is the address of the user's data
-    capsule = tuple.__getitem__(source, 0)
-    return address_in(capsule), context_of(capsule)
 
 
 def _words(signature: str | None) -> str:

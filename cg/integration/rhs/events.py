@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Array, Points
+from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import compiled_event
+from cg.support.shared_numbers import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
 
@@ -113,67 +114,48 @@ def _is_count(number: float | np.integer[Any]) -> bool:
 class EventTable:
     """The events of one integration, after checking.
 
-    Parameters
-    ----------
-    events
-        A function or an `Event`, a sequence of them, or None.
-    frame
-        The frame of the points.
-    arguments
-        ``arguments(member)`` returns the further arguments of the functions.
-
-    Attributes
-    ----------
-    most, direction, jumps, functions
-        Columns of the table for compiled code; ``functions`` are the addresses of functions and
-        of their data, shape (n, 2).
+    ``rows`` is the table that compiled code reads: of each event the addresses of the function and
+    of its data, the sign of its direction, its limit, and whether it jumps.
     """
 
-    def __init__(
-        self, events: Any, frame: Frame, arguments: Callable[[int], tuple[Any, ...]]
-    ) -> None:
-        if events is None:
-            given: Sequence[Any] = ()
-        elif isinstance(events, Event) or callable(events) or compiled_event(events) is not None:
-            given = (events,)
+    def __init__(self, events: Any, frame: Frame) -> None:
+        self.given = events
+        if isinstance(events, Event) or callable(events) or compiled_event(events) is not None:
+            given: Sequence[Any] = (events,)
         elif isinstance(events, Sequence) and not isinstance(events, str):
             given = events
         else:
             raise TypeError(f"events must be a function or a sequence of them, got {events!r}")
         self.frame = frame
-        self.arguments = arguments
+        self.width = math.prod(frame.point_shape) * frame.dtype.itemsize // 8
         self.events = [_as_event(event) for event in given]
-        checked = [event._check(f"events[{i}]") for i, event in enumerate(self.events)]
-        self.max_counts = np.array([most for most, _ in checked], dtype=np.int64)
-        self.direction = np.array([sign for _, sign in checked], dtype=np.intc)
-        self.jumps = np.array([event.jump is not None for event in self.events], dtype=np.intc)
-        compiled = [compiled_event(event.function) for event in self.events]
-        self._kept = compiled
-        self.functions = np.array(
-            [(0, 0) if each is None else (each.address, each.user_data) for each in compiled],
-            dtype=np.int64,
-        ).reshape(-1, 2)
+        self.compiled = [compiled_event(event.function) for event in self.events]
+        rows = []
+        for i, (event, source) in enumerate(zip(self.events, self.compiled, strict=True)):
+            most, sign = event._check(f"events[{i}]")
+            row = {
+                "function": 0 if source is None else source.address,
+                "data": 0 if source is None else source.user_data,
+                "direction": sign,
+                "most": most,
+                "jumps": event.jump is not None,
+            }
+            rows.append([row[name] for name in EVENT])
+        self.rows: NDArray[np.int64] = np.array(rows, dtype=np.int64).reshape(-1, len(EVENT))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.given, self.frame)
 
     def __len__(self) -> int:
         return len(self.events)
 
     @property
-    def width(self) -> int:
-        """How many numbers of a point the functions depend on."""
-        return math.prod(self.frame.point_shape) * self.frame.dtype.itemsize // 8
+    def has_jumps(self) -> bool:
+        """Whether an event has a jump."""
+        return bool(self.rows[:, 4].any())
 
-    @property
-    def rows(self) -> NDArray[np.int64]:
-        """The table that compiled code reads, one row per event."""
-        columns = *self.functions.T, self.direction, self.max_counts, self.jumps
-        return np.stack(columns, axis=-1, dtype=np.int64)
-
-    def value(self, index: int, member: int, t: float, y: Points) -> float:
-        """Return the value of an event's function, after checking it."""
-        return self.value_with(index, t, y, self.arguments(member))
-
-    def value_with(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
-        """Return the value of a function in Python with other further arguments."""
+    def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
+        """Return the value of an event's function in Python, after checking it."""
         y.flags.writeable = False
         raw = self.events[index].function(t, y, *arguments)
         if isinstance(raw, float) and math.isfinite(raw):
@@ -197,12 +179,8 @@ class EventTable:
             raise ValueError(f"{name} must return a finite number, got {value} at t = {t:.17g}")
         return value
 
-    def jump(self, index: int, member: int, t: float, y: Points) -> Points:
+    def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
         """Return the point after a jump, after checking it."""
-        return self.jump_with(index, t, y, self.arguments(member))
-
-    def jump_with(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
-        """Return the point after a jump with other further arguments."""
         y.flags.writeable = False
         jump = self.events[index].jump
         assert jump is not None
@@ -211,10 +189,6 @@ class EventTable:
             return self.frame.check_point(raw, name=f"events[{index}].jump(t, y)")
         except (TypeError, ValueError) as error:
             raise type(error)(f"{error}, at t = {t:.17g}") from error
-
-    def group_by_event(self, of: Any, values: Array) -> list[Array]:
-        """Return a list of the values of each event; ``of`` is the event of each value."""
-        return [values[of == index] for index in range(len(self.events))]
 
 
 def _as_event(event: Any) -> Event:

@@ -21,40 +21,72 @@ _JOIN = "; join parts by np.concatenate"
 _COMPLEX = "; the real and the imaginary part of a complex drive are coefficients of two fields"
 
 
-class StageOverflowError(OverflowError):
-    """A stage exceeds the range of floating point, which isn't an error of ``f``."""
+class Check:
+    """The check of what a function in Python returns."""
 
+    def __init__(
+        self, f: Any, frame: Frame, vectorized: bool = False, first: int | None = None
+    ) -> None:
+        self.frame, self.vectorized, self.first = frame, vectorized, first
+        self.of_time = isinstance(f, TimeFunction)
+        self.name = "a" if self.of_time else "f"  # in error messages
 
-class StepTooLongError(ArithmeticError):
-    """A step of a method on a Lie algebra reached coordinates beyond the radius of dexp⁻¹.
+    def __call__(self, value: Any, t: Any, y: Points, members: Any = None) -> Array:
+        """Return what ``f(t, y)`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
 
-    Rotations reach it after a full turn.  An adaptive step is tried again with a smaller size;
-    with fixed steps a smaller ``h`` is needed.
+        ValueError is raised if it has another shape, or isn't finite numbers although ``y`` is;
+        compiled code detects points that aren't finite. ``members`` of a vectorized function are
+        named in errors.
+        """
+        n = self.frame.rhs_dim
+        shape = (len(t), n) if self.vectorized else (n,)
+        try:
+            # a copy, since f may return the same buffer each time
+            coefficients = real_array(value, self.name)
+        except ValueError as error:
+            expected = (
+                f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
+            )
+            join = isinstance(value, list | tuple) and any(map(np.ndim, value))
+            hint = _JOIN if join else conversion_hint(value, error)
+            hint = _COMPLEX if not hint and is_complex_array(value) else hint
+            raise ValueError(
+                f"{self.name} must return {expected}, got {value!r} at {when(t)}{hint}"
+            ) from error
+        if coefficients.shape != shape:
+            got = "None" if value is None else f"shape {coefficients.shape}"
+            each = "time" if self.of_time else "member"
+            together = f", a row for each {each}, since vectorized=True" if self.vectorized else ""
+            raise ValueError(
+                f"{self.name} must return an array of shape {shape}{together}, got {got} at "
+                f"{when(t)}{self._hint(coefficients.shape[len(shape) - 1 :])}"
+            )
+        # a finite sum means that all terms are finite, and takes a fraction of the time
+        if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
+            rows = y.reshape(len(y) if self.vectorized else 1, -1)
+            answers = np.isfinite(coefficients.reshape(-1, n)).all(axis=1)
+            wrong = np.isfinite(rows).all(axis=1) & ~answers
+            if wrong.any():
+                got = f"{coefficients} at {when(t)}"
+                if self.vectorized:
+                    worst, *others = np.flatnonzero(wrong).tolist()
+                    got = f"{coefficients[worst]} at {when(t[worst])}"
+                    if members is not None:
+                        got += f" for member {(self.first or 0) + members[worst]}"
+                        got += f" and {len(others)} more" if others else ""
+                raise ValueError(f"{self.name} must return finite numbers, got {got}")
+        return coefficients
 
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import cg
-    >>> try:
-    ...     cg.integrate(
-    ...         lambda t, y: [0.0, 9.0, 9.0 * y[0, 0]], (0, 2), np.eye(3), frame=cg.frames.SO3(),
-    ...         method="RKMK4", h=1.0,
-    ...     )
-    ... except cg.StepTooLongError as error:
-    ...     print(str(error)[:46])
-    the step from t = 0 is too long for a method o
-    """
-
-    def __init__(self, t: float) -> None:
-        super().__init__(t)
-        self.t = t
-
-    def __str__(self) -> str:
-        return (
-            f"the step from t = {self.t:.17g} is too long for a method on a Lie algebra: "
-            "coordinates of a stage are beyond the radius of dexp⁻¹, for rotations a full turn; "
-            "take a smaller h, or a method that needs no brackets"
-        )
+    def _hint(self, shape: tuple[int, ...]) -> str:
+        """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
+        group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
+        flat = isinstance(group, MatrixGroup) and shape == (math.prod(group.point_shape),)
+        if not isinstance(group, MatrixGroup) or not (flat or shape == group.point_shape):
+            if shape != self.frame.point_shape:
+                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
+            return "; f returns coefficients of the frame's fields, not the derivative of y"
+        name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
+        return f"; {name}(matrix) are those of a matrix in the Lie algebra"
 
 
 class PythonRhs:
@@ -62,21 +94,10 @@ class PythonRhs:
 
     Compiled code calls it through a function in C, whose data are the contexts made here.
 
-    Parameters
-    ----------
-    f
-        Returns the coefficients, shape ``(dim,)``; it receives a read-only ``y`` of shape
-        ``point_shape``.
-    frame
-        The frame of the points.
-    args
-        Further arguments.
-    parameters
-        Parameters of each member, shape ``(members, k)``, or None.
-    vectorized
-        Whether ``f`` takes times ``(n,)`` and points ``(n, *point_shape)`` of several members,
-        with the rows of their parameters, and returns shape ``(n, dim)``.  A function of time may
-        get several times for one point.
+    Parameters have the shape ``(members, k)``.  A ``vectorized`` function takes times ``(n,)``,
+    points ``(n, *point_shape)`` and rows of parameters of several members, and returns shape
+    ``(n, dim)``; one of time alone may get several times for one point.
+    ``first`` is the place of the first member in the ensemble for error messages.
     """
 
     def __init__(
@@ -86,33 +107,29 @@ class PythonRhs:
         args: tuple[Any, ...] = (),
         parameters: Array | None = None,
         vectorized: bool = False,
+        first: int | None = None,
     ) -> None:
-        self.f = f
-        self.frame = frame
-        self.args = args
-        self.parameters = parameters
-        self.vectorized = vectorized
-        self._spare = [None]
-        self.set_args(args)
-
-    first: int | None = None
-    """The place of the first member in the ensemble for error messages, None without one."""
-
-    name = "f"
-    """Its name in error messages."""
-
-    def set_args(self, args: tuple[Any, ...]) -> None:
-        """Replace the further arguments."""
-        self.args = args
-        frame, of_time = self.frame, isinstance(self.f, TimeFunction)
-        f = self.f.a if isinstance(self.f, TimeFunction) else self.f
-        point = frame.point_shape, frame.dtype.num
-        rest = *point, (frame.rhs_dim,), self.check, self._spare, of_time
-        if self.parameters is None or self.vectorized:
-            self._contexts = [(f, args, *rest)]
+        self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
+        self.vectorized, self.first = vectorized, first
+        self.check = Check(f, frame, vectorized, first)
+        self.name = self.failed_name = self.check.name
+        function = f.a if isinstance(f, TimeFunction) else f
+        rest = frame, (frame.rhs_dim,), self.check, self.check.of_time
+        if parameters is None or vectorized:
+            self._contexts = [context_of(function, args, *rest)]
         else:
-            self._contexts = [(f, (*args, row), *rest) for row in self.parameters]
+            self._contexts = [context_of(function, (*args, row), *rest) for row in parameters]
             self._pointers = np.array([id(context) for context in self._contexts])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        state = self.f, self.frame, self.args, self.parameters, self.vectorized, self.first
+        return PythonRhs, state
+
+    def with_data(
+        self, args: tuple[Any, ...], parameters: Array | None, first: int | None = None
+    ) -> PythonRhs:
+        """Return the right-hand side with other further arguments, or of other members."""
+        return PythonRhs(self.f, self.frame, args, parameters, self.vectorized, first)
 
     def arguments(self, member: int) -> tuple[Any, ...]:
         """Return the further arguments of a member."""
@@ -136,22 +153,17 @@ class PythonRhs:
             return id(self._contexts[0])
         return int(self._pointers.ctypes.data)
 
-    def part(self, members: slice) -> PythonRhs:
-        """Return the right-hand side of some of the members."""
-        own = None if self.parameters is None else self.parameters[members]
-        part = PythonRhs(self.f, self.frame, self.args, own, self.vectorized)
-        part.first = (self.first or 0) + members.start
-        return part
-
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
         count = len(self.args) + (self.parameters is not None)
+        extra = f", and {count} further arguments" if count else ""
         which, shape = "", str(self.frame.point_shape)
         if self.vectorized:
             shape = f"{('k', *self.frame.point_shape)}, and t of shape (k,)".replace("'", "")
         elif self.first is not None:
             which = f" in member {self.first + member}"
-        extra = f", and {count} further arguments" if count else ""
+        if self.check.of_time:
+            return f"at t = {t:.17g}{which}; a is given (t, ...){extra[1:]}"
         of_time = self._takes(1 + count) and not self._takes(2 + count)
         hint = "; for an f of time alone see cg.solve_linear" if of_time else ""
         return (
@@ -190,64 +202,13 @@ class PythonRhs:
             raise
         return self.check(value, t, y, members=members)
 
-    def check(self, value: Any, t: Any, y: Points, members: Any = None) -> Array:
-        """Return what ``f(t, y)`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
 
-        ValueError is raised if it has another shape, or isn't finite numbers although ``y`` is;
-        compiled code detects points that aren't finite. ``members`` of a vectorized function are
-        named in errors.
-        """
-        shape: tuple[int, ...] = (self.frame.rhs_dim,)
-        if self.vectorized:
-            shape = (len(t), *shape)
-        try:
-            # a copy, since f may return the same buffer each time
-            coefficients = real_array(value, "f")
-        except ValueError as error:
-            expected = (
-                f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
-            )
-            join = isinstance(value, list | tuple) and any(map(np.ndim, value))
-            hint = _JOIN if join else conversion_hint(value, error)
-            hint = _COMPLEX if not hint and is_complex_array(value) else hint
-            raise ValueError(
-                f"f must return {expected}, got {value!r} at {when(t)}{hint}"
-            ) from error
-        if coefficients.shape != shape:
-            got = "None" if value is None else f"shape {coefficients.shape}"
-            each = "time" if isinstance(self.f, TimeFunction) else "member"
-            together = f", a row for each {each}, since vectorized=True" if self.vectorized else ""
-            raise ValueError(
-                f"f must return an array of shape {shape}{together}, got {got} at {when(t)}"
-                f"{self._hint(coefficients.shape[len(shape) - 1 :])}"
-            )
-        # a finite sum means that all terms are finite, and takes a fraction of the time
-        if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
-            rows = y.reshape(len(y) if self.vectorized else 1, -1)
-            wrong = np.isfinite(rows).all(axis=1) & ~np.isfinite(
-                coefficients.reshape(-1, self.frame.rhs_dim)
-            ).all(axis=1)
-            if wrong.any():
-                got = f"{coefficients} at {when(t)}"
-                if self.vectorized:
-                    worst, *others = np.flatnonzero(wrong).tolist()
-                    got = f"{coefficients[worst]} at {when(t[worst])}"
-                    if members is not None:
-                        got += f" for member {(self.first or 0) + members[worst]}"
-                        got += f" and {len(others)} more" if others else ""
-                raise ValueError(f"f must return finite numbers, got {got}")
-        return coefficients
-
-    def _hint(self, shape: tuple[int, ...]) -> str:
-        """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
-        group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
-        flat = isinstance(group, MatrixGroup) and shape == (math.prod(group.point_shape),)
-        if not isinstance(group, MatrixGroup) or not (flat or shape == group.point_shape):
-            if shape != self.frame.point_shape:
-                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
-            return "; f returns coefficients of the frame's fields, not the derivative of y"
-        name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
-        return f"; {name}(matrix) are those of a matrix in the Lie algebra"
+def context_of(
+    function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
+    of_time: bool = False,
+) -> tuple[Any, ...]:  # fmt: skip
+    """Return what ``fortran/interface/python_field.c`` reads to call a function."""
+    return function, args, frame.point_shape, frame.dtype.num, shape, check, [None], of_time
 
 
 def when(t: Any) -> str:

@@ -10,7 +10,9 @@ import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
-from cg.integration.step.collocation import Jacobian
+from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.flows import (
     Dexpinv,
     Difference,
@@ -19,11 +21,9 @@ from cg.integration.step.flows import (
     difference_of,
     flows_of,
 )
+from cg.integration.step.jacobian import Jacobian
 from cg.integration.step.plan import Plan
 from cg.support.shared_numbers import Operation
-
-FieldOfMembers = Callable[[Array, Array, Points], Array]
-EventOfMember = Callable[[int, int, float, Points], Any]
 
 
 class Callbacks:
@@ -32,43 +32,27 @@ class Callbacks:
     Compiled code calls ``callbacks(operation, a, b)`` with two vectors of doubles; the result is
     a vector.
 
-    Parameters
-    ----------
-    plan
-        The frame and the method.
-    fields
-        ``fields(t, members, y)`` returns coefficients at points of several members.
-    jacobian
-        The Jacobian for Newton's method in compiled code, if it doesn't take differences.
-    lanes
-        How many members are integrated at the same time.
-    event, jump
-        ``event(event, member, t, y)`` returns a number, ``jump(event, member, t, y)`` a point.
-
     Attributes
     ----------
+    rhs, events, jacobian
+        What functions of the user are called, None in a continuous solution, or without them.
     last_error
         The last exception that compiled code treats as a step that is too long.
+    failed_event
+        The name of the function of an event that raised an exception, its time and member.
     """
 
     def __init__(
         self,
         plan: Plan,
-        fields: FieldOfMembers | None = None,
-        event: EventOfMember | None = None,
-        jump: EventOfMember | None = None,
+        rhs: CompiledRhs | PythonRhs | None = None,
+        events: EventTable | None = None,
         jacobian: Jacobian | None = None,
-        lanes: int = 1,
     ) -> None:
-        self.plan = plan
-        self.frame = plan.frame
-        self.fields = fields
-        self.event = event
-        self.jump = jump
-        self.jacobian = jacobian
-        self.lanes = lanes
+        self.plan, self.frame = plan, plan.frame
+        self.rhs, self.events, self.jacobian = rhs, events, jacobian
         self.last_error: Exception | None = None
-        self.failed_event: tuple[str, float, int] | None = None  # its name, time and member
+        self.failed_event: tuple[str, float, int] | None = None
 
     @cached_property
     def _flows(self) -> Flows:
@@ -115,8 +99,9 @@ class Callbacks:
 
     def _evaluate_jacobian(self, a: Array, y: Array) -> Array:
         assert self.jacobian is not None
+        assert self.rhs is not None
         t, member = a[:2].tolist()
-        return self.jacobian.evaluate(int(member), t, self._point(y.copy()), a[2:], self.lanes)
+        return self.jacobian.evaluate(self.rhs, int(member), t, self._point(y.copy()), a[2:])
 
     def _factor(self, a: Array, _: Array) -> Array:
         assert self.jacobian is not None
@@ -128,21 +113,24 @@ class Callbacks:
         return self.jacobian.solve(int(a[0]), b)
 
     def _evaluate(self, a: Array, y: Array) -> Array:
-        assert self.fields is not None
+        assert isinstance(self.rhs, PythonRhs)
         t, members = a.reshape(2, -1)
         points = y.view(self.frame.dtype).reshape(-1, *self.frame.point_shape)
-        return self.fields(t, members.astype(np.intp), points)
+        return self.rhs.at_members(t, members.astype(np.intp), points)
 
     def _event(self, a: Array, y: Array) -> Any:
-        return self._call_event(self.event, "events[{}]", a, y)
+        assert self.events is not None
+        return self._call_event(self.events.value, "events[{}]", a, y)
 
     def _jump(self, a: Array, y: Array) -> Any:
-        return self._call_event(self.jump, "events[{}].jump", a, y)
+        assert self.events is not None
+        return self._call_event(self.events.jump, "events[{}].jump", a, y)
 
     def _call_event(self, function: Any, name: str, a: Array, y: Array) -> Any:
+        assert self.rhs is not None
         t, member, event = a.tolist()
         try:
-            return function(int(event), int(member), t, self._point(y))
+            return function(int(event), t, self._point(y), self.rhs.arguments(int(member)))
         except Exception:
             self.failed_event = name.format(int(event)), t, int(member)
             raise

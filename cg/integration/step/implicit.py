@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
-STAGE_SOLVERS = {"newton": 25, "fixed-point": 100}
-"""The iterations for implicit stages, and their limits in ``fortran/steps/implicit.f90``."""
+from cg.support.shared_numbers import StageLimit
+
+STAGE_SOLVERS = {"newton": int(StageLimit.NEWTON), "fixed-point": int(StageLimit.FIXED_POINT)}
+"""The iterations for implicit stages, and their limits."""
 
 # Newton's method takes fewer evaluations on the free rigid body at all step sizes: 9 instead of 11
 # in a step where fixed-point corrections decrease by a factor of 20, 13 instead of 18 where by 5.

@@ -98,15 +98,7 @@ _WITH_FLOWS = "CG2", "CFM4", "CFM6(4)", "CFM8(4)"
 
 @dataclass(frozen=True, eq=False)
 class NodeSet:
-    """Nodes within a step.
-
-    Attributes
-    ----------
-    nodes
-        From 0 to 1, shape ``(n,)``.
-    blend
-        The polynomial w.
-    """
+    """Nodes within a step, from 0 to 1, and the polynomial w."""
 
     nodes: Array
     blend: Polynomial
@@ -155,24 +147,12 @@ def _evaluations(nodes: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Extension:
-    """The coordinates within a step as combinations of their derivatives.
+    """The coordinates within a step as combinations of their derivatives."""
 
-    Attributes
-    ----------
-    final
-        The place, from 0, of the derivative at the end.
-    theta
-        Further nodes, in the order of evaluation, shape ``(n,)``.
-    rows
-        The weights of earlier derivatives in the coordinates of each node, shape ``(n, k)``.
-    basis
-        The coefficients B, shape ``(degree, k)``.
-    """
-
-    final: int
-    theta: Array
-    rows: Array
-    basis: Array
+    final: int  # the place, from 0, of the derivative at the end
+    theta: Array  # further nodes, in the order of evaluation, shape (n,)
+    rows: Array  # weights of earlier derivatives in the coordinates of each node, (n, k)
+    basis: Array  # the coefficients B, shape (degree, k)
 
 
 @cached
@@ -334,18 +314,14 @@ def _least_norm(known: Array, targets: Array) -> Array:
 class ResultFlows:
     """The flows from the start to the result of a method, for fields that depend on time only.
 
-    Attributes
-    ----------
-    c
-        Abscissae of the stages that the flows use, shape ``(k,)``.
-    weights
-        Weights of these stages in the flows, shape ``(flows, k)``.
+    Of the stages that the flows use ``c`` are the abscissae and ``weights`` those in the flows,
+    shape ``(flows, stages)``.
     """
 
     def __init__(self, paths: MethodPaths) -> None:
         flows = [dict(flow) for flow in paths.result_flows]
         used = sorted({stage for flow in flows for stage in flow})
-        self.c: Array = paths.doubles[1][used]
+        self.c: Array = paths.abscissae[used]
         self.weights = np.array([[float(flow.get(k, 0)) for k in used] for flow in flows])
 
     def __len__(self) -> int:

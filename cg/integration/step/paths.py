@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,12 +10,14 @@ from fractions import Fraction
 from functools import cached_property
 from itertools import accumulate, chain
 from math import comb
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cg.conditions import Rows
 from cg.integration.step.collocation import transformation
+from cg.method.end_weights import end_weights
 from cg.method.estimate import error_power
 from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
@@ -23,6 +26,8 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.method.tableau import Tableau
 from cg.structure.points import START
+from cg.support.records import fields_of
+from cg.support.shared_numbers import METHOD
 
 _ROUNDING = Fraction(1, 10**14)  # of the sum of drifts
 
@@ -76,11 +81,13 @@ class MethodPaths:
         0.  Coefficients at stages become derivatives of coordinates.
     errors
         Weights on the coefficients at stages of the combinations by which errors are estimated.
-        With a second result they are those of the second estimate.
+        With a second result they are those of the second estimate, or those of `end_weights`,
+        where the end of the step is a stage more.
     transformation
         Of a collocation method, the numbers of `transformation`.
     power
-        The exponent of the quotient of two error estimates, see `error_power`.
+        The exponent of the quotient of two error estimates, see `error_power`; 0 if the larger one
+        counts.
     factor
         The factor of the second one in it.
     polynomial
@@ -121,49 +128,52 @@ class MethodPaths:
         return flows
 
     @cached_property
-    def weights(self) -> tuple[Fraction, ...]:
-        """The weights of all terms of all flows, A, B, those of errors, others, factor, drifts."""
-        flows = [flow for path in self.paths for flow in path.flows]
-        a, b = self.registers or ((), ())
-        return (
-            *(weight for flow in flows for _, weight in flow),
-            *a,
-            *b,
-            *chain(*self.errors),
-            *self.transformation,
-            self.factor,
-            *self.drifts,
-        )
+    def abscissae(self) -> NDArray[np.float64]:
+        """The abscissae as a read-only array."""
+        c = np.array(self.c, np.float64)
+        c.flags.writeable = False
+        return c
 
     @cached_property
-    def doubles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The weights and the abscissae as read-only arrays."""
-        weights, c = np.array(self.weights, np.float64), np.array(self.c, np.float64)
-        weights.flags.writeable = c.flags.writeable = False
-        return weights, c
-
-    @cached_property
-    def integers(self) -> NDArray[np.intc]:
-        """The integers of the method, as ``make_method`` of ``fortran/steps/method.f90`` reads it.
-
-        The numbers of paths, flows, terms and stages; the origins of the paths; from 1, where
-        the flows of each path begin, and where the terms of each flow begin; the stages of the
-        terms; the paths to the stages and to the three results; the final stage; 1 if the method
-        has two registers, 0 if not; the order of the series, the power of the quotient of error
-        estimates, the number of those that are combinations of coefficients, `blocks`, 1 for flows
-        along polynomials, and 1 for a splitting method.
-        """
+    def record(self) -> MethodRecord:
+        """The method as compiled code reads it."""
         flows = [flow for path in self.paths for flow in path.flows]
-        terms = [stage + 1 for flow in flows for stage, _ in flow]
-        numbers = [
-            len(self.paths), len(flows), len(terms), len(self.stages),
-            *(path.origin for path in self.paths),
-            *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
-            *self.stages, self.result, self.embedded, self.third, self.final_stage,
-            int(self.registers is not None), self.series, self.power, len(self.errors),
-            self.blocks, int(self.polynomial), int(bool(self.drifts)),
-        ]  # fmt: skip
-        return np.array(numbers, dtype=np.intc)
+        terms = [term for flow in flows for term in flow]
+        integers = {
+            "origin": [path.origin for path in self.paths],
+            "path_first": _starts([path.flows for path in self.paths]),
+            "flow_first": _starts(flows),
+            "flow_stage": [stage + 1 for stage, _ in terms],
+            "stage_path": self.stages,
+        }
+        reals = {
+            "weight": [weight for _, weight in terms],
+            "c": self.c,
+            "error": [*chain(*self.errors)],
+            "transformation": self.transformation,
+        }
+        if self.drifts:
+            reals["drifts"] = self.drifts
+        if self.registers is not None:
+            reals["registers"] = [*chain(*self.registers)]
+        arrays = {name: np.array(row, np.intc) for name, row in integers.items()}
+        arrays |= {name: np.array(row, np.float64) for name, row in reals.items()}
+        record = MethodRecord(
+            paths=len(self.paths), flows=len(flows), terms=len(terms), stages=len(self.stages),
+            errors=len(self.errors), result=self.result, embedded=self.embedded, third=self.third,
+            final_stage=self.final_stage, series=self.series, power=self.power,
+            factor=float(self.factor), blocks=self.blocks, polynomial=self.polynomial,
+            **{name: array.ctypes.data for name, array in arrays.items()},
+        )  # fmt: skip
+        record.arrays = arrays  # kept alive
+        return record
+
+
+class MethodRecord(ctypes.Structure):
+    """The record of a method in compiled code."""
+
+    _fields_ = fields_of(METHOD)
+    arrays: dict[str, NDArray[Any]]
 
 
 @cached
@@ -203,6 +213,9 @@ def paths_of(method: Method) -> MethodPaths:
         flow = tuple((k, a.value) for k, a in enumerate(method.third_weights) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
         third = len(builder.paths)
+    if end := end_weights(method):
+        stages, c, final = (*stages, result_path), (*c, Fraction(1)), [len(stages) + 1]
+        errors, factor = end.rows, end.factor
     return MethodPaths(
         tuple(builder.paths),
         stages,

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-import threading
+import ctypes
 import weakref
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from cg.catalogue import find_method, resolve_method
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
-from cg.integration.step.blocks import block_constants, describe_blocks, is_compiled
+from cg.integration.step.blocks import (
+    block_constants,
+    describe_blocks,
+    has_compiled_difference,
+    is_compiled,
+)
 from cg.integration.step.collocation import is_collocation
 from cg.integration.step.interpolant import (
     ResultFlows,
@@ -49,14 +55,11 @@ class Plan:
         The compiled module, and the address of the plan.
     width
         Number of doubles of a point.
-    kept
-        Number of vectors of coefficients stored for a step: its stages, or one register.
-    kept_nodes
-        Number of vectors of coefficients kept of the step before, those of a Magnus method.
-    collocation
-        Whether the method is a collocation method on a Lie algebra.
-    series
-        Order up to which the series of dexp⁻¹ is needed.
+    kept, kept_nodes
+        Numbers of vectors of coefficients stored for a step, its stages, with the end where the
+        error estimate needs it, or one register, and of the step before, those of a Magnus method.
+    columns
+        Number of vectors of an interpolant.
     exponent
         Power of an error that a step is proportional to; 0 without an estimate of the error.
     """
@@ -64,19 +67,13 @@ class Plan:
     def __init__(self, frame: Frame, method: Method) -> None:
         import cg._core_r64 as core
 
-        self.core = core
-        self.frame = frame
-        self.method = method
+        self.core, self.frame, self.method = core, frame, method
         self.compiled = is_compiled(frame)
-        entries = int(np.prod(frame.point_shape, dtype=np.int64))
+        self._measures = has_compiled_difference(frame) if self.compiled else None
         self.dtype = frame.dtype
         self.parts = 2 if self.dtype == np.complex128 else 1
-        self.width = entries * self.parts
-        self._in_algebra: bool | None = None
-        self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
-        self._columns = 0
-        self._free: bool | None = None
-        self.series = series_order(method)
+        self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.parts
+        self.series = series_order(method)  # order up to which that of dexp⁻¹ is needed
         self.collocation = is_collocation(method)
         if not method.explicit:
             provide_lapack()
@@ -84,38 +81,30 @@ class Plan:
             blocks = describe_blocks(frame)
         else:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
-        paths = paths_on(frame, method)
-        self.paths = paths
+        self.paths = paths = paths_on(frame, method)
+        self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
         if paths.polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
             self.exponent = 1.0 / (method.stages + paths.power)
-        self.kept = method.stages if paths.registers is None else 1
+        self.kept = len(paths.stages) if paths.registers is None else 1
         of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
         self.kept_nodes = method.stages if of_nodes else 0
         self.address: int = core.plan_open(
             blocks,
             block_constants(frame),
-            paths.integers,
-            *paths.doubles,
+            ctypes.addressof(paths.record),
         )
         if isinstance(frame, PhaseSpace):
             core.plan_set_bodies(self.address, *frame.compiled_bodies())
         weakref.finalize(self, core.plan_close, self.address)
+        self.columns = self._make_interpolants()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return plan_of, (self.frame, self.method)
-
-    @property
-    def columns(self) -> int:
-        """Number of vectors of an interpolant; the first call sets up interpolants."""
-        with _MAKING:
-            if not self._columns:
-                self._columns = self._make_interpolants()
-        return self._columns
+        # a method is sent by its name, so that each process has one instance with its cached data
+        known = find_method(self.method.name) is self.method
+        return _restored, (self.frame, self.method.name if known else self.method)
 
     def _make_interpolants(self) -> int:
-        import cg._core_r64 as core
-
         method, polynomial = self.method, self.paths.polynomial
         nodes = method.stages if polynomial else node_count(method)
         extension = extension_of(method)
@@ -123,55 +112,47 @@ class Plan:
         flat = isinstance(method, MuntheKaas)
         columns = max(len(extension.basis), nodes + 1)
         padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty
-        core.plan_set_scheme(
+        self.core.plan_set_scheme(
             self.address, columns, flat, extension.final + 1, self.series,
             np.append(extension.theta, 0.0), padded.T, extension.basis.T, polynomial,
-            *_node_tables(nodes, self.paths.doubles[1] if polynomial else None),
+            *_node_tables(nodes, self.paths.abscissae if polynomial else None),
             flows.c, flows.weights.T,
         )  # fmt: skip
         return columns
 
-    def detect_coordinates(self, point: Points) -> None:
-        """Determine, from any point, whether the frame has coordinates of differences."""
-        if self._in_algebra is None:
-            self._in_algebra = self.frame.exp_coordinates(point, point) is not None
+    def in_algebra(self, point: Points) -> bool:
+        """Return whether differences of points are measured in coordinates, not in entries.
+
+        The answer is the same at all points.
+        """
+        if self._measures is not None:
+            return self._measures
+        try:
+            return _has_coordinates(self.frame, _AnyPoint(point))
+        except TypeError:  # a frame of the user that can't be hashed
+            return _has_coordinates.__wrapped__(self.frame, _AnyPoint(point))
 
     def is_free(self, point: Points) -> bool:
         """Return whether different small coefficients lead to different points.
 
-        Then the ends of a step determine its coordinates.  Any point serves as ``point``.
+        Then the ends of a step determine its coordinates.  Any point of a frame whose differences
+        are measured in coordinates serves as ``point``.
         """
-        if self._free is None:
-            frame = self.frame
-            if not self.in_algebra:
-                self._free = False
-            elif self.compiled:
-                blocks = frame.compiled_blocks() or ()
-                self._free = all(block[0] != BlockKind.SPHERE for block in blocks)
-            elif frame.dim > _MAX_FIELDS or not has_brackets(frame):
-                self._free = False
-            else:
-                fields = np.asarray(frame.field(np.eye(frame.dim), point), dtype=frame.dtype)
-                rank = np.linalg.matrix_rank(fields.reshape(frame.dim, -1).view(np.float64))
-                self._free = bool(rank == frame.dim)
-        return self._free
+        frame = self.frame
+        if self.compiled:
+            blocks = frame.compiled_blocks() or ()
+            return all(block[0] != BlockKind.SPHERE for block in blocks)
+        if frame.dim > _MAX_FIELDS or not has_brackets(frame):
+            return False
+        fields = np.asarray(frame.field(np.eye(frame.dim), point), dtype=frame.dtype)
+        rank = np.linalg.matrix_rank(fields.reshape(frame.dim, -1).view(np.float64))
+        return bool(rank == frame.dim)
 
-    @property
-    def in_algebra(self) -> bool:
-        """Whether differences of points are measured in coordinates, not in entries."""
-        assert self._in_algebra is not None
-        return self._in_algebra
-
-    @property
-    def tolerance_shape(self) -> tuple[int, ...]:
-        """The shape that absolute tolerances may have."""
-        return (self.frame.dim,) if self.in_algebra else self.frame.point_shape
-
-    def surely_on_manifold(self, points: Points) -> bool:
-        """Return whether a cheap bound shows that points are on the manifold."""
+    def surely_on_manifold(self, rows: Array) -> bool:
+        """Return whether a cheap bound shows that points, as doubles, are on the manifold."""
         if not self.compiled:
             return False
-        bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
+        bound = self.core.plan_distance_bound(self.address, rows.T)
         return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
 
     def distance_from_manifold(self, points: Points) -> float | None:
@@ -195,7 +176,6 @@ class Plan:
         return rows.reshape(-1).view(self.dtype).reshape(*lead, *self.frame.point_shape)
 
 
-_MAKING = threading.Lock()
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
 
@@ -205,6 +185,10 @@ def plan_of(frame: Frame, method: Method) -> Plan:
         return _cached_plan(frame, _Same(method))
     except TypeError:  # a frame of the user that can't be hashed
         return Plan(frame, method)
+
+
+def _restored(frame: Frame, method: str | Method) -> Plan:
+    return plan_of(frame, resolve_method(method))
 
 
 class _Same:
@@ -256,6 +240,24 @@ def error_exponent(method: Method) -> float:
         return 1.0 / max(second + 1 + error_power(advancing) * (second - third), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)
+
+
+class _AnyPoint:
+    """A point that equals all others: the answer at the first one is kept for all of them."""
+
+    def __init__(self, point: Points) -> None:
+        self.point = point
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _AnyPoint)
+
+
+@lru_cache(maxsize=64)
+def _has_coordinates(frame: Frame, at: _AnyPoint) -> bool:
+    return frame.exp_coordinates(at.point, at.point) is not None
 
 
 def has_brackets(frame: Frame) -> bool:

@@ -3,106 +3,62 @@
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array
-from cg.frames.base import Frame
+from cg.frames.arrays import Array, Points
 from cg.integration.loop.messages import DERIVATIVES
 from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.python import context_of
 from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
+from cg.support.records import fields_of
 from cg.support.shared_numbers import VARIATION
-
-_KINDS: dict[str, Any] = {
-    "integer": ctypes.c_int64,
-    "real": ctypes.c_double,
-    "address": ctypes.c_void_p,
-}
 
 
 class _Record(ctypes.Structure):
-    _fields_ = [(name, _KINDS[kind]) for name, kind in VARIATION.items()]
+    _fields_ = fields_of(VARIATION)
 
 
 @dataclass(frozen=True, repr=False)
 class CompiledVariation(CompiledRhs):
     """A right-hand side of a solution with its derivatives, in compiled code.
 
-    The functions may be in Python; `fortran/interface/variational.f90` calls them.
-
-    Attributes
-    ----------
-    variational
-        The functions.
-    plan
-        The plan of the frame without derivatives.
-    args
-        Further arguments of functions in Python.
-    rows
-        The address of the record of each member, then its parameters, shape ``(members, 1 + k)``.
-        Functions receive the address of the parameters, so that events may read them too.
-    records
-        The records of the members, or one for all.
-    kept
-        Objects whose addresses are in the records.
+    ``fortran/interface/variational.f90`` calls the functions, which may be in Python. They receive
+    the address of the parameters, as events do.
     """
 
-    variational: VariationalField | None = None
-    plan: Plan | None = None
-    args: tuple[Any, ...] = ()
+    variational: Any = None  # the `VariationalField`
+    plan: Any = None  # that of the frame without derivatives
+    args: tuple[Any, ...] = ()  # type: ignore[misc]
+    # the address of the record of each member, then its parameters, shape (members, 1 + k)
     rows: Any = None
-    records: Any = None
-    kept: tuple[Any, ...] = field(default=(), compare=False)
-
-    has_args = True
+    records: Any = None  # of the members, or one for all
+    kept: tuple[Any, ...] = ()  # objects whose addresses are in the records
 
     def __repr__(self) -> str:
         return f"CompiledVariation({self.variational!r})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return compiled_variation, (self.variational, self.plan, self.args)
+        return compiled_variation, (self.variational, self.plan, self.args, self.parameters)
 
-    def on(self, frame: Frame, parameters: Array | None) -> CompiledVariation:
-        """Return the same right-hand side with the parameters of members."""
-        variational = self.variational
-        assert variational is not None
-        members = 1 if parameters is None else len(parameters)
-        rows = np.empty((members, 1 + variational.count))
-        if parameters is not None:
-            rows[:, 1:] = parameters
-        in_python = [
-            (f"{name}_data", function, variational.check_of(name), shape)
-            for name, function, shape in variational.functions()
-            if function is not None and not isinstance(function, CompiledRhs)
-        ]
-        own = parameters is not None and bool(in_python)
-        records = (_Record * (members if own else 1))(*[self.records[0]] * (members if own else 1))
-        contexts = []
-        for record, row in zip(records, rows, strict=False):
-            arguments = self.args
-            if parameters is not None:
-                numbers = row[1:]
-                numbers.flags.writeable = False
-                arguments = (*arguments, numbers)
-            point = variational.frame.point_shape, variational.frame.dtype.num
-            for name, function, check, shape in in_python:
-                contexts.append((function, arguments, *point, shape, check, [None]))
-                setattr(record, name, id(contexts[-1]))
-        first, size = ctypes.addressof(records), ctypes.sizeof(_Record) if own else 0
-        rows[:, :1].view(np.int64)[:, 0] = first + size * np.arange(members)
-        kept = *self.kept, contexts
-        return replace(
-            self, frame=frame, parameters=parameters, rows=rows, records=records, kept=kept
-        )
+    def with_data(
+        self, args: tuple[Any, ...], parameters: Array | None, _: int | None = None
+    ) -> CompiledVariation:
+        """Return the right-hand side of other members."""
+        return compiled_variation(self.variational, self.plan, args, parameters)
+
+    def arguments(self, member: int) -> tuple[Any, ...]:
+        """Return the further arguments that events of a member receive."""
+        return (*self.args, *super().arguments(member))
 
     @property
-    def name(self) -> str:
+    def failed_name(self) -> str:
         """Name of the function that failed last."""
-        names: tuple[str, ...] = "f", "jac", "df_dp", DERIVATIVES
+        names = "f", "jac", "df_dp", DERIVATIVES
         return names[max(int(record.failed) for record in self.records)]
 
     def addresses(self) -> tuple[int, int, int]:
@@ -115,66 +71,79 @@ class CompiledVariation(CompiledRhs):
         """Address of the parameters of the first member."""
         return int(self.rows.ctypes.data) + 8
 
-    def answer(self, member: int, t: float, y: Any) -> Array:
-        """Return the coefficients of a member; RuntimeError if a function returns an error."""
-        return self.part(slice(member, member + 1))(t, y)
-
-    def part(self, members: slice) -> CompiledVariation:
-        """Return the right-hand side of some of the members."""
-        if self.parameters is None:
-            return self
-        return replace(self, parameters=self.parameters[members], rows=self.rows[members])
-
 
 def compiled_variation(
-    variational: VariationalField, plan: Plan, args: tuple[Any, ...] = ()
-) -> CompiledVariation | None:
-    """Return the right-hand side in compiled code, or None.
+    variational: VariationalField, plan: Plan, args: tuple[Any, ...], parameters: Array | None
+) -> CompiledVariation:
+    """Return the right-hand side for functions of one point.
 
-    It is None for vectorized functions, and for differences on frames that aren't compiled.  The
-    plan is that of the frame without derivatives; ``args`` are further arguments of functions in
-    Python.
+    The plan is that of the frame without derivatives; ``args`` are further arguments of functions
+    in Python.
     """
     import cg._core_r64 as core
 
-    if variational.vectorized or (variational.jac is None and not is_compiled(variational.frame)):
-        return None
-    index, constant = _structure(variational.frame)
-    record = _Record(
-        frame=plan.address,
-        dimension=variational.frame.dim,
-        width=plan.width,
-        parameters=variational.count,
-        constants=len(constant) - 1,
-        index=index.ctypes.data,
-        constant=constant.ctypes.data,
-        step=DIFFERENCE_STEP,
-        nan=np.nan,
-        data=variational.f.user_data if isinstance(variational.f, CompiledRhs) else 0,
-    )
-    for name, function, _ in variational.functions():
+    first, *constants = _first_record(variational, plan)
+    in_python = []
+    for name, function, shape, check in _functions(variational):
         if isinstance(function, CompiledRhs):
-            setattr(record, name, function.address)
-            setattr(record, f"{name}_data", function.user_data)
-        elif function is not None:
-            setattr(record, name, core.function_addresses()[0])
+            setattr(first, name, function.address)
+            setattr(first, f"{name}_data", function.user_data)
+        else:
+            setattr(first, name, core.function_addresses()[0])
+            in_python.append((f"{name}_data", function, shape, check))
+    members = 1 if parameters is None else len(parameters)
+    rows = np.empty((members, 1 + variational.count))
+    if parameters is not None:
+        rows[:, 1:] = parameters
+    own = parameters is not None and bool(in_python)
+    count = members if own else 1
+    records = (_Record * count)(*[first] * count)
+    contexts = []
+    for record, row in zip(records, rows, strict=False):
+        arguments = args
+        if parameters is not None:
+            numbers = row[1:]
+            numbers.flags.writeable = False
+            arguments = (*args, numbers)
+        for name, function, shape, check in in_python:
+            contexts.append(context_of(function, arguments, variational.frame, shape, check))
+            setattr(record, name, id(contexts[-1]))
+    size = ctypes.sizeof(_Record) if own else 0
+    rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
-        None, core.function_addresses()[2], 0, variational=variational, plan=plan, args=args,
-        records=[record], kept=(index, constant),
+        None, core.function_addresses()[2], 0, frame=variational.product, parameters=parameters,
+        variational=variational, plan=plan, args=args, rows=rows, records=records,
+        kept=(constants, contexts),
     )  # fmt: skip
 
 
-def _structure(frame: Frame) -> tuple[Any, Array]:
-    """Return the indices (i, j, k) of structure constants, from one, and the constants.
+def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, Any, Array]:
+    """Return a record without functions, and its arrays of structure constants."""
+    f, (index, constant) = variational.f, variational.structure
+    # arrays can't be empty
+    index = np.ascontiguousarray(np.append(index.T, [[0, 0, 0]], axis=0) + 1, dtype=np.intc)
+    constant = np.append(constant, 0.0)
+    record = _Record(
+        frame=plan.address, dimension=variational.frame.dim, width=plan.width,
+        parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
+        constant=constant.ctypes.data, step=DIFFERENCE_STEP, nan=np.nan,
+        data=f.user_data if isinstance(f, CompiledRhs) else 0,
+    )  # fmt: skip
+    return record, index, constant
 
-    The last entry is zero, since no array may be empty.
-    """
-    basis = np.eye(frame.dim)
-    rows, values = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0)]
-    for i, e in enumerate(basis):
-        brackets = frame.bracket(e, basis)
-        j, k = np.nonzero(np.abs(brackets) > 1e-14 * np.abs(brackets).max(initial=0.0))
-        rows.append(np.stack([np.full_like(j, i), j, k], axis=-1))
-        values.append(brackets[j, k])
-    index = np.concatenate([*rows, np.zeros((1, 3), dtype=np.intp)]) + 1
-    return np.ascontiguousarray(index, dtype=np.intc), np.append(np.concatenate(values), 0.0)
+
+def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int, ...], Any]]:
+    """Return the functions with their names, the shapes of what they return, and their checks."""
+    frame, jac = variational.frame, variational.jac
+    functions: list[tuple[str, Any, tuple[int, ...], Any]]
+    functions = [("f", variational.f, (frame.rhs_dim,), variational.check)]
+    if jac is None and not is_compiled(frame):
+        # compiled code takes differences along flows of compiled frames only
+        def difference(t: float, y: Points, *arguments: Any) -> Array:
+            return variational.differences(t, y, arguments)
+
+        functions.append(("jac", difference, (frame.dim, frame.dim), lambda value, t, y: value))
+    for given in (jac, variational.df_dp):
+        if given is not None:
+            functions.append((given.name, given.function, given.shape, given.check))
+    return functions

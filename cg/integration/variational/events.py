@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from cg.frames.arrays import Array, Points
-from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.events import EventTable
 from cg.integration.variational.field import VariationalField, parameter_steps
 
@@ -37,46 +36,35 @@ class VariationalEvents(EventTable):
     :math:`f^+` the coefficients after it [1]_.  Derivatives of g and J are central differences of
     order four.
 
-    Parameters
-    ----------
-    events
-        As for `EventTable`.
-    arguments
-        ``arguments(member)`` returns the further arguments of the functions, with the parameters
-        last.
-    field
-        The right-hand side.
-
     References
     ----------
     .. [1] N. J. Kong, J. J. Payne, J. Zhu, A. M. Johnson, "Saltation matrices: the essential tool
        for linearizing hybrid dynamical systems", Proc. IEEE 112 (2024), 585-608.
     """
 
-    def __init__(
-        self,
-        events: Any,
-        arguments: Callable[[int], tuple[Any, ...]],
-        field: VariationalField,
-    ) -> None:
-        super().__init__(events, field.frame, arguments)
-        self._field = field
+    def __init__(self, table: EventTable, field: VariationalField) -> None:
+        self.table, self.field = table, field
+        self.frame, self.width = table.frame, table.width
+        self.events, self.compiled = table.events, table.compiled
+        self.rows = table.rows.copy()
         if not field.count:
-            self.functions[self.functions[:, 1] == 0, 1] = field.data_address(())
+            self.rows[self.rows[:, 1] == 0, 1] = field.data_address(())
         self._callable = [
-            None if compiled_event(event.function) is None else _EVENT(int(address))
-            for event, address in zip(self.events, self.functions[:, 0], strict=True)
+            None if source is None else _EVENT(source.address) for source in self.compiled
         ]
 
-    def value(self, index: int, member: int, t: float, y: Points) -> float:
-        """Return the value of a function at a point with derivatives."""
-        return super().value(index, member, t, self._field.split(y)[0])
+    def __reduce__(self) -> tuple[Any, ...]:
+        return VariationalEvents, (self.table, self.field)
 
-    def jump(self, index: int, member: int, t: float, y: Points) -> Points:
+    def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
+        """Return the value of a function at a point with derivatives."""
+        return super().value(index, t, self.field.split(y)[0], arguments)
+
+    def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
         """Return the point after a jump with its derivatives."""
-        field, arguments = self._field, self.arguments(member)
+        field, jump = self.field, self.table.jump
         before, x = field.split(y)
-        after = self.jump_with(index, t, before, arguments)
+        after = jump(index, t, before, arguments)
         rate, delta = self._time_derivative(index, t, before, x, arguments)
         if not np.isfinite(delta).all():
             raise ValueError(
@@ -85,7 +73,7 @@ class VariationalEvents(EventTable):
             )
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
-            return self.frame.local_coordinates(after, self.jump_with(index, time, point, extra))
+            return self.frame.local_coordinates(after, jump(index, time, point, extra))
 
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
         moved = by_fields.T @ x
@@ -94,13 +82,18 @@ class VariationalEvents(EventTable):
         moved += np.outer(along - slope, delta)
         return field.product.join(after, moved.ravel())
 
-    def time_derivatives(self, index: int, member: int, t: float, z: Array) -> Array:
-        """Return derivatives of an event's time, shape ``(dim + k,)``; z is the point before.
+    def time_derivatives(
+        self, index: int, times: Array, z: Array, arguments: tuple[Any, ...]
+    ) -> Array:
+        """Return derivatives of an event's times, shape ``(times, dim + k)``; z are points before.
 
         They aren't finite where the solution touches the event without crossing it.
         """
-        y, x = self._field.split(z)
-        return self._time_derivative(index, t, y, x, self.arguments(member))[1]
+        derivatives = np.empty((len(times), self.frame.dim + self.field.count))
+        for row, t, point in zip(derivatives, times.tolist(), z, strict=True):
+            y, x = self.field.split(point)
+            row[:] = self._time_derivative(index, t, y, x, arguments)[1]
+        return derivatives
 
     def _time_derivative(
         self, index: int, t: float, y: Points, x: Array, arguments: tuple[Any, ...]
@@ -120,16 +113,16 @@ class VariationalEvents(EventTable):
     def _value_of(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         function = self._callable[index]
         if function is None:
-            return self.value_with(index, t, y, arguments)
+            return self.table.value(index, t, y, arguments)
         point = np.ascontiguousarray(y)
-        data = int(self.functions[index, 1])
+        data = int(self.rows[index, 1])
         if not data:
-            data = self._field.data_address(arguments)
+            data = self.field.data_address(arguments)
         return float(function(t, point.ctypes.data, data or None))
 
     def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients of one member."""
-        field = self._field
+        field = self.field
         if not field.vectorized:
             return field.coefficients(t, y, arguments)
         if field.count:
@@ -168,8 +161,8 @@ class VariationalEvents(EventTable):
             _WEIGHTS @ values_along(size * e) / (_STEP * size)
             for size, e in zip(sizes, np.eye(n), strict=True)
         ]
-        by_parameters = np.empty((self._field.count, len(by_fields[0])))
-        if self._field.count:
+        by_parameters = np.empty((self.field.count, len(by_fields[0])))
+        if self.field.count:
             for i, (moved, size) in enumerate(parameter_steps(arguments[-1], _STEP)):
                 values = [function(t, y, (*arguments[:-1], moved(s))) for s in _STEPS]
                 by_parameters[i] = _WEIGHTS @ np.array(values) / size

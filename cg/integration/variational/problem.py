@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, check_finite, real_array
-from cg.frames.base import Frame
-from cg.frames.phase_space import PhaseSpace
-from cg.integration.problem import Problem, make_rhs
-from cg.integration.rhs.compiled import compiled_rhs
+from cg.integration.problem import Problem, Rhs
+from cg.integration.rhs.derivatives import derivative_of
+from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.plan import has_brackets, plan_of
 from cg.integration.variational.compiled import compiled_variation
 from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
+from cg.integration.variational.results import SolutionMaker
 from cg.method.splitting import Splitting
 from cg.support.checks import check_flag
 
@@ -24,109 +24,66 @@ from cg.support.checks import check_flag
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class VariationalProblem(Problem):
-    """An integration of points with their derivatives.
-
-    Attributes
-    ----------
-    field
-        The functions of the right-hand side.
-    """
-
-    field: VariationalField | None = None
-
-    @property
-    def variational(self) -> VariationalField:
-        """The right-hand side."""
-        assert self.field is not None
-        return self.field
-
-    def event_table(self) -> VariationalEvents:
-        """Return the events, whose functions receive points without derivatives."""
-        return VariationalEvents(self.events, self.arguments(), self.variational)
-
-
 def add_derivatives(
-    problem: Problem, f: Any, jac: Any, df_dp: Any, control_derivatives: Any
-) -> VariationalProblem:
+    problem: Problem, jac: Any, df_dp: Any, P0: ArrayLike | None, control_derivatives: Any
+) -> Problem:
     """Return the problem of points with derivatives, after checking the arguments.
 
     Further arguments are those of `cg.solve_variational`.
     """
-    frame, rhs = problem.plan.frame, problem.rhs
+    frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     control_derivatives = check_flag("control_derivatives", control_derivatives)
     if isinstance(problem.plan.method, Splitting):
         raise ValueError(
             f"method must not be a splitting method, got {problem.plan.method!r}, which moves no "
             "derivatives"
         )
-    check_by_differences(frame, jac=jac, df_dp=df_dp)
     if not has_brackets(frame):
         raise ValueError(
             "frame must know the bracket of its fields, by which derivatives move, got "
             f"{frame!r}, whose fields are no Lie algebra or none that it knows"
         )
-    numbers = rhs.parameters
+    n, numbers, vectorized = frame.dim, rhs.parameters, rhs.vectorized
     if df_dp is not None and numbers is None:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is not None:
         check_finite(numbers, "parameters")
-    check_function(jac, "jac", rhs.vectorized)
-    check_function(df_dp, "df_dp", rhs.vectorized)
+    count = 0 if numbers is None else numbers.shape[-1]
     field = VariationalField(
         frame,
-        f,
-        jac,
-        df_dp,
-        0 if numbers is None else numbers.shape[-1],
-        rhs.vectorized,
+        rhs.f if isinstance(rhs, PythonRhs) else rhs,
+        derivative_of(jac, "jac", frame, (n, n), vectorized),
+        derivative_of(df_dp, "df_dp", frame, (n, count), vectorized),
+        count,
+        vectorized,
     )
-    members = len(problem.points)
-    source = compiled_variation(field, problem.plan, problem.args) or field
-    joint, _ = make_rhs(
-        source, field.product, problem.args or None, numbers, rhs.vectorized, members
-    )
-    control = problem.control
+    joint: Rhs
+    if vectorized:
+        joint = PythonRhs(field, field.product, rhs.args, numbers, vectorized, rhs.first)
+    else:
+        joint = compiled_variation(field, problem.plan, rhs.args, numbers)
     if control.h is None:
         control = control._replace(atol=_tolerances(problem, field, control_derivatives))
-    same = {entry.name: getattr(problem, entry.name) for entry in fields(problem)}
-    changed = {
-        "plan": plan_of(field.product, problem.plan.method),
-        "rhs": joint,
-        "points": field.start(problem.points),
-        "control": control,
-        "f": source,
-    }
-    return VariationalProblem(**(same | changed), field=field)
-
-
-def check_by_differences(frame: Frame, **functions: Any) -> None:
-    """Raise ValueError if there are derivatives of forces, which are those of no coefficients."""
-    for name, function in functions.items():
-        if function is not None and isinstance(frame, PhaseSpace):
-            raise ValueError(
-                f"{name} must be None on a phase space, where derivatives are differences, got "
-                f"{function!r}"
-            )
-
-
-def check_function(function: Any, name: str, vectorized: bool) -> None:
-    """Raise TypeError or ValueError unless a function can be called, or is None."""
-    compiled = compiled_rhs(function, name)
-    if compiled is None and not (function is None or callable(function)):
-        raise TypeError(f"{name} must be callable as {name}(t, y), got {function!r}")
-    if compiled is not None and vectorized:
-        raise ValueError(f"vectorized must be False for a compiled {name}, which takes one point")
+    covariance = _check_covariance(P0, n, len(problem.points) if problem.many else None)
+    return replace(
+        problem,
+        plan=plan_of(field.product, problem.plan.method),
+        rhs=joint,
+        points=field.start(problem.points),
+        control=control,
+        events=None if events is None else VariationalEvents(events, field),
+        make_solution=SolutionMaker(field, covariance),
+    )
 
 
 def _tolerances(problem: Problem, field: VariationalField, control_derivatives: bool) -> Array:
     """Return absolute tolerances of all coordinates, infinite for those without error control."""
     plan, given = problem.plan, problem.control.atol
     n = field.frame.dim
-    own = np.broadcast_to(np.asarray(given), plan.tolerance_shape).ravel()
-    rows = own if plan.in_algebra else np.full(n, own.min())
-    if not plan.in_algebra:
+    shape = (n,) if problem.in_algebra else field.frame.point_shape
+    own = np.broadcast_to(np.asarray(given), shape).ravel()
+    rows = own if problem.in_algebra else np.full(n, own.min())
+    if not problem.in_algebra:
         # the norm is that of numbers here, and that of complex entries there
         own = np.repeat(own, plan.parts) / np.sqrt(plan.parts)
     if control_derivatives and not rows.min() > 0.0:
@@ -138,7 +95,7 @@ def _tolerances(problem: Problem, field: VariationalField, control_derivatives: 
     return np.concatenate([own, others if control_derivatives else np.full(others.size, np.inf)])
 
 
-def check_covariance(P0: ArrayLike | None, n: int, members: int | None) -> Array | None:
+def _check_covariance(P0: ArrayLike | None, n: int, members: int | None) -> Array | None:
     """Return the covariance of initial coordinates, or one for each member, after checking it."""
     if P0 is None:
         return None

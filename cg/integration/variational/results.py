@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
+from cg.integration.problem import Problem
 from cg.integration.results import EnsembleSolution, Solution
+from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
 
 
@@ -42,8 +45,6 @@ class VariationalOutput(DenseOutput):
 
     Attributes
     ----------
-    ts
-        The times of the steps, shape ``(steps + 1,)``, read-only.
     t_min, t_max
         The interval of the solution.
 
@@ -65,7 +66,12 @@ class VariationalOutput(DenseOutput):
         self._output: DenseOutput = output
         self._field = variational
         self._covariance = covariance
-        self.ts, self.t_min, self.t_max = output.ts, output.t_min, output.t_max
+        self.t_min, self.t_max = output.t_min, output.t_max
+
+    @cached_property
+    def ts(self) -> Array:  # type: ignore[override]
+        """The times of the steps."""
+        return self._output.ts
 
     def __repr__(self) -> str:
         return f"Variational{self._output!r}"
@@ -191,16 +197,41 @@ class EnsembleVariationalSolution(EnsembleSolution):
     dt_events: list[list[Array]] | None = field(kw_only=True)
 
     def __getitem__(self, member: int) -> VariationalSolution:
-        own = super().__getitem__(member)
-        member = range(len(self))[member]
-        reached = len(own.t)
-        arrays: dict[str, Any] = {
-            name: None if array is None else array[:reached, member]
-            for name, array in (
-                ("transition", self.transition),
-                ("sensitivity", self.sensitivity),
-                ("covariance", self.covariance),
-            )
-        }
-        rows = None if self.dt_events is None else [each[member] for each in self.dt_events]
-        return VariationalSolution(**vars(own), **arrays, dt_events=rows)
+        return VariationalSolution(**self._fields_of(range(len(self))[member]))
+
+    def _fields_of(self, member: int) -> dict[str, Any]:
+        fields, times = super()._fields_of(member), self.dt_events
+        for name in ("transition", "sensitivity", "covariance"):
+            array = getattr(self, name)
+            fields[name] = None if array is None else array[: len(fields["t"]), member]
+        fields["dt_events"] = None if times is None else [members[member] for members in times]
+        return fields
+
+
+@dataclass(frozen=True, eq=False)
+class SolutionMaker:
+    """Makes solutions from points that hold derivatives, by splitting them."""
+
+    variational: VariationalField
+    covariance: Array | None
+
+    def __call__(self, problem: Problem, fields: dict[str, Any]) -> EnsembleVariationalSolution:
+        """Return the solution of a problem with the fields of an `EnsembleSolution`."""
+        split, table = self.variational.split, problem.events
+        if fields["sol"] is not None:
+            parts = fields["sol"], self.variational, self.covariance
+            fields["sol"] = EnsembleVariationalOutput(*parts)
+        fields["dt_events"] = None
+        if isinstance(table, VariationalEvents):
+            before = zip(fields["t_events"], fields["y_events"], strict=True)
+            fields["dt_events"] = [
+                [
+                    table.time_derivatives(index, *at, problem.rhs.arguments(member))
+                    for member, at in enumerate(zip(times, points, strict=True))
+                ]
+                for index, (times, points) in enumerate(before)
+            ]
+            for name in ("y_events", "y_after"):
+                fields[name] = [[split(z)[0] for z in members] for members in fields[name]]
+        fields |= split_results(fields["y"], self.variational, self.covariance)
+        return EnsembleVariationalSolution(**fields | {"frame": self.variational.frame})

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Never, Unpack
+from typing import Any, Never, Unpack, cast
 
-import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.executors import ExecutorLike
-from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.ensemble import solve_members
-from cg.integration.ivp import solve_one
-from cg.integration.options import Options, check_no_more, expand_options
+from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import make_problem
-from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.variational.problem import VariationalProblem, add_derivatives, check_covariance
-from cg.integration.variational.results import (
-    EnsembleVariationalOutput,
-    EnsembleVariationalSolution,
-    VariationalOutput,
-    VariationalSolution,
-    split_results,
-)
+from cg.integration.variational.problem import add_derivatives
+from cg.integration.variational.results import EnsembleVariationalSolution, VariationalSolution
 from cg.support.checks import check_flag
 
 
@@ -136,58 +126,12 @@ def solve_variational(
     array([[ 0.54030231,  0.84147098],
            [-0.84147098,  0.54030231]])
     """
-    check_no_more(rest)
-    problem = make_problem(f, t_span, y0, frame=frame, options=options, stage_solver=stage_solver)
-    joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
-    covariance = check_covariance(P0, frame.dim, None)
-    solution = solve_one(joint, int(joint.t_eval is None), progress)
-    fields = _with_derivatives(joint, solution, covariance, VariationalOutput)
-    return VariationalSolution(**fields)
-
-
-def _with_derivatives(
-    problem: VariationalProblem,
-    solution: Solution | EnsembleSolution,
-    covariance: Array | None,
-    output_kind: type[VariationalOutput],
-) -> dict[str, Any]:
-    """Return the fields of a solution whose points hold derivatives, split into their parts."""
-    field = problem.variational
-    changed: dict[str, Any] = {
-        **split_results(solution.y, field, covariance), "frame": field.frame, "dt_events": None
-    }  # fmt: skip
-    if solution.sol is not None:
-        changed["sol"] = output_kind(solution.sol, field, covariance)
-    many = isinstance(solution, EnsembleSolution)
-    if solution.t_events is not None:
-        # for each event a list over the members
-        results: tuple[Any, ...] = solution.t_events, solution.y_events, solution.y_after
-        t, y, y_after = (lists if many else [[array] for array in lists] for lists in results)
-        events: dict[str, list[list[Any]]] = {
-            name: [[field.split(z)[0] for z in members] for members in lists]
-            for name, lists in (("y_events", y), ("y_after", y_after))
-        }
-        events["dt_events"] = [
-            [
-                _time_derivatives(problem, index, member, *at)
-                for member, at in enumerate(zip(times, points, strict=True))
-            ]
-            for index, (times, points) in enumerate(zip(t, y, strict=True))
-        ]
-        for name, lists in events.items():
-            changed[name] = lists if many else [array for (array,) in lists]
-    return vars(solution) | changed
-
-
-def _time_derivatives(
-    problem: VariationalProblem, index: int, member: int, times: Array, z: Array
-) -> Array:
-    """Return derivatives of the times of an event, shape ``(times, dim + k)``."""
-    field, table = problem.variational, problem.event_table()
-    derivatives = np.empty((len(times), field.frame.dim + field.count))
-    for row, t, point in zip(derivatives, times.tolist(), z, strict=True):
-        row[:] = table.time_derivatives(index, member, t, point)
-    return derivatives
+    problem = make_problem(
+        f, t_span, y0, frame=frame, options=complete_options(solve_variational, rest, options),
+        stage_solver=stage_solver,
+    )  # fmt: skip
+    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives)
+    return cast(VariationalSolution, solve_members(joint, progress)[0])
 
 
 @expand_options
@@ -255,15 +199,11 @@ def solve_variational_ensemble(
     >>> run.transition[-1].ravel().round(6)
     array([1.648721, 2.718282])
     """
-    check_no_more(rest)
-    vectorized = check_flag("vectorized", vectorized)
-    common = check_flag("common_steps", common_steps)
     problem = make_problem(
-        f, t_span, y0, frame=frame, options=options, many=True, vectorized=vectorized,
-        common=common, stage_solver=stage_solver,
+        f, t_span, y0, frame=frame, many=True, vectorized=check_flag("vectorized", vectorized),
+        options=complete_options(solve_variational_ensemble, rest, options),
+        common=check_flag("common_steps", common_steps), stage_solver=stage_solver,
     )  # fmt: skip
-    joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
-    covariance = check_covariance(P0, frame.dim, len(problem.points))
-    solution = solve_members(joint, executor, workers, None, progress)
-    fields = _with_derivatives(joint, solution, covariance, EnsembleVariationalOutput)
-    return EnsembleVariationalSolution(**fields)
+    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives)
+    solution = solve_members(joint, progress, executor, workers)
+    return cast(EnsembleVariationalSolution, solution)

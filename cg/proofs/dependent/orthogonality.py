@@ -25,10 +25,8 @@ import numpy as np
 from flint import arb, arb_mat
 from numpy.typing import NDArray
 
-from ...structure.layout import Layout
-from ...support.balls import to_ball, working_precision
-from ..weights import Quantity, Weights
-from ..words import (
+from ...conditions.word_weights import Quantity, Weights
+from ...conditions.words import (
     Condition,
     Word,
     add_multiple,
@@ -36,6 +34,8 @@ from ..words import (
     conditions_of,
     reciprocal_density,
 )
+from ...structure.layout import Layout
+from ...support.balls import to_ball, working_precision
 from .pairings import Pairing, pairings
 from .reduction import Reduction
 from .spanned import Spanned, doubles, independent_rows
@@ -53,10 +53,7 @@ def follow(
     y: Sequence[arb],
     left_out: Sequence[Condition],
 ) -> bool:
-    """Return whether conditions are satisfied wherever all others are, for coefficients in balls y.
-
-    `orders` are those of the rows of weights.
-    """
+    """Return whether conditions left out hold wherever all others do, for coefficients in y."""
     relations = _Relations(layout, orders, y)
     chosen = relations.choose(len(left_out), [relations.position[one] for one in left_out])
     if len(chosen) < len(left_out):

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 from flint import arb
 
+from ...conditions.word_weights import Quantity, Weights
+from ...conditions.words import Word, add_multiple, condition_words, extend, nodes, shuffle
 from ...structure.layout import Layout
 from ...structure.points import START
-from ..weights import Quantity, Weights
-from ..words import Word, add_multiple, condition_words, extend, nodes, shuffle
 from .contexts import SLOT, basis, depth, fill, has_slot, moments, outer_nodes
 
 Vector = list[arb]

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
 
-from ..words import (
+from ...conditions.words import (
     Word,
     add_multiple,
     condition_words,

@@ -12,8 +12,8 @@ import numpy as np
 from flint import arb, fmpq, fmpq_mat
 from numpy.typing import NDArray
 
+from ...conditions.words import Word, reciprocal_density
 from ...support.balls import to_flint
-from ..words import Word, reciprocal_density
 from .pairings import Pairing
 
 _DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 from flint import arb, arb_mat
 
 from ..structure.layout import Layout
-from ..support.balls import to_flint, to_fraction
-from .weights import Quantity, Weights
-from .words import Condition, Word, conditions_of, reciprocal_density
+from ..support.balls import to_flint
+from .word_weights import Quantity, Weights
+from .words import Condition, reciprocal_density
 
 
 @dataclass(frozen=True)
@@ -37,16 +36,3 @@ class EquationSystem:
         targets = (to_flint(reciprocal_density(word)) for _, word in self.conditions)
         values = [phi - target for phi, target in zip(weights.evaluate(z), targets, strict=True)]
         return values, weights
-
-
-def order_system(layout: Layout, orders: Sequence[int]) -> EquationSystem:
-    """Return the independent conditions that give the rows of weights these orders."""
-    return EquationSystem(layout, tuple(conditions_of(orders, layout.of_time)))
-
-
-def exact_residuals(
-    layout: Layout, x: Sequence[Fraction], words: Sequence[Word], row: int = 0
-) -> list[Fraction]:
-    """Return ``Φ(t) - 1/γ(t)`` for a row of weights, in rational arithmetic."""
-    system = EquationSystem(layout, tuple(Condition(row, word) for word in words))
-    return list(map(to_fraction, system.residuals(list(map(to_flint, x)))))

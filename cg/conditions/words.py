@@ -11,8 +11,8 @@ from fractions import Fraction
 from functools import cache
 from typing import Any, NamedTuple
 
-from ..conditions import condition_trees
 from ..trees.ordered import MAX_NODES, OrderedTree, forest
+from .counts import condition_trees
 
 Word = tuple[Any, ...]
 """A tuple of words, the letters."""
@@ -50,7 +50,7 @@ def is_of_time(word: Word) -> bool:
 def condition_words(
     order: int, independent: bool = True, of_time: bool = False
 ) -> tuple[Word, ...]:
-    """Return the words whose conditions give an order, as `conditions.condition_trees`.
+    """Return the words whose conditions give an order, as `condition_trees`.
 
     If ``of_time`` only those for linear equations: words of powers of the time.
     """
@@ -110,11 +110,7 @@ def shuffle(left: Word, right: Word) -> dict[Word, int]:
 
 
 def closure(words: Iterable[Word]) -> list[Word]:
-    """Return all nonempty factors of some words, and of the trees among their letters.
-
-    They come by increasing number of nodes, so that letters stand before words that
-    have them.
-    """
+    """Return all nonempty factors of words, and of trees among their letters, letters first."""
     factors: set[Word] = set()
 
     def add(word: Word) -> None:
@@ -140,11 +136,7 @@ def text(word: Word) -> str:
 
 
 def parse(tree: str) -> Word:
-    """Read what `text` writes.
-
-    ValueError if the text isn't one tree in balanced brackets, or the tree has more than
-    `cg.trees.ordered.MAX_NODES` nodes.
-    """
+    """Read what `text` writes; ValueError if that isn't one tree in balanced brackets."""
     if tree.count("[") > MAX_NODES:
         raise ValueError(f"a tree must have at most {MAX_NODES} nodes, got {tree[:80]!r}")
 

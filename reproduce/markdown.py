@@ -1,4 +1,4 @@
-"""Tables in Markdown, and pages of which a part is generated."""
+"""Tables in Markdown, and pages of which a part is generated, for the documentation."""
 
 from __future__ import annotations
 

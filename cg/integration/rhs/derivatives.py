@@ -1,0 +1,81 @@
+"""Functions of the user that return derivatives of a right-hand side: ``jac`` and ``df_dp``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cg.frames.arrays import Array, Points, is_array, real_array
+from cg.frames.base import Frame
+from cg.frames.phase_space import PhaseSpace
+from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
+from cg.integration.rhs.python import when
+
+
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """A function of the user, in Python or compiled, with the arguments of ``f``."""
+
+    name: str
+    function: Any  # a `CompiledRhs` if it is compiled
+    frame: Frame
+    shape: tuple[int, ...]  # of its values at one point
+    vectorized: bool = False  # whether it takes several points in one call
+
+    def __call__(self, t: Any, y: Points, arguments: tuple[Any, ...], data: int = 0) -> Array:
+        """Return the derivatives; a compiled function without its own data receives ``data``."""
+        if isinstance(self.function, CompiledRhs):
+            own = self.function.user_data or data
+            return self.check(self.function.values(self.frame, own, t, y[None], self.shape)[0], t)
+        return self.check(self.function(t, read_only(y), *arguments), t)
+
+    def check(self, value: Any, t: Any, _: Any = None) -> Array:
+        """Return the value of the function as a C-ordered array, after checking it."""
+        expected = (len(t), *self.shape) if self.vectorized else self.shape
+        if not is_array(value, np.float64):
+            try:
+                value = real_array(value if value is not None else "None", self.name)
+            except ValueError as error:
+                raise ValueError(
+                    f"{self.name} must return an array of shape {expected}, got {value!r} at "
+                    f"{when(t)}"
+                ) from error
+        if value.shape != expected:
+            raise ValueError(
+                f"{self.name} must return an array of shape {expected}, got shape {value.shape} at "
+                f"{when(t)}"
+            )
+        if not math.isfinite(value.sum()) and not np.isfinite(value).all():
+            raise ValueError(f"{self.name} must return finite numbers, got {value} at {when(t)}")
+        return np.ascontiguousarray(value)
+
+
+def derivative_of(
+    function: Any, name: str, frame: Frame, shape: tuple[int, ...], vectorized: bool
+) -> Derivative | None:
+    """Return a function that the user gave, after checking it, or None."""
+    compiled = compiled_rhs(function, name)
+    if compiled is not None and vectorized:
+        raise ValueError(f"vectorized must be False for a compiled {name}, which takes one point")
+    if compiled is None:
+        if function is None:
+            return None
+        if not callable(function):
+            raise TypeError(f"{name} must be callable as {name}(t, y), got {function!r}")
+    if isinstance(frame, PhaseSpace):
+        # f returns forces, and derivatives would be those of all coefficients
+        raise ValueError(
+            f"{name} must be None on a phase space, where derivatives are differences, got "
+            f"{function!r}"
+        )
+    return Derivative(name, compiled or function, frame, shape, vectorized)
+
+
+def read_only(y: Points) -> Points:
+    """Return a view that a function of the user can't write to."""
+    view = y.view()
+    view.flags.writeable = False
+    return view

@@ -1,0 +1,288 @@
+"""Inputs of right-hand sides that are given by samples in time."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cg.frames.arrays import Array, check_finite, real_array
+from cg.support.checks import check_flag
+
+_LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
+_ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
+
+
+class Samples:
+    r"""A function of time given by samples, as an input of right-hand sides.
+
+    Pass it as ``inputs`` to an integration, whose functions then get its value: ``f(t, y, u)``.
+    Steps end where the curve or its derivative jumps, and the right-hand side sees the curve on
+    its side of each such time.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        Times in increasing order; with ``kind="averages"`` the n + 1 edges of n intervals.
+    values : array_like, shape (n, ...)
+        The values; ``u`` has the shape of one of them, and is a float if that is ``()``. With
+        ``members=True`` the shape is ``(members, n, ...)``, and each member of an ensemble has
+        its own.
+    kind : {"hold", "linear", "cubic", "averages"}
+        The curve: each value from its time on until the next one; linear between the times; the
+        cubic spline with not-a-knot ends; or, for values that are means over the intervals, such
+        as those of gyroscopes that integrate, the derivative of the cubic spline through the
+        cumulative sums, which has these means and is continuous.
+    end : float, optional
+        Time to which the last value of ``"hold"`` lasts; by default it has no end.
+    causal : bool, optional
+        Whether the curve of ``"averages"`` uses no later intervals, as is needed where samples
+        arrive during the integration: it is linear in each interval, with the mean of that
+        interval and the slope between the middle of the previous one and its own; the first one
+        is constant. It jumps at the edges.
+    members : bool, optional
+        Whether ``values`` has a first axis for the members of an ensemble.
+
+    Raises
+    ------
+    TypeError
+        If an argument has an impossible type.
+    ValueError
+        If ``times`` aren't increasing, there are other numbers of times and values, numbers aren't
+        finite, or arguments contradict each other.
+
+    Examples
+    --------
+    >>> thrust = Samples([0.0, 0.5, 1.0], [1.0, 0.0, 2.0])
+    >>> thrust(0.25), thrust(0.5), thrust(7.0)
+    (1.0, 0.0, 2.0)
+    >>> gyro = Samples([0.0, 0.1, 0.2, 0.3], [[0.0], [1.0], [0.0]], kind="averages")
+    >>> gyro(0.15).round(8)
+    array([1.08333333])
+    """
+
+    def __init__(
+        self,
+        times: ArrayLike,
+        values: ArrayLike,
+        kind: str = "hold",
+        *,
+        end: float | None = None,
+        causal: bool = False,
+        members: bool = False,
+    ) -> None:
+        if not isinstance(kind, str) or kind not in _LEAST:
+            raise ValueError(f"kind must be one of {', '.join(_LEAST)}, got {kind!r}")
+        self.kind = kind
+        self.causal = check_flag("causal", causal)
+        if self.causal and kind != "averages":
+            raise ValueError(f"causal must be False for kind {kind!r}, whose curve needs no mean")
+        self.times = _read_times(times)
+        self.values = _read_values(values, len(self.times), kind, check_flag("members", members))
+        self.members = len(self.values) if members else None
+        self.end = np.inf if kind == "hold" else float(self.times[-1])
+        if end is not None:
+            self.end = self._read_end(end)
+        by_time = np.moveaxis(self.values, 1, 0) if members else self.values
+        self._edges, self._pieces = _curve(self.times, by_time, kind, self.causal)
+        self._starts = self._edges.tolist()
+        flat = self._pieces.reshape(*self._pieces.shape[: 3 if members else 2], -1)
+        self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0) if members else flat)
+
+    def _read_end(self, end: Any) -> float:
+        value = real_array(end, "end")
+        if self.kind != "hold":
+            raise ValueError(f"end must be None for kind {self.kind!r}, got {end!r}")
+        if value.shape != () or not self.times[-1] < value < np.inf:
+            raise ValueError(f"end must be after the last time {self.times[-1]:g}, got {end!r}")
+        return float(value)
+
+    def __repr__(self) -> str:
+        of = "" if self.members is None else f", members={self.members}"
+        return f"Samples({len(self.times)} times, shape={self.shape}, kind={self.kind!r}{of})"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the value at one time."""
+        return self.values.shape[1 if self.members is None else 2 :]
+
+    def numbers(self) -> tuple[Array, Array, int]:
+        """Return what compiled code evaluates: starts and coefficients of the pieces.
+
+        The coefficients have the shape ``(powers, pieces, width)``, with a first axis for members;
+        the last result is the bytes from one member to the next. The arrays live as long as this
+        object.
+        """
+        return self._edges, self._numbers, self._numbers[0].nbytes if self.members else 0
+
+    @property
+    def corners(self) -> Array:
+        """Times at which the curve or its derivative jumps."""
+        inner, pieces = self._edges[1:], self._pieces.reshape(*self._pieces.shape[:2], -1)
+        if self.kind in ("cubic", "averages") and not self.causal:
+            return inner[:0]
+        lengths = np.diff(self._edges)[:, None]
+        jumps = pieces[0, 1:] != pieces[0, :-1]
+        if len(pieces) > 1:
+            ends = pieces[0, :-1] + pieces[1, :-1] * lengths
+            jumps = (pieces[1, 1:] != pieces[1, :-1]) | (self.causal & (ends != pieces[0, 1:]))
+        corners: Array = inner[jumps.any(axis=1)]
+        return corners
+
+    def __call__(self, t: float, member: int | None = None) -> Any:
+        """Return the value at a time, that after a jump.
+
+        Parameters
+        ----------
+        t : float
+        member : int, optional
+            The member of an ensemble, for values of several members. All of them by default.
+
+        Raises
+        ------
+        ValueError
+            If the time lies outside the curve.
+        """
+        if not self._starts[0] <= t <= self.end:
+            self.check_span(t, t)
+        piece = min(max(bisect_right(self._starts, t) - 1, 0), self._pieces.shape[1] - 1)
+        rows = self._pieces[:, piece] if member is None else self._pieces[:, piece, member]
+        value = rows[-1]
+        if len(rows) > 1:
+            s = t - self._starts[piece]
+            for row in rows[-2::-1]:
+                value = row + s * value
+        return value if np.ndim(value) else float(value)
+
+    def check_span(self, start: float, stop: float, name: str = "t") -> None:
+        """Raise ValueError unless the curve covers two times and those between, up to rounding."""
+        first, last = min(start, stop), max(start, stop)
+        low = self.times[0] - _ENDS * np.spacing(abs(self.times[0]))
+        high = self.end + (_ENDS * np.spacing(abs(self.end)) if np.isfinite(self.end) else 0.0)
+        if not (low <= first and last <= high):
+            got = f"{start:.17g}" if start == stop else f"({start:.17g}, {stop:.17g})"
+            raise ValueError(
+                f"{name} must lie within the times of the samples, {self.times[0]:g} to "
+                f"{self.end:g}, got {got}"
+            )
+
+
+def _read_times(times: ArrayLike) -> Array:
+    array = real_array(times, "times")
+    if array.ndim != 1 or not array.size:
+        raise ValueError(f"times must have shape (n,), got {array.shape}")
+    check_finite(array, "times")
+    steps = np.diff(array)
+    if not (steps > 0).all():
+        place = int(np.argmax(~(steps > 0)))
+        raise ValueError(
+            f"times must increase, got {array[place + 1]:g} after {array[place]:g} at [{place + 1}]"
+        )
+    array.flags.writeable = False
+    return array
+
+
+def _read_values(values: ArrayLike, times: int, kind: str, members: bool) -> Array:
+    array = real_array(values, "values")
+    count = times - (kind == "averages")
+    needed = _LEAST[kind]
+    if count < needed:
+        raise ValueError(f"times must have at least {needed + times - count} entries, got {times}")
+    lead = array.shape[: 2 if members else 1]
+    if lead[-1:] != (count,) or len(lead) != (2 if members else 1) or 0 in array.shape:
+        shape = f"(members, {count}, ...)" if members else f"({count}, ...)"
+        edges = ", one less than the edges" if kind == "averages" else ""
+        raise ValueError(f"values must have shape {shape}{edges}, got {array.shape}")
+    check_finite(array, "values")
+    array.flags.writeable = False
+    return array
+
+
+def _curve(times: Array, values: Array, kind: str, causal: bool) -> tuple[Array, Array]:
+    """Return the starts of the pieces of a curve and their polynomials, shape (powers, pieces, …).
+
+    The first power is the zeroth, and times count from the start of the piece.
+    """
+    from scipy.interpolate import CubicSpline
+
+    steps = np.diff(times).reshape(-1, *[1] * (values.ndim - 1))
+    if kind == "hold":
+        return times, values[None]
+    if kind == "linear":
+        return times[:-1], np.stack([values[:-1], np.diff(values, axis=0) / steps])
+    if kind == "cubic":
+        return times[:-1], np.ascontiguousarray(CubicSpline(times, values).c[::-1])
+    if causal:
+        slopes = np.zeros_like(values)
+        slopes[1:] = np.diff(values, axis=0) / (0.5 * (steps[1:] + steps[:-1]))
+        return times[:-1], np.stack([values - 0.5 * steps * slopes, slopes])
+    sums = np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps * values, axis=0)])
+    return times[:-1], np.ascontiguousarray(CubicSpline(times, sums).derivative().c[::-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """The inputs of an integration: samples of one or of several rates.
+
+    Attributes
+    ----------
+    curves : tuple of Samples
+    together : bool
+        Whether functions get a tuple of values, as the user passed a tuple.
+    """
+
+    curves: tuple[Samples, ...]
+    together: bool
+
+    def at(self, t: float, member: int = 0) -> Any:
+        """Return what functions of a member get at a time."""
+        values = tuple(curve(t, None if curve.members is None else member) for curve in self.curves)
+        return values if self.together else values[0]
+
+    def compile(self, parameters: Array | None, members: int) -> tuple[Array, NDArray[np.int64]]:
+        """Return the data of compiled functions and the table of `fortran/steps/inputs.f90`.
+
+        The data are the parameters of each member, then room for the values of all curves, shape
+        ``(members, numbers)``.
+        """
+        first = 0 if parameters is None else parameters.shape[1]
+        rows = []
+        for curve in self.curves:
+            starts, numbers, stride = curve.numbers()
+            powers, pieces, width = numbers.shape[-3:]
+            address = starts.ctypes.data, numbers.ctypes.data
+            rows.append((powers, pieces, width, first, *address, stride))
+            first += width
+        data = np.zeros((members, first))
+        if parameters is not None:
+            data[:, : parameters.shape[1]] = parameters
+        return data, np.array(rows, dtype=np.int64)
+
+    def corners(self, start: float, stop: float) -> Array:
+        """Return the times between two at which a curve or its derivative jumps, in their order."""
+        times = np.unique(np.concatenate([curve.corners for curve in self.curves]))
+        times = times[(times > min(start, stop)) & (times < max(start, stop))]
+        return times if start <= stop else times[::-1]
+
+
+def check_inputs(inputs: Any, start: float, stop: float, members: int | None) -> Inputs | None:
+    """Return the inputs of an integration, None without any, after checking them."""
+    if inputs is None:
+        return None
+    together = isinstance(inputs, tuple)
+    curves: Sequence[Any] = inputs if together else (inputs,)
+    for k, curve in enumerate(curves):
+        name = f"inputs[{k}]" if together else "inputs"
+        if not isinstance(curve, Samples):
+            raise TypeError(f"{name} must be cg.Samples, or a tuple of them, got {curve!r}")
+        curve.check_span(start, stop, "t_span")
+        if curve.members is not None and curve.members != members:
+            expected = "no members" if members is None else f"{members} members"
+            raise ValueError(f"{name} must have {expected}, got {curve.members}")
+    if not curves:
+        raise ValueError("inputs must hold at least one of cg.Samples, got none")
+    return Inputs(tuple(curves), together)

@@ -1,0 +1,95 @@
+"""Divergences of vector fields, for densities that flow with solutions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from cg.frames import FieldFrame, Frame, MatrixFrame, Power, Product
+from cg.jax.entire import JaxArray
+from cg.jax.frames import rules_of
+from cg.jax.rules import real_dtype
+
+
+def divergence(
+    f: Callable[[Any, Any, Any], Any], frame: Frame, *, key: Any = None
+) -> Callable[[Any, Any, Any], JaxArray]:
+    r"""Return the divergence of a right-hand side with respect to the invariant volume.
+
+    The fields of a frame leave the invariant volume of its manifold as it is: Haar measure on
+    groups, area on spheres. So the divergence of :math:`\sum_i f_i E_i` is :math:`\sum_i E_i f_i`,
+    and along solutions the logarithm of a density decreases by its integral.
+
+    Parameters
+    ----------
+    f : callable
+        ``f(t, y, args)`` as for `FrameTerm`.
+    frame : cg.frames.Frame
+        A frame that `cg.jax` supports, but none with fields of the user.
+    key : jax.random.key, optional
+        Hutchinson's estimate instead of the sum of ``frame.dim`` derivatives: one derivative in a
+        random direction of entries ±1. Its mean is the divergence; use one key for a whole
+        integration.
+
+    Returns
+    -------
+    callable
+        A function ``(t, y, args)`` that returns a number.
+
+    Raises
+    ------
+    TypeError
+        If ``f`` is no function, or ``frame`` no frame that JAX has functions for.
+    ValueError
+        If the frame has fields of the user, whose invariant volume isn't known.
+
+    Examples
+    --------
+    The solution on a sphere and the logarithm of a density, which is uniform at the start:
+
+    >>> import cg, diffrax, jax.numpy as jnp
+    >>> sphere = cg.frames.Sphere(2)
+    >>> def f(t, y, args):  # the gradient of the height
+    ...     return jnp.cross(y, jnp.array([0.0, 0.0, 1.0]))
+    >>> both = cg.frames.Product(sphere, cg.frames.Euclidean(1))
+    >>> def rates(t, y, args):
+    ...     change = -cg.jax.divergence(f, sphere)(t, y[:3], args)
+    ...     return jnp.concatenate([f(t, y[:3], args), change[None]])
+    >>> solution = diffrax.diffeqsolve(
+    ...     cg.jax.FrameTerm(rates, both), cg.jax.Solver("CF4"), 0.0, 1.0, 0.05,
+    ...     jnp.array([0.0, 0.0, 1.0, 0.0]),
+    ... )
+    >>> round(float(solution.ys[-1, 3]), 4)  # the density at the pole grows by exp(2)
+    2.0
+    """
+    if not callable(f):
+        raise TypeError(f"f must be a function, got {f!r}")
+    rules = rules_of(frame)
+    if own := _own(frame):
+        raise ValueError(f"frame must have a known invariant volume, got fields of the user: {own}")
+
+    def evaluate(t: Any, y: Any, args: Any) -> JaxArray:
+        zero = jnp.zeros(frame.dim, real_dtype(y))
+
+        def along(v: JaxArray) -> JaxArray:
+            return jnp.asarray(f(t, rules.flow(v, y), args))
+
+        if key is None:
+            return jnp.trace(jax.jacfwd(along)(zero))
+        direction = jax.random.rademacher(key, (frame.dim,), zero.dtype)
+        return direction @ jax.jvp(along, (zero,), (direction,))[1]
+
+    return evaluate
+
+
+def _own(frame: Frame) -> Frame | None:
+    """Return a frame with fields of the user that a frame is or contains."""
+    if isinstance(frame, FieldFrame | MatrixFrame):
+        return frame
+    if isinstance(frame, Power):
+        return _own(frame.factor)
+    factors = frame.factors if isinstance(frame, Product) else ()
+    return next(filter(None, map(_own, factors)), None)

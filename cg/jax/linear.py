@@ -1,0 +1,145 @@
+"""Linear equations in JAX: coefficients of time alone, and steps of Magnus methods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from cg.frames import Frame
+from cg.integration.step.paths import MethodPaths
+from cg.jax.entire import JaxArray
+from cg.jax.rules import Rules
+from cg.jax.term import FrameTerm
+
+_ROUNDINGS = 64  # as in fortran/steps/node_difference.f90
+
+
+class LinearTerm(FrameTerm):
+    r"""The right-hand side :math:`y' = \sum_i a_i(t) E_i(y)`, with coefficients of time alone.
+
+    It takes every `Solver`, also those of Magnus methods, such as ``Solver("CFM6(4)")``: their
+    steps evaluate the coefficients at a few nodes, all at once, and need fewer flows.
+
+    Parameters
+    ----------
+    a : callable
+        ``a(t, args)`` of ``jax.numpy`` returns the coefficients, shape ``(frame.dim,)``.
+    frame : cg.frames.Frame
+        As for `FrameTerm`; also `cg.frames.LinearAction`, whose generators are dense in JAX.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `FrameTerm`.
+
+    Examples
+    --------
+    >>> import cg, diffrax, jax.numpy as jnp
+    >>> frame = cg.frames.SO3()
+    >>> term = cg.jax.LinearTerm(lambda t, rate: jnp.array([0.0, 0.0, rate * t]), frame)
+    >>> solution = diffrax.diffeqsolve(
+    ...     term, cg.jax.Solver("CFM4"), t0=0.0, t1=1.0, dt0=0.5, y0=jnp.eye(3), args=2.0
+    ... )
+    >>> [round(float(x), 5) for x in solution.ys[0, 0]]  # a turn by one radian
+    [0.5403, -0.84147, 0.0]
+    """
+
+    def __init__(self, a: Callable[[Any, Any], Any], frame: Frame) -> None:
+        if not callable(a):
+            raise TypeError(f"a must be a function, got {a!r}")
+        super().__init__(_OfTime(a), frame)
+
+
+class _OfTime(eqx.Module):
+    a: Callable[[Any, Any], Any]
+
+    def __call__(self, t: Any, y: Any, args: Any) -> Any:
+        return self.a(t, args)
+
+
+class Before(eqx.Module):
+    """The step before: its size, zero without one, and the coefficients at its nodes."""
+
+    h: JaxArray
+    values: JaxArray
+
+
+def no_step(paths: MethodPaths, first: JaxArray) -> Before:
+    """Return the step before a first one."""
+    count = len(paths.stages)
+    return Before(jnp.zeros((), first.dtype), jnp.zeros((count, len(first)), first.dtype))
+
+
+def values_at_nodes(
+    paths: MethodPaths, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, dtype: Any
+) -> JaxArray:
+    """Return the coefficients at all nodes, evaluated together."""
+    return jax.vmap(lambda c: f(c, y0))(jnp.asarray(paths.abscissae, dtype))
+
+
+def node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:
+    """Return the estimate of what the nodes don't see, zero after no step.
+
+    It is the highest divided difference over the nodes of two steps, as in
+    ``fortran/steps/node_difference.f90``.
+    """
+    c = np.asarray(paths.abscissae)
+    known = h != 0.0
+    ratio = before.h / jnp.where(known, h, 1.0)
+    earlier = (jnp.asarray(c, h.dtype) - 1.0) * ratio
+    fields = before.values
+    if c[-1] == 1.0 and c[0] == 0.0:  # the end of the step before is the start of this one
+        earlier, fields = earlier[:-1], fields[:-1]
+    times = jnp.concatenate([earlier, jnp.asarray(c, h.dtype)])
+    fields = jnp.concatenate([fields, values])
+    used = known & (before.h != 0.0)
+    times = jnp.where(used, times, jnp.arange(len(times), dtype=h.dtype))
+    apart = times[:, None] - times + jnp.eye(len(times), dtype=h.dtype)
+    weights = 1.0 / apart.prod(axis=1)
+    middles = 0.5 * (times[-len(c) : -1] + times[-len(c) + 1 :])
+    largest = jnp.abs((middles[:, None] - times).prod(axis=1)).max()
+    difference = weights @ fields
+    rounding = _ROUNDINGS * jnp.finfo(h.dtype).eps * (jnp.abs(weights) @ jnp.abs(fields))
+    seen = used & (jnp.abs(difference) > rounding)
+    return h * largest * jnp.where(seen, difference, 0.0)
+
+
+def magnus_error(
+    paths: MethodPaths,
+    rules: Rules,
+    y0: JaxArray,
+    y1: JaxArray,
+    others: list[JaxArray],
+    unseen: JaxArray,
+) -> JaxArray:
+    """Return the error estimate as a tangent: that of the results, or that of the nodes.
+
+    Two results at distances e and d give e (e / hypot(e, factor d))^power.
+    """
+    size = rules.extent(y0, y1)
+
+    def norm(tangent: JaxArray, v: JaxArray | None) -> JaxArray:
+        measured = tangent if v is None else rules.measured(v, y1)
+        squares = (jnp.abs(measured / size) ** 2).sum()
+        return jnp.sqrt(jnp.maximum(squares, jnp.finfo(size.dtype).tiny))
+
+    if rules.log is None:
+        vectors: list[JaxArray | None] = [None for _ in others]
+        tangents = [y1 - other for other in others]
+    else:
+        vectors = [rules.log(other, y1) for other in others]
+        tangents = [rules.field(v, y1) for v in vectors]
+    norms = [norm(tangent, v) for tangent, v in zip(tangents, vectors, strict=True)]
+    scale = jnp.ones((), size.dtype)
+    if len(norms) == 2:
+        factor = float(paths.factor)
+        scale = (norms[0] / jnp.hypot(norms[0], factor * norms[1])) ** paths.power
+    scale = jax.lax.stop_gradient(scale)
+    rest = rules.field(unseen, y1)
+    of_nodes = norm(rest, None if rules.log is None else unseen)
+    return jnp.where(of_nodes > scale * norms[0], rest, scale * tangents[0])

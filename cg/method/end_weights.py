@@ -1,0 +1,114 @@
+r"""Error estimates that see what happens between the last node of a step and its end.
+
+The difference of the two results of a pair without a node at the end of the step doesn't change if
+the field jumps after its last node. A combination :math:`h \sum_k d_k F_k` of the values at stages
+and of the value at the result, which is that at the start of the next step, does. The weights d are
+such that it vanishes through as high a power of h as the difference of the results does, or one
+below it. In the latter case the quotient of its square and of a combination that is one order lower
+has the order of the difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..structure.points import START, PointTree
+from ..trees.ordered import forest
+from .magnus import MagnusMethod
+from .method import Method, cached
+from .munthe_kaas import MuntheKaas
+
+Matrix = NDArray[np.float64]
+
+_AT_END = 1e-9  # nodes nearer to the end are at the end
+_ROUNDING = 1e-10  # of singular values and of the weight at the end
+_SHARE = Fraction(1, 5)  # of the largest error of a jump after the last node
+
+
+@dataclass(frozen=True)
+class EndWeights:
+    """Combinations of values at stages and at the result.
+
+    Attributes
+    ----------
+    rows
+        The weights d of one combination or two, that of higher order first, those at the end 1.
+    factor
+        The factor with which the estimate counts: a fifth of the time after the last node.
+    """
+
+    rows: tuple[tuple[Fraction, ...], ...]
+    factor: Fraction
+
+
+@cached
+def end_weights(method: Method) -> EndWeights | None:
+    """Return the weights for an explicit pair that doesn't see the end of a step, else None."""
+    order, second = method.order, method.embedded_order
+    tree = method.tree
+    result = tree.embedded_result if (second or 0) > order else tree.result
+    if second is None or result is None or method.third_order is not None:
+        return None
+    if isinstance(method, MagnusMethod | MuntheKaas) or not method.explicit:
+        return None
+    if method.c.max() > 1.0 - _AT_END:
+        return None
+    highest = min(order, second)
+    values = _values(tree, result, highest)
+    rows = [_vanishing(values)]
+    if rows[0] is None and highest > 2:
+        below = [forest(highest).with_nodes(power).start - 1 for power in (highest, highest - 1)]
+        rows = [_vanishing(values[:count]) for count in below]
+    weights = tuple(tuple(map(Fraction, row.tolist())) for row in rows if row is not None)
+    if len(weights) < len(rows):
+        return None
+    return EndWeights(weights, _SHARE * Fraction(1.0 - method.c.max()))
+
+
+def _values(tree: PointTree, result: int, order: int) -> Matrix:
+    """Return the elementary weights of trees up to an order at stages and at the result."""
+    trees, ends = forest(order), [*tree.stage_points, result]
+    used = sorted({point for end in ends for point in tree.path(end)})
+    flows = [{k: float(weight) for k, weight in point.weights.items()} for point in tree.points]
+    letters: dict[int, list[Any]] = {}
+    rows = []
+    for t in range(1, trees.with_nodes(order).stop):
+        at = _word_weights(tree, used, trees.children[t - 1], letters)
+        rows.append([at[end] for end in ends])
+        letters[t] = [sum(weight * rows[-1][k] for k, weight in flow.items()) for flow in flows]
+    return np.array(rows)
+
+
+def _word_weights(
+    tree: PointTree, points: list[int], word: Any, letters: dict[int, list[Any]]
+) -> dict[int, float]:
+    """Return the character of each point on a word of trees.
+
+    Of each prefix it is the sum over shorter prefixes of the character of the parent times the
+    remaining n letters, divided by n!.
+    """
+    prefixes = {START: [1.0] + [0.0] * len(word)}  # by the length of the prefix
+    for m in points:
+        before = prefixes[tree.points[m].parent]
+        after = before.copy()
+        for end in range(1, len(word) + 1):
+            product = 1.0
+            for begin in range(end - 1, -1, -1):
+                product *= letters[word[begin]][m] / (end - begin)
+                after[end] += before[begin] * product
+        prefixes[m] = after
+    return {m: row[-1] for m, row in prefixes.items()}
+
+
+def _vanishing(values: Matrix) -> NDArray[np.float64] | None:
+    """Return the smallest weights on which all rows vanish, with 1 at the end, if there are any."""
+    _, sizes, basis = np.linalg.svd(values)
+    basis = basis[np.count_nonzero(sizes > _ROUNDING * sizes[0]) :]
+    at_end = basis[:, -1]
+    square = float(at_end @ at_end)
+    return None if square < _ROUNDING else at_end @ basis / square

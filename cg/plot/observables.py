@@ -1,0 +1,134 @@
+"""Plots of numbers over time: invariants of a solution, observables of an ensemble."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..frames.arrays import check_finite, real_array
+from .style import axes_for, check_label, curve_style, plain
+
+_QUANTILES = ((0.05, 0.95), (0.25, 0.75))
+
+
+def invariants(
+    solution: Any,
+    functions: Callable[[Any], Mapping[str, ArrayLike]] | Mapping[str, Callable[[Any], ArrayLike]],
+    ax: Any = None,
+) -> Any:
+    """Draw how far invariants of a solution are from their initial values, against time.
+
+    Parameters
+    ----------
+    solution : Solution
+    functions : callable or mapping
+        A function of the points ``solution.y``, time along the first axis, that returns the values
+        of each invariant by its name, such as the ``invariants`` of problems; or such a function of
+        one invariant by each name.
+    ax : matplotlib.axes.Axes, optional
+        By default those of a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        With logarithmic errors; zeros are left out.
+
+    Raises
+    ------
+    ValueError
+        If an invariant has no number for each time, or isn't finite.
+    TypeError
+        If `functions` is neither a function nor a mapping of functions.
+
+    Examples
+    --------
+    >>> import cg
+    >>> top = cg.problems.HeavyTop()
+    >>> run = cg.solve_ivp(top.f, (0, 5), top.y0, frame=top.frame)
+    >>> ax = cg.plot.invariants(run, top.invariants)
+    >>> ax.get_ylabel()
+    'change since the start'
+    """
+    if callable(functions):
+        values = dict(functions(solution.y))
+    elif isinstance(functions, Mapping) and all(map(callable, functions.values())):
+        values = {name: function(solution.y) for name, function in functions.items()}
+    else:
+        raise TypeError(
+            "functions must be a function that returns a dict, or a dict of functions, got "
+            f"{functions!r}"
+        )
+    times = np.asarray(solution.t, dtype=np.float64)
+    ax = axes_for(ax)
+    for name, value in values.items():
+        curve = real_array(value, f"functions: {name}")
+        if curve.shape != times.shape:
+            raise ValueError(
+                f"functions must return {len(times)} numbers for {name!r}, got shape {curve.shape}"
+            )
+        check_finite(curve, f"functions: {name}")
+        style = curve_style(ax) | {"marker": ""}
+        ax.plot(times, np.abs(curve - curve[0]), label=plain(name), **style)
+    ax.set_yscale("log", nonpositive="mask")
+    ax.set(xlabel="t", ylabel="change since the start")
+    ax.legend(frameon=False, fontsize=8)
+    return ax
+
+
+def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None = None) -> Any:
+    """Draw an observable of an ensemble: its median, and bands with half and 90 % of the members.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+    values : array_like, shape (n, members)
+        Numbers of each member, NaN where it has none.
+    ax : matplotlib.axes.Axes, optional
+        By default those of a new figure.
+    label : str, optional
+        Name of the median in the legend.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If the shapes don't fit, or a time has no numbers.
+    TypeError
+        If `ax` isn't axes of matplotlib.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> t = np.linspace(0, 1, 20)
+    >>> ax = cg.plot.bands(t, np.outer(t, np.arange(50)), label="angle")
+    >>> len(ax.collections), len(ax.lines)
+    (2, 1)
+    """
+    times, numbers = real_array(t, "t"), real_array(values, "values")
+    check_finite(times, "t")
+    if times.ndim != 1 or numbers.ndim != 2 or len(numbers) != len(times):
+        raise ValueError(
+            f"values must have shape (n, members) for t of shape (n,), got {numbers.shape} for "
+            f"{times.shape}"
+        )
+    if np.isnan(numbers).all(axis=1).any():
+        raise ValueError("values must have at least one number for each time")
+    check_label(label)
+    ax = axes_for(ax)
+    style = curve_style(ax) | {"marker": ""}
+    for low, high in _QUANTILES:
+        edges = np.nanquantile(numbers, [low, high], axis=1)
+        ax.fill_between(times, *edges, color=style["color"], alpha=0.2, linewidth=0)
+    name = None if label is None else plain(label)
+    ax.plot(times, np.nanmedian(numbers, axis=1), label=name, **style)
+    ax.set_xlabel("t")
+    if label is not None:
+        ax.legend(frameon=False, fontsize=8)
+    return ax

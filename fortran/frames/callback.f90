@@ -1,0 +1,43 @@
+! Operations of shared_numbers on arrays, by a function of Python that python_field.c calls.
+module callback_m
+  use, intrinsic :: iso_c_binding, only: c_double, c_int, c_null_ptr, c_ptr
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use kinds, only: wp
+  implicit none
+  private
+  public :: callback_t
+
+  type :: callback_t
+    type(c_ptr) :: context = c_null_ptr      ! a function of Python
+  contains
+    procedure :: apply
+  end type callback_t
+
+  interface
+
+    function call_python(context, operation, na, a, nb, b, nc, c) bind(c) result(code)
+      import :: c_double, c_int, c_ptr
+      type(c_ptr), value, intent(in) :: context
+      integer(c_int), value, intent(in) :: operation, na, nb, nc
+      real(c_double), intent(in) :: a(*), b(*)
+      real(c_double), intent(inout) :: c(*)
+      integer(c_int) :: code
+    end function call_python
+
+  end interface
+
+contains
+
+  ! Applies an operation in Python. If it raises an exception, the result is NaN, and the exception
+  ! remains set until the call from Python returns.
+  subroutine apply(self, operation, a, b, c)
+    class(callback_t), intent(in) :: self
+    integer, intent(in) :: operation
+    real(wp), contiguous, intent(in) :: a(:), b(:)
+    real(wp), contiguous, intent(inout) :: c(:)
+
+    if (call_python(self%context, operation, size(a), a, size(b), b, size(c), c) == 0) return
+    c = ieee_value(c, ieee_quiet_nan)
+  end subroutine apply
+
+end module callback_m

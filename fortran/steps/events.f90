@@ -1,0 +1,91 @@
+! Functions whose zeros along the solution are events: in C where there is an address, in Python
+! elsewhere.
+module events_m
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_intptr_t, c_ptr
+  use, intrinsic :: iso_fortran_env, only: int64
+  use callback_m, only: callback_t
+  use inputs_m, only: inputs_t
+  use kinds, only: wp
+  use shared_numbers, only: event_operation, jump_operation
+  implicit none
+  private
+  public :: events_t
+
+  type :: events_t
+    integer :: count = 0
+    integer :: width = 0                     ! numbers of a point that they depend on
+    integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
+    integer(int64), allocatable :: most(:)   ! (count) the last event ends the trajectory
+    logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event
+    type(callback_t) :: callback
+    integer(c_intptr_t), allocatable :: address(:), data(:)    ! (count)
+    integer(c_intptr_t) :: member_data = 0   ! where a function has no data of its own
+    integer(c_intptr_t) :: stride = 0        ! bytes from one member's data to the next
+    type(inputs_t) :: inputs                 ! written into the data of the members
+  contains
+    procedure :: value => event_value
+    procedure :: jump => event_jump
+  end type events_t
+
+  abstract interface
+
+    function event_i(t, y, user_data) bind(c) result(g)
+      import :: c_double, c_ptr
+      real(c_double), value, intent(in) :: t
+      real(c_double), intent(in) :: y(*)
+      type(c_ptr), value, intent(in) :: user_data
+      real(c_double) :: g
+    end function event_i
+
+  end interface
+
+contains
+
+  ! Evaluates the function of an event.
+  subroutine event_value(self, member, event, t, y, g, flag)
+    class(events_t), intent(in) :: self
+    integer, intent(in) :: member, event               ! from 1
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), intent(out) :: g
+    logical, intent(out) :: flag                       ! whether the function failed
+    procedure(event_i), pointer :: function
+    type(c_funptr) :: pointer
+    type(c_ptr) :: user_data
+    integer(c_intptr_t) :: data, member_data
+    real(wp) :: answer(1)
+
+    flag = .false.
+    if (self%address(event) /= 0) then
+      pointer = transfer(self%address(event), pointer)
+      call c_f_procpointer(pointer, function)
+      data = self%data(event)
+      member_data = self%member_data + int(member - 1, c_intptr_t) * self%stride
+      if (data == 0) data = member_data
+      if (associated(self%inputs%table)) call self%inputs%write(t, member, member_data)
+      user_data = transfer(data, user_data)
+      g = function(t, y, user_data)
+      flag = .not. abs(g) <= huge(g)
+      return
+    end if
+    call self%callback%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
+                             answer)
+    g = answer(1)
+    flag = .not. abs(g) <= huge(g)
+  end subroutine event_value
+
+  ! Evaluates the point after a jump.
+  subroutine event_jump(self, member, event, t, y, after, flag)
+    class(events_t), intent(in) :: self
+    integer, intent(in) :: member, event
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) before
+    real(wp), contiguous, intent(out) :: after(:)      ! (point_size)
+    logical, intent(out) :: flag
+
+    call self%callback%apply(jump_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
+                             after)
+    flag = .not. all(abs(after) <= huge(after))
+  end subroutine event_jump
+
+end module events_m

@@ -1,0 +1,96 @@
+"""QuTiP's solvers with ``method="cg"``."""
+
+import numpy as np
+import pytest
+
+qutip = pytest.importorskip("qutip", minversion="5.0")
+
+import cg  # noqa: E402
+import cg.qutip  # noqa: E402
+from cg.qutip.integrator import LinearIntegrator  # noqa: E402
+
+TIMES = np.linspace(0, 5, 11)
+TIGHT = {"rtol": 1e-10, "atol": 1e-10, "progress_bar": "", "nsteps": 100_000}
+X, Z, UP, DOWN = qutip.sigmax(), qutip.sigmaz(), qutip.sigmap(), qutip.sigmam()
+
+
+def cosine(t, w):
+    return np.cos(w * t)
+
+
+def turning(t, w):
+    return np.exp(1j * w * t)
+
+
+def turning_back(t, w):
+    return np.exp(-1j * w * t)
+
+
+SYSTEMS = {
+    "constant": Z + 0.3 * X,
+    "driven": qutip.QobjEvo([Z, [X, cosine]], args={"w": 2.0}),
+    "rotating": qutip.QobjEvo([Z, [UP, turning], [DOWN, turning_back]], args={"w": 2.0}),
+    "array": qutip.QobjEvo([Z, [X, np.sin(TIMES)]], tlist=TIMES),
+    "damped": qutip.QobjEvo([Z - 0.1j * DOWN * UP, [UP, turning]], args={"w": 1.0}),
+}
+
+
+def solve(solver, system, state, method, *rest):
+    options = {**TIGHT, "method": method, "normalize_output": False, "store_states": True}
+    return solver(system, state, TIMES, *rest, options=options).states
+
+
+@pytest.mark.parametrize("state", [qutip.basis(2, 0), qutip.qeye(2)], ids=["ket", "propagator"])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_schroedinger_equations_agree(name, state):
+    ours, theirs = (solve(qutip.sesolve, SYSTEMS[name], state, m) for m in ("cg", "vern9"))
+    assert max((a - b).norm() for a, b in zip(ours, theirs, strict=True)) < 1e-7
+
+
+@pytest.mark.parametrize("name", ["constant", "driven", "rotating", "array"])
+def test_lindblad_equations_agree(name):
+    rest = [np.sqrt(0.2) * DOWN, qutip.QobjEvo([Z, lambda t: 0.1 * np.exp(-t)])]
+    state = qutip.basis(2, 0)
+    ours, theirs = (solve(qutip.mesolve, SYSTEMS[name], state, m, rest) for m in ("cg", "vern9"))
+    assert max((a - b).norm() for a, b in zip(ours, theirs, strict=True)) < 1e-7
+
+
+@pytest.mark.parametrize("name", ["driven", "rotating"])
+def test_unitary_evolution_keeps_the_norm(name):
+    states = solve(qutip.sesolve, SYSTEMS[name], qutip.basis(2, 0), "cg")
+    assert max(abs(state.norm() - 1) for state in states) < 1e-14
+
+
+def test_steps_arguments_and_breakpoints():
+    system = qutip.QobjEvo([Z, [X, lambda t, w: float(t > w)]], args={"w": 0.5})
+    options = {**TIGHT, "method": "cg", "breakpoints": [0.5]}
+    solver = qutip.SESolver(system, options=options)
+    solver.start(qutip.basis(2, 0), 0.0)
+    solver.step(0.4)
+    state = solver.step(1.0)
+    first, second = (-0.5j * Z).expm(), (-0.5j * (Z + X)).expm()
+    assert (state - second * first * qutip.basis(2, 0)).norm() < 1e-9
+    solver.start(qutip.basis(2, 0), 0.0)
+    state = solver.step(0.5, args={"w": -1.0})
+    assert (state - second * qutip.basis(2, 0)).norm() < 1e-9
+
+
+def test_refuses_functions_that_return_operators():
+    system = qutip.QobjEvo(lambda t: t * X)
+    with pytest.raises(TypeError, match="function"):
+        qutip.sesolve(system, qutip.basis(2, 0), TIMES, options={**TIGHT, "method": "cg"})
+
+
+@pytest.mark.parametrize("make", [cg.frames.LinearAction, cg.frames.MatrixFrame])
+def test_frames_take_operators_as_generators(make):
+    operators = [-1j * X, -1j * Z]
+    assert make(operators) == make([operator.full() for operator in operators])
+
+
+def test_failures_are_those_of_qutip():
+    from qutip.solver.integrator import IntegratorException
+
+    options = {**TIGHT, "method": "cg", "nsteps": 1}
+    with pytest.raises(IntegratorException):
+        qutip.sesolve(SYSTEMS["driven"], qutip.basis(2, 0), TIMES, options=options)
+    assert LinearIntegrator.supports_blackbox is False

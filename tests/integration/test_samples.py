@@ -1,0 +1,113 @@
+"""Curves through samples."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
+
+from cg.integration.rhs.samples import Samples
+
+RNG = np.random.default_rng(5)
+TIMES = np.cumsum(RNG.uniform(0.1, 1.0, 9))
+VALUES = RNG.standard_normal((9, 2))
+
+
+def test_held_values_begin_at_their_times():
+    held = Samples(TIMES, VALUES, end=20.0)
+    for k, t in enumerate(TIMES):
+        np.testing.assert_array_equal(held(t), VALUES[k])
+        if k:
+            np.testing.assert_array_equal(held(np.nextafter(t, 0)), VALUES[k - 1])
+    np.testing.assert_array_equal(held.corners, TIMES[1:])
+    np.testing.assert_array_equal(held(20.0), VALUES[-1])
+
+
+def test_lines_and_splines_interpolate():
+    for kind in ("linear", "cubic"):
+        curve = Samples(TIMES, VALUES, kind)
+        np.testing.assert_allclose([curve(t) for t in TIMES], VALUES, rtol=0, atol=1e-14)
+    t = np.linspace(TIMES[0], TIMES[-1], 50)
+    np.testing.assert_allclose([curve(s) for s in t], CubicSpline(TIMES, VALUES)(t), atol=1e-13)
+    assert curve.corners.size == 0
+    np.testing.assert_array_equal(Samples(TIMES, VALUES, "linear").corners, TIMES[1:-1])
+
+
+def test_times_without_a_jump_are_no_corners():
+    assert Samples([0, 1, 2, 3], [1.0, 1.0, 2.0, 2.0]).corners.tolist() == [2.0]
+    assert Samples([0, 1, 2, 3], [0.0, 1.0, 2.0, 2.0], "linear").corners.tolist() == [2.0]
+
+
+@pytest.mark.parametrize("causal", [False, True])
+def test_averages_are_means_of_the_curve(causal):
+    curve = Samples(TIMES, VALUES[:-1], "averages", causal=causal)
+    for k, (a, b) in enumerate(pairwise(TIMES)):
+        mean = quad(lambda t: curve(t)[1], a, np.nextafter(b, 0))[0] / (b - a)
+        assert mean == pytest.approx(VALUES[k, 1], abs=1e-12)
+        if not causal and k:
+            np.testing.assert_allclose(curve(a), curve(np.nextafter(a, 0)), atol=1e-12)
+    assert len(curve.corners) == (len(TIMES) - 2 if causal else 0)
+
+
+def test_causal_averages_use_no_later_interval():
+    changed = VALUES[:-1].copy()
+    changed[5:] += 1.0
+    first, second = (Samples(TIMES, v, "averages", causal=True) for v in (VALUES[:-1], changed))
+    t = np.nextafter(TIMES[5], 0)
+    np.testing.assert_array_equal(first(t), second(t))
+
+
+@pytest.mark.parametrize("order", [3, 4])
+def test_orders_of_averages_of_a_smooth_curve(order):
+    errors = []
+    for n in (20, 40):
+        edges = np.linspace(0, 2, n + 1)
+        means = -np.diff(np.cos(3 * edges)) / 3 / np.diff(edges)
+        curve = Samples(edges, means, "averages")
+        t = 0.5 if order == 3 else 1.0  # at edges the derivative of a spline is more accurate
+        t += 0.0 if order == 4 else 0.3 / n
+        errors.append(abs(curve(t) - np.sin(3 * t)))
+    assert np.log2(errors[0] / errors[1]) > order - 0.3
+
+
+def test_values_of_members_and_of_one_number():
+    values = RNG.standard_normal((3, 9))
+    curve = Samples(TIMES, values, "linear", members=True)
+    assert curve.members == 3
+    assert curve.shape == ()
+    single = Samples(TIMES, values[1], "linear")
+    assert curve(1.5, 1) == single(1.5)
+    assert isinstance(single(1.5), float)
+    np.testing.assert_array_equal(curve(1.5), [curve(1.5, k) for k in range(3)])
+
+
+REFUSED = [
+    (([0, 1], [1, 2]), {"kind": "spline"}, "kind"),
+    (([1, 0], [1, 2]), {}, "times must increase"),
+    (([0, 0], [1, 2]), {}, "times must increase"),
+    (([0, np.nan], [1, 2]), {}, "times"),
+    (([[0, 1]], [1, 2]), {}, "times"),
+    (([], []), {}, "times"),
+    (([0], [1]), {"kind": "linear"}, "at least 2"),
+    (([0, 1], [1, np.inf]), {}, "values"),
+    (([0, 1], [1, 2, 3]), {}, "values"),
+    (([0, 1], [1, 2]), {"kind": "averages"}, "one less"),
+    (([0, 1], [1, 2]), {"members": True}, "members"),
+    (([0, 1], [1, 2]), {"kind": "linear", "end": 3}, "end"),
+    (([0, 1], [1, 2]), {"end": 0.5}, "end"),
+    (([0, 1], [1, 2]), {"causal": True}, "causal"),
+    (([0, 1], ["a", 2]), {}, "values"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "options", "word"), REFUSED)
+def test_bad_input_is_named(arguments, options, word):
+    with pytest.raises(ValueError, match=word):
+        Samples(*arguments, **options)
+
+
+@pytest.mark.parametrize("t", [-0.1, 3.1, np.nan])
+def test_times_outside_are_refused(t):
+    with pytest.raises(ValueError, match="within the times"):
+        Samples([0, 1, 3], [1, 2, 3], "linear")(t)

@@ -1,0 +1,109 @@
+"""Linear equations in JAX: steps are those of compiled code, gradients exact."""
+
+import numpy as np
+import pytest
+from jax_setup import diffrax, jax
+
+import cg
+from cg.frames import SO3, SU, LinearAction, UnitQuaternion
+
+jnp = jax.numpy
+pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
+
+CHAIN = LinearAction([-1j * np.diag([1.0, 0, -1]), -1j * (np.eye(3, k=1) + np.eye(3, k=-1))])
+PAIRS = ["CFM6(4)", "CFM6(4)b", "CFM8(4)"]
+STARTS = {SU(2): np.eye(2) + 0j, UnitQuaternion(): np.eye(4)[3], CHAIN: np.eye(3)[0] + 0j}
+
+
+def drive(dim, xp=jnp):
+    def a(t, args):
+        return xp.stack([xp.cos((k + 1) * t * args) + 0.2 * k for k in range(dim)])
+
+    return a
+
+
+def solve(frame, name, y0, *, args=1.0, t1=2.0, tol=None, h=None, **options):
+    if tol is not None:
+        options["stepsize_controller"] = cg.jax.controller(frame, tol, tol)
+    term = cg.jax.LinearTerm(drive(frame.dim), frame)
+    solver = cg.jax.Solver(name)
+    return diffrax.diffeqsolve(term, solver, 0.0, t1, h, jnp.asarray(y0), args, **options)
+
+
+@pytest.mark.parametrize(
+    ("frame", "name"),
+    [*((SU(2), name) for name in PAIRS), (UnitQuaternion(), "CFM6(4)b")],
+    ids=repr,
+)
+def test_steps_are_those_of_compiled_code(frame, name):
+    a = drive(frame.dim, np)
+    here = solve(frame, name, STARTS[frame], tol=1e-7)
+    there = cg.solve_linear(
+        lambda t: a(t, 1.0), (0, 2), STARTS[frame], frame=frame, method=name, rtol=1e-7, atol=1e-7
+    )
+    assert int(here.stats["num_steps"]) == there.steps + there.nrejected
+    np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=1e-12)
+
+
+def test_dense_generators():
+    a = drive(2, np)
+    here = solve(CHAIN, "CFM6(4)", STARTS[CHAIN], tol=1e-9)
+    there = cg.solve_linear(
+        lambda t: a(t, 1.0), (0, 2), STARTS[CHAIN], frame=CHAIN, rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["CFM4", "CFM8(4)"])
+def test_output_between_steps(name):
+    times = jnp.linspace(0.1, 1.9, 7)
+    y0 = STARTS[SU(2)]
+    here = solve(SU(2), name, y0, h=0.05, saveat=diffrax.SaveAt(ts=times))
+    there = cg.solve_linear(
+        lambda t: drive(3, np)(t, 1.0), (0, 2), y0, frame=SU(2), rtol=1e-12, atol=1e-12,
+        t_eval=np.asarray(times),
+    )  # fmt: skip
+    bound = {"CFM4": 1e-6, "CFM8(4)": 1e-10}[name]
+    np.testing.assert_allclose(here.ys, there.y, rtol=0, atol=bound)
+
+
+def test_gradients_and_batches():
+    def cost(rate):
+        y0 = STARTS[UnitQuaternion()]
+        return solve(UnitQuaternion(), "CFM6(4)", y0, args=rate, h=0.1).ys[-1, 0] ** 2
+
+    rates = jnp.array([0.7, 1.1])
+    slopes = jax.jit(jax.vmap(jax.grad(cost)))(rates)
+    eps = 1e-5
+    expected = (jax.vmap(cost)(rates + eps) - jax.vmap(cost)(rates - eps)) / (2 * eps)
+    np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-8)
+
+
+def test_jumps_begin_anew():
+    def a(t, args):
+        return jnp.where(t < 1.0, 1.0, -3.0) * jnp.array([0.0, 0.3, 1.0])
+
+    frame = SO3()
+    controller = diffrax.ClipStepSizeController(
+        cg.jax.controller(frame, 1e-8, 1e-8), jump_ts=jnp.array([1.0])
+    )
+    solution = diffrax.diffeqsolve(
+        cg.jax.LinearTerm(a, frame), cg.jax.Solver("CFM6(4)"), 0.0, 2.0, None, jnp.eye(3),
+        stepsize_controller=controller,
+    )  # fmt: skip
+    expected = frame.flow([0.0, -0.6, -2.0], np.eye(3))
+    np.testing.assert_allclose(solution.ys[-1], expected, rtol=0, atol=1e-12)
+    assert int(solution.stats["num_steps"]) < 12
+
+
+def test_other_methods_take_it():
+    one, other = (solve(SO3(), n, np.eye(3), h=0.01).ys[-1] for n in ("CF6b", "CFM6(4)b"))
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-10)
+
+
+def test_terms_of_points_are_refused():
+    term = cg.jax.FrameTerm(lambda t, y, args: y[0], SO3())
+    with pytest.raises(ValueError, match="LinearTerm"):
+        diffrax.diffeqsolve(term, cg.jax.Solver("CFM4"), 0.0, 1.0, 0.1, jnp.eye(3))
+    with pytest.raises(TypeError, match="a must"):
+        cg.jax.LinearTerm(3, SO3())

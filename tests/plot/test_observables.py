@@ -1,0 +1,85 @@
+"""Plots of numbers over time, and Bloch vectors."""
+
+import numpy as np
+import pytest
+
+import cg
+
+matplotlib = pytest.importorskip("matplotlib")
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt  # noqa: E402
+
+pytestmark = pytest.mark.no_core
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
+def test_invariants_are_drawn_from_their_start():
+    top = cg.problems.HeavyTop()
+    run = cg.integrate(top.f, (0, 1), top.y0, frame=top.frame, method="CG3", h=0.1)
+    ax = cg.plot.invariants(run, top.invariants)
+    values = top.invariants(run.y)
+    assert [line.get_label() for line in ax.lines] == list(values)
+    for line, value in zip(ax.lines, values.values(), strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), abs(value - value[0]))
+    cg.plot.invariants(run, {"energy": lambda y: top.invariants(y)["energy"]}, ax)
+    assert ax.get_yscale() == "log"
+
+
+def test_bands_hold_the_members():
+    t, values = np.linspace(0, 1, 5), np.outer(np.ones(5), np.arange(101.0))
+    ax = cg.plot.bands(t, values, label="angle")
+    assert ax.lines[0].get_ydata().tolist() == [50.0] * 5
+    wide, narrow = (part.get_paths()[0].vertices[:, 1] for part in ax.collections)
+    assert (wide.min(), wide.max(), narrow.min(), narrow.max()) == (5, 95, 25, 75)
+
+
+STATES = np.array([[1, 0], [0, 1], [1, 1], [1, 1j]], dtype=complex)
+STATES /= np.linalg.norm(STATES, axis=1)[:, None]
+VECTORS = [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 1, 0]]
+
+
+@pytest.mark.parametrize(
+    "y",
+    [
+        STATES,
+        STATES[:, :, None] * STATES[:, None].conj(),
+        np.stack([STATES, np.stack([-STATES[:, 1].conj(), STATES[:, 0].conj()], 1)], -1),
+    ],
+    ids=["states", "densities", "propagators"],
+)
+def test_bloch_vectors(y):
+    line = cg.plot.bloch(y).lines[0]
+    np.testing.assert_allclose(np.transpose(line.get_data_3d()), VECTORS, atol=1e-15)
+
+
+def test_mixed_states_lie_within_the_sphere():
+    ax = cg.plot.bloch([np.diag([0.75, 0.25])] * 2, label="mixed")
+    np.testing.assert_allclose(ax.lines[0].get_data_3d()[2], 0.5)
+    assert ax.get_zlim()[1] >= 1.0
+
+
+REFUSED = [
+    (cg.plot.bands, ([0, 1], [1, 2]), ValueError, "values"),
+    (cg.plot.bands, ([0, 1], [[1], [np.nan]]), ValueError, "values"),
+    (cg.plot.bloch, (np.eye(3),), ValueError, "shape"),
+    (cg.plot.bloch, ([[1, np.nan]],), ValueError, "finite"),
+]
+
+
+@pytest.mark.parametrize(("draw", "arguments", "error", "word"), REFUSED)
+def test_bad_input_is_named(draw, arguments, error, word):
+    with pytest.raises(error, match=word):
+        draw(*arguments)
+
+
+def test_invariants_of_other_shapes_are_refused():
+    run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))
+    with pytest.raises(ValueError, match="energy"):
+        cg.plot.invariants(run, {"energy": lambda y: 1.0})
+    with pytest.raises(TypeError, match="functions"):
+        cg.plot.invariants(run, ["energy"])
