@@ -70,6 +70,8 @@ def check(
     ...     print(str(error).partition(" (")[0])
     frame is inconsistent: flow has the wrong sign: its derivative is -field(v, y)
     """
+    if not isinstance(frame, Frame):
+        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
     rng = np.random.default_rng(0) if rng is None else check_generator("rng", rng)
     if points is None:
         chosen = frame.random_point(rng, 3)

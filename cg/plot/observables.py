@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..frames.arrays import check_finite, real_array
+from ..frames.base import Frame
 from .style import axes_for, check_label, curve_style, plain
 
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
@@ -41,7 +42,7 @@ def invariants(
     ValueError
         If an invariant has no number for each time, or isn't finite.
     TypeError
-        If `functions` is neither a function nor a mapping of functions.
+        If `solution` is no solution, or `functions` neither a function nor a mapping of them.
 
     Examples
     --------
@@ -52,6 +53,8 @@ def invariants(
     >>> ax.get_ylabel()
     'change since the start'
     """
+    if not isinstance(getattr(solution, "frame", None), Frame):
+        raise TypeError(f"solution must be a Solution, got {solution!r}")
     if callable(functions):
         values = dict(functions(solution.y))
     elif isinstance(functions, Mapping) and all(map(callable, functions.values())):
