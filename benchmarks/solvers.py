@@ -69,7 +69,7 @@ def pairs(case: Case, tolerances: tuple[float, ...]) -> Iterator[Solver]:
 
 def _explicit() -> Iterator[tuple[str, cg.Method, Kind]]:
     for name, method in sorted(cg.methods.items(), key=lambda m: isinstance(m[1], cg.MuntheKaas)):
-        if method.explicit and not isinstance(method, cg.MagnusMethod):
+        if method.explicit and not isinstance(method, cg.MagnusMethod | cg.Splitting):
             yield name, method, "rkmk" if isinstance(method, cg.MuntheKaas) else "pair"
 
 

@@ -32,6 +32,7 @@ from .method.commutator_free import CommutatorFree
 from .method.magnus import MagnusMethod
 from .method.method import Method
 from .method.munthe_kaas import MuntheKaas
+from .method.splitting import Splitting
 from .method.tableau import Tableau, TableauError
 from .proofs import Certificate, CertificationError, certify
 from .proofs.digits import digits
@@ -57,6 +58,7 @@ __all__ = [
     "MissingQuadsError",
     "MuntheKaas",
     "Solution",
+    "Splitting",
     "StepTooLongError",
     "Stepper",
     "Structure",

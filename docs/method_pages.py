@@ -40,6 +40,8 @@ def kind_of(method: Method) -> str:
         return "Munthe-Kaas"
     if isinstance(method, cg.MagnusMethod):
         return "Magnus"
+    if isinstance(method, cg.Splitting):
+        return "splitting"
     if not method.explicit:
         return "implicit"
     if method.name and method.name.startswith(("CG", "Lie")):
@@ -61,6 +63,13 @@ def proof(method: Method) -> tuple[str, str]:
         return proved(method), (
             "A Munthe-Kaas method has the order of its tableau. The tableau satisfies the "
             f"conditions of rooted trees {f'to {residual:.0e}' if residual else 'exactly'}."
+        )
+    if isinstance(method, cg.Splitting):
+        residual = method.largest_residual()
+        return proved(method), (
+            "The stored coefficients satisfy the conditions of special Nyström trees "
+            f"{f'to {residual:.0e}' if residual else 'exactly'}. [Splitting methods]"
+            "(../catalogue.md#splitting-methods)"
         )
     if method.approximate:
         return "no", "The order is nominal: the coefficients satisfy its conditions approximately."
@@ -125,6 +134,10 @@ def coefficients(method: Method) -> str:
     """Return the coefficients as a table: a tableau, or points or flows with their weights."""
     if isinstance(method, cg.MagnusMethod):
         return weights_of_flows(method)
+    if isinstance(method, cg.Splitting):
+        numbers = [number(x.value) for x in method.coefficients]
+        pairs = zip(numbers[::2], [*numbers[1::2], ""], strict=True)
+        return "\n".join(["| drift | kick |", "|---|---|", *(f"| {d} | {k} |" for d, k in pairs)])
     tableau = method.tableau if isinstance(method, cg.MuntheKaas) else method
     if isinstance(tableau, cg.Tableau):
         rows, weights = tableau.exact
@@ -230,28 +243,31 @@ def page(method: Method) -> str:
     """Write the files of a method's page, and return its text."""
     name = slug(method.name)
     pictures = []
-    linear = isinstance(method, cg.MagnusMethod)
-    if not linear and method.explicit and len(method.points) <= MAX_POINTS:
+    linear, splits = isinstance(method, cg.MagnusMethod), isinstance(method, cg.Splitting)
+    if not (linear or splits) and method.explicit and len(method.points) <= MAX_POINTS:
         draw(FOLDER / "pictures" / f"{name}_tree.png", cg.plot.points(method))
         pictures.append(
             "## Tree of points\n\nEach line is a flow; circles are stages, the square is the "
             "result.\n\n"
             f"![Tree of points of {method.name}](pictures/{name}_tree.png)"
         )
-    if not linear:
+    if not (linear or splits):
         draw(FOLDER / "pictures" / f"{name}_region.png", cg.plot.stability_region(method))
         pictures.append(
             "## Stability\n\nIf flows commute, a step multiplies a solution of `y' = λ y` by "
             f"R(hλ); the coloured region is |R| ≤ 1.\n\n![Stability region of {method.name}]"
             f"(pictures/{name}_region.png)"
         )
-    pictures.append(method_work.section(FOLDER, name, method))
+    if not splits:
+        pictures.append(method_work.section(FOLDER, name, method))
     use = f'cg.integrate(f, t_span, y0, frame=frame, method="{method.name}", h=h)'
     if method.embedded_order:
         use = f'cg.solve_ivp(f, t_span, y0, frame=frame, method="{method.name}")'
     if linear:
         use = use.replace("integrate(f", "solve_linear(a").replace("solve_ivp(f", "solve_linear(a")
-    sequence = "from top to bottom" if linear else "from left to right"
+    if splits:
+        use = use.replace("integrate(f", "solve_ivp(f").replace("=frame", "=phase_space")
+    sequence = "from top to bottom" if linear or splits else "from left to right"
     parts = [
         f"# {method.name}",
         properties(method),

@@ -21,6 +21,7 @@ from cg.catalogue import methods
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 from cg.structure.points import START
 from cg.support.balls import to_ball as ball
 from cg.support.quads import to_decimal
@@ -48,7 +49,7 @@ def main() -> int:
     steps = {
         method.name: entry_of(method)
         for method in methods.values()
-        if not isinstance(method, MagnusMethod)
+        if not isinstance(method, MagnusMethod | Splitting)
     }
     problem = {
         "equation": "y' = y hat(v), y a rotation, hat(v) x = v × x",

@@ -17,6 +17,7 @@ from ..method.commutator_free import CommutatorFree
 from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
+from ..method.splitting import Splitting
 from ..method.tableau import Tableau, TableauError
 from ..structure.points import MethodError
 from ..support.parsing import file_in, quoted, read_file, read_json, read_toml, to_json, write_file
@@ -31,6 +32,7 @@ _OPTIONAL = {"b_embedded", "nominal"}
 _OPTIONAL_OF_ALGEBRAS = {"kind", "b_embedded", "b_third"}
 _KIND = "Munthe-Kaas"
 _MAGNUS = "Magnus"
+_SPLITTING = "splitting"
 _REQUIRED_OF_MAGNUS = {"name", "source", "kind", "nodes", "weights"}
 _KEYS_OF_POINTS = {"points", "stage_points", "result"}  # not in files of tableaux
 _REQUIRED_OF_POINTS = {"name", "source"} | _KEYS_OF_POINTS
@@ -69,6 +71,10 @@ def _from_entry(entry: dict[str, Any]) -> Method:
         entry.pop("kind")
         third = entry.pop("b_third", None)
         return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), third=third, **entry)
+    if entry.get("kind") == _SPLITTING:
+        check_keys(entry, {"name", "source", "kind", "drifts", "kicks"}, set(), "the entry")
+        entry.pop("kind")
+        return Splitting(**entry)
     if "kind" in entry:
         return _read_munthe_kaas(entry)
     if points:
@@ -98,7 +104,8 @@ def read_entry(text: str) -> dict[str, Any]:
 def _read_munthe_kaas(entry: dict[str, Any]) -> MuntheKaas:
     check_keys(entry, _REQUIRED, _OPTIONAL_OF_ALGEBRAS, "the entry")
     if (kind := entry.pop("kind")) != _KIND:
-        raise MethodError(f"kind must be {_KIND!r} or {_MAGNUS!r}, got {kind!r}")
+        kinds = f"{_KIND!r}, {_MAGNUS!r} or {_SPLITTING!r}"
+        raise MethodError(f"kind must be {kinds}, got {kind!r}")
     third = entry.pop("b_third", None)
     return MuntheKaas(Tableau(entry.pop("a"), entry.pop("b"), **entry), third=third)
 
@@ -197,7 +204,7 @@ def dumps(method: Method) -> str:
     lines = []
     if isinstance(method, Tableau | MuntheKaas):
         rows = method.layout.cut(method.coefficients)
-        lines += ["a = [", *(f"  {_array(row)}," for row in rows[: method.stages]), "]"]
+        lines += _block("a", rows[: method.stages])
         for label, row in zip(("b", "b_embedded"), rows[method.stages :], strict=False):
             lines.append(f"{label} = {_array(row)}")
         if isinstance(method, MuntheKaas):
@@ -214,15 +221,16 @@ def dumps(method: Method) -> str:
         factor = quoted(method.third_factor.text)
         lines += [f"kind = {quoted(_MAGNUS)}", f"third_factor = {factor}"]
         lines.append(f"nodes = {_array(method.nodes)}")
-        for label, block in (("weights", method.weights), ("embedded", method.embedded_weights)):
-            if block is not None:
-                lines += [f"{label} = [", *(f"  {_array(row)}," for row in block), "]"]
+        lines += [*_block("weights", method.weights), *_block("embedded", method.embedded_weights)]
+    elif isinstance(method, Splitting):
+        lines.append(f"kind = {quoted(_SPLITTING)}")
+        lines.append(f"drifts = {_array(method.drift_coefficients)}")
+        lines.append(f"kicks = {_array(method.kick_coefficients)}")
     else:
-        raise TypeError(
-            f"method must be a Tableau, CommutatorFree, MuntheKaas or MagnusMethod, got {method!r}"
-        )
-    if not isinstance(method, Tableau) and method.third_weights is not None:
-        lines.append(f"b_third = {_array(method.third_weights)}")
+        kinds = "Tableau, CommutatorFree, MuntheKaas, MagnusMethod or Splitting"
+        raise TypeError(f"method must be a {kinds}, got {method!r}")
+    if (third := getattr(method, "third_weights", None)) is not None:
+        lines.append(f"b_third = {_array(third)}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]
         lines.append(f"residual = {quoted(method.nominal_residual.text)}")
@@ -241,6 +249,10 @@ def dumps_json(method: Method) -> str:
         else:
             lines.append(f'  "{key}": {to_json(value)}')
     return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _block(label: str, rows: Sequence[Sequence[Coefficient]] | None) -> list[str]:
+    return [] if rows is None else [f"{label} = [", *(f"  {_array(row)}," for row in rows), "]"]
 
 
 def _array(row: Sequence[Coefficient]) -> str:

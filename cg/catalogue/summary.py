@@ -15,10 +15,12 @@ from ..method.estimate import estimate_ratio
 from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
+from ..method.splitting import Splitting
 from ..method.stability import stability_limits, too_large
 from ..support.parsing import write_file
 from . import find_method, methods
 
+_NO_LIMITS = "limits of stability, which are those of y' = λ y, no mechanical system"
 _FILE = files("cg.catalogue") / "summaries.json"
 
 
@@ -26,11 +28,11 @@ _FILE = files("cg.catalogue") / "summaries.json"
 class MethodSummary:
     """Order, cost, error and stability of a method.
 
-    `kind` is ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"``, ``"Munthe-Kaas"`` or
-    ``"Magnus"``; `approximate` says that the order is only nominal. `pair_flows` are the flows of a
-    step with its error estimate. Ratio and error (`Method.principal_error`) have three and four
-    digits, the limits of stability four. A number is None if it doesn't exist or is infinite, or if
-    it wasn't computed, for the reason `not_computed`.
+    `kind` is ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"``, ``"Munthe-Kaas"``,
+    ``"Magnus"`` or ``"splitting"``; `approximate` says that the order is only nominal. `pair_flows`
+    are the flows of a step with its error estimate. Ratio and error (`Method.principal_error`) have
+    three and four digits, the limits of stability four. A number is None if it doesn't exist or is
+    infinite, or if it wasn't computed, for the reason `not_computed`.
     """
 
     name: str
@@ -59,15 +61,15 @@ class MethodSummary:
 
 def compute_summary(method: Method) -> MethodSummary:
     """Compute the summary of a method; for high orders it takes seconds."""
-    # a Magnus method solves the test equation exactly
-    magnus = isinstance(method, MagnusMethod)
-    not_computed = None if magnus else too_large(method)
+    # a Magnus method solves the test equation exactly, and a splitting method doesn't apply to it
+    magnus, splitting = isinstance(method, MagnusMethod), isinstance(method, Splitting)
+    not_computed = _NO_LIMITS if splitting else None if magnus else too_large(method)
     real = imaginary = principal = None
     ratio = estimate_ratio(method)
     if not_computed is None and not magnus:
         limits = stability_limits(method)
         real, imaginary = _finite(limits.real), _finite(limits.imaginary)
-    if method.order < MAX_ORDER:
+    if method.order < MAX_ORDER or splitting:
         principal = _rounded(method.principal_error)
     return MethodSummary(
         name=method.name,
@@ -110,6 +112,8 @@ def _kind(method: Method) -> str:
         return "Munthe-Kaas"
     if isinstance(method, MagnusMethod):
         return "Magnus"
+    if isinstance(method, Splitting):
+        return "splitting"
     if isinstance(method, CommutatorFree):
         return "commutator-free"
     return "Crouch-Grossman" if method.explicit else "implicit"

@@ -25,7 +25,7 @@ _KEYS: dict[str, Callable[[MethodSummary], Any]] = {
         math.inf if summary.principal_error is None else summary.principal_error
     ),
 }
-_KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magnus")
+_KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magnus", "splitting")
 
 
 @click.command("list")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
 
@@ -10,12 +11,14 @@ import click
 from cg import conditions
 from cg.analysis.diagnosis import draw_points
 from cg.catalogue.summary import MethodSummary, summary_of
+from cg.conditions.nystrom import nystrom_trees
 from cg.formats import export
 from cg.formats.digits import known_digits, numbers_of
 from cg.method.commutator_free import CommutatorFree
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 from cg.support.parsing import visible
 from cg.support.quads import MAX_WRITTEN, to_decimal
 from cg.trees import forest
@@ -97,6 +100,10 @@ def _drawing(method: Method, digits: int) -> str:
             for row in block
         ]
         return table(lines)
+    if isinstance(method, Splitting):
+        numbers = [_number_of(x.value, digits) for x in method.coefficients]
+        pairs = zip(numbers[::2], [*numbers[1::2], ""], strict=True)
+        return table([["drift", "kick"], *map(list, pairs)], left=0)
     return _tableau(method, digits)
 
 
@@ -180,17 +187,25 @@ def _conditions(method: Method, order: int) -> list[dict[str, Any]]:
         raise click.BadParameter(
             f"{method.name} has conditions of words, not of trees", param_hint="--conditions"
         )
-    if isinstance(method, MuntheKaas):
-        trees = [planted(tree) for tree in rooted_trees_through(order)]
+    if isinstance(method, MuntheKaas | Splitting):
+        splits = isinstance(method, Splitting)
+        rooted = nystrom_trees(order) if splits else rooted_trees_through(order)
+        trees = ["sum of drifts"] * splits + [str(planted(tree)) for tree in rooted]
         residuals = list(map(float, method.residuals(order)))
-        orders = [tree.nodes for tree in trees]
-        sides = [Fraction(1, density(tree)) for tree in rooted_trees_through(order)]
+        orders = [1] * splits + [planted(tree).nodes for tree in rooted]
+        sides = [Fraction(1)] * splits + [Fraction(1, density(tree)) for tree in rooted]
     else:
-        trees = [forest(order + 1).tree(index) for index in conditions.condition_trees(order)]
+        indices = conditions.condition_trees(order)
+        ordered = [forest(order + 1).tree(index) for index in indices]
+        trees = list(map(str, ordered))
         balls = conditions.residuals(method.tree, order, arithmetic="balls")
         residuals = [0.0 if ball.contains(0) else float(ball.mid()) for ball in balls]
-        orders = [tree.nodes - 1 for tree in trees]
+        orders = [tree.nodes - 1 for tree in ordered]
         sides = list(conditions.right_sides(order))
-    columns = {"order": orders, "tree": map(str, trees), "right_side": map(str, sides)}
+    columns: dict[str, Iterable[Any]] = {
+        "order": orders,
+        "tree": trees,
+        "right_side": map(str, sides),
+    }
     rows = zip(*columns.values(), residuals, strict=True)
     return [dict(zip([*columns, "residual"], row, strict=True)) for row in rows]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ..catalogue import dumps, dumps_json, resolve_method
 from ..method.magnus import MagnusMethod
 from ..method.method import Method
+from ..method.splitting import Splitting
 from ..support.parsing import visible
 from .c import to_c
 from .digits import numbers_of
@@ -100,10 +101,8 @@ def export(
         raise TypeError(f"format must be a str, got {format!r}")
     if format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {format!r}")
-    if isinstance(method, MagnusMethod) and format not in ("json", "toml"):
-        raise ValueError(
-            f"format must be json or toml for a method for linear equations, got {method!r}"
-        )
+    if isinstance(method, MagnusMethod | Splitting) and format not in ("json", "toml"):
+        raise ValueError(f"format must be json or toml for the method {method!r}, got {format!r}")
     numbers = numbers_of(method, digits, certificate)
     if format == "json":
         return dumps_json(numbers.rounded())

@@ -13,6 +13,7 @@ from cg.frames.isospectral import IsospectralOrbit
 from cg.frames.linear_action import LinearAction
 from cg.frames.matrix_frame import MatrixFrame
 from cg.frames.matrix_group import MatrixGroup
+from cg.frames.phase_space import PhaseSpace
 from cg.frames.power import Power
 from cg.frames.product import Product
 from cg.frames.quaternion import UnitQuaternion
@@ -49,6 +50,7 @@ __all__ = [
     "LinearAction",
     "MatrixFrame",
     "MatrixGroup",
+    "PhaseSpace",
     "Power",
     "Product",
     "Semidirect",

@@ -228,6 +228,15 @@ class Frame(Manifold, FieldAlgebra):
         point = self._points(y)
         return np.ones((*point.shape[: point.ndim - len(self.point_shape)], self.dim))
 
+    @property
+    def rhs_dim(self) -> int:
+        """Number of coefficients that right-hand sides return: ``dim``, of `PhaseSpace` fewer."""
+        return self.dim
+
+    def complete_rhs(self, f: Array, y: Points) -> Array:
+        """Return all coefficients, shape ``(..., dim)``, of what a right-hand side returns."""
+        return f
+
     def compiled_blocks(self) -> Blocks | None:
         """Return the description of this frame for compiled code, None if there is none.
 

@@ -65,7 +65,7 @@ def solve_ensemble(
         ``f(t, y, *args)``, or ``f(t, y, *args, row)`` with a row of ``parameters``, returns the
         coefficients of one member; see `cg.solve_ivp`.  If ``vectorized`` it is given times
         ``(k,)``, points ``(k, *frame.point_shape)`` and rows ``(k, n)`` of any subset of the
-        members, and returns shape ``(k, frame.dim)``.
+        members, and returns shape ``(k, frame.dim)``, on a `cg.frames.PhaseSpace` ``(k, forces)``.
     t_span
         Initial and final time.
     y0

@@ -41,8 +41,9 @@ def solve_ivp(
     Parameters
     ----------
     f
-        ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``.  It is given a
-        read-only ``y`` of shape ``frame.point_shape``.  An exception that it raises ends the
+        ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``, on a
+        `cg.frames.PhaseSpace` the forces.  It is given a read-only ``y`` of shape
+        ``frame.point_shape``.  An exception that it raises ends the
         call.  It may be a compiled function as for `cg.integrate`.
     t_span
         Initial and final time.  If the final time is smaller, integration runs backward.
@@ -185,8 +186,9 @@ def integrate(
     Parameters
     ----------
     f
-        ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``.  It is given a
-        read-only ``y`` of shape ``frame.point_shape``.  An exception that it raises ends the call.
+        ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``, on a
+        `cg.frames.PhaseSpace` the forces.  It is given a read-only ``y`` of shape
+        ``frame.point_shape``.  An exception that it raises ends the call.
 
         It may also be a compiled function ``int f(double t, const double *y, double *f,
         void *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes,

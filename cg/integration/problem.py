@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from cg.catalogue import methods, resolve_method
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
+from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import (
     check_algebra,
     check_args,
@@ -39,6 +40,7 @@ from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 from cg.method.warnings import check_order, check_pair
 from cg.support.checks import check_flag
 
@@ -118,6 +120,10 @@ def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: fl
         if size > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
         return Control(h=size)
+    if isinstance(plan.method, Splitting):
+        raise ValueError(
+            f"h must be given with {plan.method!r}: steps of splitting methods have a fixed size"
+        )
     if not plan.exponent:
         raise ValueError(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
@@ -147,6 +153,24 @@ def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
         )
 
 
+def _check_force(rhs: Rhs, t: float, y: Points, frame: PhaseSpace) -> None:
+    """Raise ValueError if a force depends on the momentum."""
+    q, momentum = frame.split(y)
+    more = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
+    other = frame.join(q, momentum + more * (1.0 + np.abs(momentum)))
+    try:
+        one, another = (rhs.answer(0, t, point) for point in (y, other))
+    except Exception as error:
+        if isinstance(rhs, PythonRhs) and not rhs.vectorized:
+            error.add_note(rhs.note(t))
+        raise
+    if not np.array_equal(one, another):
+        raise ValueError(
+            "f must not depend on the momentum with a splitting method, whose kicks are not "
+            f"symplectic then, got other forces for another momentum at t = {t:.17g}"
+        )
+
+
 def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | None) -> Method:
     """Return the method after checking that it suits ``f`` and the frame."""
     if isinstance(method, str) and method == AUTO:
@@ -155,6 +179,15 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
     if isinstance(chosen, MagnusMethod) and not isinstance(f, TimeFunction):
         raise ValueError(
             f"method must be for nonlinear equations, got {chosen!r}, which is for cg.solve_linear"
+        )
+    if isinstance(f, TimeFunction) and isinstance(frame, PhaseSpace):
+        raise ValueError(
+            f"frame must not be a phase space, got {frame!r}, whose velocities depend on the point"
+        )
+    if isinstance(chosen, Splitting) and not isinstance(frame, PhaseSpace):
+        raise ValueError(
+            f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which splits the equations of "
+            f"mechanical systems, got {frame!r}"
         )
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen, linear=isinstance(f, TimeFunction))
@@ -186,6 +219,8 @@ def make_problem(
     points, numbers = check_points(plan, y0, options["parameters"], many)
     rhs = _make_rhs(f, frame, options["args"], numbers, vectorized, many)
     start, stop = check_span(t_span)
+    if isinstance(plan.method, Splitting) and isinstance(frame, PhaseSpace):
+        _check_force(rhs, start, points[0], frame)
     jacobian = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
     if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])

@@ -36,6 +36,7 @@ from cg.jax.within import Within, interpolant
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 
 _DENSE = ("accurate", "steps")
 
@@ -157,6 +158,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         method = resolve_method(method)
         if not method.explicit:
             raise ValueError(f"method must be explicit in JAX, got {method!r}")
+        if isinstance(method, Splitting):
+            raise ValueError(f"method must not be a splitting method in JAX, got {method!r}")
         if dense not in _DENSE:
             raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
         if not isinstance(unroll, bool):

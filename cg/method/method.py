@@ -9,7 +9,7 @@ from dataclasses import fields
 from fractions import Fraction
 from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,8 @@ class Method(ABC):
     """A Runge–Kutta method on manifolds: a tree of points with exact coefficients.
 
     Methods are immutable. They keep all coefficients as they were given; numbers derived from them
-    are exact or correctly rounded. The subclasses are `cg.Tableau`, `cg.CommutatorFree` and
-    `cg.MuntheKaas`.
+    are exact or correctly rounded. The subclasses are `cg.Tableau`, `cg.CommutatorFree`,
+    `cg.MuntheKaas`, `cg.MagnusMethod` and `cg.Splitting`.
 
     Attributes
     ----------
@@ -65,6 +65,7 @@ class Method(ABC):
     nominal_order: int | None = None
     nominal_residual: Coefficient | None = None
     file: Path | None = None
+    _COUNTED: ClassVar = ("evaluation", "flow")  # stages and exponentials, in words
 
     if TYPE_CHECKING:  # fields in some subclasses, cached properties in others
 
@@ -170,8 +171,8 @@ class Method(ABC):
         'order 5(4), 7 evaluations, 9 flows'
         """
         complete = check_flag("complete", complete)
-        parts = [f"{self.stages} evaluation{'s' * (self.stages != 1)}"]
-        parts.append(f"{self.exponentials} flow{'s' * (self.exponentials != 1)}")
+        counts = zip((self.stages, self.exponentials), self._COUNTED, strict=True)
+        parts = [f"{count} {label}{'s' * (count != 1)}" for count, label in counts]
         if complete or len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__:
             pair = "" if self.embedded_order is None else f"({self.embedded_order})"
             parts.insert(0, f"order {self.order}{pair}{' (nominal)' * self.approximate}")
@@ -324,7 +325,8 @@ class Method(ABC):
         -------
         tuple of Fraction
             Of the ordered trees `cg.conditions.condition_trees`; of a `cg.MuntheKaas` the classical
-            ones. Those of a `cg.MagnusMethod` are Decimals of 50 digits, of words.
+            ones. Those of a `cg.MagnusMethod` are Decimals of 50 digits, of words; see
+            `cg.Splitting.residuals` too.
 
         Examples
         --------

@@ -9,6 +9,7 @@ from ..catalogue import resolve_method
 from ..conditions import MAX_ORDER
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
+from ..method.splitting import Splitting
 from ..support.balls import working_precision as precision
 from ..support.checks import check_flag, check_integer
 from .certificate import Box, Certificate, CertificationError
@@ -66,6 +67,8 @@ def certify(
             f"method must not be a Munthe-Kaas method, whose order is that of its tableau, "
             f"got {method!r}"
         )
+    if isinstance(method, Splitting):
+        raise TypeError(f"method must not be a splitting method, got {method!r}")
     order = method.order if order is None else check_integer("order", order, 1, MAX_ORDER)
     if order < 1:
         raise CertificationError(

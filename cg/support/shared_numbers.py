@@ -287,6 +287,7 @@ METHOD = {
     "registers": "address",  # A and B of a method of two registers, else 0
     "error": "address",  # (stages, errors) weights
     "transformation": "address",  # the numbers of transformation_t, of a collocation method
+    "drifts": "address",  # (flows) of a splitting method, whose flows are kicks before them, else 0
     "errors": "integer",
     # the paths to the results, 0 where there is none, and the stage at the end of the step
     "result": "integer",

@@ -2,9 +2,10 @@
 module blocks_m
   use kinds, only: wp
   use linear_action_m, only: linear_action_t
+  use rigid_body_m, only: top_t
   implicit none
   private
-  public :: block_t, flow_sequence_t
+  public :: block_t, body_t, flow_sequence_t
 
   type :: block_t
     integer :: kind = 0
@@ -19,6 +20,13 @@ module blocks_m
     integer :: point_size = 0   ! number of entries of a point
     type(linear_action_t) :: action
   end type block_t
+
+  ! The inertia of a block of a mechanical system
+  type :: body_t
+    real(wp), allocatable :: inverse(:, :)   ! (n, n), or (n, 1) if it is diagonal
+    logical :: turns = .false.               ! whether its moments of inertia differ
+    type(top_t) :: top                       ! if it turns
+  end type body_t
 
   ! Time-1 flows one after the other; flow j is along the sum of weight(k) times the field stage(k),
   ! over its terms k = first(j), ..., first(j + 1) - 1, at least one. For a polynomial block all

@@ -7,7 +7,7 @@ module frames_m
                             restore_operation, scalar_first, se3_block, &
                             so3_block, so_block, space_axes, sphere_block, su2_block, su_block, &
                             u_block
-  use blocks_m, only: block_t, flow_sequence_t
+  use blocks_m, only: block_t, body_t, flow_sequence_t
   use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
   use linear_action_m, only: make_linear_action, move_linearly
@@ -18,7 +18,7 @@ module frames_m
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, make_frame, apply_flows, flow_along, restore, distance_bound, turn
+  public :: frame_t, make_frame, apply_flows, flow_along, move_block, restore, distance_bound, turn
 
   type :: frame_t
     integer :: dimension = 0
@@ -27,6 +27,10 @@ module frames_m
     type(block_t), allocatable :: blocks(:)
     type(callback_t), pointer :: callback => null()
     type(flow_sequence_t) :: single          ! one flow along one field with weight 1
+    ! of a mechanical system, the number of momenta, the last coefficients and entries of a point;
+    ! right-hand sides give as many forces
+    integer :: forces = 0
+    type(body_t), allocatable :: bodies(:)   ! of all blocks but the last
   end type frame_t
 
 contains
@@ -141,28 +145,39 @@ contains
     integer, intent(in) :: begin, last       ! flows; none if `last` is before `begin`
     real(wp), intent(in) :: f(frame%dimension, *)            ! (dimension, stages) the fields
     real(wp), intent(inout) :: y(frame%point_size)
-    integer :: i, k
+    integer :: i
 
     if (last < begin) return
-    k = flows%first(begin)
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), &
-                 v => frame%blocks(i)%vectors, m => frame%blocks(i)%dimension, &
-                 p => frame%blocks(i)%points)
-        select case (block%kind)
-        case (euclidean_block)
-          call translate(m, flows%first(last + 1) - k, flows%weight(k), flows%stage(k), &
-                         frame%dimension, f(v + 1, 1), y(p + 1))
-        case (se3_block)
-          call move_rigid_body(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
-        case (so_block, isospectral_block, su_block, u_block, linear_action_block, callback_block)
-          call move_matrix(frame, block, flows, begin, last, f(v + 1, 1), y(p + 1))
-        case default
-          call rotate(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
-        end select
-      end associate
+      call move_block(frame, frame%blocks(i), flows, begin, last, f, y)
     end do
   end subroutine apply_flows
+
+  ! Moves one block of a point along at least one flow.
+  subroutine move_block(frame, block, flows, begin, last, f, y)
+    type(frame_t), intent(in) :: frame
+    type(block_t), intent(in) :: block
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: begin, last
+    real(wp), intent(in) :: f(frame%dimension, *)
+    real(wp), intent(inout) :: y(frame%point_size)
+    integer :: k
+
+    k = flows%first(begin)
+    associate (v => block%vectors, m => block%dimension, p => block%points)
+      select case (block%kind)
+      case (euclidean_block)
+        call translate(m, flows%first(last + 1) - k, flows%weight(k), flows%stage(k), &
+                       frame%dimension, f(v + 1, 1), y(p + 1))
+      case (se3_block)
+        call move_rigid_body(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
+      case (so_block, isospectral_block, su_block, u_block, linear_action_block, callback_block)
+        call move_matrix(frame, block, flows, begin, last, f(v + 1, 1), y(p + 1))
+      case default
+        call rotate(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
+      end select
+    end associate
+  end subroutine move_block
 
   ! Adds all terms of all flows to a point of Euclidean space.
   pure subroutine translate(n, terms, weight, stage, m, f, y)

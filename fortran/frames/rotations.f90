@@ -7,7 +7,8 @@ module rotations_m
   implicit none
   ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
   private
-  public :: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, set_quaternion
+  public :: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, set_quaternion, &
+            turn_point
 
   ! Its square doesn't underflow, and sin(x) / x is exactly 1 there.
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))
@@ -24,11 +25,9 @@ contains
     real(wp), intent(in) :: f(m, *)
     real(wp), intent(inout) :: y(block%point_size)
     real(wp) :: q(4), e(4), half, sinc, side
-    logical :: left
     integer :: j, k
 
-    left = block%space .or. block%kind == sphere_block
-    side = merge(1.0_wp, -1.0_wp, left)
+    side = merge(1.0_wp, -1.0_wp, block%space .or. block%kind == sphere_block)
     do j = begin, last
       k = flows%first(j)
       call exponential(combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f), e, &
@@ -43,9 +42,20 @@ contains
       end if
     end do
 
+    call turn_point(block, q, y)
+  end subroutine rotate
+
+  ! Rotates a point by a unit quaternion.
+  pure subroutine turn_point(block, q, y)
+    type(block_t), intent(in) :: block
+    real(wp), intent(in) :: q(4)
+    real(wp), intent(inout) :: y(block%point_size)
+    real(wp) :: e(4), side
+
+    side = merge(1.0_wp, -1.0_wp, block%space)
     select case (block%kind)
     case (so3_block)
-      call rotate_matrix(q, left, y(1:3), y(4:6), y(7:9))
+      call rotate_matrix(q, block%space, y(1:3), y(4:6), y(7:9))
     case (sphere_block)
       call rotate_vector(q, y)
     case (quaternion_block)
@@ -59,7 +69,7 @@ contains
       call multiply(side, q, e(1), e(2), e(3), e(4))
       call set_quaternion(e, y)
     end select
-  end subroutine rotate
+  end subroutine turn_point
 
   ! The first three coefficients of a flow
   pure function combined(terms, weight, stage, m, f)

@@ -25,6 +25,23 @@ subroutine plan_open(blocks, description, numbers, constants, method_address, ad
   address = at_address(c_loc(plan))
 end subroutine plan_open
 
+! Gives the frame of a plan inertia; see make_bodies.
+subroutine plan_set_bodies(address, bodies, columns, numbers, constants)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use free_motion_m, only: make_bodies
+  use kinds, only: wp
+  use run_m, only: plan_at, plan_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: bodies, numbers
+  integer, intent(in) :: columns(bodies)
+  real(wp), intent(in) :: constants(numbers)
+  type(plan_t), pointer :: plan
+
+  plan => plan_at(address)
+  call make_bodies(columns, constants, plan%frame)
+end subroutine plan_set_bodies
+
 ! Sets the coefficients of the interpolants of a plan; see scheme_t.
 subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
                            degree, basis, at_stages, nodes, node, blend, used, used_c, flows, &

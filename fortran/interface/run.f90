@@ -327,9 +327,11 @@ contains
     type(run_t), intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
     real(wp), allocatable :: where(:), points(:), slopes(:)  ! times, then members
-    integer :: i, memory
+    integer :: i, m, memory
 
-    associate (n => run%frame%point_size, m => run%frame%dimension, k => size(requests))
+    m = run%frame%dimension
+    if (run%frame%forces > 0) m = run%frame%forces
+    associate (n => run%frame%point_size, k => size(requests))
       allocate (where(2 * k), points(n * k), slopes(m * k), stat=memory)
       if (memory /= 0) then
         do i = 1, k
@@ -347,7 +349,7 @@ contains
       call run%python%apply(fields_operation, where, points, slopes)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          lane%request%received = slopes((i - 1) * m + 1:i * m)
+          lane%request%received(:m) = slopes((i - 1) * m + 1:i * m)
           lane%request%flag = 0
         end associate
       end do

@@ -8,11 +8,12 @@ module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_intptr_t, &
                                          c_null_ptr, c_ptr
   use coordinates_m, only: sizes
-  use vector_field_m, only: field_at, rhs_i
+  use free_motion_m, only: add_free_motion, take_forces
   use frames_m, only: flow_along
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
   use shared_numbers, only: variation_t
+  use vector_field_m, only: field_at, rhs_i
   implicit none
   private
   public :: variational_field
@@ -97,6 +98,7 @@ contains
       real(wp), intent(inout) :: values(*)
       procedure(rhs_i), pointer :: rhs
       real(wp) :: point(record%width)
+      type(plan_t), pointer :: plan
       type(c_ptr) :: data
 
       data = transfer(merge(own_data, record%data, own_data /= 0), data)
@@ -104,6 +106,10 @@ contains
       point = y
       rhs => field_at(address)
       code = rhs(t, point, values, data)
+      plan => plan_at(record%frame)
+      if (code /= 0 .or. plan%frame%forces == 0) return
+      call take_forces(plan%frame, y, values)
+      call add_free_motion(plan%frame, y, values)
     end subroutine evaluate_at
 
     ! a(j, i) becomes the central difference of f(i) along field j.

@@ -23,7 +23,7 @@ module loop_m
   use requests_m, only: check_coefficients, request
   use phases_m
   use trajectory_m, only: problem_t, trajectory_t
-  use within_step_m, only: store_node, store_end, request_node
+  use within_step_m, only: store_begin, store_node, store_end, request_node
   use iso_fortran_env, only: int64
   use shared_numbers, only: buffer_full, finished, needs_field, needs_maximum, needs_minimum, &
                             paused
@@ -90,6 +90,8 @@ contains
         call examine_step(problem, trajectory, output)
       case (phase_request_end)
         call request(problem, trajectory, trajectory%t, trajectory%y(:, 0), phase_end_received)
+      case (phase_begin_received)
+        call store_begin(problem, trajectory)
       case (phase_end_received)
         call store_end(problem, trajectory)
       case (phase_next_node)

@@ -25,6 +25,9 @@ module method_m
     integer :: third = 0                     ! the path to a third one, 0 if there is none
     logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
+    ! of a splitting method, whose flows are kicks, each followed by a drift, that is, free motion
+    logical :: splitting = .false.
+    real(wp), allocatable :: drift(:)        ! (flows) in steps
     ! of a method of two registers, Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1)
     logical :: two_registers = .false.
     real(wp), allocatable :: a(:), b(:)      ! (stages)
@@ -90,6 +93,8 @@ contains
         scheme%mu = numbers(38:39)
       end associate
     end if
+    method%splitting = record%drifts /= 0
+    if (method%splitting) method%drift = reals(record%drifts, record%flows)
     method%polynomial = record%polynomial /= 0
     method%has_nodes = method%blocks == 0 .and. stages > 2 .and. all(method%stage_path == 0)
     allocate (method%leads(0:size(method%origin)), source=.false.)

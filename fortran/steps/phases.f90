@@ -11,7 +11,7 @@ module phases_m
                   phase_finish_step, phase_decide_step, phase_accepted, phase_request_end, &
                   phase_end_received, phase_next_node, phase_node_received, phase_record_step, &
                   phase_column_received, phase_error_received, phase_detect_events, &
-                  phase_ended
+                  phase_begin_received, phase_ended
   end enum
 
 end module phases_m

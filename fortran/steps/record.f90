@@ -7,10 +7,10 @@ module record_m
   use output_m, only: store_interpolant, store_step, output_t
   use simultaneous_events_m, only: record_zeros
   use step_events_m, only: crosses, find_zeros
-  use requests_m, only: evaluate_events, request
+  use requests_m, only: evaluate_events
   use phases_m
   use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
-  use within_step_m, only: interpolate, point_at
+  use within_step_m, only: interpolate, point_at, request_ends
   use iso_fortran_env, only: int64
   use shared_numbers, only: buffer_full, finished, jumps_without_progress, paused, raised, &
                             terminal_event
@@ -51,11 +51,7 @@ contains
           .or. any(crosses(x%events%before, values, problem%events%direction) .and. abs(values) > 0)
       x%phase = phase_record_step
       if (.not. (x%needs_interpolant .or. x%seeks_events)) return
-      if (x%end_known) then
-        call interpolate(problem, trajectory)
-      else
-        call request(problem, trajectory, x%t_end, x%y(:, x%result), phase_end_received)
-      end if
+      call request_ends(problem, trajectory)
     end associate
   end subroutine examine_step
 

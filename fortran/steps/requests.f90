@@ -4,6 +4,7 @@
 module requests_m
   use kinds, only: wp
   use controller_m, only: rejected_size
+  use free_motion_m, only: add_free_motion, take_forces
   use shared_numbers, only: field_not_finite, finished, needs_field, needs_maximum, raised, &
                             raised_in_python, stage_not_finite, stopped_by_field
   use phases_m
@@ -57,12 +58,18 @@ contains
   end subroutine request
 
   ! Checks the answer to a request: finite coefficients go to the next phase, others are a failure.
+  ! Of mechanical systems the answer is forces; splitting methods take them alone.
   subroutine check_coefficients(problem, trajectory, y)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) where f was evaluated
 
     if (trajectory%request%flag == 0) then
+      if (problem%frame%forces > 0) then
+        call take_forces(problem%frame, y, trajectory%request%received)
+        if (.not. problem%method%splitting) &
+          call add_free_motion(problem%frame, y, trajectory%request%received)
+      end if
       if (finite(trajectory%request%received)) then
         trajectory%status = finished
         return

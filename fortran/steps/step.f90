@@ -8,6 +8,7 @@ module step_m
                           max_suspicion, rejected_size, suspected_error
   use error_norm_m, only: norm, point_difference, scales, tangent
   use frames_m, only: apply_flows, flow_along, restore
+  use free_motion_m, only: move_by_kicks
   use implicit_m, only: prepare_stage, store_value
   use method_m, only: method_t
   use newton_m, only: filtered
@@ -159,6 +160,9 @@ contains
         if (method%on_algebra) then
           call combine_coordinates(method, i, trajectory)
           call flow_along(frame, x%u, x%y(:, i))
+        else if (method%splitting) then
+          call move_by_kicks(frame, x%flows, x%h * method%drift, method%path_first(i), &
+                             method%path_first(i + 1) - 1, x%f, x%y(:, i))
         else
           call apply_flows(frame, x%flows, method%path_first(i), method%path_first(i + 1) - 1, &
                            x%f, x%y(:, i))

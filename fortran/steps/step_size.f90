@@ -192,6 +192,9 @@ contains
       x%path_of_u = 0
       x%end_known = .false.
       x%phase = phase_next_stage
+      ! splitting methods that begin with a drift need no force at the start
+      if (problem%method%splitting .and. .not. x%last%kept .and. abs(problem%method%c(1)) > 0) &
+        return
       if (.not. x%slope_known) call request(problem, x, x%t, x%y(:, 0), phase_start_received)
     end associate
   end subroutine choose_step

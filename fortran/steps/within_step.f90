@@ -2,6 +2,7 @@
 ! Its nodes are requested one after the other, until it is complete.
 module within_step_m
   use kinds, only: wp
+  use free_motion_m, only: add_free_motion
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
                                flows_of_evaluation, make_cubic, next_node, reserve_interpolant, &
                                set_ends
@@ -12,7 +13,8 @@ module within_step_m
   use shared_numbers, only: out_of_memory, paused, step_too_long
   implicit none
   private
-  public :: store_node, interpolate, store_end, point_at, request_node, request_interpolant
+  public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, request_node, &
+            request_interpolant
 
 contains
 
@@ -32,6 +34,32 @@ contains
       call interpolate_last(problem, trajectory, trajectory%slope)
     end if
   end subroutine request_interpolant
+
+  ! Requests the coefficients at the ends of a step that aren't known; then its interpolant starts.
+  subroutine request_ends(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory)
+      if (.not. x%slope_known) then
+        call request(problem, trajectory, x%t, x%y(:, 0), phase_begin_received)
+      else if (.not. x%end_known) then
+        call request(problem, trajectory, x%t_end, x%y(:, x%result), phase_end_received)
+      else
+        call interpolate(problem, trajectory)
+      end if
+    end associate
+  end subroutine request_ends
+
+  ! Stores the coefficients at the start of a step.
+  subroutine store_begin(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    trajectory%slope(:) = trajectory%request%received
+    trajectory%slope_known = .true.
+    call request_ends(problem, trajectory)
+  end subroutine store_begin
 
   ! Stores the coefficients at the end of a step, and starts its interpolant.
   subroutine store_end(problem, trajectory)
@@ -61,6 +89,7 @@ contains
     associate (x => trajectory)
       call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
                     x%end_slope)
+      call complete_ends(problem, trajectory)
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
                              exists)
       if (x%needs_interpolant .or. x%interpolant%complete) then
@@ -72,6 +101,18 @@ contains
     end associate
   end subroutine interpolate
 
+  ! Adds the free motion to the coefficients of splitting methods at both ends.
+  subroutine complete_ends(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    if (.not. problem%method%splitting) return
+    associate (interpolant => trajectory%interpolant)
+      call add_free_motion(problem%frame, interpolant%y0, interpolant%field(:, 1))
+      call add_free_motion(problem%frame, interpolant%y1, interpolant%field(:, 2))
+    end associate
+  end subroutine complete_ends
+
   ! Starts the interpolant of the step before.
   subroutine interpolate_last(problem, trajectory, slope)
     type(problem_t), intent(in) :: problem
@@ -81,6 +122,7 @@ contains
 
     associate (x => trajectory)
       call set_ends(x%interpolant, x%last%t, x%last%h, x%last%y, x%y(:, 0), x%last%slope, slope)
+      call complete_ends(problem, trajectory)
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
                              exists)
       call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp)
@@ -126,6 +168,8 @@ contains
 
     associate (x => trajectory)
       before = x%interpolant%nexp
+      if (problem%method%splitting) &
+        call add_free_motion(problem%frame, x%interpolant%y, x%request%received)
       call add_node(problem%frame, problem%scheme, x%request%received, x%interpolant, exists)
       call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp - before)
     end associate

@@ -12,6 +12,7 @@ from cg.catalogue import methods
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places
@@ -37,7 +38,7 @@ def select(catalogue: Mapping[str, Method] = methods) -> list[str]:
         for name, method in catalogue.items()
         if method.order >= _LOWEST_ORDER
         and method.explicit
-        and not isinstance(method, MuntheKaas | MagnusMethod)
+        and not isinstance(method, MuntheKaas | MagnusMethod | Splitting)
     ]
     return sorted(chosen, key=lambda name: (catalogue[name].order, name))
 

@@ -130,6 +130,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(cg.lmdif, f=residual, x0=[0.0, 0.0], ftol=1e-8, xtol=1e-8, gtol=0.0, maxfev=100,
          epsfcn=1e-16, factor=100.0, diag=[1.0, 1.0]),
     call(cg.MagnusMethod, nodes=["1/2"], weights=[[1]], third_factor=1, name="x", source="y"),
+    call(cg.Splitting, drifts=[0, 1, 0], kicks=["1/2", "1/2"], name="x", source="y"),
     call(cg.Tableau, a=[[0, 0], ["1/2", 0]], b=[0, 1], name="x", source="y", b_embedded=[1, 0],
          explicit=True, nominal_order=2, nominal_residual="1e-3"),
     call(cg.CommutatorFree, points=[(-1, {0: "1/2"}), (-1, {1: 1})], stage_points=[-1, 0],

@@ -17,6 +17,17 @@ int affine(double t, const double *y, double *f, void *user_data)
     return 0;
 }
 
+// The force of a heavy top on its attitude, a rotation matrix: the centre of mass is in the data.
+int heavy(double t, const double *y, double *f, void *user_data)
+{
+    const double *c = user_data, *k = y + 6;
+    (void)t;
+    f[0] = k[1] * c[2] - k[2] * c[1];
+    f[1] = k[2] * c[0] - k[0] * c[2];
+    f[2] = k[0] * c[1] - k[1] * c[0];
+    return 0;
+}
+
 int growth(double t, const double *y, double *f, void *user_data)
 {
     (void)t, (void)user_data;

@@ -31,6 +31,7 @@ FRAMES = {
     "CoadjointOrbit": frames.CoadjointOrbit(SO3, (0.6, 0.0, -0.8)),
     "Product": frames.Product(frames.Sphere(2), frames.Euclidean(2)),
     "Power": frames.Power(frames.Sphere(2), 2),
+    "PhaseSpace": frames.PhaseSpace(frames.Sphere(2)),
     "FieldFrame": HEISENBERG,
     "MatrixFrame": frames.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
 }
@@ -86,6 +87,11 @@ FRAME_EXAMPLES = by_name(
         call(frames.IsospectralOrbit.through, y0=[[1.0, 0.5], [0.5, 2.0]]),
         call(frames.CoadjointOrbit, algebra=SO3, point=(0.6, 0.0, 0.8)),
         call(frames.Power, factor=SO3, n=2),
+        call(frames.PhaseSpace, frame=SO3, inertia=[1.0, 2.0, 2.5]),
+        *(
+            call(getattr(FRAMES["PhaseSpace"], name), y=np.array([0.6, 0.0, 0.8, 0.3, 0.5, 0.2]))
+            for name in ("split", "velocity", "kinetic_energy")
+        ),
         call(lambda factor: frames.Product(SO3, factor), factor=SO3),
         call(FRAMES["Product"].split, y=np.zeros(5)),
         call(frames.Semidirect, group=SO3, copies=2),

@@ -43,7 +43,7 @@ ARGUMENTS = {"str": "a reason", "int": 3, "float": 0.125}
 
 def examples():
     """Yield objects by name: methods, and all that the calls of everything public return."""
-    for kind in (cg.Tableau, cg.CommutatorFree, cg.MuntheKaas, cg.MagnusMethod):
+    for kind in (cg.Tableau, cg.CommutatorFree, cg.MuntheKaas, cg.MagnusMethod, cg.Splitting):
         yield next((name, m) for name, m in cg.methods.items() if isinstance(m, kind))
     libm = ctypes.util.find_library("m")
     yield "CompiledFunction", cg.CompiledFunction(libm, "nextafter", [1.0, 2.0])

@@ -11,6 +11,7 @@ from ...method.abscissae import read_abscissae
 from ...method.magnus import MagnusMethod
 from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
+from ...method.splitting import Splitting
 from ...support.parsing import visible
 from .failing import FailingCondition, first_failing
 from .findings import Finding
@@ -157,6 +158,11 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     method = resolve_method(method)
     if isinstance(method, MagnusMethod):
         raise TypeError(f"method must be for nonlinear equations, got {method!r}")
+    if isinstance(method, Splitting):
+        raise TypeError(
+            "method must not be a splitting method, whose conditions are listed by "
+            f"`crouch-grossman show --conditions`, got {method!r}"
+        )
     abscissae = None if c is None else read_abscissae(c, method)
     return Diagnosis(
         method,

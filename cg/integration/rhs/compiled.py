@@ -93,6 +93,11 @@ class CompiledRhs:
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member; RuntimeError if the function returns an error."""
         assert self.frame is not None
+        return self.frame.complete_rhs(self.answer(member, t, y), y)
+
+    def answer(self, member: int, t: float, y: Points) -> Array:
+        """Return what the function writes for a member."""
+        assert self.frame is not None
         _, data, distance = self.addresses()
         row: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
         return row
@@ -102,11 +107,11 @@ class CompiledRhs:
     ) -> Array:
         """Return what the function writes at several points, shape ``(len(y), *shape)``.
 
-        The shape of coefficients by default; it is NaN where the function writes nothing.
+        The shape of an answer of ``f`` by default; it is NaN where the function writes nothing.
         """
         import cg._core_r64 as core
 
-        shape = shape or (frame.dim,)
+        shape = shape or (frame.rhs_dim,)
         points = np.array(y, dtype=frame.dtype, order="C")  # the function may overwrite them
         values = np.empty((len(y), math.prod(shape)))
         rows = points.reshape(len(y), -1).view(np.float64)

@@ -10,6 +10,7 @@ import numpy as np
 
 from cg.frames.arrays import Array, Points, is_array, real_array
 from cg.frames.base import Frame
+from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.python import when
 
@@ -64,6 +65,12 @@ def derivative_of(
             return None
         if not callable(function):
             raise TypeError(f"{name} must be callable as {name}(t, y), got {function!r}")
+    if isinstance(frame, PhaseSpace):
+        # f returns forces, and derivatives would be those of all coefficients
+        raise ValueError(
+            f"{name} must be None on a phase space, where derivatives are differences, got "
+            f"{function!r}"
+        )
     return Derivative(name, compiled or function, frame, shape, vectorized)
 
 

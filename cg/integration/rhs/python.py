@@ -38,7 +38,8 @@ class Check:
         compiled code detects points that aren't finite. ``members`` of a vectorized function are
         named in errors.
         """
-        shape = (len(t), self.frame.dim) if self.vectorized else (self.frame.dim,)
+        n = self.frame.rhs_dim
+        shape = (len(t), n) if self.vectorized else (n,)
         try:
             # a copy, since f may return the same buffer each time
             coefficients = real_array(value, self.name)
@@ -63,9 +64,8 @@ class Check:
         # a finite sum means that all terms are finite, and takes a fraction of the time
         if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
             rows = y.reshape(len(y) if self.vectorized else 1, -1)
-            wrong = np.isfinite(rows).all(axis=1) & ~np.isfinite(
-                coefficients.reshape(-1, self.frame.dim)
-            ).all(axis=1)
+            answers = np.isfinite(coefficients.reshape(-1, n)).all(axis=1)
+            wrong = np.isfinite(rows).all(axis=1) & ~answers
             if wrong.any():
                 got = f"{coefficients} at {when(t)}"
                 if self.vectorized:
@@ -83,7 +83,7 @@ class Check:
         flat = isinstance(group, MatrixGroup) and shape == (math.prod(group.point_shape),)
         if not isinstance(group, MatrixGroup) or not (flat or shape == group.point_shape):
             if shape != self.frame.point_shape:
-                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.dim else ""
+                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
             return "; f returns coefficients of the frame's fields, not the derivative of y"
         name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
         return f"; {name}(matrix) are those of a matrix in the Lie algebra"
@@ -114,7 +114,7 @@ class PythonRhs:
         self.check = Check(f, frame, vectorized, first)
         self.name = self.failed_name = self.check.name
         function = f.a if isinstance(f, TimeFunction) else f
-        rest = frame, (frame.dim,), self.check, self.check.of_time
+        rest = frame, (frame.rhs_dim,), self.check, self.check.of_time
         if parameters is None or vectorized:
             self._contexts = [context_of(function, args, *rest)]
         else:
@@ -179,6 +179,10 @@ class PythonRhs:
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member as a new array, after checking them."""
+        return self.frame.complete_rhs(self.answer(member, t, y), y)
+
+    def answer(self, member: int, t: float, y: Points) -> Array:
+        """Return what ``f`` returns for a member as a new array, after checking it."""
         if self.vectorized:
             row: Array = self.at_members(np.array([t]), np.array([member]), y[None])[0]
             return row

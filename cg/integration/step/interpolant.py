@@ -57,6 +57,9 @@ ones, whose own errors are smaller.  A step with output takes 0, 3, 6, 10, 15
 more evaluations for order p = 3, 4, 5, 6, 7, or 6 for p = 6, 10 for p = 7 and 15 for p = 8 with
 p - 1 nodes.
 
+For splitting methods, whose kicks and drifts are no flows of the frame, another method of their
+order solves the problem that depends on time alone.
+
 Their nodes are those of Lobatto's formula with one node more, without the one in the middle: that
 is the node at which the integral condition interpolates the derivative implicitly, so that the
 error between the nodes is that of Lobatto's points.
@@ -73,11 +76,13 @@ from itertools import count
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
+from cg.catalogue import methods
 from cg.frames.arrays import Array
 from cg.integration.step.collocation import collocation_polynomial
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 from cg.trees.rooted import rooted_trees_through
 
 # Nodes of interpolants that use the stages of a method, in this order.  A search over grids chose
@@ -87,6 +92,8 @@ _MAX_NODES = 60
 _SOLVED = 1e-10  # residuals below are rounding
 _NO_RANK = 1e-11
 _NO_WEIGHT = 1e-8
+# Methods whose flows interpolants of splitting methods use, in increasing order.
+_WITH_FLOWS = "CG2", "CFM4", "CFM6(4)", "CFM8(4)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,3 +332,11 @@ class ResultFlows:
 def result_flows(method: Method) -> ResultFlows:
     """Return the flows to the result of a method."""
     return ResultFlows(paths_of(method))
+
+
+def flows_within(method: Method) -> ResultFlows:
+    """Return the flows of interpolants: those of a method, or of another one for a splitting."""
+    if not isinstance(method, Splitting):
+        return result_flows(method)
+    fitting = (name for name in _WITH_FLOWS if methods[name].order >= method.order)
+    return result_flows(methods[next(fitting, _WITH_FLOWS[-1])])

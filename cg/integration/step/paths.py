@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from itertools import chain
+from itertools import accumulate, chain
 from math import comb
 from typing import Any
 
@@ -23,10 +23,13 @@ from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
 from cg.method.tableau import Tableau
 from cg.structure.points import START
 from cg.support.records import fields_of
 from cg.support.shared_numbers import METHOD
+
+_ROUNDING = Fraction(1, 10**14)  # of the sum of drifts
 
 Flow = tuple[tuple[int, Fraction], ...]
 """The stages (from 0) and their weights that make the field of one flow."""
@@ -92,6 +95,8 @@ class MethodPaths:
         which one flow leads to the result.
     blocks
         Number of blocks of stages of an implicit method that are solved one after the other.
+    drifts
+        Of a splitting method, the drift after each flow, which is a kick; else empty.
     """
 
     paths: tuple[Path, ...]
@@ -109,6 +114,7 @@ class MethodPaths:
     factor: Fraction = Fraction(1, 10)  # of DOP853
     polynomial: bool = False
     blocks: int = 0
+    drifts: tuple[Fraction, ...] = ()
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -146,6 +152,8 @@ class MethodPaths:
             "error": [*chain(*self.errors)],
             "transformation": self.transformation,
         }
+        if self.drifts:
+            reals["drifts"] = self.drifts
         if self.registers is not None:
             reals["registers"] = [*chain(*self.registers)]
         arrays = {name: np.array(row, np.intc) for name, row in integers.items()}
@@ -171,6 +179,8 @@ class MethodRecord(ctypes.Structure):
 @cached
 def paths_of(method: Method) -> MethodPaths:
     """Return the paths of a method."""
+    if isinstance(method, Splitting):
+        return _splitting_paths(method)
     series = 0
     if isinstance(method, MuntheKaas) and not method.explicit:
         flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
@@ -223,6 +233,26 @@ def paths_of(method: Method) -> MethodPaths:
         factor=factor,
         blocks=_blocks(method),
     )
+
+
+def _splitting_paths(method: Splitting) -> MethodPaths:
+    """Return the paths of a splitting method, whose flows are kicks followed by drifts.
+
+    The force depends on time and position alone. So at the end of the step it is that of the last
+    stage, if the step ends with a kick.
+    """
+    drifts = [drift.value for drift in method.drift_coefficients]
+    kicks: list[Flow] = [((k, kick.value),) for k, kick in enumerate(method.kick_coefficients)]
+    first = int(drifts[0] != 0)  # a kick of zero before it
+    flows: list[Flow] = [(), *kicks][1 - first :]
+    paths = tuple(Path(k, (flow,)) for k, flow in enumerate(flows))
+    stages = tuple(range(first, first + len(kicks)))
+    c = tuple(accumulate(drifts[:-1]))
+    final = drifts[0] == drifts[-1] == 0 and abs(c[-1] - 1) < _ROUNDING
+    return MethodPaths(
+        paths, stages, len(paths), 0, method.stages if final else 0, c,
+        drifts=tuple(drifts[1 - first :]),
+    )  # fmt: skip
 
 
 @cached

@@ -14,6 +14,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
+from cg.frames.phase_space import PhaseSpace
 from cg.integration.step.blocks import (
     block_constants,
     describe_blocks,
@@ -24,6 +25,7 @@ from cg.integration.step.collocation import is_collocation
 from cg.integration.step.interpolant import (
     ResultFlows,
     extension_of,
+    flows_within,
     node_count,
     nodes_of,
     series_order,
@@ -92,6 +94,8 @@ class Plan:
             block_constants(frame),
             ctypes.addressof(paths.record),
         )
+        if isinstance(frame, PhaseSpace):
+            core.plan_set_bodies(self.address, *frame.compiled_bodies())
         weakref.finalize(self, core.plan_close, self.address)
         self.columns = self._make_interpolants()
 
@@ -103,7 +107,8 @@ class Plan:
     def _make_interpolants(self) -> int:
         method, polynomial = self.method, self.paths.polynomial
         nodes = method.stages if polynomial else node_count(method)
-        extension, flows = extension_of(method), ResultFlows(self.paths)
+        extension = extension_of(method)
+        flows = ResultFlows(self.paths) if polynomial else flows_within(method)
         flat = isinstance(method, MuntheKaas)
         columns = max(len(extension.basis), nodes + 1)
         padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty

@@ -134,15 +134,15 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, A
 
 def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int, ...], Any]]:
     """Return the functions with their names, the shapes of what they return, and their checks."""
-    n, jac = variational.frame.dim, variational.jac
+    frame, jac = variational.frame, variational.jac
     functions: list[tuple[str, Any, tuple[int, ...], Any]]
-    functions = [("f", variational.f, (n,), variational.check)]
-    if jac is None and not is_compiled(variational.frame):
+    functions = [("f", variational.f, (frame.rhs_dim,), variational.check)]
+    if jac is None and not is_compiled(frame):
         # compiled code takes differences along flows of compiled frames only
         def difference(t: float, y: Points, *arguments: Any) -> Array:
             return variational.differences(t, y, arguments)
 
-        functions.append(("jac", difference, (n, n), lambda value, t, y: value))
+        functions.append(("jac", difference, (frame.dim, frame.dim), lambda value, t, y: value))
     for given in (jac, variational.df_dp):
         if given is not None:
             functions.append((given.name, given.function, given.shape, given.check))

@@ -111,7 +111,7 @@ class VariationalField:
         if isinstance(self.f, CompiledRhs):
             row: Array = self._at_points(t, y[None], arguments)[0]
             return row
-        return self.check(self.f(t, read_only(y), *arguments), t, y)
+        return self.frame.complete_rhs(self.check(self.f(t, read_only(y), *arguments), t, y), y)
 
     def differences(self, t: Any, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return differences of ``f`` along the frame's fields, shape ``(..., n, n)``."""
@@ -132,7 +132,7 @@ class VariationalField:
             values = self.f.values(self.frame, self.data_address(arguments), t, points)
             if not np.isfinite(values).all() and np.isfinite(points).all():
                 raise ValueError(f"f must return finite numbers, got {values[0]} at {when(t)}")
-            return values
+            return self.frame.complete_rhs(values, points)
         if not self.vectorized:
             return np.array([self.coefficients(t, point, arguments) for point in points])
         each = points.shape[1]

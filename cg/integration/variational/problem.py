@@ -17,6 +17,7 @@ from cg.integration.variational.compiled import compiled_variation
 from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
 from cg.integration.variational.results import SolutionMaker
+from cg.method.splitting import Splitting
 from cg.support.checks import check_flag
 
 # tolerance relative to the largest entry or eigenvalue of a covariance
@@ -32,6 +33,11 @@ def add_derivatives(
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     control_derivatives = check_flag("control_derivatives", control_derivatives)
+    if isinstance(problem.plan.method, Splitting):
+        raise ValueError(
+            f"method must not be a splitting method, got {problem.plan.method!r}, which moves no "
+            "derivatives"
+        )
     if not has_brackets(frame):
         raise ValueError(
             "frame must know the bracket of its fields, by which derivatives move, got "

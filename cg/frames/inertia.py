@@ -1,0 +1,188 @@
+"""The inertia of mechanical systems: which metrics have free motions that are known exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from cg.frames.arrays import Array, check_finite, real_array
+from cg.frames.base import Frame
+from cg.frames.euclidean import Euclidean
+from cg.frames.power import Power
+from cg.frames.product import Product
+from cg.frames.quaternion import UnitQuaternion
+from cg.frames.so import SO
+from cg.frames.sphere import Sphere
+from cg.frames.u import U
+
+_ROUNDING = 1e-12
+_KNOWN = "SO(n), UnitQuaternion, SU(n), U(n), Euclidean, Sphere(2), and products and powers of them"
+
+Inertia = Any
+"""None, a number, a diagonal, a matrix, or a tuple of these: hashable, as `PhaseSpace` keeps it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """The inertia of one factor of a configuration.
+
+    Attributes
+    ----------
+    inverse
+        The inverse inertia, shape ``(n, n)``, or ``(n, 1)`` if it is diagonal.
+    top
+        Of a rigid body whose moments of inertia differ, the numbers of ``top_t`` in compiled code,
+        shape ``(24,)``; else None.
+    vectors, points
+        Where its velocities are among all, and its point among the doubles of all.
+    sphere
+        Whether it is a point of a sphere.
+    """
+
+    inverse: Array
+    top: Array | None
+    vectors: slice
+    points: slice
+    sphere: bool = False
+
+    @property
+    def columns(self) -> int:
+        """The number of columns of the inverse, negative for a rigid body with a ``top``."""
+        columns = int(self.inverse.shape[1])
+        return columns if self.top is None else -columns
+
+    def velocity(self, momentum: Array) -> Array:
+        """Return the velocity for the momentum of the body, shape ``(..., n)``."""
+        if self.inverse.shape[1] == 1:
+            return np.asarray(momentum * self.inverse[:, 0])
+        return np.asarray(momentum @ self.inverse)
+
+
+def read_inertia(frame: Frame, value: Any) -> tuple[Inertia, tuple[Body, ...]]:
+    """Return the inertia as hashable numbers, and the bodies of a configuration.
+
+    Raises
+    ------
+    ValueError
+        If the free motion isn't known for the frame or for the inertia, or if this isn't positive
+        definite.
+    """
+    bodies: list[Body] = []
+    return _read(frame, value, "inertia", bodies), tuple(bodies)
+
+
+def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
+    """Append the bodies of a factor; return its inertia as hashable numbers."""
+    if type(frame) is Product:
+        if value is None:
+            value = (None,) * len(frame.factors)
+        if not isinstance(value, tuple | list) or len(value) != len(frame.factors):
+            raise ValueError(
+                f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got {value!r}"
+            )
+        parts = enumerate(zip(frame.factors, value, strict=True))
+        return tuple(_read(factor, part, f"{name}[{k}]", bodies) for k, (factor, part) in parts)
+    if type(frame) is Power:
+        for _ in range(frame.n):
+            inertia = _read(frame.factor, value, name, bodies)
+        return inertia
+    _check_frame(frame)
+    matrix = _checked(value, frame.dim, name)
+    vectors, points = (bodies[-1].vectors.stop, bodies[-1].points.stop) if bodies else (0, 0)
+    width = prod(frame.point_shape) * (2 if frame.dtype.kind == "c" else 1)
+    bodies.append(
+        Body(
+            _inverse(matrix),
+            _top(frame, matrix, name),
+            slice(vectors, vectors + frame.dim),
+            slice(points, points + width),
+            isinstance(frame, Sphere),
+        )
+    )
+    if value is None:
+        return None
+    return tuple(matrix.tolist()) if matrix.ndim == 1 else tuple(map(tuple, matrix.tolist()))
+
+
+def _check_frame(frame: Frame) -> None:
+    """Raise ValueError unless the free motion on a frame is known for some inertia."""
+    if isinstance(frame, SO | UnitQuaternion | U | Euclidean | Sphere):
+        if frame.compiled_blocks() is not None:
+            return
+        raise ValueError(f"frame must be compiled, {_KNOWN}, n at most 12; {frame!r} is not")
+    hint = ""
+    if type(frame).__name__ == "SE3":
+        hint = "; Product(Euclidean(3), SO3()) is a rigid body by centre of mass and attitude"
+    raise ValueError(
+        f"frame must be one whose free motion is known exactly, {_KNOWN}, got {frame!r}{hint}"
+    )
+
+
+def _checked(value: Any, n: int, name: str) -> Array:
+    """Return a positive definite inertia: its diagonal, or a matrix that isn't diagonal."""
+    matrix = real_array(1.0 if value is None else value, name)
+    if matrix.shape not in ((), (n,), (n, n)):
+        raise ValueError(f"{name} must have shape ({n},) or ({n}, {n}), got {matrix.shape}")
+    check_finite(matrix, name)
+    if matrix.ndim < 2:
+        matrix = np.full(n, matrix)
+    elif np.array_equal(matrix, np.diag(np.diagonal(matrix))):
+        matrix = np.diagonal(matrix).copy()
+    elif np.abs(matrix - matrix.T).max() > _ROUNDING * np.abs(matrix).max():
+        raise ValueError(f"{name} must be symmetric, got {value!r}")
+    smallest = matrix.min() if matrix.ndim == 1 else np.linalg.eigvalsh(matrix)[0]
+    if not smallest > 0.0:
+        raise ValueError(f"{name} must be positive definite, got {value!r}")
+    return matrix
+
+
+def _inverse(matrix: Array) -> Array:
+    if matrix.ndim == 1:
+        return np.asarray(1.0 / matrix[:, None])
+    inverse = np.linalg.inv(matrix)
+    return np.asarray(0.5 * (inverse + inverse.T))
+
+
+def _top(frame: Frame, matrix: Array, name: str) -> Array | None:
+    """Return the numbers of a rigid body, None if its free motion is one flow."""
+    if isinstance(frame, Euclidean) or (matrix.ndim == 1 and (matrix == matrix[0]).all()):
+        return None
+    if frame.dim != 3 or isinstance(frame, Sphere):
+        raise ValueError(
+            f"{name} must be a multiple of the identity on {frame!r}, got {matrix.tolist()}: only "
+            "of this metric, which is invariant on both sides, the free motion is a flow"
+        )
+    if getattr(frame, "convention", "") != "body":
+        raise ValueError(
+            f"{name} must be a multiple of the identity on {frame!r}, got {matrix.tolist()}: in "
+            'space axes it changes with the attitude; take convention="body"'
+        )
+    moments, axes = _principal(matrix)
+    inverse = [1 / Fraction(moment) for moment in moments.tolist()]
+    gaps = inverse[0] - inverse[1], inverse[1] - inverse[2], inverse[0] - inverse[2]
+    rest = _orthogonal_rest(axes)
+    return np.array([*axes.T.ravel(), *rest.T.ravel(), *map(float, (*inverse, *gaps))])
+
+
+def _orthogonal_rest(axes: Array) -> Array:
+    """Return what makes a rounded rotation orthogonal to twice as many digits, if it is added.
+
+    It is a step of Newton and Schulz with an exact residual.
+    """
+    exact = np.array([[Fraction(x) for x in row] for row in axes.tolist()])
+    residual = exact.T @ exact - np.array([[Fraction(i == j) for j in range(3)] for i in range(3)])
+    return np.asarray(-0.5 * axes @ residual.astype(np.float64))
+
+
+def _principal(matrix: Array) -> tuple[Array, Array]:
+    """Return increasing moments of inertia, and their axes as the columns of a rotation."""
+    if matrix.ndim == 1:
+        order = np.argsort(matrix, kind="stable")
+        moments, axes = matrix[order], np.eye(3)[:, order]
+    else:
+        moments, axes = np.linalg.eigh(matrix)
+    return moments, axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])

@@ -1,0 +1,187 @@
+"""The phase space of a mechanical system: configurations with momenta."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cg.frames.arrays import Array
+from cg.frames.base import Frame
+from cg.frames.block_kinds import Blocks
+from cg.frames.euclidean import Euclidean
+from cg.frames.inertia import Body, Inertia, read_inertia
+from cg.frames.product import Product
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class PhaseSpace(Product):
+    r"""Configurations of a frame with momenta, for mechanical systems.
+
+    With the fields :math:`E_i` of the configuration, velocities :math:`\omega` and momenta
+    :math:`\mu = J \omega` the equations are
+
+    .. math::
+
+        q' = \sum_i \omega_i E_i(q), \qquad
+        \mu_i' = \langle\mu, [e_i, \omega]\rangle + \tau_i ,
+
+    where the bracket is that of the configuration; in body axes of a rotation the first term is
+    :math:`\mu \times \omega`.  A right-hand side ``f(t, y)`` returns the generalised forces
+    :math:`\tau` alone, shape ``(configuration.dim,)``: :math:`\tau_i = -E_i V` if they have a
+    potential V.  The rest is known from the inertia J.  A compiled ``f`` writes as many numbers.
+
+    The frame itself is the product of the configuration and of the Euclidean space of momenta,
+    with all their coefficients.
+
+    Parameters
+    ----------
+    frame
+        The configuration: ``SO3``, ``SO``, ``UnitQuaternion``, ``SU``, ``U``, ``Euclidean``,
+        ``Sphere(2)``, and products and powers of them.
+    inertia
+        A matrix of shape ``(dim, dim)``, or its diagonal, or a multiple of the identity as a
+        number, by default the identity.  Of a product a tuple, one for each factor; of a power that
+        of each factor.  On Euclidean space it may be any positive definite one, and on rotations of
+        space in body axes.  On other groups, on spheres and in space axes it is a multiple of the
+        identity.
+
+    Raises
+    ------
+    TypeError
+        If ``frame`` isn't a `Frame`.
+    ValueError
+        If the free motion isn't known for the frame or for the inertia, or if this has another
+        shape or isn't positive definite.
+
+    Notes
+    -----
+    Splitting methods move points along the free motion and along forces in turn, and are
+    symplectic.  Their forces depend on time and configuration only.  The free motion of a rigid
+    body is computed by Jacobi's elliptic functions [1]_.
+
+    On a sphere the momentum is :math:`q \times p`, and the inertia is the mass.  `join` removes
+    its component along q, and forces along q have no effect.
+
+    ``jac`` and ``df_dp`` must be None on a phase space; derivatives are computed by differences.
+
+    References
+    ----------
+    .. [1] E. Celledoni, F. Fassò, N. Säfström, A. Zanna, "The exact computation of the free rigid
+       body motion and its use in splitting methods", SIAM J. Sci. Comput. 30 (2008), 2084-2112.
+
+    Examples
+    --------
+    A heavy top: the unit vector :math:`k = q^T e_3` is vertical, the centre of mass is on the third
+    axis of the body.
+
+    >>> import numpy as np
+    >>> from cg.frames import SO3
+    >>> frame = PhaseSpace(SO3(), inertia=[1.0, 1.6, 2.3])
+    >>> def f(t, y):
+    ...     q, momentum = frame.split(y)
+    ...     return np.cross(q[2], [0.0, 0.0, -1.0])
+    >>> y0 = frame.join(np.eye(3), [0.5, 0.1, 2.0])
+    >>> frame.kinetic_energy(y0).round(6)
+    np.float64(0.99769)
+    """
+
+    configuration: Frame
+    inertia: Inertia
+    _bodies: tuple[Body, ...] = field(init=False, compare=False)
+
+    def __init__(self, frame: Frame, inertia: Any = None) -> None:
+        if not isinstance(frame, Frame):
+            raise TypeError(f"frame must be a Frame, got {frame!r}")
+        numbers, bodies = read_inertia(frame, inertia)
+        super().__init__(frame, Euclidean(frame.dim))
+        object.__setattr__(self, "configuration", frame)
+        object.__setattr__(self, "inertia", None if inertia is None else numbers)
+        object.__setattr__(self, "_bodies", bodies)
+
+    def __repr__(self) -> str:
+        inertia = "" if self.inertia is None else f", {self.inertia!r}"
+        return f"PhaseSpace({self.configuration!r}{inertia})"
+
+    def join(self, *parts: ArrayLike) -> Array:
+        """Return the flat point, shape ``(..., n)``, of a configuration and a momentum.
+
+        Of momenta on spheres the component along the point is removed.
+
+        Parameters
+        ----------
+        *parts
+            The configuration, shape ``(..., *configuration.point_shape)``, and the momentum, shape
+            ``(..., configuration.dim)``.
+
+        Raises
+        ------
+        ValueError
+            If the number of parts or the shape of one of them is wrong.
+        """
+        if len(parts) != 2:
+            raise ValueError(f"parts must be a configuration and a momentum, got {len(parts)}")
+        y = super().join(*parts)
+        momentum = y[..., self._point_slices[1]]
+        momentum[...] = self._tangential(y, momentum)
+        return y
+
+    def _tangential(self, y: Array, covector: Array) -> Array:
+        """Return momenta or forces without the components along points of spheres."""
+        result = covector
+        for body in self._bodies:
+            if body.sphere:
+                result = result.copy() if result is covector else result
+                q, part = y[..., body.points], covector[..., body.vectors]
+                along = np.vecdot(q, part) / np.vecdot(q, q)
+                result[..., body.vectors] = part - along[..., None] * q
+        return result
+
+    def velocity(self, y: ArrayLike) -> Array:
+        r"""Return the velocities :math:`\omega = J^{-1} \mu`, shape ``(..., configuration.dim)``.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of ``y`` hasn't the length of a point.
+        """
+        momentum = self._points(y)[..., self._point_slices[1]]
+        parts = [body.velocity(momentum[..., body.vectors]) for body in self._bodies]
+        return np.concatenate(parts, axis=-1)
+
+    def kinetic_energy(self, y: ArrayLike) -> Array:
+        r"""Return :math:`\tfrac12 \langle\mu, \omega\rangle`, shape ``(...)``.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of ``y`` hasn't the length of a point.
+        """
+        momentum = self._points(y)[..., self._point_slices[1]]
+        return np.asarray(0.5 * np.vecdot(momentum, self.velocity(y)))
+
+    @property
+    def rhs_dim(self) -> int:
+        """Number of forces, that of the configuration's fields."""
+        return self.configuration.dim
+
+    def complete_rhs(self, f: Array, y: Array) -> Array:
+        """Return velocities and derivatives of momenta for forces, shape ``(..., dim)``."""
+        velocity, momentum = self.velocity(y), y[..., self._point_slices[1]]
+        slope = np.broadcast_to(self._tangential(y, f), momentum.shape).copy()
+        for body in self._bodies:
+            if body.top is not None:
+                at = (..., body.vectors)
+                slope[at] += np.cross(momentum[at], velocity[at])
+        return np.concatenate([velocity, slope], axis=-1)
+
+    def compiled_bodies(self) -> tuple[NDArray[np.intc], Array]:
+        """Return the columns and the constants of all bodies, as compiled code reads them."""
+        numbers = [x for body in self._bodies for x in (body.inverse.T.ravel(), body.top)]
+        columns = np.array([body.columns for body in self._bodies], dtype=np.intc)
+        return columns, np.concatenate([x for x in numbers if x is not None])
+
+    def _blocks(self) -> Blocks | None:
+        return super()._blocks()

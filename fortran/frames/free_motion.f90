@@ -1,0 +1,157 @@
+! Mechanical systems: points are configurations with momenta, coefficients are velocities and the
+! derivatives of momenta. Right-hand sides give the forces alone; what the inertia determines is
+! added here, and moves points along drifts.
+module free_motion_m
+  use kinds, only: wp
+  use blocks_m, only: body_t, flow_sequence_t
+  use frames_m, only: frame_t, move_block
+  use rigid_body_m, only: make_top, turn_freely
+  use rotations_m, only: turn_point
+  use shared_numbers, only: sphere_block
+  implicit none
+  private
+  public :: add_free_motion, make_bodies, move_by_kicks, take_forces
+
+contains
+
+  ! Gives a frame the bodies of its blocks but the last, the momenta.
+  subroutine make_bodies(columns, constants, frame)
+    ! (bodies) 1 for diagonal inertia, the dimension for a matrix, negative for a rigid body that is
+    ! free to turn about any axis
+    integer, intent(in) :: columns(:)
+    real(wp), intent(in) :: constants(:)     ! of each: its inverse inertia, top_t
+    type(frame_t), intent(inout) :: frame
+    integer :: i, used
+
+    allocate (frame%bodies(size(columns)))
+    frame%forces = frame%dimension / 2
+    used = 0
+    do i = 1, size(columns)
+      associate (body => frame%bodies(i), n => frame%blocks(i)%dimension)
+        body%inverse = reshape(constants(used + 1:used + n * abs(columns(i))), [n, abs(columns(i))])
+        used = used + n * abs(columns(i))
+        body%turns = columns(i) < 0
+        if (.not. body%turns) cycle
+        call make_top(constants(used + 1:used + 24), body%top)
+        used = used + 24
+      end associate
+    end do
+  end subroutine make_bodies
+
+  ! Makes coefficients of forces alone from an answer of a right-hand side. Forces on a sphere have
+  ! no component along the point.
+  pure subroutine take_forces(frame, y, f)
+    type(frame_t), intent(in) :: frame
+    real(wp), intent(in) :: y(frame%point_size)
+    real(wp), intent(inout) :: f(frame%dimension)
+    integer :: i
+
+    f(frame%forces + 1:) = f(:frame%forces)
+    f(:frame%forces) = 0.0_wp
+    do i = 1, size(frame%bodies)
+      associate (block => frame%blocks(i))
+        if (block%kind == sphere_block) &
+          call make_tangential(y(block%points + 1:block%points + 3), &
+                               f(frame%forces + block%vectors + 1:frame%forces + block%vectors + 3))
+      end associate
+    end do
+  end subroutine take_forces
+
+  ! Adds the velocities and what they do to the momenta of rigid bodies.
+  pure subroutine add_free_motion(frame, y, f)
+    type(frame_t), intent(in) :: frame
+    real(wp), intent(in) :: y(frame%point_size)
+    real(wp), intent(inout) :: f(frame%dimension)
+    integer :: i, k
+
+    k = frame%point_size - frame%forces      ! entries before the momenta
+    do i = 1, size(frame%bodies)
+      associate (v => frame%blocks(i)%vectors, n => frame%blocks(i)%dimension, &
+                 body => frame%bodies(i), m => frame%forces)
+        associate (momentum => y(k + v + 1:k + v + n), velocity => f(v + 1:v + n))
+          velocity = velocity + velocities(body, momentum)
+          if (body%turns) f(m + v + 1:m + v + 3) = f(m + v + 1:m + v + 3) + cross(momentum, velocity)
+        end associate
+      end associate
+    end do
+  end subroutine add_free_motion
+
+  ! The velocities of a body
+  pure function velocities(body, momentum)
+    type(body_t), intent(in) :: body
+    real(wp), intent(in) :: momentum(:)
+    real(wp) :: velocities(size(momentum))
+
+    if (size(body%inverse, 2) == 1) then
+      velocities = body%inverse(:, 1) * momentum
+    else
+      velocities = matmul(body%inverse, momentum)
+    end if
+  end function velocities
+
+  ! Moves a point by some flows of a sequence: each adds a sum of forces to the momenta, then the
+  ! bodies move freely for its time.
+  subroutine move_by_kicks(frame, flows, times, begin, last, f, y)
+    type(frame_t), intent(in) :: frame
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: begin, last
+    real(wp), intent(in) :: times(:)         ! (flows) of free motion
+    real(wp), intent(in) :: f(frame%dimension, *)            ! (dimension, stages) forces
+    real(wp), intent(inout) :: y(frame%point_size)
+    integer :: j, k
+
+    associate (m => frame%forces)
+      associate (momentum => y(frame%point_size - m + 1:))
+        do j = begin, last
+          do k = flows%first(j), flows%first(j + 1) - 1
+            momentum = momentum + flows%weight(k) * f(m + 1:2 * m, flows%stage(k))
+          end do
+          if (abs(times(j)) > 0) call drift(frame, times(j), y)
+        end do
+      end associate
+    end associate
+  end subroutine move_by_kicks
+
+  ! Moves all bodies freely.
+  subroutine drift(frame, time, y)
+    type(frame_t), intent(in) :: frame
+    real(wp), intent(in) :: time
+    real(wp), intent(inout) :: y(frame%point_size)
+    real(wp) :: v(frame%forces), q(4)
+    integer :: i, k
+
+    do i = 1, size(frame%bodies)
+      associate (block => frame%blocks(i), body => frame%bodies(i))
+        k = frame%point_size - frame%forces + block%vectors
+        associate (momentum => y(k + 1:k + block%dimension), &
+                   point => y(block%points + 1:block%points + block%point_size), &
+                   own => v(block%vectors + 1:block%vectors + block%dimension))
+          if (body%turns) then
+            call turn_freely(body%top, time, momentum, q)
+            call turn_point(block, q, point)
+          else
+            own = time * velocities(body, momentum)
+            call move_block(frame, block, frame%single, 1, 1, v, y)
+            if (block%kind == sphere_block) call make_tangential(point, momentum)
+          end if
+        end associate
+      end associate
+    end do
+  end subroutine drift
+
+  ! Removes the component of a vector along a unit vector.
+  pure subroutine make_tangential(point, vector)
+    real(wp), intent(in) :: point(3)
+    real(wp), intent(inout) :: vector(3)
+
+    vector = vector - sum(point * vector) / sum(point**2) * point
+  end subroutine make_tangential
+
+  pure function cross(u, v)
+    real(wp), intent(in) :: u(3), v(3)
+    real(wp) :: cross(3)
+
+    cross = [u(2) * v(3) - u(3) * v(2), u(3) * v(1) - u(1) * v(3), u(1) * v(2) - u(2) * v(1)]
+  end function cross
+
+end module free_motion_m

@@ -1,0 +1,104 @@
+"""Phase spaces: points, inertia, velocities, and what is refused."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from cg.frames import (
+    SE3,
+    SO,
+    SO3,
+    SU,
+    Euclidean,
+    PhaseSpace,
+    Power,
+    Product,
+    Sphere,
+    Stiefel,
+    UnitQuaternion,
+    check,
+)
+from tests.helpers.mechanics import INERTIA, MATRIX
+
+BODIES = Power(Product(Euclidean(3), UnitQuaternion()), 2)
+FRAMES = [
+    PhaseSpace(SO3(), INERTIA),
+    PhaseSpace(SU(3)),
+    PhaseSpace(Euclidean(3), MATRIX),
+    PhaseSpace(BODIES, (2.0, MATRIX)),
+    PhaseSpace(Product(Sphere(2), SO(4)), (3.0, None)),
+]
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_a_phase_space_is_a_frame(frame):
+    check(frame)
+    assert frame.dim == 2 * frame.configuration.dim == 2 * frame.rhs_dim
+    assert pickle.loads(pickle.dumps(frame)) == frame
+    assert len({frame, PhaseSpace(frame.configuration, frame.inertia)}) == 1
+    assert eval(repr(frame)) == frame
+    rng = np.random.default_rng(1)
+    y = frame.random_point(rng, 3)
+    q, momentum = frame.split(y)
+    assert np.allclose(frame.join(q, momentum), y, rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("inertia", [INERTIA, np.diag(INERTIA), MATRIX, 2.5, None])
+def test_velocities_are_those_of_the_inertia(inertia):
+    frame = PhaseSpace(UnitQuaternion(), inertia)
+    full = np.eye(3) * 1.0 if inertia is None else np.array(inertia)
+    full = full if full.ndim == 2 else np.diag(np.broadcast_to(full, 3))
+    rng = np.random.default_rng(2)
+    y, force = frame.random_point(rng, 4), rng.normal(size=(4, 3))
+    momentum = frame.split(y)[1]
+    velocity = np.linalg.solve(full, momentum.T).T
+    assert np.allclose(frame.velocity(y), velocity, rtol=1e-14)
+    assert np.allclose(frame.kinetic_energy(y), 0.5 * (velocity * momentum).sum(axis=-1))
+    # the term of the momentum is that of the brackets, on all sides
+    term = [momentum[k] @ frame.configuration.bracket(np.eye(3), velocity[k]).T for k in range(4)]
+    expected = np.concatenate([velocity, force + term], axis=-1)
+    assert np.allclose(frame.complete_rhs(force, y), expected, atol=1e-14)
+
+
+def test_inertia_of_equal_and_of_different_factors():
+    frame = PhaseSpace(BODIES, (2.0, INERTIA))
+    same = PhaseSpace(Product(*BODIES.factor.factors * 2), (2.0, INERTIA) * 2)
+    y = frame.random_point(np.random.default_rng(3))
+    assert np.array_equal(frame.velocity(y), same.velocity(y))
+    assert PhaseSpace(SO3(), INERTIA) == PhaseSpace(SO3(), np.diag(INERTIA))
+    assert PhaseSpace(SO3(), INERTIA) != PhaseSpace(SO3())
+
+
+@pytest.mark.parametrize(
+    ("frame", "inertia", "message"),
+    [
+        (SO3("space"), INERTIA, 'in space axes .* take convention="body"'),
+        (UnitQuaternion("space"), MATRIX, "must be a multiple of the identity"),
+        (SU(3), np.arange(1.0, 9.0), "invariant on both sides"),
+        (SO(4), [1.0] * 5 + [2.0], "invariant on both sides"),
+        (Sphere(2), INERTIA, "must be a multiple of the identity"),
+        (SE3(), None, r"frame must be one whose free motion .* Product\(Euclidean\(3\), SO3\(\)\)"),
+        (Stiefel(3, 2), None, "frame must be one whose free motion is known"),
+        (PhaseSpace(SO3()), None, "frame must be one whose free motion is known"),
+        (Sphere(3), None, "frame must be compiled"),
+        (SO3(), [1.0, 2.0], r"inertia must have shape \(3,\) or \(3, 3\), got \(2,\)"),
+        (SO3(), [1.0, -2.0, 1.0], "inertia must be positive definite"),
+        (SO3(), [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "inertia must be symmetric"),
+        (Euclidean(1), np.nan, "inertia must be finite"),
+        (BODIES, INERTIA, "inertia must be a tuple of 2, one of each factor"),
+        (BODIES, (1.0, [1.0, 2.0]), r"inertia\[1\] must have shape"),
+    ],
+)
+def test_what_is_refused(frame, inertia, message):
+    with pytest.raises(ValueError, match=message):
+        PhaseSpace(frame, inertia)
+
+
+def test_other_mistakes():
+    with pytest.raises(TypeError, match="frame must be a Frame"):
+        PhaseSpace(3)
+    with pytest.raises(ValueError, match="parts must be a configuration and a momentum, got 1"):
+        FRAMES[0].join(np.eye(3))
+    with pytest.raises(ValueError, match=r"parts\[1\] must have shape"):
+        FRAMES[0].join(np.eye(3), [1.0, 2.0])

@@ -1,0 +1,211 @@
+"""The free motion of rigid bodies by one step of a splitting method without forces."""
+
+import ctypes
+
+import numpy as np
+import pytest
+from flint import arb
+from scipy import LowLevelCallable
+
+import cg
+from cg.frames import SO3, PhaseSpace, UnitQuaternion
+from cg.support.balls import working_precision
+from tests.helpers.mechanics import INERTIA, MATRIX
+
+pytestmark = pytest.mark.sanitize
+
+EPSILON = np.finfo(np.float64).eps
+
+
+def exact_motion(inertia, momentum, time, order=60):
+    """Return attitude and momentum by Taylor series of 200 bits, as balls, in steps of a radian."""
+    with working_precision(200):
+        inverse = [1 / arb(float(moment)) for moment in inertia]
+        fastest = np.sqrt(np.sum(np.square(momentum) / inertia) / min(inertia))
+        count = int(fastest * abs(time)) + 1
+        h = arb(float(time)) / count
+        # columns of the attitude's transpose change as the momentum does: x' = x cross omega
+        rows = [momentum, *np.eye(3)]
+        vectors = [[arb(float(x)) for x in row] for row in rows]
+        for _ in range(count):
+            series = [[[x] for x in vector] for vector in vectors]
+            for k in range(order):
+                velocity = [
+                    [scale * x for x in row] for scale, row in zip(inverse, series[0], strict=True)
+                ]
+                slopes = [cross_term(vector, velocity, k) for vector in series]
+                for vector, slope in zip(series, slopes, strict=True):
+                    for row, x in zip(vector, slope, strict=True):
+                        row.append(x / (k + 1))
+            vectors = [[value_at(row, h) for row in vector] for vector in series]
+        return np.array(vectors[1:], dtype=float), np.array(vectors[0], dtype=float)
+
+
+def cross_term(u, v, k):
+    """Return the coefficient of t^k in the cross product of two series."""
+
+    def product(x, y):
+        return sum((x[i] * y[k - i] for i in range(k + 1)), arb(0))
+
+    return [
+        product(u[(i + 1) % 3], v[(i + 2) % 3]) - product(u[(i + 2) % 3], v[(i + 1) % 3])
+        for i in range(3)
+    ]
+
+
+def value_at(row, h):
+    value = arb(0)
+    for x in reversed(row):
+        value = value * h + x
+    return value
+
+
+def no_force(t, y):
+    return [0.0, 0.0, 0.0]
+
+
+def drift(momentum, time, inertia, configuration=None, steps=1):
+    """Return attitude and momentum in body axes after free motion from the identity."""
+    frame = PhaseSpace(configuration or SO3(), inertia)
+    identity = np.eye(3) if frame.configuration.point_shape == (3, 3) else [0.0, 0.0, 0.0, 1.0]
+    run = cg.integrate(
+        no_force, (0.0, time), frame.join(identity, momentum), frame=frame, method="Leapfrog",
+        h=abs(time) / steps,
+    )  # fmt: skip
+    return frame.split(run.y[-1])
+
+
+def angle(rng, momentum, inertia, low, high):
+    """Return a time in which a body turns by 10^low to 10^high radians, forward or backward."""
+    rate = np.linalg.norm(np.divide(momentum, inertia))
+    return rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(low, high) / rate
+
+
+def any_body(rng):
+    inertia = np.exp(rng.normal(size=3) * rng.choice([0.1, 1.0]))
+    momentum = rng.normal(size=3)
+    return inertia, momentum, angle(rng, momentum, inertia, -3, 1)
+
+
+def symmetric(rng):
+    inertia = np.ones(3)
+    inertia[rng.integers(3)] = rng.choice([0.3, 1.7, 2.0])
+    momentum = rng.normal(size=3)
+    return inertia, momentum, angle(rng, momentum, inertia, -3, 1)
+
+
+def transverse(rng):
+    inertia, _, time = symmetric(rng)
+    small = rng.choice([0.0, 1e-162, 1e-12]) * rng.normal()
+    momentum = np.where(inertia == 1.0, rng.normal(size=3), small)
+    return inertia, momentum, time
+
+
+def almost_spherical(rng):
+    inertia = 1.0 + 10.0 ** rng.integers(-16, -1) * rng.normal(size=3)
+    momentum = rng.normal(size=3)
+    return inertia, momentum, angle(rng, momentum, inertia, -2, 1)
+
+
+def near_an_axis(rng):
+    inertia = rng.permutation(INERTIA)
+    momentum = rng.choice([0.0, 1e-300, 1e-160, 1e-12, 1e-8, 1e-3]) * rng.normal(size=3)
+    momentum[rng.integers(3)] = rng.choice([-1.0, 1.0])
+    # on the second axis the motion is unstable; conditions of more than ten are not tested
+    second = np.argsort(inertia)[1]
+    longest = 0.5 if abs(momentum[second]) == 1.0 else 1
+    return inertia, momentum, angle(rng, momentum, inertia, -2, longest)
+
+
+def near_the_separatrix(rng):
+    inverse = np.reciprocal(INERTIA)
+    third = np.sqrt((inverse[0] - inverse[1]) / (inverse[1] - inverse[2]))
+    off = 10.0 ** rng.integers(-17, -3) * rng.normal()
+    momentum = np.array([1.0, rng.normal(), third * (1.0 + off)]) * rng.choice([-1, 1], size=3)
+    return np.array(INERTIA), momentum, angle(rng, momentum, INERTIA, -2, 0.7)
+
+
+def slender(rng):
+    inertia = rng.permutation([1.0, 1e3, 1.5e3])
+    momentum = inertia * rng.normal(size=3)
+    return inertia, momentum, angle(rng, momentum, inertia, -2, 0)
+
+
+REGIMES = [
+    any_body, symmetric, transverse, almost_spherical, near_an_axis, near_the_separatrix, slender
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("regime", REGIMES, ids=lambda regime: regime.__name__)
+def test_the_error_is_rounding(regime):
+    for seed in range(12):
+        inertia, momentum, time = regime(np.random.default_rng([seed, len(regime.__name__)]))
+        attitude, exact = exact_motion(inertia, momentum, time)
+        q, after = drift(momentum, time, inertia)
+        rate = max(np.linalg.norm(np.divide(m, inertia)) for m in (momentum, after))
+        allowed = 10.0 * EPSILON * (1.0 + rate * abs(time))
+        assert np.abs(q - attitude).max() <= allowed, (seed, inertia, momentum, time)
+        error = np.abs(after - exact).max() / np.linalg.norm(momentum)
+        assert error <= allowed, (seed, inertia, momentum, time)
+
+
+@pytest.mark.parametrize("momentum", [[0.3, 0.9, 0.1], [0.0, 1.0, 0.0], [2.0, 1e-3, -1e-3]])
+def test_a_quaternion_turns_continuously(momentum):
+    for time in (1.0, 7.0, 20.0, 100.0):
+        one, _ = drift(momentum, time, INERTIA, UnitQuaternion())
+        many, _ = drift(momentum, time, INERTIA, UnitQuaternion(), steps=500)
+        assert np.abs(one - many).max() < 1e-12
+
+
+def test_principal_axes_may_be_any():
+    momentum, time = [0.3, 0.9, -0.4], 5.0
+    moments, axes = np.linalg.eigh(MATRIX)
+    q, after = drift(momentum, time, MATRIX)
+    principal, in_axes = drift(axes.T @ momentum, time, moments)
+    assert np.abs(q - axes @ principal @ axes.T).max() < 1e-14
+    assert np.abs(after - axes @ in_axes).max() < 1e-14
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e-20, 1e200])
+def test_spins_of_any_size_turn_alike(size):
+    momentum = np.array([0.3, 0.9, -0.4])
+    q, after = drift(momentum, 5.0, INERTIA)
+    other, scaled = drift(size * momentum, 5.0 / size, INERTIA)
+    assert np.abs(q - other).max() < 1e-14
+    assert np.abs(after - scaled / size).max() < 1e-14
+
+
+def test_infinite_momenta_end_the_integration():
+    frame = PhaseSpace(SO3(), INERTIA)
+    y0 = frame.join(np.eye(3), [1e300, 1e300, 0.0])
+    with pytest.raises(OverflowError, match="no longer finite"):
+        cg.integrate(no_force, (0.0, 1e20), y0, frame=frame, method="Leapfrog", h=1e20)
+    with pytest.raises(OverflowError, match="no longer finite"):
+        cg.integrate(
+            lambda t, y: [1e300, 0.0, 0.0], (0.0, 1e10), y0, frame=frame, method="Leapfrog", h=1e10
+        )
+
+
+def test_a_body_at_rest_stays():
+    q, momentum = drift([0.0, 0.0, 0.0], 3.0, INERTIA)
+    assert np.array_equal(q, np.eye(3))
+    assert not momentum.any()
+
+
+@pytest.mark.parametrize("inertia", [INERTIA, [1.0, 1.0, 2.0], [1.0, 1.1, 5.0], MATRIX])
+@pytest.mark.parametrize("h", [0.03, 1.3])
+def test_invariants_have_rounding_errors_without_bias(library, inertia, h):
+    force, c = library["heavy"], np.zeros(3)
+    force.restype = ctypes.c_int
+    force.argtypes = [ctypes.c_double, *2 * [ctypes.POINTER(ctypes.c_double)], ctypes.c_void_p]
+    f = LowLevelCallable(force, ctypes.c_void_p(c.ctypes.data))
+    frame, steps = PhaseSpace(SO3(), inertia), 10**5
+    y0 = frame.join(np.eye(3), [0.3, 0.9, -0.4])
+    run = cg.solve_ivp(
+        f, (0.0, steps * h), y0, frame=frame, method="Leapfrog", h=h, t_eval=[steps * h]
+    )
+    q, momentum = frame.split(run.y[0])
+    energy = frame.kinetic_energy(run.y[0]) / frame.kinetic_energy(y0) - 1.0
+    # far less than errors of one ulp a step would be, if they added up
+    assert abs(energy) < 0.05 * steps * EPSILON
+    assert np.abs(q @ momentum - y0[9:]).max() < 0.05 * steps * EPSILON

@@ -1,0 +1,321 @@
+"""Splitting methods on phase spaces: orders, structure, and every way to integrate."""
+
+import ctypes
+import pickle
+
+import numpy as np
+import pytest
+from scipy import LowLevelCallable
+
+import cg
+from cg.frames import (
+    SO,
+    SO3,
+    SU,
+    Euclidean,
+    PhaseSpace,
+    Power,
+    Product,
+    Sphere,
+    U,
+    UnitQuaternion,
+)
+from cg.integration.step.interpolant import extra_evaluations
+from tests.helpers.mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, system
+
+pytestmark = pytest.mark.sanitize
+
+TOP = system(SO3(), INERTIA)
+LATTICE = system(SU(3))
+SYSTEMS = [
+    TOP,
+    LATTICE,
+    system(SO3(), MATRIX),
+    system(SO3("space"), 2.0),
+    system(SO(3), [3.0, 2.0, 1.0]),
+    system(UnitQuaternion(scalar_first=True), MATRIX),
+    system(UnitQuaternion("space")),
+    system(SU(2, "body"), INERTIA),
+    system(SU(3, "body"), 3.0),
+    system(U(2)),
+    system(SO(4)),
+    system(Sphere(2), 2.0),
+    system(Product(Euclidean(3), SO3()), (2.0, INERTIA)),
+    system(Power(Product(Euclidean(3), UnitQuaternion()), 3), (MATRIX, INERTIA)),
+    system(Product(Sphere(2), SU(3), Power(SO3(), 2))),
+]
+NAMES = [repr(each.frame.configuration) for each in SYSTEMS]
+DRIFT_FIRST = [name for name in SPLITTINGS if cg.methods[name].drifts[0]]
+
+
+def error(run, reference):
+    return np.abs(run.y[-1] - reference.y[-1]).max()
+
+
+@pytest.mark.parametrize("method", SPLITTINGS)
+@pytest.mark.parametrize("problem", [TOP, LATTICE], ids=["heavy top", "SU(3)"])
+def test_slopes_are_orders(problem, method):
+    order = cg.methods[method].order
+    coarse, span = {2: 40, 4: 20, 6: 8, 8: 4}[order], (0.0, 2.0)
+    exact = problem.reference(span)
+    errors = [error(problem.run(method, span, h=span[1] / n), exact) for n in (coarse, 2 * coarse)]
+    assert errors[1] > 1e-13  # more than rounding
+    assert abs(np.log2(errors[0] / errors[1]) - order) < 0.2
+
+
+@pytest.mark.parametrize("problem", SYSTEMS, ids=NAMES)
+def test_ordinary_and_splitting_methods_agree_and_steps_can_be_undone(problem):
+    exact = problem.reference()
+    assert np.ptp(problem.energy(exact.y)) < 1e-11 * (1 + abs(problem.energy(exact.y[0])))
+    run = problem.run("BlanesMoan6", h=0.05)
+    assert error(run, exact) < 1e-9
+    back = problem.run("BlanesMoan6", (1.0, 0.0), y0=run.y[-1], h=0.05)
+    assert np.abs(back.y[-1] - problem.y0).max() < 1e-12
+
+
+@pytest.mark.parametrize("method", ORDINARY)
+def test_all_methods_solve_the_full_equations(method):
+    order, exact = cg.methods[method].order, TOP.reference()
+    errors = [error(TOP.run(method, h=1 / n), exact) for n in (12, 24)]
+    assert errors[1] < max(2.0 ** (0.4 - order) * errors[0], 1e-12)
+
+
+def poisson(frame, y):
+    """Return the Poisson brackets of the coordinates of the frame's fields at a point."""
+    n = frame.configuration.dim
+    brackets = frame.configuration.bracket(np.eye(n)[:, None], np.eye(n))
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[:n, n:], matrix[n:, :n] = np.eye(n), -np.eye(n)
+    matrix[n:, n:] = brackets @ y[-n:]
+    return matrix
+
+
+def defect(problem, method, h):
+    """Return by how much one step changes the Poisson brackets, by differences."""
+    frame, d = problem.frame, 1e-4
+
+    def step(v):
+        return problem.run(method, (0.0, h), y0=frame.flow(v, problem.y0), h=h).y[-1]
+
+    after = step(np.zeros(frame.dim))
+    ends = [[frame.exp_coordinates(after, step(s * v)) for s in (d, -d)] for v in np.eye(frame.dim)]
+    jacobian = np.array([(ahead - behind) / (2 * d) for ahead, behind in ends]).T
+    assert np.abs(jacobian - np.eye(frame.dim)).max() > 0.1
+    moved = jacobian @ poisson(frame, problem.y0) @ jacobian.T
+    return np.abs(moved - poisson(frame, after)).max()
+
+
+@pytest.mark.parametrize("method", SPLITTINGS)
+@pytest.mark.parametrize("problem", [TOP, LATTICE, SYSTEMS[3], SYSTEMS[13]], ids=repr)
+def test_steps_are_symplectic(problem, method):
+    assert defect(problem, method, 0.2) < 1e-6
+
+
+def test_steps_of_ordinary_methods_are_not():
+    assert defect(TOP, "CG3", 0.5) > 1e-4
+
+
+@pytest.fixture
+def heavy(function):
+    """The force of a top in C, and its system in Python."""
+    c = TOP.weights
+    numbers = np.array([0.2, -0.1, 1.0])
+    force = LowLevelCallable(function("heavy"), numbers.ctypes.data_as(ctypes.c_void_p))
+    problem = system(SO3(), INERTIA)
+    problem.weights = np.zeros_like(c)
+    problem.weights[2] = numbers
+    problem.kept = numbers
+    return force, problem
+
+
+def test_a_compiled_force_is_that_of_python(heavy):
+    force, problem = heavy
+    runs = [
+        cg.solve_ivp(f, (0.0, 2.0), problem.y0, frame=problem.frame, method=method, h=0.1)
+        for method in ("BlanesMoan4", "CF4")
+        for f in (force, problem.f)
+    ]
+    assert np.abs(runs[0].y - runs[1].y).max() < 1e-13
+    assert np.abs(runs[2].y - runs[3].y).max() < 1e-13
+
+
+def test_the_energy_error_does_not_grow(heavy):
+    force, problem = heavy
+    times = np.linspace(0.0, 20_000.0, 2001)
+    y0 = problem.frame.join(SO3().flow([0.4, 0.3, 0.0], np.eye(3)), [0.5, 0.1, 2.0])
+    common = {"frame": problem.frame, "t_eval": times}
+    ours = cg.solve_ivp(force, (0.0, times[-1]), y0, method="BlanesMoan6", h=0.4, **common)
+    usual = cg.solve_ivp(force, (0.0, times[-1]), y0, rtol=1e-8, atol=1e-8, **common)
+    errors = [np.abs(problem.energy(run.y) - problem.energy(y0)) for run in (ours, usual)]
+    assert ours.nfev <= usual.nfev
+    assert errors[0].max() <= errors[1].max() / 20
+    assert errors[0][-200:].max() <= 3 * errors[0][:200].max()
+
+
+def test_a_symmetric_top_keeps_its_axial_momentum():
+    frame = PhaseSpace(SO3(), [1.0, 1.0, 2.0])
+
+    def f(t, y):
+        return np.cross(frame.split(y)[0][2], [0.0, 0.0, 1.0])
+
+    y0 = frame.join(SO3().flow([0.4, 0.3, 0.0], np.eye(3)), [0.3, -0.2, 1.5])
+    run = cg.integrate(f, (0, 100), y0, frame=frame, method="BlanesMoan4", h=0.1)
+    q, momentum = frame.split(run.y)
+    assert np.ptp(momentum[:, 2]) < 1e-12
+    assert np.ptp((q @ momentum[..., None])[:, 2, 0]) < 1e-12
+
+
+def test_momenta_on_spheres_are_tangential():
+    frame = PhaseSpace(Sphere(2))
+    y0 = frame.join([0.6, 0.0, 0.8], [1.0, 1.0, 1.0])
+    q, momentum = frame.split(y0)
+    assert abs(q @ momentum) < 1e-15
+    assert np.allclose(momentum, [1.0, 1.0, 1.0] - 1.4 * q)
+    run = cg.integrate(
+        lambda t, y: np.cross(y[:3], [0.0, 0.0, 1.0]) + 3.0 * y[:3],  # the latter has no effect
+        (0, 50), y0, frame=frame, method="BlanesMoan4", h=0.1,
+    )  # fmt: skip
+    q, momentum = frame.split(run.y)
+    assert np.abs(np.vecdot(q, momentum)).max() < 1e-14
+    assert np.ptp(frame.kinetic_energy(run.y) - q[:, 2]) < 1e-3
+
+
+def test_forces_may_depend_on_time():
+    frame = PhaseSpace(Product(SO3(), Euclidean(1)), (INERTIA, 1.0))
+
+    def f(t, y):
+        return [np.cos(3 * t) * y[2], np.sin(t), t * y[0], -np.exp(-t) * y[9]]
+
+    y0 = frame.join(np.concatenate([np.eye(3).ravel(), [1.0]]), [0.3, 0.5, 1.0, 0.2])
+    exact = cg.solve_ivp(f, (0, 1), y0, frame=frame, method="DOP853", rtol=1e-13, atol=1e-13)
+    for method in ("McLachlan2", "BlanesMoan4"):
+        errors = [
+            error(cg.solve_ivp(f, (0, 1), y0, frame=frame, method=method, h=1 / n), exact)
+            for n in (16, 32)
+        ]
+        assert abs(np.log2(errors[0] / errors[1]) - cg.methods[method].order) < 0.3
+
+
+def test_one_force_for_each_kick():
+    for method in SPLITTINGS:
+        kicks, again = cg.methods[method].stages, method not in DRIFT_FIRST
+        run = TOP.run(method, h=0.1)
+        assert run.nfev == 10 * (kicks - again) + again
+        halfway = TOP.run(method, h=0.1, t_eval=[0.55, 1.0])
+        within = extra_evaluations(cg.methods[method])
+        assert halfway.nfev == run.nfev + within + (0 if again else 2)
+
+
+@pytest.mark.parametrize("method", SPLITTINGS)
+def test_output_within_steps_is_as_accurate(method):
+    exact = TOP.reference((0.0, 2.0), dense_output=True)
+    times = np.linspace(0.0, 2.0, 37)
+    for h in (0.2, 0.1):
+        run = TOP.run(method, (0.0, 2.0), h=h, dense_output=True)
+        between = np.abs(run.sol(times) - exact.sol(times)).max()
+        assert between < 2 * np.abs(run.y - exact.sol(run.t)).max() + 1e-12
+        assert TOP.frame.membership_error(run.sol(times)).max() < 1e-14
+
+
+def turning(t, y):
+    return y[6]
+
+
+TURN = cg.Event(turning, jump=lambda t, y: np.concatenate([y[:-3], [-0.5, 0.4, 0.6]]))
+
+
+@pytest.mark.parametrize("method", ["Leapfrog", "McLachlan2", "BlanesMoan6"])
+@pytest.mark.parametrize("span", [(0.0, 3.0), (3.0, 0.0)])
+def test_events_with_breakpoints(method, span):
+    """A force that jumps at a time, and jumps of the momentum, forward and backward."""
+    options = {"frame": TOP.frame, "events": TURN, "breakpoints": [1.0]}
+    exact = cg.solve_ivp(switched, span, TOP.y0, method="DOP853", rtol=1e-12, atol=1e-12, **options)
+    run = cg.solve_ivp(switched, span, TOP.y0, method=method, h=0.01, **options)
+    assert len(run.t_events[0]) == len(exact.t_events[0]) > 0
+    tolerance = 2e-3 if cg.methods[method].order == 2 else 1e-9
+    assert np.abs(run.t_events[0] - exact.t_events[0]).max() < tolerance
+    assert error(run, exact) < tolerance
+
+
+@pytest.mark.parametrize("method", ["Leapfrog", "McLachlan2", "BlanesMoan6"])
+@pytest.mark.parametrize("span", [(0.0, 3.0), (3.0, 0.0)])
+def test_steps_one_at_a_time_with_copies(method, span):
+    """A Stepper that is pickled between steps, with breakpoints and output within steps."""
+    options = {"frame": TOP.frame, "method": method, "h": 0.1, "breakpoints": [1.0]}
+    run = cg.solve_ivp(switched, span, TOP.y0, dense_output=True, **options)
+    stepper = cg.Stepper(switched, span[0], TOP.y0, span[1], **options)
+    while stepper.status == "running":
+        stepper.step()
+        middle = 0.5 * (stepper.t_old + stepper.t)
+        assert np.abs(stepper.dense_output()(middle) - run.sol(middle)).max() < 1e-14
+        stepper = pickle.loads(pickle.dumps(stepper))
+    assert np.array_equal(stepper.y, run.y[-1])
+
+
+def switched(t, y):
+    return TOP.f(t, y) * (2.0 if t < 1.0 else -0.5)
+
+
+def with_row(t, y, row):
+    return row[..., :1] * TOP.f(t, y)
+
+
+@pytest.mark.parametrize("method", ["McLachlan2", "BlanesMoan4", "CF4(3)"])
+def test_members_of_ensembles_are_those_alone(method):
+    rows = np.array([[0.5], [1.0], [-2.0]])
+    times = [0.3, 1.0]
+    common = {"frame": TOP.frame, "method": method, "h": 0.1, "t_eval": times}
+    alone = [cg.solve_ivp(with_row, (0, 1), TOP.y0, parameters=row, **common).y for row in rows]
+    for vectorized in (False, True):
+        together = cg.solve_ensemble(
+            with_row, (0, 1), TOP.y0, parameters=rows, vectorized=vectorized, **common
+        )
+        assert np.abs(together.y - np.swapaxes(alone, 0, 1)).max() < 1e-14
+
+
+def test_a_failing_force_ends_the_call():
+    def late(t, y):
+        if t > 0.5:
+            raise KeyError("late")
+        return TOP.f(t, y)
+
+    with pytest.raises(KeyError, match="late"):
+        cg.solve_ivp(late, (0, 1), TOP.y0, frame=TOP.frame, method="Leapfrog", h=0.1)
+    with pytest.raises(ValueError, match="f must return finite numbers"):
+        cg.solve_ivp(
+            lambda t, y: np.full(3, np.nan if t > 0.5 else 0.0), (0, 1), TOP.y0, frame=TOP.frame,
+            method="McLachlan2", h=0.1,
+        )  # fmt: skip
+    with pytest.raises(ValueError, match=r"shape \(3,\), got shape \(6,\)"):
+        cg.solve_ivp(lambda t, y: np.zeros(6), (0, 1), TOP.y0, frame=TOP.frame)
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"h": None, "rtol": 1e-6}, "h must be given with"),
+    ({"frame": Product(SO3(), Euclidean(3))}, "frame must be a cg.frames.PhaseSpace"),
+    ({"f": lambda t, y: -y[-3:]}, "f must not depend on the momentum"),
+])  # fmt: skip
+def test_what_splitting_methods_refuse(change, message):
+    options = {"f": TOP.f, "frame": TOP.frame, "method": "Leapfrog", "h": 0.1} | change
+    f = options.pop("f")
+    with pytest.raises(ValueError, match=message):
+        cg.solve_ivp(f, (0, 1), TOP.y0, **options)
+
+
+def test_derivatives_of_solutions():
+    options = {"frame": TOP.frame, "method": "DOP853", "rtol": 1e-10, "atol": 1e-10}
+    run = cg.solve_variational(TOP.f, (0, 1), TOP.y0, **options)
+    d, y0 = 1e-5, TOP.y0
+    for k in (0, 4):
+        v = d * np.eye(6)[k]
+        ends = [
+            cg.solve_ivp(TOP.f, (0, 1), TOP.frame.flow(s * v, y0), **options).y[-1] for s in (1, -1)
+        ]
+        column = TOP.frame.exp_coordinates(ends[1], ends[0]) / (2 * d)
+        assert np.abs(run.transition[-1][:, k] - column).max() < 1e-6
+    with pytest.raises(ValueError, match="jac must be None on a phase space"):
+        cg.solve_variational(TOP.f, (0, 1), TOP.y0, jac=lambda t, y: np.eye(6), **options)
+    with pytest.raises(ValueError, match="method must not be a splitting"):
+        cg.solve_variational(TOP.f, (0, 1), TOP.y0, frame=TOP.frame, method="Leapfrog", h=0.1)
+    with pytest.raises(ValueError, match="frame must not be a phase space"):
+        cg.solve_linear(lambda t: np.zeros(3), (0, 1), TOP.y0, frame=TOP.frame)

@@ -1,0 +1,248 @@
+"""Splitting methods: order conditions, orders, symplectic steps, files, refusals."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import cg
+from cg.catalogue import dumps, loads
+from cg.conditions.nystrom import (
+    nystrom_residuals,
+    nystrom_trees,
+    nystrom_values,
+    splitting_residuals,
+    splitting_values,
+    splitting_words,
+)
+from cg.structure.points import MethodError
+
+# order, kicks, drifts, whether it needs a quadratic kinetic energy
+KNOWN = {
+    "Leapfrog": (2, 2, 1, False),
+    "McLachlan2": (2, 2, 3, False),
+    "BlanesMoan4": (4, 7, 6, False),
+    "BlanesMoan6": (6, 12, 11, True),
+    "BlanesCasas8": (8, 18, 17, True),
+}
+
+
+def force(q):
+    """Return the force of Hénon and Heiles's potential."""
+    x, y = q
+    return np.array([-x - 2 * x * y, -y - x * x + y * y])
+
+
+def step(method, h, q, p):
+    for drift, kick in zip(method.drifts, [*method.kicks, 0.0], strict=True):
+        q = q + h * drift * p
+        p = p + h * kick * force(q) if kick else p
+    return q, p
+
+
+START = np.array([0.3, 0.1]), np.array([-0.2, 0.35])
+
+
+def run(method, end, count):
+    q, p = START
+    for _ in range(count):
+        q, p = step(method, end / count, q, p)
+    return np.concatenate([q, p])
+
+
+@cache
+def reference(end):
+    def field(t, y):
+        return np.concatenate([y[2:], force(y[:2])])
+
+    start = np.concatenate(START)
+    return solve_ivp(field, (0, end), start, method="DOP853", rtol=3e-14, atol=1e-15).y[:, -1]
+
+
+def independent(values, order, symmetric):
+    """Return the rank of the derivatives of values at random drifts and kicks."""
+    size = 81
+    half = np.random.default_rng(order).normal(0, 0.3, (size + 1) // 2)
+    x = np.concatenate([half, half[-2::-1]]) if symmetric else np.tile(half, 2)[:size]
+    moved = np.eye(size)
+    if symmetric:
+        moved = (moved + moved[::-1])[: (size + 1) // 2]
+    columns = list((x + 1e-30j * moved).T)
+    jacobian = np.array(values(columns[::2], columns[1::2], order)).imag / 1e-30
+    scaled = jacobian / np.linalg.norm(jacobian, axis=1, keepdims=True)
+    return np.linalg.matrix_rank(scaled, tol=1e-9)
+
+
+def test_numbers_of_conditions():
+    sizes = [len(nystrom_trees(order)) for order in range(1, 11)]
+    assert np.diff([0, *sizes]).tolist() == [1, 1, 2, 3, 6, 10, 20, 36, 72, 137]
+
+    def ranks(values, orders, symmetric=False):
+        found = [independent(values, order, symmetric) for order in orders]
+        return np.diff([0, *found]).tolist()
+
+    assert ranks(nystrom_values, range(1, 9)) == [2, 1, 2, 2, 4, 5, 10, 14]
+    assert ranks(nystrom_values, range(1, 9), True) == [2, 0, 2, 0, 4, 0, 10, 0]
+    assert ranks(splitting_values, range(1, 7)) == [2, 1, 2, 3, 6, 9]
+
+
+def test_residuals_of_leapfrog():
+    trees = dict(zip(["sum", *nystrom_trees(3)], cg.methods["Leapfrog"].residuals(3), strict=True))
+    errors = {tree: residual for tree, residual in trees.items() if residual}
+    assert errors == {(((),),): Fraction(1, 12), ((), ()): Fraction(1, 6)}
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_orders_kicks_and_drifts(name):
+    method = cg.methods[name]
+    assert isinstance(method, cg.Splitting)
+    found = method.order, method.stages, method.exponentials, method.nystrom
+    assert found == KNOWN[name]
+    assert method.symmetric
+    assert method.largest_residual() < 1e-34
+    assert method.principal_error > 1e-6
+    assert not method.satisfies(method.order + 1)
+
+
+def test_an_order_that_needs_the_kinetic_energy_has_words_that_fail():
+    method = cg.methods["BlanesMoan6"]
+    residuals = splitting_residuals(method.drifts, method.kicks, 6)
+    wrong = {w for w, r in zip(splitting_words(6), residuals, strict=True) if abs(r) > 1e-12}
+    assert {len(word) for word in wrong} == {5, 6}
+    assert (0, 1, 1, 1, 1) in wrong  # of [V, [V, [V, [V, T]]]], which is zero
+    assert cg.Splitting(method.kicks, method.drifts[1:-1]).order == 4  # T and V exchanged
+
+
+@pytest.mark.parametrize(("name", "order"), [("DICG4", 4), ("DICG6", 6)])
+def test_composed_leapfrogs_have_their_order_for_all_flows(name, order):
+    gammas = cg.methods[name].b  # of midpoint steps
+    kicks = (np.append(gammas, 0) + np.append(0, gammas)) / 2
+    method = cg.Splitting([0, *gammas, 0], kicks)
+    assert (method.order, method.nystrom) == (order, False)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_measured_order(name):
+    method, end = cg.methods[name], 6.0
+    counts = {2: (100, 200), 4: (20, 40), 6: (10, 20), 8: (8, 16)}[method.order]
+    errors = [np.abs(run(method, end, count) - reference(end)).max() for count in counts]
+    assert 1e-12 < errors[1] < 1e-2
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(method.order, abs=0.15)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_steps_are_symplectic_and_reversible(name):
+    method, h = cg.methods[name], 0.4
+    ends = (step(method, h, *np.split(np.concatenate(START) + 1e-30j * e, 2)) for e in np.eye(4))
+    jacobian = np.array([np.concatenate(end).imag / 1e-30 for end in ends]).T
+    omega = np.kron([[0, 1], [-1, 0]], np.eye(2))
+    np.testing.assert_allclose(jacobian.T @ omega @ jacobian, omega, atol=1e-14)
+    back = step(method, -h, *step(method, h, *START))
+    np.testing.assert_allclose(back, START, atol=1e-14)
+
+
+def test_mclachlans_drift_minimises_the_error():
+    xi = cg.methods["McLachlan2"].drift_coefficients[0].value
+
+    def error(x):  # [T, [T, V]] and [V, [T, V]] are the only ones with these words
+        residuals = splitting_residuals([x, 1 - 2 * x, x], [Fraction(1, 2)] * 2, 3)
+        by_word = dict(zip(splitting_words(3), residuals, strict=True))
+        return by_word[0, 0, 1] ** 2 + by_word[0, 1, 1] ** 2
+
+    h = Fraction(1, 10**12)
+    assert abs(error(xi + h) - error(xi - h)) < 1e-35 < error(xi + h) - error(xi)
+
+
+def test_the_recipe_makes_the_stored_methods(tmp_path):
+    pytest.importorskip("mpmath")
+    program = Path(__file__).parents[2] / "research" / "make_splitting_methods.py"
+    subprocess.run([sys.executable, program, tmp_path], check=True, capture_output=True)
+    for name in KNOWN:
+        assert dumps(cg.load(tmp_path / f"{name}.toml")) == dumps(cg.methods[name])
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_files_and_packed_coefficients_give_back_an_equal_method(name):
+    method = cg.methods[name]
+    for format in ("json", "toml"):
+        assert loads(cg.export(name, format)) == method
+    assert method.with_coefficients(method.coefficients) == method
+    assert dumps(loads(dumps(method))) == dumps(method)
+
+
+def test_a_changed_coefficient_is_another_method_of_lower_order():
+    method = cg.methods["BlanesMoan4"]
+    kicks = [k.value for k in method.kick_coefficients]
+    changed = cg.Splitting(method.drift_coefficients, [kicks[0] + Fraction(1, 10**30), *kicks[1:]])
+    assert (changed.order, changed.symmetric, changed == method) == (0, False, False)
+    assert cg.Splitting([1, 0], [1]).order == 1
+
+
+def test_rounded_coefficients_have_the_order_within_their_uncertainty():
+    exact = cg.methods["BlanesMoan6"]
+    method = cg.Splitting(exact.drifts, exact.kicks)
+    assert method.order == 6
+    assert 1e-18 < method.largest_residual() < method.tolerance(6).max() < 1e-13
+    residuals = nystrom_residuals(method.drifts, method.kicks, 6)
+    np.testing.assert_allclose(residuals, np.array(method.residuals(6), float), atol=1e-15)
+
+
+def test_times_of_kicks():
+    method = cg.methods["McLachlan2"]
+    np.testing.assert_allclose(method.c, [method.drifts[0], 1 - method.drifts[0]], atol=1e-16)
+    assert method.b is method.kicks
+    assert repr(method) == "<Splitting McLachlan2: order 2, 2 kicks, 3 drifts>"
+
+
+@pytest.mark.parametrize(
+    ("drifts", "kicks", "message"),
+    [
+        ([1], [], "kicks must have at least one entry, got none"),
+        ([0, 1], ["1/2", "1/2"], "drifts must have 3 entries for 2 kicks, got 2"),
+        ([0, "one", 0], [1, 0], "drifts[1]: expected a finite real number, got 'one'"),
+        ([0, 1], [float("nan")], "kicks[0]: expected a finite real number, got nan"),
+        (3, [1], "drifts must be a sequence of numbers, got 3"),
+    ],
+)
+def test_bad_coefficients_are_refused(drifts, kicks, message):
+    with pytest.raises(MethodError, match=re.escape(message)):
+        cg.Splitting(drifts, kicks)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda m: m.a, AttributeError, "has drifts and kicks, no tree of points"),
+        (lambda m: cg.export(m, "c"), ValueError, "format must be json or toml for .*Leapfrog"),
+        (cg.diagnose, TypeError, "method must not be a splitting method"),
+        (cg.certify, TypeError, "method must not be a splitting method"),
+    ],
+)
+def test_what_splitting_methods_cannot_do(call, error, message):
+    with pytest.raises(error, match=message):
+        call(cg.methods["Leapfrog"])
+
+
+def test_show_lists_conditions(run_command):
+    code, shown, _ = run_command("show", "BlanesMoan4", "--conditions", "4", "--json")
+    listed = json.loads(shown)["conditions"]
+    assert [one["residual"] for one in listed] == [
+        *map(float, cg.methods["BlanesMoan4"].residuals(4))
+    ]
+    assert (code, [one["order"] for one in listed]) == (0, [1, 1, 2, 3, 3, 4, 4, 4])
+    drawn = run_command("show", "Leapfrog")[1].splitlines()
+    assert [line.split() for line in drawn[-4:]] == [
+        ["drift", "kick"],
+        ["0", "1/2"],
+        ["1", "1/2"],
+        ["0"],
+    ]
