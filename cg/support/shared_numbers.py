@@ -335,6 +335,7 @@ VARIATION = {
     "dimension": "integer",
     "width": "integer",  # doubles of a point without its derivatives
     "parameters": "integer",
+    "inputs": "integer",  # numbers behind the parameters
     # structure constants that aren't zero: i, j, k and the coefficient along E_k of [E_i, E_j]
     "constants": "integer",
     "index": "address",

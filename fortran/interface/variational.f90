@@ -19,8 +19,8 @@ module variational_m
 
 contains
 
-  ! A function of the type rhs_i. The data are the parameters of a member; the eight bytes before
-  ! them are the address of the record.
+  ! A function of the type rhs_i. The data are the parameters and inputs of a member; the eight bytes
+  ! before them are the address of the record.
   function variational_field(t, y, f, user_data) bind(c) result(code)
     real(c_double), value, intent(in) :: t
     real(c_double), intent(in) :: y(*)
@@ -100,7 +100,7 @@ contains
       type(c_ptr) :: data
 
       data = transfer(merge(own_data, record%data, own_data /= 0), data)
-      if (own_data == 0 .and. record%parameters > 0) data = parameters
+      if (own_data == 0 .and. record%parameters + record%inputs > 0) data = parameters
       point = y
       rhs => field_at(address)
       code = rhs(t, point, values, data)

@@ -11,6 +11,7 @@ import numpy as np
 from cg.frames.arrays import Array, Points, is_array, real_array
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
+from cg.integration.rhs.inputs import Inputs, WithInput
 from cg.integration.rhs.python import when
 
 
@@ -53,7 +54,12 @@ class Derivative:
 
 
 def derivative_of(
-    function: Any, name: str, frame: Frame, shape: tuple[int, ...], vectorized: bool
+    function: Any,
+    name: str,
+    frame: Frame,
+    shape: tuple[int, ...],
+    vectorized: bool,
+    inputs: Inputs | None,
 ) -> Derivative | None:
     """Return a function that the user gave, after checking it, or None."""
     compiled = compiled_rhs(function, name)
@@ -64,6 +70,8 @@ def derivative_of(
             return None
         if not callable(function):
             raise TypeError(f"{name} must be callable as {name}(t, y), got {function!r}")
+        if inputs is not None:
+            function = WithInput(function)
     return Derivative(name, compiled or function, frame, shape, vectorized)
 
 

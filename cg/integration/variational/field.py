@@ -14,6 +14,7 @@ from cg.frames.euclidean import Euclidean
 from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative, read_only
+from cg.integration.rhs.inputs import Reader, data_at
 from cg.integration.rhs.python import Check, when
 from cg.integration.step.flows import Flows, flows_of
 
@@ -87,6 +88,8 @@ class VariationalField:
             if finite.any():
                 if self.count:
                     arguments = (*arguments[:-1], arguments[-1][finite])
+                if arguments and isinstance(arguments[0], Reader):
+                    arguments = (arguments[0][finite], *arguments[1:])
                 values[finite] = self(t[finite], z[finite], *arguments)
             return values
         y, x = self.split(z)
@@ -129,7 +132,9 @@ class VariationalField:
     def _at_points(self, t: Any, points: Points, arguments: tuple[Any, ...]) -> Array:
         """Return coefficients at several points of each member, shape ``(..., points, n)``."""
         if isinstance(self.f, CompiledRhs):
-            values = self.f.values(self.frame, self.data_address(arguments), t, points)
+            data = data_at(t, arguments, self.count > 0)
+            address = self.f.user_data if data is None else data.ctypes.data
+            values = self.f.values(self.frame, address, t, points)
             if not np.isfinite(values).all() and np.isfinite(points).all():
                 raise ValueError(f"f must return finite numbers, got {values[0]} at {when(t)}")
             return values
@@ -153,12 +158,6 @@ class VariationalField:
             )
             columns.append((ahead - behind) / (2.0 * size[..., None]))
         return np.stack(columns, axis=-1)
-
-    def data_address(self, arguments: tuple[Any, ...]) -> int:
-        """Return the address of the data of compiled functions without data of their own."""
-        if self.count:
-            return int(arguments[-1].ctypes.data)
-        return self.f.user_data if isinstance(self.f, CompiledRhs) else 0
 
 
 def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:

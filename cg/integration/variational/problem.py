@@ -46,16 +46,17 @@ def add_derivatives(
     field = VariationalField(
         frame,
         rhs.f if isinstance(rhs, PythonRhs) else rhs,
-        derivative_of(jac, "jac", frame, (n, n), vectorized),
-        derivative_of(df_dp, "df_dp", frame, (n, count), vectorized),
+        derivative_of(jac, "jac", frame, (n, n), vectorized, rhs.inputs),
+        derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, rhs.inputs),
         count,
         vectorized,
     )
     joint: Rhs
     if vectorized:
-        joint = PythonRhs(field, field.product, rhs.args, numbers, vectorized, rhs.first)
+        data = rhs.args, numbers, vectorized, rhs.first, rhs.inputs
+        joint = PythonRhs(field, field.product, *data)
     else:
-        joint = compiled_variation(field, problem.plan, rhs.args, numbers)
+        joint = compiled_variation(field, problem.plan, rhs.args, numbers, rhs.inputs)
     if control.h is None:
         control = control._replace(atol=_tolerances(problem, field, control_derivatives))
     covariance = _check_covariance(P0, n, len(problem.points) if problem.many else None)

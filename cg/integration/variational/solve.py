@@ -72,8 +72,8 @@ def solve_variational(
         Whether steps are chosen by the errors of the derivatives as well, with the same
         tolerances (of row i those of coordinate i); else they are those of `cg.solve_ivp`, which
         may be long for the derivatives where the solution itself is simple.
-    method, h, rtol, atol, t_eval, dense_output, breakpoints
-        As for `cg.solve_ivp`.
+    method, h, rtol, atol, t_eval, dense_output, breakpoints, inputs
+        As for `cg.solve_ivp`; ``jac`` and ``df_dp`` get the values of ``inputs`` as ``f`` does.
     events
         As for `cg.solve_ivp`.  A jump must be a function of its arguments alone, and is called for
         points nearby too.  If ``f`` changes where an event happens, let it depend on a coordinate
@@ -168,7 +168,7 @@ def solve_variational_ensemble(
     P0
         Covariance of the coordinates of ``y0``, shape ``(dim, dim)``, or one for each member,
         ``(members, dim, dim)``.
-    method, rtol, atol, h, t_eval, dense_output, breakpoints, args, vectorized, common_steps
+    method, rtol, atol, h, t_eval, dense_output, breakpoints, inputs, args, vectorized, common_steps
         As for `cg.solve_ensemble`.
     events
         As for `cg.solve_variational`.
