@@ -179,8 +179,8 @@ class Stepper:
         if inputs is None:
             return stops
         end, sign = inputs.reach(t, self.direction), self.direction
-        if sign * (end - stops[-1]) < 0.0:
-            stops = np.append(stops[sign * (stops - end) < 0.0], end)
+        if sign * end < sign * stops[-1]:
+            stops = np.append(stops[sign * stops < sign * end], end)
         return inputs.add_stops(stops, t)
 
     def _make_run(self) -> Run:

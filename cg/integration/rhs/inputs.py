@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -105,22 +105,23 @@ class Inputs:
 class Reader:
     """The inputs of a member, or of a vectorized function's members, as a function of time."""
 
-    __slots__ = ("_curves", "_member", "_single")
-
     def __init__(self, inputs: Inputs, member: Any) -> None:
-        self._curves, self._member = inputs.curves, member
-        self._single = None if inputs.together else inputs.curves[0]
+        self._inputs, self._member = inputs, member
+
+    def at_times(self) -> Callable[[float], Any]:
+        """Return the inputs of one member as a function that takes little time."""
+        first, *others = [curve.reader(self._member) for curve in self._inputs.curves]
+        if self._inputs.together:
+            return lambda t: (first(t), *[read(t) for read in others])
+        return first
 
     def __call__(self, t: Any) -> Any:
-        """Return what functions get after time and point."""
-        curve, member = self._single, self._member
-        if curve is not None:
-            if isinstance(t, float):
-                return curve(t, None if curve.members is None else member)
-            return curve.at(t, self._members(t))
-        if not isinstance(t, float):
-            return tuple(curve.at(t, self._members(t)) for curve in self._curves)
-        return tuple(curve(t, None if curve.members is None else member) for curve in self._curves)
+        """Return what functions get after time and point, or rows for an array of times."""
+        if isinstance(t, float):
+            return self.at_times()(t)
+        members = self._members(t)
+        values = tuple(curve.at(t, members) for curve in self._inputs.curves)
+        return values if self._inputs.together else values[0]
 
     def _members(self, t: Array) -> Any:
         """Return the member of each time; several times of one member follow each other."""
@@ -128,16 +129,11 @@ class Reader:
         return np.repeat(members, len(t) // len(members))
 
     def __getitem__(self, which: Any) -> Reader:
-        part = object.__new__(Reader)
-        part._curves, part._single = self._curves, self._single
-        part._member = self._member[which]
-        return part
+        return Reader(self._inputs, self._member[which])
 
     def numbers(self, t: float) -> Array:
         """Return all values at a time one after the other, as compiled functions get them."""
-        values = self(float(t))
-        if self._single is not None:
-            return np.ravel(values)
+        values = [curve.reader(self._member)(t) for curve in self._inputs.curves]
         return np.concatenate([np.ravel(value) for value in values])
 
 

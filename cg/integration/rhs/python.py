@@ -15,7 +15,7 @@ from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import Inputs, arguments_of
+from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of
 
 Coefficients = Callable[..., ArrayLike]
 _JOIN = "; join parts by np.concatenate"
@@ -210,7 +210,11 @@ def context_of(
     of_time: bool = False,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Return what ``fortran/interface/python_field.c`` reads to call a function."""
-    return function, args, frame.point_shape, frame.dtype.num, shape, check, [None], of_time
+    with_input = isinstance(function, WithInput)
+    if with_input:
+        function, args = function.function, (args[0].at_times(), *args[1:])
+    rest = frame.point_shape, frame.dtype.num, shape, check, [None], of_time, with_input
+    return function, args, *rest
 
 
 def when(t: Any) -> str:

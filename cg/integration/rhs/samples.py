@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from bisect import bisect_right
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -89,6 +90,9 @@ class Samples:
         by_time = np.moveaxis(self.values, 1, 0) if members else self.values
         self._edges, self._pieces = _curve(self.times, by_time, kind, self.causal)
         self._starts = self._edges.tolist()
+        self._search = [-np.inf, *self._starts[1:]]
+        beyond = _ENDS * float(np.spacing(np.abs(self.times).max()))
+        self._span = float(self.times[0]) - beyond, self.end + beyond
         flat = self._pieces.reshape(*self._pieces.shape[: 3 if members else 2], -1)
         self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0) if members else flat)
         # the polynomials of each piece, as floats if they are numbers
@@ -149,18 +153,31 @@ class Samples:
         ValueError
             If the time lies outside the curve.
         """
-        if not self._starts[0] <= t <= self.end:
-            self.check_span(t, t)
-        piece = max(bisect_right(self._starts, t) - 1, 0)
-        rows = self._rows[piece]
-        if member is not None:
-            rows = [row[member] for row in rows]
-        value = rows[-1]
-        if len(rows) > 1:
-            s = t - self._starts[piece]
-            for row in rows[-2::-1]:
+        return self.reader(member)(t)
+
+    def reader(self, member: int | None = None) -> Callable[[float], Any]:
+        """Return the curve, or that of a member, as a function that takes little time."""
+        rows, search, starts, outside = self._rows, self._search, self._starts, self.check_span
+        low, high = self._span
+        own = None if self.members is None else member
+
+        def hold(t: float) -> Any:
+            if not low <= t <= high:
+                outside(t, t)
+            (value,) = rows[bisect_right(search, t) - 1]
+            return value if own is None else value[own]
+
+        def polynomial(t: float) -> Any:
+            if not low <= t <= high:
+                outside(t, t)
+            piece = bisect_right(search, t) - 1
+            s = t - starts[piece]
+            *others, value = rows[piece]
+            for row in reversed(others):
                 value = row + s * value
-        return value
+            return value if own is None else value[own]
+
+        return hold if self.kind == "hold" else polynomial
 
     def at(self, t: Array, members: Any = None) -> Array:
         """Return the values at times, shape ``(k, ...)``, each of a member if there are members."""
@@ -188,8 +205,7 @@ class Samples:
     def check_span(self, start: float, stop: float, name: str = "t") -> None:
         """Raise ValueError unless the curve covers two times and those between, up to rounding."""
         first, last = min(start, stop), max(start, stop)
-        beyond = _ENDS * np.spacing(np.abs(self.times).max())
-        low, high = self.times[0] - beyond, self.end + beyond
+        low, high = self._span
         if not (low <= first and last <= high):
             got = f"{start:.17g}" if start == stop else f"({start:.17g}, {stop:.17g})"
             raise ValueError(
