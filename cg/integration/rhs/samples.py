@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, check_finite, real_array
 from cg.support.checks import check_flag
+from cg.support.copies import ReadOnly
 
 _LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
 
 
-class Samples:
+class Samples(ReadOnly):
     r"""A function of time given by samples, as an input of right-hand sides.
 
     Pass it as ``inputs`` to an integration, whose functions then get its value: ``f(t, y, u)``.
@@ -95,9 +96,20 @@ class Samples:
         self._span = float(self.times[0]) - beyond, self.end + beyond
         flat = self._pieces.reshape(*self._pieces.shape[: 3 if members else 2], -1)
         self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0) if members else flat)
-        # the polynomials of each piece, as floats if they are numbers
+        self._pieces.flags.writeable = False
+        self._rows = self._make_rows()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return super().__getstate__() | {"_rows": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self._rows = self._make_rows()
+
+    def _make_rows(self) -> list[list[Any]]:
+        """Return the polynomials of each piece, as floats if they are numbers."""
         by_piece = np.moveaxis(self._pieces, 0, 1)
-        self._rows = by_piece.tolist() if by_piece.ndim == 2 else list(map(list, by_piece))
+        return by_piece.tolist() if by_piece.ndim == 2 else list(map(list, by_piece))
 
     def _read_end(self, end: Any) -> float:
         value = real_array(end, "end")
@@ -198,7 +210,7 @@ class Samples:
         part = copy.copy(self)
         part.values, part._numbers = self.values[members], self._numbers[members]
         part._pieces = self._pieces[:, :, members]
-        part._rows = [[row[members] for row in rows] for rows in self._rows]
+        part._rows = part._make_rows()
         part.members = len(part.values)
         return part
 
