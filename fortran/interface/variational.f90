@@ -42,9 +42,11 @@ contains
     type(variation_t), intent(inout) :: record
     type(c_ptr), intent(in) :: parameters
     real(wp), intent(in) :: t, y(record%width)
-    real(wp), intent(in) :: x(record%dimension + record%parameters, record%dimension)
+    real(wp), intent(in) :: x(record%dimension + record%parameters + record%moments, &
+                              record%dimension)
     real(wp), intent(inout) :: f(record%dimension)
-    real(wp), intent(inout) :: slope(record%dimension + record%parameters, record%dimension)
+    real(wp), intent(inout) :: slope(record%dimension + record%parameters + record%moments, &
+                                     record%dimension)
     integer(c_int), intent(out) :: code
     real(wp) :: a(record%dimension, record%dimension)        ! A, then
     real(wp) :: d(record%parameters, record%dimension)       ! df/dp
@@ -81,7 +83,10 @@ contains
         call evaluate_at(record%df_dp, record%df_dp_data, y, d)
         if (code /= 0 .or. .not. all(abs(d) <= huge(1.0_wp))) record%failed = 2
       end if
-      slope(n + 1:, :) = slope(n + 1:, :) + d
+      slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
+      associate (first => k - int(record%moments) + 1)
+        slope(n + k + 1:, :) = slope(n + k + 1:, :) + (t - record%origin) * d(first:, :)
+      end associate
     end if
     if (code == 0 .and. all(abs(f) <= huge(1.0_wp)) .and. all(abs(a) <= huge(1.0_wp))) then
       if (record%failed /= 2 .and. .not. all(abs(slope) <= huge(1.0_wp))) record%failed = 3

@@ -435,3 +435,90 @@ def test_exceptions_say_how_functions_are_called():
     with pytest.raises(TypeError) as caught:
         cg.solve_ivp(f, (0, 1), [0.0], frame=LINE, inputs=HELD)
     assert "f is given (t, y, u, ...)" in "".join(caught.value.__notes__)
+
+
+@pytest.mark.parametrize("in_c", [False, True])
+@pytest.mark.parametrize("kind", ["hold", "linear"])
+@pytest.mark.parametrize("span", [(0.0, 2.2), (2.0, 0.1)])
+def test_derivatives_with_respect_to_values(in_c, kind, span, function):
+    f = function("blown") if in_c else driven
+    options = {"frame": FRAME, "parameters": GAIN, "rtol": 1e-11, "atol": 1e-11}
+
+    def end(values, gusts=GUSTS[1]):
+        inputs = cg.Samples(TIMES, values, kind), cg.Samples(GUSTS[0], gusts, "linear")
+        return cg.solve_ivp(f, span, START, inputs=inputs, **options).y[-1]
+
+    inputs = cg.Samples(TIMES, TORQUE, kind), GUST
+    run = cg.solve_variational(
+        f, span, START, inputs=inputs, input_derivatives=True, control_derivatives=True, **options
+    )
+    plain = cg.solve_variational(f, span, START, inputs=inputs, control_derivatives=True, **options)
+    for name in ("y", "transition", "sensitivity"):
+        got, expected = getattr(run, name)[-1], getattr(plain, name)[-1]
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
+    assert run.t[0] == span[0]
+    assert np.isin([0.3, 0.45, 1.0, 1.4], run.t).all()
+    of_torque, of_gust = run.input_sensitivity
+    assert of_torque.shape == (6, *TORQUE.shape)
+    assert of_gust.shape == (6, 11)
+    center, step = run.y[-1], 1e-4
+    for k in range(len(TIMES)):
+        change = np.zeros_like(TORQUE)
+        change[k, k % 3] = step
+        ends = end(TORQUE + change), end(TORQUE - change)
+        difference = np.subtract(*(FRAME.local_coordinates(center, y) for y in ends)) / (2 * step)
+        np.testing.assert_allclose(of_torque[:, k, k % 3], difference, rtol=0, atol=1e-7)
+    for k in range(11):
+        change = step * np.eye(11)[k]
+        ends = end(TORQUE, GUSTS[1] + change), end(TORQUE, GUSTS[1] - change)
+        difference = np.subtract(*(FRAME.local_coordinates(center, y) for y in ends)) / (2 * step)
+        np.testing.assert_allclose(of_gust[:, k], difference, rtol=0, atol=1e-7)
+
+
+def test_derivatives_with_respect_to_pulses_that_vanish():
+    """All amplitudes are equal, so that the curve has no corners; the frame is in Python."""
+    frame = cg.frames.Sp(2)
+    times = np.linspace(0, 1, 11)[:-1]
+    pulse = cg.Samples(times, np.zeros((10, 2)))
+    f = lambda t, y, u: [u[0], 1.0, u[1]]  # noqa: E731
+    mixed = lambda t, y, u: [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]  # noqa: E731
+    runs = [
+        cg.solve_variational(
+            f, (0, 1), np.eye(2), frame=frame, inputs=pulse, input_derivatives=True, df_dp=df_dp,
+            **TIGHT,
+        )
+        for df_dp in (None, mixed)
+    ]  # fmt: skip
+    sensitivity = runs[0].input_sensitivity
+    np.testing.assert_allclose(sensitivity, runs[1].input_sensitivity, rtol=0, atol=1e-8)
+    assert runs[0].sensitivity is None
+    for k in (0, 4, 9):
+        ends = []
+        for step in (1e-5, -1e-5):
+            values = pulse.values.copy()
+            values[k, 0] += step
+            ends.append(cg.solve_ivp(
+                f, (0, 1), np.eye(2), frame=frame, inputs=cg.Samples(times, values), **TIGHT
+            ).y[-1])  # fmt: skip
+        moved = [frame.local_coordinates(runs[0].y[-1], y) for y in ends]
+        difference = np.subtract(*moved) / 2e-5
+        np.testing.assert_allclose(sensitivity[:, k, 0], difference, rtol=0, atol=1e-5)
+
+
+def test_refused_with_input_derivatives():
+    options = {"frame": LINE, "input_derivatives": True}
+    f = lambda t, y, u: [u * y[0]]  # noqa: E731
+    with pytest.raises(ValueError, match="inputs must be given with input_derivatives"):
+        cg.solve_variational(f, (0, 1), [1.0], **options)
+    with pytest.raises(ValueError, match='"hold" or "linear"'):
+        cg.solve_variational(
+            f, (0, 1), [1.0], inputs=cg.Samples([0, 1], [1, 2], "cubic"), **options
+        )
+    for name, value in (("events", []), ("t_eval", [0.5]), ("dense_output", True)):
+        with pytest.raises(ValueError, match=f"{name} must not be given"):
+            cg.solve_variational(f, (0, 1), [1.0], inputs=HELD, **{name: value}, **options)
+    failed = cg.solve_variational(
+        lambda t, y, u: [u * y[0] ** 2], (0, 1.5), [1.0], inputs=HELD, **options
+    )
+    assert failed.status == -1
+    assert failed.input_sensitivity is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -135,6 +136,26 @@ class Reader:
         """Return all values at a time one after the other, as compiled functions get them."""
         values = [curve.reader(self._member)(t) for curve in self._inputs.curves]
         return np.concatenate([np.ravel(value) for value in values])
+
+
+class DataReader(Reader):
+    """The inputs of a point as compiled code has written them into the data of ``f``."""
+
+    def __init__(self, inputs: Inputs, data: Array) -> None:
+        super().__init__(inputs, 0)
+        self._data = data
+
+    def at_times(self) -> Callable[[float], Any]:
+        """Return the function that reads them."""
+        reads, first = [], 0
+        for curve in self._inputs.curves:
+            stop = first + math.prod(curve.shape)
+            part = self._data[first:stop].reshape(curve.shape)
+            reads.append(part.copy if curve.shape else part.item)
+            first = stop
+        if self._inputs.together:
+            return lambda t: tuple([read() for read in reads])
+        return lambda t: reads[0]()
 
 
 class WithInput:

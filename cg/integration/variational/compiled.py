@@ -11,7 +11,7 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.messages import DERIVATIVES
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.rhs.inputs import Inputs, arguments_of
+from cg.integration.rhs.inputs import DataReader, Inputs, arguments_of
 from cg.integration.rhs.python import context_of
 from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import Plan
@@ -100,8 +100,9 @@ def compiled_variation(
     if parameters is not None:
         members = len(parameters)
     first.inputs = 0 if inputs is None else inputs.width
-    rows = np.zeros((members, 1 + variational.count + first.inputs))
-    numbers = None if parameters is None else rows[:, 1 : 1 + variational.count]
+    own = variational.count - variational.inputs
+    rows = np.zeros((members, 1 + own + first.inputs))
+    numbers = None if parameters is None else rows[:, 1 : 1 + own]
     if numbers is not None:
         numbers[...] = parameters
         numbers = numbers.view()
@@ -111,6 +112,10 @@ def compiled_variation(
     contexts = []
     for member, record in enumerate(records):
         arguments = arguments_of(inputs, args, numbers, member)
+        if variational.inputs and variational.df_dp is None:
+            # compiled code changes these numbers for differences
+            assert inputs is not None
+            arguments = (DataReader(inputs, rows[0, 1 + own :]), *arguments[1:])
         for name, function, shape, check in in_python:
             contexts.append(context_of(function, arguments, variational.frame, shape, check))
             setattr(record, name, id(contexts[-1]))
@@ -131,7 +136,8 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, A
     constant = np.append(constant, 0.0)
     record = _Record(
         frame=plan.address, dimension=variational.frame.dim, width=plan.width,
-        parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
+        parameters=variational.count,
+        moments=variational.moments, constants=len(constant) - 1, index=index.ctypes.data,
         constant=constant.ctypes.data, step=DIFFERENCE_STEP, nan=np.nan,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
     )  # fmt: skip

@@ -40,13 +40,15 @@ class VariationalField:
     f: Any  # a `CompiledRhs` if it is compiled
     jac: Derivative | None
     df_dp: Derivative | None
-    count: int  # number of parameters
+    count: int  # number of parameters, with inputs if there are derivatives with respect to them
     vectorized: bool = False  # whether the functions take points of several members in one call
+    inputs: int = 0  # how many of them are inputs
+    moments: int = 0  # how many of these have derivatives that are multiplied by the time, too
 
     def __post_init__(self) -> None:
         n = self.frame.dim
         made = {
-            "product": Product(self.frame, Euclidean(n * (n + self.count))),
+            "product": Product(self.frame, Euclidean(n * (n + self.columns))),
             "structure": _structure(self.frame),
             "check": Check(self.f, self.frame, self.vectorized),
             "_flows": flows_of(self.frame),
@@ -60,21 +62,27 @@ class VariationalField:
     check: Check = field(init=False, repr=False)
     _flows: Flows = field(init=False, repr=False)
 
+    @property
+    def columns(self) -> int:
+        """Number of derivatives besides those by initial coordinates."""
+        return self.count + self.moments
+
     def __reduce__(self) -> tuple[Any, ...]:
         functions = self.f, self.jac, self.df_dp
-        return VariationalField, (self.frame, *functions, self.count, self.vectorized)
+        numbers = self.count, self.vectorized, self.inputs, self.moments
+        return VariationalField, (self.frame, *functions, *numbers)
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
         n = self.frame.dim
-        x = np.concatenate([np.eye(n), np.zeros((n, self.count))], axis=1).ravel()
+        x = np.concatenate([np.eye(n), np.zeros((n, self.columns))], axis=1).ravel()
         return self.product.join(y, np.broadcast_to(x, (len(y), x.size)))
 
     def split(self, z: Array) -> tuple[Points, Array]:
         """Return points and their derivatives, shape ``(..., dim, dim + k)``."""
         y, x = self.product.split(z)
         n = self.frame.dim
-        return y, x.reshape(*x.shape[:-1], n, n + self.count)
+        return y, x.reshape(*x.shape[:-1], n, n + self.columns)
 
     def __call__(self, t: Array, z: Array, *arguments: Any) -> Array:
         """Return the coefficients of several members: those of ``f``, then the derivatives of X.

@@ -24,11 +24,17 @@ _ROUNDING = 1e-9
 
 
 def add_derivatives(
-    problem: Problem, jac: Any, df_dp: Any, P0: ArrayLike | None, control_derivatives: Any
+    problem: Problem,
+    jac: Any,
+    df_dp: Any,
+    P0: ArrayLike | None,
+    control_derivatives: Any,
+    moments: int | None = None,
 ) -> Problem:
     """Return the problem of points with derivatives, after checking the arguments.
 
-    Further arguments are those of `cg.solve_variational`.
+    Further arguments are those of `cg.solve_variational`; with ``moments`` there are derivatives
+    with respect to the inputs at each time, too, and as many times this time.
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     control_derivatives = check_flag("control_derivatives", control_derivatives)
@@ -38,11 +44,12 @@ def add_derivatives(
             f"{frame!r}, whose fields are no Lie algebra or none that it knows"
         )
     n, numbers, vectorized = frame.dim, rhs.parameters, rhs.vectorized
-    if df_dp is not None and numbers is None:
+    width = 0 if moments is None or rhs.inputs is None else rhs.inputs.width
+    if df_dp is not None and numbers is None and not width:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is not None:
         check_finite(numbers, "parameters")
-    count = 0 if numbers is None else numbers.shape[-1]
+    count = width + (0 if numbers is None else numbers.shape[-1])
     field = VariationalField(
         frame,
         rhs.f if isinstance(rhs, PythonRhs) else rhs,
@@ -50,6 +57,8 @@ def add_derivatives(
         derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, rhs.inputs),
         count,
         vectorized,
+        width,
+        moments or 0,
     )
     joint: Rhs
     if vectorized:
@@ -86,7 +95,7 @@ def _tolerances(problem: Problem, field: VariationalField, control_derivatives: 
             "atol must be positive with control_derivatives, since derivatives are zero at first, "
             f"got {given}"
         )
-    others = np.repeat(rows, n + field.count)
+    others = np.repeat(rows, n + field.columns)
     return np.concatenate([own, others if control_derivatives else np.full(others.size, np.inf)])
 
 
