@@ -505,6 +505,19 @@ def test_derivatives_with_respect_to_pulses_that_vanish():
         np.testing.assert_allclose(sensitivity[:, k, 0], difference, rtol=0, atol=1e-5)
 
 
+def test_input_derivatives_with_equal_steps_and_without_any():
+    f = lambda t, y, u: [u * y[0]]  # noqa: E731
+    held = cg.Samples([0.0, 1.0, 2.0], [0.5, -1.0, 0.25])
+    options = {"frame": LINE, "inputs": held, "input_derivatives": True, "method": "CG4a"}
+    run = cg.solve_variational(f, (0, 3), [1.0], h=0.02, **options)
+    expected = np.exp(-0.25)  # each value acts for one unit of time
+    np.testing.assert_allclose(run.input_sensitivity, [[expected] * 3], rtol=1e-7)
+    assert run.steps == 150
+    nothing = cg.solve_variational(f, (1, 1), [1.0], h=0.02, **options)
+    np.testing.assert_array_equal(nothing.input_sensitivity, np.zeros((1, 3)))
+    np.testing.assert_array_equal(nothing.t, [1.0])
+
+
 def test_refused_with_input_derivatives():
     options = {"frame": LINE, "input_derivatives": True}
     f = lambda t, y, u: [u * y[0]]  # noqa: E731

@@ -88,14 +88,7 @@ def compiled_variation(
     import cg._core_r64 as core
 
     first, *constants = _first_record(variational, plan)
-    in_python = []
-    for name, function, shape, check in _functions(variational):
-        if isinstance(function, CompiledRhs):
-            setattr(first, name, function.address)
-            setattr(first, f"{name}_data", function.user_data)
-        else:
-            setattr(first, name, core.function_addresses()[0])
-            in_python.append((f"{name}_data", function, shape, check))
+    in_python = _set_functions(first, variational)
     members = (None if inputs is None else inputs.members) or 1
     if parameters is not None:
         members = len(parameters)
@@ -109,15 +102,14 @@ def compiled_variation(
         numbers.flags.writeable = False
     count = members if in_python else 1
     records = (_Record * count)(*[first] * count)
+    arguments = [arguments_of(inputs, args, numbers, member) for member in range(count)]
+    if inputs is not None and variational.inputs and variational.df_dp is None:
+        # compiled code changes these numbers for differences
+        arguments = [(DataReader(inputs, rows[0, 1 + own :]), *arguments[0][1:])]
     contexts = []
-    for member, record in enumerate(records):
-        arguments = arguments_of(inputs, args, numbers, member)
-        if variational.inputs and variational.df_dp is None:
-            # compiled code changes these numbers for differences
-            assert inputs is not None
-            arguments = (DataReader(inputs, rows[0, 1 + own :]), *arguments[1:])
+    for record, given in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
-            contexts.append(context_of(function, arguments, variational.frame, shape, check))
+            contexts.append(context_of(function, given, variational.frame, shape, check))
             setattr(record, name, id(contexts[-1]))
     size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
@@ -142,6 +134,21 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, A
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
     )  # fmt: skip
     return record, index, constant
+
+
+def _set_functions(record: _Record, variational: VariationalField) -> list[Any]:
+    """Put functions into a record; return those in Python, whose data it lacks yet."""
+    import cg._core_r64 as core
+
+    in_python = []
+    for name, function, shape, check in _functions(variational):
+        if isinstance(function, CompiledRhs):
+            setattr(record, name, function.address)
+            setattr(record, f"{name}_data", function.user_data)
+        else:
+            setattr(record, name, core.function_addresses()[0])
+            in_python.append((f"{name}_data", function, shape, check))
+    return in_python
 
 
 def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int, ...], Any]]:

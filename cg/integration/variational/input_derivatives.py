@@ -63,7 +63,7 @@ def solve_with_input_derivatives(
     run = Run(replace(joint, stops=stops, every=0), keep_last=True, lanes=1)
     chain = _Chain(run, field, t0)
     messages = {}
-    for stop in stops.tolist():
+    for stop in stops.tolist() if t0 != t1 else []:
         failure = chain.advance(stop)
         if isinstance(failure, Exception):
             raise failure

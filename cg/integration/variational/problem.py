@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, check_finite, real_array
+from cg.frames.base import Frame
 from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.derivatives import derivative_of
 from cg.integration.rhs.python import PythonRhs
@@ -43,32 +44,16 @@ def add_derivatives(
             "frame must know the bracket of its fields, by which derivatives move, got "
             f"{frame!r}, whose fields are no Lie algebra or none that it knows"
         )
-    n, numbers, vectorized = frame.dim, rhs.parameters, rhs.vectorized
-    width = 0 if moments is None or rhs.inputs is None else rhs.inputs.width
-    if df_dp is not None and numbers is None and not width:
-        raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
-    if numbers is not None:
-        check_finite(numbers, "parameters")
-    count = width + (0 if numbers is None else numbers.shape[-1])
-    field = VariationalField(
-        frame,
-        rhs.f if isinstance(rhs, PythonRhs) else rhs,
-        derivative_of(jac, "jac", frame, (n, n), vectorized, rhs.inputs),
-        derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, rhs.inputs),
-        count,
-        vectorized,
-        width,
-        moments or 0,
-    )
+    field = _make_field(frame, rhs, jac, df_dp, moments)
     joint: Rhs
-    if vectorized:
-        data = rhs.args, numbers, vectorized, rhs.first, rhs.inputs
+    if rhs.vectorized:
+        data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
         joint = PythonRhs(field, field.product, *data)
     else:
-        joint = compiled_variation(field, problem.plan, rhs.args, numbers, rhs.inputs)
+        joint = compiled_variation(field, problem.plan, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
         control = control._replace(atol=_tolerances(problem, field, control_derivatives))
-    covariance = _check_covariance(P0, n, len(problem.points) if problem.many else None)
+    covariance = _check_covariance(P0, frame.dim, len(problem.points) if problem.many else None)
     return replace(
         problem,
         plan=plan_of(field.product, problem.plan.method),
@@ -77,6 +62,29 @@ def add_derivatives(
         control=control,
         events=None if events is None else VariationalEvents(events, field),
         make_solution=SolutionMaker(field, covariance),
+    )
+
+
+def _make_field(
+    frame: Frame, rhs: Rhs, jac: Any, df_dp: Any, moments: int | None
+) -> VariationalField:
+    """Return the coefficients of points with derivatives, after checking functions."""
+    n, numbers, vectorized, inputs = frame.dim, rhs.parameters, rhs.vectorized, rhs.inputs
+    width = 0 if moments is None or inputs is None else inputs.width
+    if df_dp is not None and numbers is None and not width:
+        raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
+    if numbers is not None:
+        check_finite(numbers, "parameters")
+    count = width + (0 if numbers is None else numbers.shape[-1])
+    return VariationalField(
+        frame,
+        rhs.f if isinstance(rhs, PythonRhs) else rhs,
+        derivative_of(jac, "jac", frame, (n, n), vectorized, inputs),
+        derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
+        count,
+        vectorized,
+        width,
+        moments or 0,
     )
 
 
