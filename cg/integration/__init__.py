@@ -8,6 +8,7 @@ from cg.integration.loop.messages import StepTooLongError
 from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.events import Event
 from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import ConvergenceError
 from cg.integration.stepper import Stepper
 from cg.integration.variational.results import (
@@ -24,6 +25,7 @@ __all__ = [
     "EnsembleSolution",
     "EnsembleVariationalSolution",
     "Event",
+    "Samples",
     "Solution",
     "StepTooLongError",
     "Stepper",

@@ -28,7 +28,8 @@ from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import Problem, make_problem
 from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.function import CompiledFunction, Function
-from cg.integration.rhs.python import Coefficients
+from cg.integration.rhs.inputs import Inputs
+from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.support.checks import check_flag
 from cg.support.parallel import single_threads
@@ -73,6 +74,9 @@ def solve_ensemble(
         of ``parameters``.
     frame, method, rtol, atol, h, dense_output, events, breakpoints, args
         As for `cg.solve_ivp`.  Events are functions of one member.
+    inputs
+        As for `cg.solve_ivp`; those with ``members=True`` have values of each member.  If
+        ``vectorized``, ``f`` gets a row of values for each member.
     t_eval
         Times at which to store the solution; by default the ends of ``t_span``.
     parameters
@@ -151,6 +155,8 @@ def solve_members(
     members, steps = len(problem.points), 0
     if problem.common and problem.events is not None and problem.events.has_jumps:
         raise ValueError("events must have no jumps with common_steps, which all members share")
+    if problem.events is not None and isinstance(problem.rhs, PythonRhs):
+        problem.events.check_data(problem.rhs.inputs is not None)
     if (h := problem.control.h) is not None:
         steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
         check_grid(problem.plan, h, steps * members, problem.every, problem.dense)
@@ -168,7 +174,7 @@ def solve_members(
         with single_threads():  # as with workers, so that they change no bit
             for first in range(0, members, size):
                 part = slice(first, min(first + size, members))
-                result.add(part, _integrate(_select(problem, part), watch))
+                result.add(part, _integrate(problem.part(part), watch))
                 watch.count_finished(part.stop - first)
     watch.finish()
     solution = result.solution()
@@ -177,13 +183,6 @@ def solve_members(
     if problem.many and not solution.success:
         warnings.warn(solution.message, stacklevel=3)
     return solution
-
-
-def _select(problem: Problem, part: slice) -> Problem:
-    points, numbers = problem.points, problem.rhs.parameters
-    if part == slice(0, len(points)):
-        return problem
-    return problem.select(part.start, points[part], None if numbers is None else numbers[part])
 
 
 def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> MemberResults:
@@ -225,8 +224,8 @@ class _MemberTask:
 
     problem: Problem
 
-    def __call__(self, data: tuple[int, Points, Array | None]) -> MemberResults:
-        """Integrate some members, given the first one's place, their points and parameters."""
+    def __call__(self, data: tuple[int, Points, Array | None, Inputs | None]) -> MemberResults:
+        """Integrate some members, given what tells them from others."""
         return _integrate(self.problem.select(*data), None)
 
 
@@ -234,18 +233,11 @@ def _distribute(
     problem: Problem, executor: Any, workers: Any, result: Results, watch: Progress
 ) -> None:
     """Integrate members on an executor."""
-    work = _MemberTask(_select(problem, slice(0, 1)))
+    work = _MemberTask(problem.part(slice(0, 1)))
     if executor is not None and executor != "threads":
         _check_pickle(work)
-    points, numbers = problem.points, problem.rhs.parameters
-    run = completed(
-        work,
-        range(len(points)),
-        len(points),
-        workers,
-        executor,
-        data=lambda chunk: (chunk[0], points[chunk], None if numbers is None else numbers[chunk]),
-    )
+    count = len(problem.points)
+    run = completed(work, range(count), count, workers, executor, data=problem.data)
     with closing(run) as running:
         for finished in running:
             members = slice(finished.chunk[0], finished.chunk[-1] + 1)

@@ -15,6 +15,7 @@ from cg.integration.problem import make_problem
 from cg.integration.results import Solution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
+from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.method.method import Method
 from cg.support.checks import check_integer
@@ -82,6 +83,12 @@ def solve_ivp(
         Times within ``t_span`` at which ``f`` or its derivatives jump, sorted in the direction of
         integration.  A step ends at each: the step before it sees ``f`` just before that time, the
         step after it just after.
+    inputs
+        `cg.Samples` of a function of time, or a tuple of several, each with times of its own.
+        ``f`` becomes ``f(t, y, u, *args)``, and so do ``jac``, events and jumps; ``u`` is the
+        value at ``t``, for a tuple one of values.  A compiled function gets the values behind its
+        parameters.  Steps end where a curve or its derivative jumps, as at ``breakpoints``.
+        Methods with stages outside the step are refused.
     max_step
         Largest step size.
     first_step
@@ -164,6 +171,7 @@ def integrate(
     frame: Frame,
     method: str | Method,
     h: float,
+    inputs: Samples | tuple[Samples, ...] | None = None,
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
@@ -202,7 +210,7 @@ def integrate(
     h
         Step size, positive whatever the direction.  If it doesn't divide the span, the last
         step is shorter.
-    args, parameters, stage_solver, jac, progress
+    inputs, args, parameters, stage_solver, jac, progress
         As for `cg.solve_ivp`.
     save_every
         Number of steps between stored points; the initial and the final point are always stored.
@@ -244,7 +252,9 @@ def integrate(
     if h is None:
         raise TypeError(f"h must be a real number, got {h!r}")
     every = min(check_integer("save_every", save_every, 1), 2**62)
-    options: Options = {"method": method, "h": h, "args": args, "parameters": parameters}
+    options: Options = {
+        "method": method, "h": h, "inputs": inputs, "args": args, "parameters": parameters,
+    }  # fmt: skip
     problem = make_problem(
         f, t_span, y0, frame=frame, options=complete_options(integrate, (), options),
         stage_solver=stage_solver, jac=jac, every=every,

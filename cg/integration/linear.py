@@ -64,8 +64,8 @@ def solve_linear(
         As for `cg.solve_ivp`. Steps are chosen by the differences from two results of lower order,
         on `cg.frames.LinearAction` by the last coefficients of the interpolating polynomial, or
         are all of size ``h``.
-    args, parameters, progress
-        As for `cg.solve_ivp`.
+    args, parameters, inputs, progress
+        As for `cg.solve_ivp`; ``a`` becomes ``a(t, u, *args)`` with ``inputs``.
     vectorized : bool, optional
         Whether ``a`` takes times of shape ``(k,)``, with rows of parameters of shape ``(k, p)``,
         and returns shape ``(k, frame.dim)``. It is called once per step, with the times of all
@@ -98,7 +98,7 @@ def solve_linear(
     vectorized = check_flag("vectorized", vectorized)
     given["args"] = args = check_args(given["args"])
     if compiled_rhs(a, "a") is None:
-        _check_callable(a, args, given["parameters"])
+        _check_callable(a, args, given["parameters"], given["inputs"])
     method = given["method"]
     if isinstance(method, str) and method == AUTO:
         given["method"] = _lobatto() if isinstance(frame, LinearAction) else _DEFAULT
@@ -119,9 +119,9 @@ def _lobatto() -> MagnusMethod:
     return MagnusMethod(nodes, [flow], name="Lobatto's formula")
 
 
-def _check_callable(a: Any, args: tuple[Any, ...], parameters: Any) -> None:
+def _check_callable(a: Any, args: tuple[Any, ...], parameters: Any, inputs: Any) -> None:
     """Raise TypeError unless ``a`` takes a time with the further arguments."""
-    names = ["t", *(f"args[{k}]" for k in range(len(args)))]
+    names = ["t", *["u"] * (inputs is not None), *(f"args[{k}]" for k in range(len(args)))]
     names += ["parameters"] * (parameters is not None)
     call = f"a({', '.join(names)})"
     if not callable(a):

@@ -10,6 +10,7 @@ from typing import Any, TypedDict, TypeVar, cast
 from numpy.typing import ArrayLike
 
 from cg.integration.default_method import AUTO
+from cg.integration.rhs.samples import Samples
 from cg.method.method import Method
 from cg.support.checks import similar_names
 
@@ -26,6 +27,7 @@ class StepOptions(TypedDict, total=False):
     max_step: float
     first_step: float | None
     breakpoints: ArrayLike | None
+    inputs: Samples | tuple[Samples, ...] | None
     args: Iterable[Any] | None
     parameters: ArrayLike | None
 

@@ -33,6 +33,7 @@ from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
+from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
 from cg.integration.step.jacobian import Jacobian, jacobian_of
@@ -75,9 +76,31 @@ class Problem:
         """Final time."""
         return float(self.stops[-1])
 
-    def select(self, first: int, points: Points, parameters: Array | None) -> Problem:
+    def data(self, members: list[int]) -> tuple[int, Points, Array | None, Inputs | None]:
+        """Return what `select` needs for members that follow each other."""
+        part, numbers, inputs = (
+            slice(members[0], members[-1] + 1),
+            self.rhs.parameters,
+            self.rhs.inputs,
+        )
+        return (
+            part.start,
+            self.points[part],
+            None if numbers is None else numbers[part],
+            None if inputs is None else inputs.part(part),
+        )
+
+    def part(self, members: slice) -> Problem:
+        """Return the problem of some members."""
+        if members == slice(0, len(self.points)):
+            return self
+        return self.select(*self.data([members.start, members.stop - 1]))
+
+    def select(
+        self, first: int, points: Points, parameters: Array | None, inputs: Inputs | None
+    ) -> Problem:
         """Return the problem of some members, the first of which has a place in the ensemble."""
-        rhs = self.rhs.with_data(self.rhs.args, parameters, first)
+        rhs = self.rhs.with_data(self.rhs.args, parameters, inputs, first)
         return replace(self, points=points, rhs=rhs)
 
 
@@ -86,7 +109,13 @@ def _make_solution(_: Problem, fields: dict[str, Any]) -> EnsembleSolution:
 
 
 def _make_rhs(
-    f: Any, frame: Frame, args: Any, parameters: Array | None, vectorized: bool, many: bool
+    f: Any,
+    frame: Frame,
+    args: Any,
+    parameters: Array | None,
+    vectorized: bool,
+    many: bool,
+    inputs: Inputs | None,
 ) -> Rhs:
     """Return the right-hand side after checking ``f`` and ``args``."""
     extra = check_args(args)
@@ -96,13 +125,15 @@ def _make_rhs(
     if compiled is None:
         if not callable(f):
             raise TypeError(f"f must be callable as f(t, y), got {f!r}")
-        return PythonRhs(f, frame, extra, parameters, vectorized, 0 if many else None)
+        if inputs is not None:
+            f = f.with_input() if isinstance(f, TimeFunction) else WithInput(f)
+        return PythonRhs(f, frame, extra, parameters, vectorized, 0 if many else None, inputs)
     if extra:
         raise ValueError(f"args must be None for a compiled {name}, got {args!r}")
     if vectorized:
         one = "time" if name == "a" else "point"
         raise ValueError(f"vectorized must be False for a compiled {name}, which takes one {one}")
-    return compiled.on(frame, parameters)
+    return compiled.on(frame, parameters, inputs)
 
 
 def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: float) -> Control:
@@ -217,14 +248,18 @@ def make_problem(
         options["rtol"] = rtol = check_rtol(options["rtol"])
     plan = plan_of(frame, _choose_method(options["method"], f, frame, rtol))
     points, numbers = check_points(plan, y0, options["parameters"], many)
-    rhs = _make_rhs(f, frame, options["args"], numbers, vectorized, many)
     start, stop = check_span(t_span)
+    members = len(points) if many else None
+    inputs = check_inputs(options["inputs"], start, stop, members, plan.method)
+    rhs = _make_rhs(f, frame, options["args"], numbers, vectorized, many, inputs)
     if isinstance(plan.method, Splitting) and isinstance(frame, PhaseSpace):
         _check_force(rhs, start, points[0], frame)
     jacobian = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
     if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
+    if inputs is not None:
+        stops = inputs.add_stops(stops, start)
     in_algebra = plan.in_algebra(points[0])
     shape = (frame.dim,) if in_algebra else frame.point_shape
     control = _make_control(plan, shape, options, abs(stop - start))
@@ -233,7 +268,9 @@ def make_problem(
     elif many:
         t_eval = np.array([start, stop][: 1 + (start != stop)])
     dense = check_flag("dense_output", options["dense_output"])
-    events = None if options["events"] is None else EventTable(options["events"], frame)
+    events = None
+    if options["events"] is not None:
+        events = EventTable(options["events"], frame, inputs is not None)
     return Problem(
         plan, in_algebra, rhs, points, start, stops, control, events, t_eval,
         every if t_eval is None else 0, dense, stage_solver, many, common, of_time, jacobian,

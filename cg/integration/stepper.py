@@ -30,7 +30,9 @@ from cg.integration.loop.step_budget import StepBudget
 from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
+from cg.integration.rhs.inputs import Inputs
 from cg.integration.rhs.python import Coefficients
+from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.stepper_state import check_points, get_state, replace_rhs, set_state
 from cg.support.checks import check_flag
@@ -47,6 +49,8 @@ class Stepper:
     ----------
     f, frame, method, rtol, atol, h, max_step, first_step, args, breakpoints, stage_solver, jac
         As for `cg.solve_ivp`.
+    inputs
+        As for `cg.solve_ivp`; they need not lead to ``t_bound``, but as far as the stepper does.
     t0
         Initial time.
     y0
@@ -89,10 +93,10 @@ class Stepper:
     an exception or interrupt of ``f``, ``t`` and ``y`` are those of the last complete step, or of
     an ensemble those before the call.  After an exception further steps may be tried.
 
-    ``restart(t=, y=, args=, parameters=)`` changes what it is given, also after a failure, and
-    keeps the rest, the counts included.  It calls ``f`` at no time, but the next step starts anew:
-    it calls ``f`` at the present point, and without ``h`` it chooses its size anew, which takes
-    another call, unless ``first_step`` is given.
+    ``restart(t=, y=, args=, parameters=, inputs=)`` changes what it is given, also after a failure,
+    and keeps the rest, the counts included.  It calls ``f`` at no time, but the next step starts
+    anew: it calls ``f`` at the present point, and without ``h`` it chooses its size anew, which
+    takes another call, unless ``first_step`` is given.
 
     A pickle contains the present state and ``f``, which has to be a function of a module or a
     `CompiledFunction`; the copy goes on bit for bit.  ``copy.copy`` takes any ``f``.
@@ -145,7 +149,7 @@ class Stepper:
         given["first_step"] = None if h is None else first_step  # may be longer than the span below
         given["breakpoints"] = None
         problem = make_problem(
-            f, (start, start + self.direction), y0, frame=frame, options=given, many=many,
+            f, (start, start), y0, frame=frame, options=given, many=many,
             vectorized=vectorized, common=common, stage_solver=stage_solver, jac=jac,
         )  # fmt: skip
         check_resolution(problem.control.h, start)
@@ -155,7 +159,8 @@ class Stepper:
         end = bound
         if math.isinf(bound) and h is not None:
             end = start + self.direction * _FAR * float(h)
-        self._stops = check_stops(breakpoints, start, end)
+        self._breakpoints = check_stops(breakpoints, start, end)
+        self._stops = self._with_corners(problem.rhs.inputs, start)
         self._budget = StepBudget()
         self._failure = ""
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
@@ -164,6 +169,19 @@ class Stepper:
         self.step_size: float | None = None
         self.status = "running" if start != bound else "finished"
         self._run = self._make_run()
+
+    def _with_corners(self, inputs: Inputs | None, t: float) -> Array:
+        """Return the ends of segments: breakpoints, corners of inputs from a time on, and the end.
+
+        If inputs end before, that is their end.
+        """
+        stops = self._breakpoints
+        if inputs is None:
+            return stops
+        end, sign = inputs.reach(t, self.direction), self.direction
+        if sign * end < sign * stops[-1]:
+            stops = np.append(stops[sign * stops < sign * end], end)
+        return inputs.add_stops(stops, t)
 
     def _make_run(self) -> Run:
         problem = self._problem
@@ -220,6 +238,10 @@ class Stepper:
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
+        if self.t == self._stops[-1]:
+            raise RuntimeError(
+                f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
+            )
         if not self._stops_are_set:
             self._continue(self._ahead(self._stops))
             self._stops_are_set = True
@@ -257,6 +279,8 @@ class Stepper:
         if target == self.t:
             return None
         self._check_running()
+        if (inputs := self._run.rhs.inputs) is not None:
+            inputs.check_span(self.t, target, "t")
         check_resolution(self._run.control.h, target)
         if len(self._stops) == 1:
             self._target[0] = target
@@ -335,6 +359,7 @@ class Stepper:
         args: Iterable[Any] | None = None,
         parameters: ArrayLike | None = None,
         first_step: float | None = None,
+        inputs: Samples | tuple[Samples, ...] | None = None,
     ) -> None:
         """Continue from another time or point, or with other arguments of ``f``.
 
@@ -347,6 +372,8 @@ class Stepper:
             Time and point.
         args, parameters
             Arguments of ``f``.
+        inputs
+            Samples of the same shapes as before, which must cover the time.
         first_step
             Size of the next step.  By default it is ``h``, the ``first_step`` of the constructor,
             or chosen anew, which takes one call of ``f``; the last size isn't kept.
@@ -365,10 +392,13 @@ class Stepper:
         if y is not None:
             rows = run.plan.doubles(check_points(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
-        replace_rhs(self, args, parameters)
+        replace_rhs(self, time, args, parameters, inputs)
         self.t, self.t_old = time, None
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):
-            self._stops = np.append(self._stops[:-1], time + self.direction * _FAR * run.control.h)
+            far = time + self.direction * _FAR * run.control.h
+            self._breakpoints = self._stops = np.append(self._breakpoints[:-1], far)
+        if run.rhs.inputs is not None:
+            self._stops = self._with_corners(run.rhs.inputs, time)
         self._set_points(rows, first)
         if rows is not run.end:
             run.end[...] = rows

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, real_array
 from cg.integration.arguments import check_args
+from cg.integration.rhs.inputs import check_inputs
 
 
 def get_state(stepper: Any) -> dict[str, Any]:
@@ -64,15 +65,29 @@ def check_points(stepper: Any, y: ArrayLike) -> Points:
     return rows
 
 
-def replace_rhs(stepper: Any, args: Iterable[Any] | None, parameters: ArrayLike | None) -> None:
-    """Replace what ``f`` gets besides time and point, None for what remains."""
+def replace_rhs(
+    stepper: Any,
+    t: float,
+    args: Iterable[Any] | None,
+    parameters: ArrayLike | None,
+    inputs: Any,
+) -> None:
+    """Replace what ``f`` gets besides time and point from time t on, None for what remains."""
     run, rhs = stepper._run, stepper._run.rhs
     extra = rhs.args if args is None else check_args(args)
     numbers = rhs.parameters
     if parameters is not None:
         numbers = _check_parameters(parameters, numbers, stepper._many)
-    if extra is not rhs.args or numbers is not rhs.parameters:
-        run.replace_rhs(rhs.with_data(extra, numbers, rhs.first))
+    curves = rhs.inputs
+    if inputs is not None:
+        if curves is None:
+            raise ValueError(f"inputs must be None, since the constructor got none, got {inputs!r}")
+        members = run.members if stepper._many else None
+        curves = check_inputs(inputs, t, t, members, run.plan.method)
+        assert curves is not None
+        curves.check_like(rhs.inputs)
+    if extra is not rhs.args or numbers is not rhs.parameters or curves is not rhs.inputs:
+        run.replace_rhs(rhs.with_data(extra, numbers, curves, rhs.first))
 
 
 def _check_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:

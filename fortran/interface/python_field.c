@@ -1,11 +1,11 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
  * The user data is a tuple
- *   (f, args, shape, dtype number, result shape, check, spare, of time)
+ *   (f, args, shape, dtype number, result shape, check, spare, of time, with input)
  * of the function, its further arguments, the shape of its points, the type of their entries, the
  * shape of its coefficients, a function check(value, t, y) that returns them as an array, or raises
- * what is wrong with them, a list of one entry, and whether f takes no point.  The check is called for all but the plainest
- * results.  In the list is the array that f was given last, or None: if nobody else has kept it,
+ * what is wrong with them, a list of one entry, whether f takes no point, and whether the first further argument is a function
+ * of time whose value f gets in its place.  The check is called for all but the plainest results.  In the list is the array that f was given last, or None: if nobody else has kept it,
  * the next point goes into it.
  */
 #include <math.h>
@@ -15,7 +15,7 @@
 #include "fortranobject.h"
 #include "shared_numbers.h"
 
-enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, OF_TIME };
+enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, OF_TIME, INPUT };
 
 /* Whether an array has a shape, given as a tuple */
 static int has_shape(PyArrayObject *array, PyObject *shape)
@@ -87,18 +87,28 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
         return PyErr_NoMemory();
     }
     arguments[0] = NULL; /* the function may use this place during the call */
-    Py_ssize_t given = 0;
+    Py_ssize_t given = 0, first = 0;
+    PyObject *input = NULL;
     arguments[++given] = time;
     if (PyTuple_GET_ITEM(context, OF_TIME) != Py_True) {
         arguments[++given] = point;
     }
-    for (Py_ssize_t i = 0; i < count; i++) {
+    if (PyTuple_GET_ITEM(context, INPUT) == Py_True) {
+        input = PyObject_CallOneArg(PyTuple_GET_ITEM(extra, first++), time);
+        if (input == NULL) {
+            PyMem_Free(arguments);
+            return NULL;
+        }
+        arguments[++given] = input;
+    }
+    for (Py_ssize_t i = first; i < count; i++) {
         arguments[++given] = PyTuple_GET_ITEM(extra, i);
     }
     PyObject *value = PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
                                           (size_t)given | PY_VECTORCALL_ARGUMENTS_OFFSET,
                                           NULL);
     PyMem_Free(arguments);
+    Py_XDECREF(input);
     return value;
 }
 

@@ -20,8 +20,8 @@ module variational_m
 
 contains
 
-  ! A function of the type rhs_i. The data are the parameters of a member; the eight bytes before
-  ! them are the address of the record.
+  ! A function of the type rhs_i. The data are the parameters and inputs of a member; the eight bytes
+  ! before them are the address of the record.
   function variational_field(t, y, f, user_data) bind(c) result(code)
     real(c_double), value, intent(in) :: t
     real(c_double), intent(in) :: y(*)
@@ -43,9 +43,11 @@ contains
     type(variation_t), intent(inout) :: record
     type(c_ptr), intent(in) :: parameters
     real(wp), intent(in) :: t, y(record%width)
-    real(wp), intent(in) :: x(record%dimension + record%parameters, record%dimension)
+    real(wp), intent(in) :: x(record%dimension + record%parameters + record%moments, &
+                              record%dimension)
     real(wp), intent(inout) :: f(record%dimension)
-    real(wp), intent(inout) :: slope(record%dimension + record%parameters, record%dimension)
+    real(wp), intent(inout) :: slope(record%dimension + record%parameters + record%moments, &
+                                     record%dimension)
     integer(c_int), intent(out) :: code
     real(wp) :: a(record%dimension, record%dimension)        ! A, then
     real(wp) :: d(record%parameters, record%dimension)       ! df/dp
@@ -82,7 +84,10 @@ contains
         call evaluate_at(record%df_dp, record%df_dp_data, y, d)
         if (code /= 0 .or. .not. all(abs(d) <= huge(1.0_wp))) record%failed = 2
       end if
-      slope(n + 1:, :) = slope(n + 1:, :) + d
+      slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
+      associate (first => k - int(record%moments) + 1)
+        slope(n + k + 1:, :) = slope(n + k + 1:, :) + (t - record%origin) * d(first:, :)
+      end associate
     end if
     if (code == 0 .and. all(abs(f) <= huge(1.0_wp)) .and. all(abs(a) <= huge(1.0_wp))) then
       if (record%failed /= 2 .and. .not. all(abs(slope) <= huge(1.0_wp))) record%failed = 3
@@ -102,7 +107,7 @@ contains
       type(c_ptr) :: data
 
       data = transfer(merge(own_data, record%data, own_data /= 0), data)
-      if (own_data == 0 .and. record%parameters > 0) data = parameters
+      if (own_data == 0 .and. record%parameters + record%inputs > 0) data = parameters
       point = y
       rhs => field_at(address)
       code = rhs(t, point, values, data)

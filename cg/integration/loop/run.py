@@ -17,6 +17,7 @@ from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import Steps
 from cg.integration.loop.record import Record
 from cg.integration.problem import Problem, Rhs
+from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.callbacks import Callbacks
 from cg.support.memory import reserved
@@ -84,6 +85,7 @@ class Run:
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
         self._share("stops", np.array(problem.stops))
+        self._share_inputs()
         self._share("atol", self.control.atol.flatten())
         if events is not None and self._functions:
             self._share("event_table", events.rows)
@@ -159,6 +161,13 @@ class Run:
         if array.size:  # much faster than array.ctypes
             setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
         return array
+
+    def _share_inputs(self) -> None:
+        """Share the table of the inputs of compiled functions."""
+        rhs = self.rhs
+        if isinstance(rhs, CompiledRhs) and rhs.inputs is not None:
+            first = 0 if rhs.parameters is None else rhs.parameters.shape[1]
+            self.record.curves = len(self._share("inputs", rhs.inputs.table(first)))
 
     def _make_buffers(self, capacity: int) -> None:
         """Share arrays for the output of some number of steps."""
@@ -286,6 +295,7 @@ class Run:
     def replace_rhs(self, rhs: Rhs) -> None:
         """Replace the right-hand side by another one of the same kind."""
         self.rhs = self.callbacks.rhs = rhs
+        self._share_inputs()
         if self.callbacks.jacobian is not None:
             self.callbacks.jacobian.kept.clear()
 

@@ -14,6 +14,7 @@ from scipy import LowLevelCallable
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
+from cg.integration.rhs.inputs import Inputs, arguments_of
 from cg.support.capsules import address_in, context_of
 
 SIGNATURE = "int (double, double *, double *, void *)"
@@ -38,18 +39,27 @@ class CompiledRhs:
     # of each member, shape (members, k); their address is passed in place of ``user_data``
     parameters: Array | None = None
     source: Any = None  # the pointer made of ``function``, kept alive as well
+    inputs: Inputs | None = None
+    data: Any = None  # the parameters of each member with room for the inputs
 
     args: ClassVar[tuple[Any, ...]] = ()
     vectorized: ClassVar[bool] = False
     first: ClassVar[int | None] = None  # as that of `PythonRhs`
 
-    def on(self, frame: Frame, parameters: Array | None) -> CompiledRhs:
+    def on(
+        self, frame: Frame, parameters: Array | None, inputs: Inputs | None = None
+    ) -> CompiledRhs:
         """Return the right-hand side on a frame, with parameters of shape ``(members, k)``.
 
-        ValueError is raised if there are parameters and user's data, or if there are neither and
-        the function's last argument is a pointer to doubles.
+        ValueError is raised if there are parameters or inputs and user's data, or if there are none
+        and the function's last argument is a pointer to doubles.
         """
-        if parameters is None and self.requires_data and not self.user_data:
+        if inputs is not None and self.user_data:
+            raise ValueError(
+                f"inputs must be None for a compiled {self.name} that has user_data; as parameters "
+                "these numbers come before the inputs"
+            )
+        if parameters is None and inputs is None and self.requires_data and not self.user_data:
             raise ValueError(
                 f"parameters must be given for a compiled {self.name} without user_data whose last "
                 "argument is of type double *, got None; of type void * it may be null"
@@ -58,32 +68,40 @@ class CompiledRhs:
             raise ValueError(
                 f"parameters must be None for a compiled {self.name} that has user_data"
             )
-        return replace(self, frame=frame, parameters=parameters)
+        data = parameters if inputs is None else inputs.data_with(parameters)
+        return replace(self, frame=frame, parameters=parameters, inputs=inputs, data=data)
 
     def with_data(
-        self, args: tuple[Any, ...], parameters: Array | None, first: int | None = None
+        self,
+        args: tuple[Any, ...],
+        parameters: Array | None,
+        inputs: Inputs | None,
+        first: int | None = None,
     ) -> CompiledRhs:
-        """Return the right-hand side with the parameters of other members."""
+        """Return the right-hand side with the parameters and inputs of other members."""
         if args:
             raise ValueError(f"args must be None for a compiled {self.name}, got {args!r}")
-        return self if parameters is self.parameters else replace(self, parameters=parameters)
+        if inputs is None and parameters is self.parameters:
+            return self
+        data = parameters if inputs is None else inputs.data_with(parameters)
+        return replace(self, parameters=parameters, inputs=inputs, data=data)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.function, self.name, self.frame, self.parameters)
+        return _restored, (self.function, self.name, self.frame, self.parameters, self.inputs)
 
-    def arguments(self, member: int) -> tuple[Any, ...]:
+    def arguments(self, member: Any) -> tuple[Any, ...]:
         """Return the further arguments that events of a member receive."""
-        return () if self.parameters is None else (self.parameters[member],)
+        return arguments_of(self.inputs, self.args, self.parameters, member)
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
-        distance = 0 if self.parameters is None else 8 * self.parameters.shape[-1]
+        distance = 0 if self.parameters is None else self.data.strides[0]
         return self.address, self.data_address, distance
 
     @property
     def data_address(self) -> int:
         """Address of the data of the first member."""
-        return self.user_data if self.parameters is None else int(self.parameters.ctypes.data)
+        return self.user_data if self.data is None else int(self.data.ctypes.data)
 
     @property
     def failed_name(self) -> str:
@@ -99,6 +117,9 @@ class CompiledRhs:
         """Return what the function writes for a member."""
         assert self.frame is not None
         _, data, distance = self.addresses()
+        if self.inputs is not None:
+            own = self.data[member if distance else 0]
+            own[-self.inputs.width :] = self.arguments(member)[0].numbers(t)
         row: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
         return row
 
@@ -122,11 +143,11 @@ class CompiledRhs:
 
 
 def _restored(
-    function: Any, name: str, frame: Frame | None, parameters: Array | None
+    function: Any, name: str, frame: Frame | None, parameters: Array | None, inputs: Any
 ) -> CompiledRhs:
     made = compiled_rhs(function, name)
     assert made is not None
-    return made if frame is None else made.on(frame, parameters)
+    return made if frame is None else made.on(frame, parameters, inputs)
 
 
 def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:

@@ -12,6 +12,7 @@ from cg.frames.arrays import Array, Points, is_array, real_array
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
+from cg.integration.rhs.inputs import Inputs, WithInput
 from cg.integration.rhs.python import when
 
 
@@ -54,7 +55,12 @@ class Derivative:
 
 
 def derivative_of(
-    function: Any, name: str, frame: Frame, shape: tuple[int, ...], vectorized: bool
+    function: Any,
+    name: str,
+    frame: Frame,
+    shape: tuple[int, ...],
+    vectorized: bool,
+    inputs: Inputs | None,
 ) -> Derivative | None:
     """Return a function that the user gave, after checking it, or None."""
     compiled = compiled_rhs(function, name)
@@ -71,6 +77,8 @@ def derivative_of(
             f"{name} must be None on a phase space, where derivatives are differences, got "
             f"{function!r}"
         )
+    if compiled is None and inputs is not None:
+        function = WithInput(function)
     return Derivative(name, compiled or function, frame, shape, vectorized)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import compiled_event
+from cg.integration.rhs.inputs import WithInput
 from cg.support.shared_numbers import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
@@ -114,12 +115,14 @@ def _is_count(number: float | np.integer[Any]) -> bool:
 class EventTable:
     """The events of one integration, after checking.
 
+    With ``inputs`` functions in Python get those of a `Reader`.
+
     ``rows`` is the table that compiled code reads: of each event the addresses of the function and
     of its data, the sign of its direction, its limit, and whether it jumps.
     """
 
-    def __init__(self, events: Any, frame: Frame) -> None:
-        self.given = events
+    def __init__(self, events: Any, frame: Frame, inputs: bool = False) -> None:
+        self.given, self.inputs = events, inputs
         if isinstance(events, Event) or callable(events) or compiled_event(events) is not None:
             given: Sequence[Any] = (events,)
         elif isinstance(events, Sequence) and not isinstance(events, str):
@@ -141,10 +144,12 @@ class EventTable:
                 "jumps": event.jump is not None,
             }
             rows.append([row[name] for name in EVENT])
+        if inputs:
+            self.events = [_with_input(event) for event in self.events]
         self.rows: NDArray[np.int64] = np.array(rows, dtype=np.int64).reshape(-1, len(EVENT))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.given, self.frame)
+        return type(self), (self.given, self.frame, self.inputs)
 
     def __len__(self) -> int:
         return len(self.events)
@@ -153,6 +158,15 @@ class EventTable:
     def has_jumps(self) -> bool:
         """Whether an event has a jump."""
         return bool(self.rows[:, 4].any())
+
+    def check_data(self, needed: bool) -> None:
+        """Raise ValueError if compiled functions need inputs, for an ``f`` in Python."""
+        for i, source in enumerate(self.compiled):
+            if needed and source is not None and not source.user_data:
+                raise ValueError(
+                    f"events[{i}] must be in Python with inputs and an f in Python, got "
+                    f"{self.events[i].function!r}, which is compiled and has no user_data"
+                )
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         """Return the value of an event's function in Python, after checking it."""
@@ -189,6 +203,14 @@ class EventTable:
             return self.frame.check_point(raw, name=f"events[{index}].jump(t, y)")
         except (TypeError, ValueError) as error:
             raise type(error)(f"{error}, at t = {t:.17g}") from error
+
+
+def _with_input(event: Event) -> Event:
+    """Return an event whose functions in Python get inputs."""
+    function, jump = event.function, event.jump
+    if compiled_event(function) is None:
+        function = WithInput(function)
+    return replace(event, function=function, jump=None if jump is None else WithInput(jump))
 
 
 def _as_event(event: Any) -> Event:

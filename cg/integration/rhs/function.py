@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.arrays import real_array
+from cg.integration.rhs.inputs import TimeWithInput
 
 
 class CompiledFunction:
@@ -109,3 +110,7 @@ class TimeFunction:
     def __call__(self, t: float, y: Any, *args: Any) -> Any:
         """Return the coefficients at a time."""
         return self.a(t, *args)
+
+    def with_input(self) -> TimeFunction:
+        """Return the function that gets a `Reader` first, for one in Python that gets inputs."""
+        return TimeFunction(TimeWithInput(self.a), self.vectorized)

@@ -15,6 +15,7 @@ from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.integration.rhs.function import TimeFunction
+from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of
 
 Coefficients = Callable[..., ArrayLike]
 _JOIN = "; join parts by np.concatenate"
@@ -108,48 +109,54 @@ class PythonRhs:
         parameters: Array | None = None,
         vectorized: bool = False,
         first: int | None = None,
+        inputs: Inputs | None = None,
     ) -> None:
         self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
-        self.vectorized, self.first = vectorized, first
+        self.vectorized, self.first, self.inputs = vectorized, first, inputs
         self.check = Check(f, frame, vectorized, first)
         self.name = self.failed_name = self.check.name
         function = f.a if isinstance(f, TimeFunction) else f
         rest = frame, (frame.rhs_dim,), self.check, self.check.of_time
-        if parameters is None or vectorized:
-            self._contexts = [context_of(function, args, *rest)]
-        else:
-            self._contexts = [context_of(function, (*args, row), *rest) for row in parameters]
+        own = None if inputs is None else inputs.members
+        if parameters is not None:
+            own = len(parameters)
+        self._by_member = own is not None and not vectorized
+        members = range(own if own is not None and self._by_member else 1)
+        self._contexts = [context_of(function, self.arguments(k), *rest) for k in members]
+        if self._by_member:
             self._pointers = np.array([id(context) for context in self._contexts])
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = self.f, self.frame, self.args, self.parameters, self.vectorized, self.first
-        return PythonRhs, state
+        return PythonRhs, (*state, self.inputs)
 
     def with_data(
-        self, args: tuple[Any, ...], parameters: Array | None, first: int | None = None
+        self,
+        args: tuple[Any, ...],
+        parameters: Array | None,
+        inputs: Inputs | None,
+        first: int | None = None,
     ) -> PythonRhs:
         """Return the right-hand side with other further arguments, or of other members."""
-        return PythonRhs(self.f, self.frame, args, parameters, self.vectorized, first)
+        return PythonRhs(self.f, self.frame, args, parameters, self.vectorized, first, inputs)
 
-    def arguments(self, member: int) -> tuple[Any, ...]:
-        """Return the further arguments of a member."""
-        if self.parameters is None:
-            return self.args
-        return (*self.args, self.parameters[member])
+    def arguments(self, member: Any) -> tuple[Any, ...]:
+        """Return the further arguments of a member, or of an array of members."""
+        return arguments_of(self.inputs, self.args, self.parameters, member)
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
         import cg._core_r64 as core
 
         field, member, _ = core.function_addresses()
-        if self.parameters is None or self.vectorized:
+        if not self._by_member:
             return field, self.data_address, 0
         return member, self.data_address, 8
 
     @property
     def data_address(self) -> int:
         """Address of the first member's data, which changes with the further arguments."""
-        if self.parameters is None or self.vectorized:
+        if not self._by_member:
             return id(self._contexts[0])
         return int(self._pointers.ctypes.data)
 
@@ -162,13 +169,13 @@ class PythonRhs:
             shape = f"{('k', *self.frame.point_shape)}, and t of shape (k,)".replace("'", "")
         elif self.first is not None:
             which = f" in member {self.first + member}"
+        u = "" if self.inputs is None else "u, "
         if self.check.of_time:
-            return f"at t = {t:.17g}{which}; a is given (t, ...){extra[1:]}"
+            return f"at t = {t:.17g}{which}; a is given (t, {u}...){extra[1:]}"
         of_time = self._takes(1 + count) and not self._takes(2 + count)
         hint = "; for an f of time alone see cg.solve_linear" if of_time else ""
-        return (
-            f"at t = {t:.17g}{which}; f is given (t, y, ...) with y of shape {shape}{extra}{hint}"
-        )
+        given = f"f is given (t, y, {u}...) with y of shape {shape}"
+        return f"at t = {t:.17g}{which}; {given}{extra}{hint}"
 
     def _takes(self, count: int) -> bool:
         try:
@@ -194,9 +201,8 @@ class PythonRhs:
     def at_members(self, t: Array, members: Any, y: Points) -> Array:
         """Return the coefficients of several members, shape ``(n, dim)``, after checking them."""
         t.flags.writeable = y.flags.writeable = False
-        own = () if self.parameters is None else (self.parameters[members],)
         try:
-            value = self.f(t, y, *self.args, *own)
+            value = self.f(t, y, *self.arguments(members))
         except Exception as error:
             error.add_note(self.note(float(t[0])))
             raise
@@ -208,7 +214,11 @@ def context_of(
     of_time: bool = False,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Return what ``fortran/interface/python_field.c`` reads to call a function."""
-    return function, args, frame.point_shape, frame.dtype.num, shape, check, [None], of_time
+    with_input = isinstance(function, WithInput)
+    if with_input:
+        function, args = function.function, (args[0].at_times(), *args[1:])
+    rest = frame.point_shape, frame.dtype.num, shape, check, [None], of_time, with_input
+    return function, args, *rest
 
 
 def when(t: Any) -> str:

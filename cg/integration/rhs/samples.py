@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import copy
 from bisect import bisect_right
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, check_finite, real_array
 from cg.support.checks import check_flag
+from cg.support.copies import ReadOnly
 
 _LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
 
 
-class Samples:
+class Samples(ReadOnly):
     r"""A function of time given by samples, as an input of right-hand sides.
 
     Pass it as ``inputs`` to an integration, whose functions then get its value: ``f(t, y, u)``.
@@ -90,8 +91,25 @@ class Samples:
         by_time = np.moveaxis(self.values, 1, 0) if members else self.values
         self._edges, self._pieces = _curve(self.times, by_time, kind, self.causal)
         self._starts = self._edges.tolist()
+        self._search = [-np.inf, *self._starts[1:]]
+        beyond = _ENDS * float(np.spacing(np.abs(self.times).max()))
+        self._span = float(self.times[0]) - beyond, self.end + beyond
         flat = self._pieces.reshape(*self._pieces.shape[: 3 if members else 2], -1)
         self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0) if members else flat)
+        self._pieces.flags.writeable = False
+        self._rows = self._make_rows()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return super().__getstate__() | {"_rows": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self._rows = self._make_rows()
+
+    def _make_rows(self) -> list[list[Any]]:
+        """Return the polynomials of each piece, as floats if they are numbers."""
+        by_piece = np.moveaxis(self._pieces, 0, 1)
+        return by_piece.tolist() if by_piece.ndim == 2 else list(map(list, by_piece))
 
     def _read_end(self, end: Any) -> float:
         value = real_array(end, "end")
@@ -147,22 +165,59 @@ class Samples:
         ValueError
             If the time lies outside the curve.
         """
-        if not self._starts[0] <= t <= self.end:
-            self.check_span(t, t)
-        piece = min(max(bisect_right(self._starts, t) - 1, 0), self._pieces.shape[1] - 1)
-        rows = self._pieces[:, piece] if member is None else self._pieces[:, piece, member]
-        value = rows[-1]
-        if len(rows) > 1:
-            s = t - self._starts[piece]
-            for row in rows[-2::-1]:
+        return self.reader(member)(t)
+
+    def reader(self, member: int | None = None) -> Callable[[float], Any]:
+        """Return the curve, or that of a member, as a function that takes little time."""
+        rows, search, starts, outside = self._rows, self._search, self._starts, self.check_span
+        low, high = self._span
+        own = None if self.members is None else member
+
+        def hold(t: float) -> Any:
+            if not low <= t <= high:
+                outside(t, t)
+            (value,) = rows[bisect_right(search, t) - 1]
+            return value if own is None else value[own]
+
+        def polynomial(t: float) -> Any:
+            if not low <= t <= high:
+                outside(t, t)
+            piece = bisect_right(search, t) - 1
+            s = t - starts[piece]
+            *others, value = rows[piece]
+            for row in reversed(others):
                 value = row + s * value
-        return value if np.ndim(value) else float(value)
+            return value if own is None else value[own]
+
+        return hold if self.kind == "hold" else polynomial
+
+    def at(self, t: Array, members: Any = None) -> Array:
+        """Return the values at times, shape ``(k, ...)``, each of a member if there are members."""
+        self.check_span(float(t.min()), float(t.max()))
+        piece = np.maximum(np.searchsorted(self._edges, t, side="right") - 1, 0)
+        which = (slice(None), piece) if self.members is None else (slice(None), piece, members)
+        rows = self._pieces[which]
+        s = (t - self._edges[piece]).reshape(-1, *[1] * (rows.ndim - 2))
+        value: Array = rows[-1]
+        for row in rows[-2::-1]:
+            value = row + s * value
+        return value
+
+    def part(self, members: slice) -> Samples:
+        """Return the curves of some members."""
+        if self.members is None:
+            return self
+        part = copy.copy(self)
+        part.values, part._numbers = self.values[members], self._numbers[members]
+        part._pieces = self._pieces[:, :, members]
+        part._rows = part._make_rows()
+        part.members = len(part.values)
+        return part
 
     def check_span(self, start: float, stop: float, name: str = "t") -> None:
         """Raise ValueError unless the curve covers two times and those between, up to rounding."""
         first, last = min(start, stop), max(start, stop)
-        low = self.times[0] - _ENDS * np.spacing(abs(self.times[0]))
-        high = self.end + (_ENDS * np.spacing(abs(self.end)) if np.isfinite(self.end) else 0.0)
+        low, high = self._span
         if not (low <= first and last <= high):
             got = f"{start:.17g}" if start == stop else f"({start:.17g}, {stop:.17g})"
             raise ValueError(
@@ -222,67 +277,3 @@ def _curve(times: Array, values: Array, kind: str, causal: bool) -> tuple[Array,
         return times[:-1], np.stack([values - 0.5 * steps * slopes, slopes])
     sums = np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps * values, axis=0)])
     return times[:-1], np.ascontiguousarray(CubicSpline(times, sums).derivative().c[::-1])
-
-
-@dataclass(frozen=True, eq=False)
-class Inputs:
-    """The inputs of an integration: samples of one or of several rates.
-
-    Attributes
-    ----------
-    curves : tuple of Samples
-    together : bool
-        Whether functions get a tuple of values, as the user passed a tuple.
-    """
-
-    curves: tuple[Samples, ...]
-    together: bool
-
-    def at(self, t: float, member: int = 0) -> Any:
-        """Return what functions of a member get at a time."""
-        values = tuple(curve(t, None if curve.members is None else member) for curve in self.curves)
-        return values if self.together else values[0]
-
-    def compile(self, parameters: Array | None, members: int) -> tuple[Array, NDArray[np.int64]]:
-        """Return the data of compiled functions and the table of `fortran/steps/inputs.f90`.
-
-        The data are the parameters of each member, then room for the values of all curves, shape
-        ``(members, numbers)``.
-        """
-        first = 0 if parameters is None else parameters.shape[1]
-        rows = []
-        for curve in self.curves:
-            starts, numbers, stride = curve.numbers()
-            powers, pieces, width = numbers.shape[-3:]
-            address = starts.ctypes.data, numbers.ctypes.data
-            rows.append((powers, pieces, width, first, *address, stride))
-            first += width
-        data = np.zeros((members, first))
-        if parameters is not None:
-            data[:, : parameters.shape[1]] = parameters
-        return data, np.array(rows, dtype=np.int64)
-
-    def corners(self, start: float, stop: float) -> Array:
-        """Return the times between two at which a curve or its derivative jumps, in their order."""
-        times = np.unique(np.concatenate([curve.corners for curve in self.curves]))
-        times = times[(times > min(start, stop)) & (times < max(start, stop))]
-        return times if start <= stop else times[::-1]
-
-
-def check_inputs(inputs: Any, start: float, stop: float, members: int | None) -> Inputs | None:
-    """Return the inputs of an integration, None without any, after checking them."""
-    if inputs is None:
-        return None
-    together = isinstance(inputs, tuple)
-    curves: Sequence[Any] = inputs if together else (inputs,)
-    for k, curve in enumerate(curves):
-        name = f"inputs[{k}]" if together else "inputs"
-        if not isinstance(curve, Samples):
-            raise TypeError(f"{name} must be cg.Samples, or a tuple of them, got {curve!r}")
-        curve.check_span(start, stop, "t_span")
-        if curve.members is not None and curve.members != members:
-            expected = "no members" if members is None else f"{members} members"
-            raise ValueError(f"{name} must have {expected}, got {curve.members}")
-    if not curves:
-        raise ValueError("inputs must hold at least one of cg.Samples, got none")
-    return Inputs(tuple(curves), together)

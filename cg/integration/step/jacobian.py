@@ -11,6 +11,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative, derivative_of
+from cg.integration.rhs.inputs import data_at
 from cg.integration.rhs.python import PythonRhs, when
 from cg.integration.step.collocation import is_collocation
 from cg.method.method import Method
@@ -39,14 +40,12 @@ class Jacobian:
         """Return the matrix at a point, after checking it."""
         arguments, numbers = rhs.arguments(member), rhs.parameters
         if rhs.vectorized:
-            if numbers is not None:
-                arguments = *arguments[:-1], numbers[member : member + 1]
+            arguments = rhs.arguments(np.array([member]))
             return self.derivative(np.array([t]), y[None], arguments)[0]
         if not self.sparse:
-            data = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
-            return self.derivative(
-                t, y, arguments, data if numbers is None else numbers[member].ctypes.data
-            )
+            data = data_at(t, arguments, numbers is not None)
+            own = rhs.user_data if isinstance(rhs, CompiledRhs) else 0
+            return self.derivative(t, y, arguments, own if data is None else data.ctypes.data)
         y.flags.writeable = False
         value, shape = self.derivative.function(t, y, *arguments), self.derivative.shape
         if getattr(value, "shape", None) != shape:
@@ -109,11 +108,12 @@ def jacobian_of(
         return None
     if not is_collocation(method):
         raise ValueError(f'jac must be None unless method="RadauIIA5", and it is {method!r}')
-    derivative = derivative_of(jac, "jac", frame, (frame.dim, frame.dim), rhs.vectorized)
+    shape = frame.dim, frame.dim
+    derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.inputs)
     assert derivative is not None
     sparse = False
     if not (rhs.vectorized or isinstance(derivative.function, CompiledRhs)):
-        sparse = hasattr(jac(t, y.copy(), *rhs.arguments(0)), "tocsc")
+        sparse = hasattr(derivative.function(t, y.copy(), *rhs.arguments(0)), "tocsc")
     jacobian = Jacobian(derivative, sparse)
     jacobian.value(rhs, 0, t, y.copy())
     return jacobian

@@ -11,6 +11,7 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.messages import DERIVATIVES
 from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.inputs import DataReader, Inputs, arguments_of
 from cg.integration.rhs.python import context_of
 from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import Plan
@@ -28,14 +29,13 @@ class CompiledVariation(CompiledRhs):
     """A right-hand side of a solution with its derivatives, in compiled code.
 
     ``fortran/interface/variational.f90`` calls the functions, which may be in Python. They receive
-    the address of the parameters, as events do.
+    the address of the parameters, as events do.  ``data`` has the address of the record of each
+    member, then its parameters and inputs.
     """
 
     variational: Any = None  # the `VariationalField`
     plan: Any = None  # that of the frame without derivatives
     args: tuple[Any, ...] = ()  # type: ignore[misc]
-    # the address of the record of each member, then its parameters, shape (members, 1 + k)
-    rows: Any = None
     records: Any = None  # of the members, or one for all
     kept: tuple[Any, ...] = ()  # objects whose addresses are in the records
 
@@ -43,17 +43,18 @@ class CompiledVariation(CompiledRhs):
         return f"CompiledVariation({self.variational!r})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return compiled_variation, (self.variational, self.plan, self.args, self.parameters)
+        data = self.args, self.parameters, self.inputs
+        return compiled_variation, (self.variational, self.plan, *data)
 
     def with_data(
-        self, args: tuple[Any, ...], parameters: Array | None, _: int | None = None
+        self,
+        args: tuple[Any, ...],
+        parameters: Array | None,
+        inputs: Inputs | None,
+        _: int | None = None,
     ) -> CompiledVariation:
         """Return the right-hand side of other members."""
-        return compiled_variation(self.variational, self.plan, args, parameters)
-
-    def arguments(self, member: int) -> tuple[Any, ...]:
-        """Return the further arguments that events of a member receive."""
-        return (*self.args, *super().arguments(member))
+        return compiled_variation(self.variational, self.plan, args, parameters, inputs)
 
     @property
     def failed_name(self) -> str:
@@ -63,17 +64,21 @@ class CompiledVariation(CompiledRhs):
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
-        distance = 0 if self.parameters is None else self.rows.strides[0]
+        distance = self.data.strides[0] if len(self.data) > 1 else 0
         return self.address, self.data_address, distance
 
     @property
     def data_address(self) -> int:
         """Address of the parameters of the first member."""
-        return int(self.rows.ctypes.data) + 8
+        return int(self.data.ctypes.data) + 8
 
 
 def compiled_variation(
-    variational: VariationalField, plan: Plan, args: tuple[Any, ...], parameters: Array | None
+    variational: VariationalField,
+    plan: Plan,
+    args: tuple[Any, ...],
+    parameters: Array | None,
+    inputs: Inputs | None,
 ) -> CompiledVariation:
     """Return the right-hand side for functions of one point.
 
@@ -83,36 +88,34 @@ def compiled_variation(
     import cg._core_r64 as core
 
     first, *constants = _first_record(variational, plan)
-    in_python = []
-    for name, function, shape, check in _functions(variational):
-        if isinstance(function, CompiledRhs):
-            setattr(first, name, function.address)
-            setattr(first, f"{name}_data", function.user_data)
-        else:
-            setattr(first, name, core.function_addresses()[0])
-            in_python.append((f"{name}_data", function, shape, check))
-    members = 1 if parameters is None else len(parameters)
-    rows = np.empty((members, 1 + variational.count))
+    in_python = _set_functions(first, variational)
+    members = (None if inputs is None else inputs.members) or 1
     if parameters is not None:
-        rows[:, 1:] = parameters
-    own = parameters is not None and bool(in_python)
-    count = members if own else 1
+        members = len(parameters)
+    first.inputs = 0 if inputs is None else inputs.width
+    own = variational.count - variational.inputs
+    rows = np.zeros((members, 1 + own + first.inputs))
+    numbers = None if parameters is None else rows[:, 1 : 1 + own]
+    if numbers is not None:
+        numbers[...] = parameters
+        numbers = numbers.view()
+        numbers.flags.writeable = False
+    count = members if in_python else 1
     records = (_Record * count)(*[first] * count)
+    arguments = [arguments_of(inputs, args, numbers, member) for member in range(count)]
+    if inputs is not None and variational.inputs and variational.df_dp is None:
+        # compiled code changes these numbers for differences
+        arguments = [(DataReader(inputs, rows[0, 1 + own :]), *arguments[0][1:])]
     contexts = []
-    for record, row in zip(records, rows, strict=False):
-        arguments = args
-        if parameters is not None:
-            numbers = row[1:]
-            numbers.flags.writeable = False
-            arguments = (*args, numbers)
+    for record, given in zip(records, arguments, strict=True):
         for name, function, shape, check in in_python:
-            contexts.append(context_of(function, arguments, variational.frame, shape, check))
+            contexts.append(context_of(function, given, variational.frame, shape, check))
             setattr(record, name, id(contexts[-1]))
-    size = ctypes.sizeof(_Record) if own else 0
+    size = ctypes.sizeof(_Record) if count > 1 else 0
     rows[:, :1].view(np.int64)[:, 0] = ctypes.addressof(records) + size * np.arange(members)
     return CompiledVariation(
         None, core.function_addresses()[2], 0, frame=variational.product, parameters=parameters,
-        variational=variational, plan=plan, args=args, rows=rows, records=records,
+        inputs=inputs, variational=variational, plan=plan, args=args, data=rows, records=records,
         kept=(constants, contexts),
     )  # fmt: skip
 
@@ -125,11 +128,27 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, A
     constant = np.append(constant, 0.0)
     record = _Record(
         frame=plan.address, dimension=variational.frame.dim, width=plan.width,
-        parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
+        parameters=variational.count,
+        moments=variational.moments, constants=len(constant) - 1, index=index.ctypes.data,
         constant=constant.ctypes.data, step=DIFFERENCE_STEP, nan=np.nan,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
     )  # fmt: skip
     return record, index, constant
+
+
+def _set_functions(record: _Record, variational: VariationalField) -> list[Any]:
+    """Put functions into a record; return those in Python, whose data it lacks yet."""
+    import cg._core_r64 as core
+
+    in_python = []
+    for name, function, shape, check in _functions(variational):
+        if isinstance(function, CompiledRhs):
+            setattr(record, name, function.address)
+            setattr(record, f"{name}_data", function.user_data)
+        else:
+            setattr(record, name, core.function_addresses()[0])
+            in_python.append((f"{name}_data", function, shape, check))
+    return in_python
 
 
 def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int, ...], Any]]:

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from cg.frames.arrays import Array, Points
+from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.inputs import data_at
 from cg.integration.variational.field import VariationalField, parameter_steps
 
 _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
@@ -43,12 +45,12 @@ class VariationalEvents(EventTable):
     """
 
     def __init__(self, table: EventTable, field: VariationalField) -> None:
-        self.table, self.field = table, field
+        self.table, self.field, self.inputs = table, field, table.inputs
         self.frame, self.width = table.frame, table.width
         self.events, self.compiled = table.events, table.compiled
         self.rows = table.rows.copy()
-        if not field.count:
-            self.rows[self.rows[:, 1] == 0, 1] = field.data_address(())
+        if not field.count and isinstance(field.f, CompiledRhs):
+            self.rows[self.rows[:, 1] == 0, 1] = field.f.user_data
         self._callable = [
             None if source is None else _EVENT(source.address) for source in self.compiled
         ]
@@ -115,10 +117,9 @@ class VariationalEvents(EventTable):
         if function is None:
             return self.table.value(index, t, y, arguments)
         point = np.ascontiguousarray(y)
-        data = int(self.rows[index, 1])
-        if not data:
-            data = self.field.data_address(arguments)
-        return float(function(t, point.ctypes.data, data or None))
+        numbers = data_at(t, arguments, self.field.count > 0)
+        data = int(self.rows[index, 1]) or (None if numbers is None else numbers.ctypes.data)
+        return float(function(t, point.ctypes.data, data))
 
     def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients of one member."""

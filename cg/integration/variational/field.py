@@ -14,6 +14,7 @@ from cg.frames.euclidean import Euclidean
 from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative, read_only
+from cg.integration.rhs.inputs import Reader, data_at
 from cg.integration.rhs.python import Check, when
 from cg.integration.step.flows import Flows, flows_of
 
@@ -39,13 +40,15 @@ class VariationalField:
     f: Any  # a `CompiledRhs` if it is compiled
     jac: Derivative | None
     df_dp: Derivative | None
-    count: int  # number of parameters
+    count: int  # number of parameters, with inputs if there are derivatives with respect to them
     vectorized: bool = False  # whether the functions take points of several members in one call
+    inputs: int = 0  # how many of them are inputs
+    moments: int = 0  # how many of these have derivatives that are multiplied by the time, too
 
     def __post_init__(self) -> None:
         n = self.frame.dim
         made = {
-            "product": Product(self.frame, Euclidean(n * (n + self.count))),
+            "product": Product(self.frame, Euclidean(n * (n + self.columns))),
             "structure": _structure(self.frame),
             "check": Check(self.f, self.frame, self.vectorized),
             "_flows": flows_of(self.frame),
@@ -59,21 +62,27 @@ class VariationalField:
     check: Check = field(init=False, repr=False)
     _flows: Flows = field(init=False, repr=False)
 
+    @property
+    def columns(self) -> int:
+        """Number of derivatives besides those by initial coordinates."""
+        return self.count + self.moments
+
     def __reduce__(self) -> tuple[Any, ...]:
         functions = self.f, self.jac, self.df_dp
-        return VariationalField, (self.frame, *functions, self.count, self.vectorized)
+        numbers = self.count, self.vectorized, self.inputs, self.moments
+        return VariationalField, (self.frame, *functions, *numbers)
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
         n = self.frame.dim
-        x = np.concatenate([np.eye(n), np.zeros((n, self.count))], axis=1).ravel()
+        x = np.concatenate([np.eye(n), np.zeros((n, self.columns))], axis=1).ravel()
         return self.product.join(y, np.broadcast_to(x, (len(y), x.size)))
 
     def split(self, z: Array) -> tuple[Points, Array]:
         """Return points and their derivatives, shape ``(..., dim, dim + k)``."""
         y, x = self.product.split(z)
         n = self.frame.dim
-        return y, x.reshape(*x.shape[:-1], n, n + self.count)
+        return y, x.reshape(*x.shape[:-1], n, n + self.columns)
 
     def __call__(self, t: Array, z: Array, *arguments: Any) -> Array:
         """Return the coefficients of several members: those of ``f``, then the derivatives of X.
@@ -87,6 +96,8 @@ class VariationalField:
             if finite.any():
                 if self.count:
                     arguments = (*arguments[:-1], arguments[-1][finite])
+                if arguments and isinstance(arguments[0], Reader):
+                    arguments = (arguments[0][finite], *arguments[1:])
                 values[finite] = self(t[finite], z[finite], *arguments)
             return values
         y, x = self.split(z)
@@ -129,7 +140,9 @@ class VariationalField:
     def _at_points(self, t: Any, points: Points, arguments: tuple[Any, ...]) -> Array:
         """Return coefficients at several points of each member, shape ``(..., points, n)``."""
         if isinstance(self.f, CompiledRhs):
-            values = self.f.values(self.frame, self.data_address(arguments), t, points)
+            data = data_at(t, arguments, self.count > 0)
+            address = self.f.user_data if data is None else data.ctypes.data
+            values = self.f.values(self.frame, address, t, points)
             if not np.isfinite(values).all() and np.isfinite(points).all():
                 raise ValueError(f"f must return finite numbers, got {values[0]} at {when(t)}")
             return self.frame.complete_rhs(values, points)
@@ -153,12 +166,6 @@ class VariationalField:
             )
             columns.append((ahead - behind) / (2.0 * size[..., None]))
         return np.stack(columns, axis=-1)
-
-    def data_address(self, arguments: tuple[Any, ...]) -> int:
-        """Return the address of the data of compiled functions without data of their own."""
-        if self.count:
-            return int(arguments[-1].ctypes.data)
-        return self.f.user_data if isinstance(self.f, CompiledRhs) else 0
 
 
 def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:

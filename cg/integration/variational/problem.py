@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, check_finite, real_array
+from cg.frames.base import Frame
 from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.derivatives import derivative_of
 from cg.integration.rhs.python import PythonRhs
@@ -25,11 +26,17 @@ _ROUNDING = 1e-9
 
 
 def add_derivatives(
-    problem: Problem, jac: Any, df_dp: Any, P0: ArrayLike | None, control_derivatives: Any
+    problem: Problem,
+    jac: Any,
+    df_dp: Any,
+    P0: ArrayLike | None,
+    control_derivatives: Any,
+    moments: int | None = None,
 ) -> Problem:
     """Return the problem of points with derivatives, after checking the arguments.
 
-    Further arguments are those of `cg.solve_variational`.
+    Further arguments are those of `cg.solve_variational`; with ``moments`` there are derivatives
+    with respect to the inputs at each time, too, and as many times this time.
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     control_derivatives = check_flag("control_derivatives", control_derivatives)
@@ -43,28 +50,16 @@ def add_derivatives(
             "frame must know the bracket of its fields, by which derivatives move, got "
             f"{frame!r}, whose fields are no Lie algebra or none that it knows"
         )
-    n, numbers, vectorized = frame.dim, rhs.parameters, rhs.vectorized
-    if df_dp is not None and numbers is None:
-        raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
-    if numbers is not None:
-        check_finite(numbers, "parameters")
-    count = 0 if numbers is None else numbers.shape[-1]
-    field = VariationalField(
-        frame,
-        rhs.f if isinstance(rhs, PythonRhs) else rhs,
-        derivative_of(jac, "jac", frame, (n, n), vectorized),
-        derivative_of(df_dp, "df_dp", frame, (n, count), vectorized),
-        count,
-        vectorized,
-    )
+    field = _make_field(frame, rhs, jac, df_dp, moments)
     joint: Rhs
-    if vectorized:
-        joint = PythonRhs(field, field.product, rhs.args, numbers, vectorized, rhs.first)
+    if rhs.vectorized:
+        data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
+        joint = PythonRhs(field, field.product, *data)
     else:
-        joint = compiled_variation(field, problem.plan, rhs.args, numbers)
+        joint = compiled_variation(field, problem.plan, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
         control = control._replace(atol=_tolerances(problem, field, control_derivatives))
-    covariance = _check_covariance(P0, n, len(problem.points) if problem.many else None)
+    covariance = _check_covariance(P0, frame.dim, len(problem.points) if problem.many else None)
     return replace(
         problem,
         plan=plan_of(field.product, problem.plan.method),
@@ -73,6 +68,29 @@ def add_derivatives(
         control=control,
         events=None if events is None else VariationalEvents(events, field),
         make_solution=SolutionMaker(field, covariance),
+    )
+
+
+def _make_field(
+    frame: Frame, rhs: Rhs, jac: Any, df_dp: Any, moments: int | None
+) -> VariationalField:
+    """Return the coefficients of points with derivatives, after checking functions."""
+    n, numbers, vectorized, inputs = frame.dim, rhs.parameters, rhs.vectorized, rhs.inputs
+    width = 0 if moments is None or inputs is None else inputs.width
+    if df_dp is not None and numbers is None and not width:
+        raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
+    if numbers is not None:
+        check_finite(numbers, "parameters")
+    count = width + (0 if numbers is None else numbers.shape[-1])
+    return VariationalField(
+        frame,
+        rhs.f if isinstance(rhs, PythonRhs) else rhs,
+        derivative_of(jac, "jac", frame, (n, n), vectorized, inputs),
+        derivative_of(df_dp, "df_dp", frame, (n, count), vectorized, inputs),
+        count,
+        vectorized,
+        width,
+        moments or 0,
     )
 
 
@@ -91,7 +109,7 @@ def _tolerances(problem: Problem, field: VariationalField, control_derivatives: 
             "atol must be positive with control_derivatives, since derivatives are zero at first, "
             f"got {given}"
         )
-    others = np.repeat(rows, n + field.count)
+    others = np.repeat(rows, n + field.columns)
     return np.concatenate([own, others if control_derivatives else np.full(others.size, np.inf)])
 
 

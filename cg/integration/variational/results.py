@@ -31,7 +31,7 @@ def split_results(
     parts: dict[str, Any] = {
         "y": np.ascontiguousarray(y),
         "transition": transition,
-        "sensitivity": np.ascontiguousarray(x[..., n:]) if variational.count else None,
+        "sensitivity": np.ascontiguousarray(x[..., n:]) if variational.columns else None,
         "covariance": None if covariance is None else transition @ covariance @ transition.mT,
     }
     for array in parts.values():
@@ -135,6 +135,10 @@ class VariationalSolution(Solution):
     dt_events
         For each event the derivatives of its times with respect to the coordinates of ``y0``, then
         the parameters, shape ``(n_i, dim + k)``, or None without events.
+    input_sensitivity
+        With ``input_derivatives`` the derivatives of the coordinates of the last ``y`` with respect
+        to the values of the samples, shape ``(dim, *values.shape)``, a tuple of these for a tuple
+        of samples; else None.
     sol
         A continuous solution, which is a function of time as `DenseOutput` is and has the methods
         ``transition``, ``sensitivity`` and ``covariance``; or None without ``dense_output``.
@@ -163,6 +167,7 @@ class VariationalSolution(Solution):
     sensitivity: Array | None = field(kw_only=True)
     covariance: Array | None = field(kw_only=True)
     dt_events: list[Array] | None = field(kw_only=True)
+    input_sensitivity: Any = field(kw_only=True, default=None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

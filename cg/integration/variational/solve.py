@@ -16,6 +16,7 @@ from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.variational.input_derivatives import solve_with_input_derivatives
 from cg.integration.variational.problem import add_derivatives
 from cg.integration.variational.results import EnsembleVariationalSolution, VariationalSolution
 from cg.support.checks import check_flag
@@ -32,6 +33,7 @@ def solve_variational(
     df_dp: Function | None = None,
     P0: ArrayLike | None = None,
     control_derivatives: bool = False,
+    input_derivatives: bool = False,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     progress: Callable[[float, float], None] | None = None,
     **options: Unpack[Options],
@@ -72,8 +74,15 @@ def solve_variational(
         Whether steps are chosen by the errors of the derivatives as well, with the same
         tolerances (of row i those of coordinate i); else they are those of `cg.solve_ivp`, which
         may be long for the derivatives where the solution itself is simple.
-    method, h, rtol, atol, t_eval, dense_output, breakpoints
-        As for `cg.solve_ivp`.
+    input_derivatives
+        Whether to return ``input_sensitivity``, the derivatives of the last point with respect to
+        the values of ``inputs``, which are held or linear.  They take little more than derivatives
+        with respect to the inputs at one time, since those of each interval are integrated by
+        themselves and chained.  The solution is stored at the times of samples; there are no
+        ``t_eval``, ``dense_output`` and events, and ``progress`` isn't called.  ``df_dp`` then
+        returns derivatives with respect to the parameters and the inputs.
+    method, h, rtol, atol, t_eval, dense_output, breakpoints, inputs
+        As for `cg.solve_ivp`; ``jac`` and ``df_dp`` get the values of ``inputs`` as ``f`` does.
     events
         As for `cg.solve_ivp`.  A jump must be a function of its arguments alone, and is called for
         points nearby too.  If ``f`` changes where an event happens, let it depend on a coordinate
@@ -130,6 +139,8 @@ def solve_variational(
         f, t_span, y0, frame=frame, options=complete_options(solve_variational, rest, options),
         stage_solver=stage_solver,
     )  # fmt: skip
+    if check_flag("input_derivatives", input_derivatives):
+        return solve_with_input_derivatives(problem, jac, df_dp, P0, control_derivatives)
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives)
     return cast(VariationalSolution, solve_members(joint, progress)[0])
 
@@ -168,7 +179,7 @@ def solve_variational_ensemble(
     P0
         Covariance of the coordinates of ``y0``, shape ``(dim, dim)``, or one for each member,
         ``(members, dim, dim)``.
-    method, rtol, atol, h, t_eval, dense_output, breakpoints, args, vectorized, common_steps
+    method, rtol, atol, h, t_eval, dense_output, breakpoints, inputs, args, vectorized, common_steps
         As for `cg.solve_ensemble`.
     events
         As for `cg.solve_variational`.

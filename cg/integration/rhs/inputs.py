@@ -1,0 +1,228 @@
+"""Inputs of an integration: what its functions get of curves through samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.frames.arrays import Array
+from cg.integration.rhs.samples import Samples
+from cg.method.method import Method
+
+_ROUNDING = 1e-15  # of abscissae
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """The inputs of an integration: samples of one or of several rates.
+
+    Attributes
+    ----------
+    curves : tuple of Samples
+    together : bool
+        Whether functions get a tuple of values, as the user passed a tuple.
+    """
+
+    curves: tuple[Samples, ...]
+    together: bool
+
+    @property
+    def members(self) -> int | None:
+        """Number of members that have curves of their own, None if all share them."""
+        return next((curve.members for curve in self.curves if curve.members is not None), None)
+
+    @property
+    def width(self) -> int:
+        """Number of values at one time."""
+        return sum(int(np.prod(curve.shape)) for curve in self.curves)
+
+    def part(self, members: slice) -> Inputs:
+        """Return the inputs of some members."""
+        if self.members is None:
+            return self
+        return replace(self, curves=tuple(curve.part(members) for curve in self.curves))
+
+    def data_with(self, parameters: Array | None) -> Array:
+        """Return the parameters of each member, with room for the inputs behind them."""
+        if parameters is None:
+            return np.zeros((1, self.width))
+        return np.concatenate([parameters, np.zeros((len(parameters), self.width))], axis=1)
+
+    def table(self, first: int) -> NDArray[np.int64]:
+        """Return the table that ``fortran/steps/inputs.f90`` reads.
+
+        The values are written from number ``first`` of a member's data on.
+        """
+        rows = []
+        for curve in self.curves:
+            starts, numbers, stride = curve.numbers()
+            powers, pieces, width = numbers.shape[-3:]
+            address = starts.ctypes.data, numbers.ctypes.data
+            rows.append((powers, pieces, width, first, *address, stride))
+            first += width
+        return np.array(rows, dtype=np.int64)
+
+    def corners(self) -> Array:
+        """Return the times at which a curve or its derivative jumps."""
+        return np.unique(np.concatenate([curve.corners for curve in self.curves]))
+
+    def add_stops(self, stops: Array, start: float) -> Array:
+        """Return the ends of segments from a start, with those at corners.
+
+        A corner at an end appears there once more, so that functions are called within the span.
+        """
+        stop, corners = float(stops[-1]), self.corners()
+        low, high = min(start, stop), max(start, stop)
+        inside = np.union1d(corners[(corners >= low) & (corners <= high)], stops[:-1])
+        return np.append(inside if start <= stop else inside[::-1], stop)
+
+    def reach(self, t: float, direction: float) -> float:
+        """Return the time to which all curves lead from a time."""
+        if direction > 0:
+            return max(t, min(curve.end for curve in self.curves))
+        return min(t, max(float(curve.times[0]) for curve in self.curves))
+
+    def check_like(self, before: Inputs) -> None:
+        """Raise ValueError unless functions get values of the same shapes as before."""
+
+        def layout(inputs: Inputs) -> tuple[Any, ...]:
+            shapes = tuple((curve.members or (), *curve.shape) for curve in inputs.curves)
+            return shapes if inputs.together else shapes[0]
+
+        if layout(self) != layout(before):
+            raise ValueError(f"inputs must be like {before.curves}, got {self.curves}")
+
+    def check_span(self, start: float, stop: float, name: str) -> None:
+        """Raise ValueError unless all curves cover a span."""
+        for curve in self.curves:
+            curve.check_span(start, stop, name)
+
+
+class Reader:
+    """The inputs of a member, or of a vectorized function's members, as a function of time."""
+
+    def __init__(self, inputs: Inputs, member: Any) -> None:
+        self._inputs, self._member = inputs, member
+
+    def at_times(self) -> Callable[[float], Any]:
+        """Return the inputs of one member as a function that takes little time."""
+        first, *others = [curve.reader(self._member) for curve in self._inputs.curves]
+        if self._inputs.together:
+            return lambda t: (first(t), *[read(t) for read in others])
+        return first
+
+    def __call__(self, t: Any) -> Any:
+        """Return what functions get after time and point, or rows for an array of times."""
+        if isinstance(t, float):
+            return self.at_times()(t)
+        members = self._members(t)
+        values = tuple(curve.at(t, members) for curve in self._inputs.curves)
+        return values if self._inputs.together else values[0]
+
+    def _members(self, t: Array) -> Any:
+        """Return the member of each time; several times of one member follow each other."""
+        members = np.atleast_1d(self._member)
+        return np.repeat(members, len(t) // len(members))
+
+    def __getitem__(self, which: Any) -> Reader:
+        return Reader(self._inputs, self._member[which])
+
+    def numbers(self, t: float) -> Array:
+        """Return all values at a time one after the other, as compiled functions get them."""
+        values = [curve.reader(self._member)(t) for curve in self._inputs.curves]
+        return np.concatenate([np.ravel(value) for value in values])
+
+
+class DataReader(Reader):
+    """The inputs of a point as compiled code has written them into the data of ``f``."""
+
+    def __init__(self, inputs: Inputs, data: Array) -> None:
+        super().__init__(inputs, 0)
+        self._data = data
+
+    def at_times(self) -> Callable[[float], Any]:
+        """Return the function that reads them."""
+        reads, first = [], 0
+        for curve in self._inputs.curves:
+            stop = first + math.prod(curve.shape)
+            part = self._data[first:stop].reshape(curve.shape)
+            reads.append(part.copy if curve.shape else part.item)
+            first = stop
+        if self._inputs.together:
+            return lambda t: tuple([read() for read in reads])
+        return lambda t: reads[0]()
+
+
+class WithInput:
+    """A function in Python that gets inputs, as one that gets their `Reader`."""
+
+    __slots__ = ("function",)
+
+    def __init__(self, function: Any) -> None:
+        self.function = function
+
+    def __call__(self, t: Any, y: Any, reader: Reader, *rest: Any) -> Any:
+        """Call the function."""
+        return self.function(t, y, reader(t), *rest)
+
+
+class TimeWithInput(WithInput):
+    """The same for a function of time alone."""
+
+    __slots__ = ()
+
+    def __call__(self, t: Any, reader: Reader, *rest: Any) -> Any:  # type: ignore[override]
+        """Call the function."""
+        return self.function(t, reader(t), *rest)
+
+
+def arguments_of(
+    inputs: Inputs | None, args: tuple[Any, ...], parameters: Array | None, member: Any
+) -> tuple[Any, ...]:
+    """Return what functions of a member, or of an array of members, get after time and point."""
+    lead = () if inputs is None else (Reader(inputs, member),)
+    return (*lead, *args, *(() if parameters is None else (parameters[member],)))
+
+
+def data_at(t: float, arguments: tuple[Any, ...], has_parameters: bool) -> Array | None:
+    """Return the data of compiled functions at a time, None without parameters and inputs.
+
+    The arguments are those of functions in Python, of one member.
+    """
+    parameters: Array | None = arguments[-1] if has_parameters else None
+    if not (arguments and isinstance(arguments[0], Reader)):
+        return parameters
+    numbers = arguments[0].numbers(t)
+    return numbers if parameters is None else np.concatenate([parameters, numbers])
+
+
+def check_inputs(
+    inputs: Any, start: float, stop: float, members: int | None, method: Method
+) -> Inputs | None:
+    """Return the inputs of an integration, None without any, after checking them."""
+    if inputs is None:
+        return None
+    together = isinstance(inputs, tuple)
+    curves: Sequence[Any] = inputs if together else (inputs,)
+    if not curves:
+        raise ValueError("inputs must hold at least one of cg.Samples, got none")
+    for k, curve in enumerate(curves):
+        name = f"inputs[{k}]" if together else "inputs"
+        if not isinstance(curve, Samples):
+            raise TypeError(f"{name} must be cg.Samples, or a tuple of them, got {curve!r}")
+        curve.check_span(start, stop, "t0" if start == stop else "t_span")
+        if curve.members is not None and curve.members != members:
+            expected = "no members" if members is None else f"{members} members"
+            raise ValueError(f"{name} must have {expected}, got {curve.members}")
+    low, high = float(method.c.min()), float(method.c.max())
+    if low < -_ROUNDING or high > 1.0 + _ROUNDING:
+        raise ValueError(
+            f"method must evaluate f within the step with inputs, got {method!r}, whose abscissae "
+            f"lie between {low:g} and {high:g}"
+        )
+    return Inputs(tuple(curves), together)
