@@ -330,18 +330,21 @@ VARIATION = {
     "jac_data": "address",
     "df_dp": "address",
     "df_dp_data": "address",
+    "noise": "address",  # spectral density; without a function its data are the matrix
+    "noise_data": "address",
     "data": "address",  # of functions without data of their own, if there are no parameters
     "frame": "address",  # the plan of the frame alone
     "dimension": "integer",
     "width": "integer",  # doubles of a point without its derivatives
     "parameters": "integer",
+    "noises": "integer",  # columns of the covariance of noise, 0 or `dimension`
     # structure constants that aren't zero: i, j, k and the coefficient along E_k of [E_i, E_j]
     "constants": "integer",
     "index": "address",
     "constant": "address",
     "step": "real",  # of differences, relative
     "nan": "real",
-    "failed": "integer",  # which function failed last: 0 f, 1 jac, 2 df_dp, 3 products
+    "failed": "integer",  # which function failed last: 0 f, 1 jac, 2 df_dp, 3 products, 4 noise
 }
 """The record of a right-hand side with derivatives: names and kinds of entries."""
 

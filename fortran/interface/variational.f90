@@ -1,6 +1,7 @@
-! The right-hand side of a solution together with its derivatives X = (transition, sensitivity):
+! The right-hand side of a solution together with its derivatives X = (transition, sensitivity, C),
+! where C is the covariance of noise with the spectral density Q, if there is any:
 !
-!   X' = A X + (0, df/dp),   A xi = df/dy xi + [f, xi],
+!   X' = A X + (0, df/dp, C A^T + Q),   A xi = df/dy xi + [f, xi],
 !
 ! where df/dy is the derivative of f along the fields of the frame. The functions are in C; for
 ! functions of many members cg/integration/variational/field.py evaluates the same in Python.
@@ -42,9 +43,11 @@ contains
     type(variation_t), intent(inout) :: record
     type(c_ptr), intent(in) :: parameters
     real(wp), intent(in) :: t, y(record%width)
-    real(wp), intent(in) :: x(record%dimension + record%parameters, record%dimension)
+    real(wp), intent(in) :: x(record%dimension + record%parameters + record%noises, &
+                              record%dimension)
     real(wp), intent(inout) :: f(record%dimension)
-    real(wp), intent(inout) :: slope(record%dimension + record%parameters, record%dimension)
+    real(wp), intent(inout) :: slope(record%dimension + record%parameters + record%noises, &
+                                     record%dimension)
     integer(c_int), intent(out) :: code
     real(wp) :: a(record%dimension, record%dimension)        ! A, then
     real(wp) :: d(record%parameters, record%dimension)       ! df/dp
@@ -81,13 +84,32 @@ contains
         call evaluate_at(record%df_dp, record%df_dp_data, y, d)
         if (code /= 0 .or. .not. all(abs(d) <= huge(1.0_wp))) record%failed = 2
       end if
-      slope(n + 1:, :) = slope(n + 1:, :) + d
+      slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
     end if
+    if (record%noises > 0 .and. code == 0) call add_noise(x(n + k + 1:, :), slope(n + k + 1:, :))
     if (code == 0 .and. all(abs(f) <= huge(1.0_wp)) .and. all(abs(a) <= huge(1.0_wp))) then
-      if (record%failed /= 2 .and. .not. all(abs(slope) <= huge(1.0_wp))) record%failed = 3
+      if (record%failed /= 2 .and. record%failed /= 4 .and. .not. all(abs(slope) <= huge(1.0_wp))) record%failed = 3
     end if
 
   contains
+
+    ! Adds C A^T + Q, where c(:, i) is row i of C.
+    subroutine add_noise(c, slope)
+      real(wp), intent(in) :: c(:, :)
+      real(wp), intent(inout) :: slope(:, :)
+      real(wp), pointer, contiguous :: constant(:, :)
+      real(wp) :: q(record%dimension, record%dimension)
+
+      if (record%noise == 0) then
+        call c_f_pointer(transfer(record%noise_data, c_null_ptr), constant, [n, n])
+        q = constant
+      else
+        q = record%nan
+        call evaluate_at(record%noise, record%noise_data, y, q)
+        if (code /= 0 .or. .not. all(abs(q) <= huge(1.0_wp))) record%failed = 4
+      end if
+      slope = slope + matmul(transpose(a), c) + q
+    end subroutine add_noise
 
     ! Calls a function, which may write into the point that it is given. Its data are its own, or
     ! the parameters of the member, or those of f.

@@ -11,10 +11,12 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.messages import DERIVATIVES
 from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.derivatives import Derivative
 from cg.integration.rhs.python import context_of
 from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
+from cg.integration.variational.noise import Noise
 from cg.support.records import fields_of
 from cg.support.shared_numbers import VARIATION
 
@@ -58,7 +60,7 @@ class CompiledVariation(CompiledRhs):
     @property
     def failed_name(self) -> str:
         """Name of the function that failed last."""
-        names = "f", "jac", "df_dp", DERIVATIVES
+        names = "f", "jac", "df_dp", DERIVATIVES, "noise"
         return names[max(int(record.failed) for record in self.records)]
 
     def addresses(self) -> tuple[int, int, int]:
@@ -120,6 +122,7 @@ def compiled_variation(
 def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, Any, Array]:
     """Return a record without functions, and its arrays of structure constants."""
     f, (index, constant) = variational.f, variational.structure
+    noise = variational.noise
     # arrays can't be empty
     index = np.ascontiguousarray(np.append(index.T, [[0, 0, 0]], axis=0) + 1, dtype=np.intc)
     constant = np.append(constant, 0.0)
@@ -128,6 +131,8 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, A
         parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
         constant=constant.ctypes.data, step=DIFFERENCE_STEP, nan=np.nan,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
+        noises=0 if noise is None else variational.frame.dim,
+        noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
     )  # fmt: skip
     return record, index, constant
 
@@ -143,7 +148,10 @@ def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int,
             return variational.differences(t, y, arguments)
 
         functions.append(("jac", difference, (n, n), lambda value, t, y: value))
-    for given in (jac, variational.df_dp):
-        if given is not None:
-            functions.append((given.name, given.function, given.shape, given.check))
+    for given in (jac, variational.df_dp, variational.noise):
+        if isinstance(given, Derivative):
+            function = given.function
+            if isinstance(given, Noise) and not isinstance(function, CompiledRhs):
+                function = given.checked
+            functions.append((given.name, function, given.shape, given.check))
     return functions

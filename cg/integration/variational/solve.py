@@ -31,6 +31,7 @@ def solve_variational(
     jac: Function | None = None,
     df_dp: Function | None = None,
     P0: ArrayLike | None = None,
+    noise: ArrayLike | Function | None = None,
     control_derivatives: bool = False,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     progress: Callable[[float, float], None] | None = None,
@@ -68,6 +69,12 @@ def solve_variational(
         argument, and with respect to which there are derivatives.
     P0
         Covariance of the coordinates of ``y0``, shape ``(dim, dim)``.
+    noise
+        Spectral density Q of white noise w in the equation :math:`\xi' = A \xi + w` of small
+        deviations, in the coordinates of the frame, shape ``(dim, dim)``; or a function of the
+        arguments of ``f`` that returns it, which may be compiled. Then the covariance P satisfies
+        :math:`P' = A P + P A^T + Q`, and is zero at first without ``P0``. Step sizes account for
+        it with ``control_derivatives`` only.
     control_derivatives
         Whether steps are chosen by the errors of the derivatives as well, with the same
         tolerances (of row i those of coordinate i); else they are those of `cg.solve_ivp`, which
@@ -91,8 +98,8 @@ def solve_variational(
     ------
     TypeError, ValueError
         As `cg.solve_ivp`; or if the frame knows no bracket, ``jac`` or ``df_dp`` isn't callable or
-        returns another shape or numbers that aren't finite, ``P0`` is no covariance, or
-        ``df_dp`` is given without ``parameters``.
+        returns another shape or numbers that aren't finite, ``P0`` or ``noise`` is no covariance,
+        or ``df_dp`` is given without ``parameters``.
     OverflowError
         If derivatives exceed the range of floating point.
 
@@ -130,7 +137,7 @@ def solve_variational(
         f, t_span, y0, frame=frame, options=complete_options(solve_variational, rest, options),
         stage_solver=stage_solver,
     )  # fmt: skip
-    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives)
+    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise)
     return cast(VariationalSolution, solve_members(joint, progress)[0])
 
 
@@ -144,6 +151,7 @@ def solve_variational_ensemble(
     jac: Function | None = None,
     df_dp: Function | None = None,
     P0: ArrayLike | None = None,
+    noise: ArrayLike | Function | None = None,
     control_derivatives: bool = False,
     vectorized: bool = False,
     common_steps: bool = False,
@@ -161,10 +169,10 @@ def solve_variational_ensemble(
     ----------
     f, t_span, y0, frame, parameters
         As for `cg.solve_ensemble`.
-    jac, df_dp, control_derivatives
+    jac, df_dp, noise, control_derivatives
         As for `cg.solve_variational`.  If ``vectorized`` they take times ``(k,)``, points
         ``(k, *frame.point_shape)`` and rows of parameters of any members, as ``f`` does, and
-        return shapes ``(k, dim, dim)`` and ``(k, dim, parameters)``.
+        return shapes ``(k, dim, dim)``, of ``df_dp`` ``(k, dim, parameters)``.
     P0
         Covariance of the coordinates of ``y0``, shape ``(dim, dim)``, or one for each member,
         ``(members, dim, dim)``.
@@ -204,6 +212,6 @@ def solve_variational_ensemble(
         options=complete_options(solve_variational_ensemble, rest, options),
         common=check_flag("common_steps", common_steps), stage_solver=stage_solver,
     )  # fmt: skip
-    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives)
+    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise)
     solution = solve_members(joint, progress, executor, workers)
     return cast(EnsembleVariationalSolution, solution)
