@@ -25,6 +25,7 @@ from .integration import (
     solve_ensemble,
     solve_ivp,
     solve_linear,
+    solve_linear_ensemble,
     solve_variational,
     solve_variational_ensemble,
 )
@@ -83,6 +84,7 @@ __all__ = [
     "solve_ensemble",
     "solve_ivp",
     "solve_linear",
+    "solve_linear_ensemble",
     "solve_variational",
     "solve_variational_ensemble",
 ]

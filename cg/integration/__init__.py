@@ -2,7 +2,7 @@
 
 from cg.integration.ensemble import solve_ensemble
 from cg.integration.ivp import integrate, solve_ivp
-from cg.integration.linear import solve_linear
+from cg.integration.linear import solve_linear, solve_linear_ensemble
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.loop.messages import StepTooLongError
 from cg.integration.results import EnsembleSolution, Solution
@@ -33,6 +33,7 @@ __all__ = [
     "solve_ensemble",
     "solve_ivp",
     "solve_linear",
+    "solve_linear_ensemble",
     "solve_variational",
     "solve_variational_ensemble",
 ]
