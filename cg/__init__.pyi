@@ -10,12 +10,14 @@ from .construction.solvers.lmdif import lmdif
 from .construction.solvers.system import Structure
 from .formats import export
 from .integration import (
+    AdjointSolution,
     CompiledFunction,
     ConvergenceError,
     DenseOutput,
     EnsembleSolution,
     EnsembleVariationalSolution,
     Event,
+    Gradient,
     Solution,
     Stepper,
     StepTooLongError,
@@ -40,6 +42,7 @@ from .structure.points import MethodError
 from .support.quads import MissingQuadsError
 
 __all__ = [
+    "AdjointSolution",
     "Certificate",
     "CertificationError",
     "CommutatorFree",
@@ -50,6 +53,7 @@ __all__ = [
     "EnsembleSolution",
     "EnsembleVariationalSolution",
     "Event",
+    "Gradient",
     "LiftError",
     "Lifted",
     "MagnusMethod",

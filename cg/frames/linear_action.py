@@ -177,12 +177,12 @@ class LinearAction(UserFrame):
         if kind == _Entries.COMPLEX:
             places = np.stack([2 * place + 1, 2 * place + 2], axis=-1).reshape(-1)
         starts = np.searchsorted(generator, np.arange(self.dim + 1))
-        sizes = (*pattern.shape[:1], self.dim, pattern.nnz, len(generator), kind, self._skew)
+        sizes = (*pattern.shape[:1], self.dim, pattern.nnz, len(generator), kind, self.is_skew)
         indices = pattern.indptr + 1, pattern.indices + 1, starts + 1, places
         return np.concatenate([sizes, *indices, terms.view(np.float64)], dtype=np.float64)
 
     @cached_property
-    def _skew(self) -> bool:
+    def is_skew(self) -> bool:
         """Whether all generators are skew-Hermitian."""
         return not any(abs(g + g.conj().T).max() for g in map(self._matrix, np.eye(self.dim)))
 

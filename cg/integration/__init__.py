@@ -1,5 +1,6 @@
 """Integration of differential equations on manifolds."""
 
+from cg.integration.adjoint import AdjointSolution, Gradient
 from cg.integration.ensemble import solve_ensemble
 from cg.integration.ivp import integrate, solve_ivp
 from cg.integration.linear import solve_linear, solve_linear_ensemble
@@ -18,12 +19,14 @@ from cg.integration.variational.results import (
 from cg.integration.variational.solve import solve_variational, solve_variational_ensemble
 
 __all__ = [
+    "AdjointSolution",
     "CompiledFunction",
     "ConvergenceError",
     "DenseOutput",
     "EnsembleSolution",
     "EnsembleVariationalSolution",
     "Event",
+    "Gradient",
     "Solution",
     "StepTooLongError",
     "Stepper",

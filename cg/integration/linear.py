@@ -15,9 +15,11 @@ from scipy import LowLevelCallable
 from cg.executors import ExecutorLike
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
+from cg.integration.adjoint import check_derivatives
 from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
 from cg.integration.ensemble import solve_members
+from cg.integration.linear_adjoint import with_linear_adjoint
 from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import Problem, make_problem
 from cg.integration.results import EnsembleSolution, Solution
@@ -38,6 +40,8 @@ def solve_linear(
     *rest: Any,
     frame: Frame,
     vectorized: bool = False,
+    derivatives: str | None = None,
+    da_dp: Callable[..., ArrayLike] | CompiledFunction | LowLevelCallable[Any, Any] | None = None,
     progress: Callable[[float, float], None] | None = None,
     **options: Unpack[Options],
 ) -> Solution:
@@ -72,6 +76,14 @@ def solve_linear(
         and returns shape ``(k, frame.dim)``. It is called once per step, with the times of all
         stages but a first one at the start, which is known from the step before. Starts and nodes
         of dense output are single times.
+    derivatives : str, optional
+        ``"adjoint"`` for an `AdjointSolution`, whose method ``gradient`` returns derivatives of a
+        number with respect to ``y0`` and the parameters. It takes no ``events``, and is meant for
+        `cg.frames.LinearAction` of up to some 50 dimensions, since matrices are dense.
+    da_dp : callable, optional
+        ``da_dp(t, *args, parameters)`` returns the derivatives of the coefficients with respect to
+        the parameters, shape ``(frame.dim, k)``; if ``vectorized`` ``(times, frame.dim, k)``. By
+        default central differences.
 
     Returns
     -------
@@ -97,6 +109,10 @@ def solve_linear(
     """
     given = complete_options(solve_linear, rest, options)
     problem = make_linear_problem(a, t_span, y0, frame, vectorized, given)
+    if check_derivatives(derivatives):
+        problem = with_linear_adjoint(problem, da_dp)
+    elif da_dp is not None:
+        raise ValueError(f"da_dp must be None without derivatives='adjoint', got {da_dp!r}")
     return solve_members(problem, progress)[0]
 
 

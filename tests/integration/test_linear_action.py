@@ -113,7 +113,7 @@ class TestLinearAction:
         hamiltonian = self.DENSE[0] + self.DENSE[0].T
         rounded = 0.1 * (hamiltonian / 0.1) + 1e-15 * np.triu(hamiltonian)
         exact, frame = (LinearAction([-1j * h], unitary=True) for h in (hamiltonian, rounded))
-        assert (exact._skew, frame._skew) == (True, True)
+        assert (exact.is_skew, frame.is_skew) == (True, True)
         assert exact == LinearAction([-1j * hamiltonian])
         message = r"generators\[1\] must be skew-Hermitian if unitary is True; that of a Ham"
         for wrong in (hamiltonian, -1j * np.triu(hamiltonian), np.triu(hamiltonian)):

@@ -54,7 +54,7 @@ class VariationalField:
         n = self.frame.dim
         made = {
             "product": Product(self.frame, Euclidean(n * self.columns)),
-            "structure": _structure(self.frame),
+            "structure": structure_constants(self.frame),
             "check": Check(self.f, self.frame, self.vectorized),
             "_flows": flows_of(self.frame),
         }
@@ -194,7 +194,7 @@ def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
     return steps_of
 
 
-def _structure(frame: Frame) -> tuple[NDArray[np.intp], Array]:
+def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:
     """Return the indices i, j, k, shape ``(3, constants)``, and those of [E_i, E_j] along E_k."""
     basis = np.eye(frame.dim)
     rows, values = [np.zeros((3, 0), dtype=np.intp)], [np.zeros(0)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Never, Unpack, cast
 
 from numpy.typing import ArrayLike
@@ -10,6 +11,7 @@ from scipy import LowLevelCallable
 
 from cg.executors import ExecutorLike
 from cg.frames.base import Frame
+from cg.integration.adjoint import check_derivatives, check_without, equation_along, with_adjoint
 from cg.integration.ensemble import solve_members
 from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import make_problem
@@ -33,6 +35,7 @@ def solve_variational(
     P0: ArrayLike | None = None,
     noise: ArrayLike | Function | None = None,
     control_derivatives: bool = False,
+    derivatives: str | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     progress: Callable[[float, float], None] | None = None,
     **options: Unpack[Options],
@@ -79,6 +82,11 @@ def solve_variational(
         Whether steps are chosen by the errors of the derivatives as well, with the same
         tolerances (of row i those of coordinate i); else they are those of `cg.solve_ivp`, which
         may be long for the derivatives where the solution itself is simple.
+    derivatives
+        ``"adjoint"`` computes no derivatives during the integration, and returns an
+        `AdjointSolution`, whose method ``gradient`` goes backward from the derivatives of one
+        number: for many parameters. It takes no ``P0``, ``noise``, ``control_derivatives`` and
+        ``events``.
     method, h, rtol, atol, t_eval, dense_output, breakpoints
         As for `cg.solve_ivp`.
     events
@@ -90,7 +98,7 @@ def solve_variational(
 
     Returns
     -------
-    VariationalSolution
+    VariationalSolution or AdjointSolution
         A `Solution` with ``transition``, ``sensitivity``, ``covariance`` and ``dt_events``.  Its
         ``nfev`` counts evaluations of ``f`` and its derivatives together.
 
@@ -137,7 +145,12 @@ def solve_variational(
         f, t_span, y0, frame=frame, options=complete_options(solve_variational, rest, options),
         stage_solver=stage_solver,
     )  # fmt: skip
+    adjoint = check_derivatives(derivatives)
+    if adjoint:
+        check_without(P0=P0, noise=noise, control_derivatives=control_derivatives or None)
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise)
+    if adjoint:
+        joint = with_adjoint(problem, partial(equation_along, joint))
     return cast(VariationalSolution, solve_members(joint, progress)[0])
 
 
