@@ -1,6 +1,6 @@
 """Integration of differential equations on manifolds."""
 
-from cg.integration.adjoint import AdjointSolution, Gradient
+from cg.integration.adjoint import AdjointSolution
 from cg.integration.ensemble import solve_ensemble
 from cg.integration.ivp import integrate, solve_ivp
 from cg.integration.linear import solve_linear, solve_linear_ensemble
@@ -26,7 +26,6 @@ __all__ = [
     "EnsembleSolution",
     "EnsembleVariationalSolution",
     "Event",
-    "Gradient",
     "Solution",
     "StepTooLongError",
     "Stepper",

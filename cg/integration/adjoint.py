@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -327,14 +327,15 @@ def check_without(**given: Any) -> None:
 def equation_along(joint: Problem, sol: DenseOutput) -> Equation:
     """Return the equation of the problem with derivatives, along a solution without them."""
     rhs: Any = joint.rhs
+    return Equation(partial(_along, rhs, sol), (rhs.plan.frame.dim,), tolerance_of(joint))
+
+
+def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
+    """Return A and B along a solution, from derivatives that are unit vectors."""
     variational = rhs.variational
     n = variational.frame.dim
-
-    def at(times: Array) -> tuple[Points, Array | None]:
-        values = rhs.at_times(times, variational.start(sol(times)))
-        if not np.isfinite(values).all():
-            raise ValueError("f and its derivatives must return finite numbers")
-        slopes = values[:, n:].reshape(len(times), n, -1)
-        return slopes[..., :n], slopes[..., n:] if variational.count else None
-
-    return Equation(at, (n,), tolerance_of(joint))
+    values = rhs.at_times(times, variational.start(sol(times)))
+    if not np.isfinite(values).all():
+        raise ValueError("f and its derivatives must return finite numbers")
+    slopes = values[:, n:].reshape(len(times), n, -1)
+    return slopes[..., :n], slopes[..., n:] if variational.count else None

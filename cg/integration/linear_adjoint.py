@@ -42,21 +42,25 @@ def with_linear_adjoint(problem: Problem, da_dp: Any) -> Problem:
 
 
 def _equation(problem: Problem, da_dp: Derivative | None, sol: DenseOutput) -> Equation:
-    frame, rhs, point = problem.plan.frame, problem.rhs, problem.points[0]
-
-    def at(times: Array) -> tuple[Points, Array | None]:
-        a = _coefficients(rhs, times, point)
-        b = None if rhs.parameters is None else _parameter_derivative(rhs, da_dp, times, point)
-        return np.tensordot(a, generators, 1), b
-
-    tolerance = tolerance_of(problem)
+    frame, tolerance = problem.plan.frame, tolerance_of(problem)
+    own = partial(_linearisation, problem.rhs, da_dp, problem.points[0])
     if isinstance(frame, LinearAction):
-        generators = frame.dense()
-        return Equation(at, frame.point_shape, tolerance, generators, frame.is_skew, sol)
+        matrices = frame.dense()
+        at = partial(own, matrices)
+        return Equation(at, frame.point_shape, tolerance, matrices, frame.is_skew, sol)
     (i, j, k), constants = structure_constants(frame)
-    generators = np.zeros((frame.dim,) * 3)
-    generators[i, k, j] = constants
-    return Equation(at, (frame.dim,), tolerance)
+    brackets = np.zeros((frame.dim,) * 3)
+    brackets[i, k, j] = constants
+    return Equation(partial(own, brackets), (frame.dim,), tolerance)
+
+
+def _linearisation(
+    rhs: Any, da_dp: Derivative | None, point: Points, generators: Points, times: Array
+) -> tuple[Points, Array | None]:
+    """Return A, and the derivatives of the coefficients with respect to the parameters."""
+    a = _coefficients(rhs, times, point)
+    b = None if rhs.parameters is None else _parameter_derivative(rhs, da_dp, times, point)
+    return np.tensordot(a, generators, 1), b
 
 
 def _coefficients(rhs: Any, times: Array, point: Points) -> Array:
