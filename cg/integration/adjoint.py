@@ -67,6 +67,7 @@ class Equation:
     at: Callable[[Array], tuple[Points, Array | None]]
     shape: tuple[int, ...]  # of a covector
     tolerance: float
+    parameters: int | None = None  # their number, None without any
     # of a linear equation y' = A y: A = sum_m a_m G_m, where B are the derivatives of the a_m
     generators: Points | None = None
     skew: bool = False  # whether its matrices are skew-Hermitian
@@ -217,8 +218,12 @@ class AdjointSolution(Solution):
         The first call evaluates f and its derivatives at six points of each step, and solves for
         the covectors; others take little time.
         """
-        given = self._read(cotangent)
-        intervals, equation = self._intervals, self._equation
+        given, equation = self._read(cotangent), self._equation
+        if self.t[-1] == self._output.ts[0]:
+            count = equation.parameters
+            start: Points = given.sum(axis=0).reshape(equation.shape)
+            return Gradient(start, None if count is None else np.zeros(count))
+        intervals = self._intervals
         count = len(intervals.start)
         covector = np.zeros_like(given[0])
         ends = np.empty((count, *covector.shape), given.dtype)
@@ -327,7 +332,8 @@ def check_without(**given: Any) -> None:
 def equation_along(joint: Problem, sol: DenseOutput) -> Equation:
     """Return the equation of the problem with derivatives, along a solution without them."""
     rhs: Any = joint.rhs
-    return Equation(partial(_along, rhs, sol), (rhs.plan.frame.dim,), tolerance_of(joint))
+    count = rhs.variational.count or None
+    return Equation(partial(_along, rhs, sol), (rhs.plan.frame.dim,), tolerance_of(joint), count)
 
 
 def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:

@@ -43,15 +43,17 @@ def with_linear_adjoint(problem: Problem, da_dp: Any) -> Problem:
 
 def _equation(problem: Problem, da_dp: Derivative | None, sol: DenseOutput) -> Equation:
     frame, tolerance = problem.plan.frame, tolerance_of(problem)
+    numbers = problem.rhs.parameters
+    count = None if numbers is None else numbers.shape[-1]
     own = partial(_linearisation, problem.rhs, da_dp, problem.points[0])
     if isinstance(frame, LinearAction):
         matrices = frame.dense()
         at = partial(own, matrices)
-        return Equation(at, frame.point_shape, tolerance, matrices, frame.is_skew, sol)
+        return Equation(at, frame.point_shape, tolerance, count, matrices, frame.is_skew, sol)
     (i, j, k), constants = structure_constants(frame)
     brackets = np.zeros((frame.dim,) * 3)
     brackets[i, k, j] = constants
-    return Equation(partial(own, brackets), (frame.dim,), tolerance)
+    return Equation(partial(own, brackets), (frame.dim,), tolerance, count)
 
 
 def _linearisation(

@@ -77,6 +77,33 @@ def test_the_integration_is_that_without_derivatives():
     assert adjoint.nfev == alone.nfev
 
 
+def test_compiled_functions(function):
+    frame = Product(SO3(), Euclidean(3))
+    y0 = frame.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
+    given = {"jac": function("top_jac"), "df_dp": function("top_df_dp")}
+    options = {"frame": frame, "parameters": [0.8, 0.9, 0.4, 2.0]}
+    c = np.arange(1.0, 7.0)
+    forward = cg.solve_variational(
+        function("top"), (0, 2), y0, control_derivatives=True, **options, **given, **TIGHT
+    )
+    for derivatives in (given, {}):
+        run = cg.solve_variational(
+            function("top"), (0, 2), y0, derivatives="adjoint", rtol=1e-9, atol=1e-9, **options,
+            **derivatives,
+        )  # fmt: skip
+        by_y0, by_parameters = run.gradient(c)
+        np.testing.assert_allclose(by_y0, c @ forward.transition[-1], rtol=1e-7)
+        np.testing.assert_allclose(by_parameters, c @ forward.sensitivity[-1], rtol=1e-7)
+
+
+def test_output_at_the_start_alone():
+    wave = Wave(SO3(), seed=2)
+    run = wave.derivatives(derivatives="adjoint", t_eval=[0.1])
+    by_y0, by_parameters = run.gradient([1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(by_y0, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(by_parameters, [0.0, 0.0])
+
+
 def test_long_steps_are_divided():
     """A steady spin takes one step of 60 radians, in which covectors turn."""
     spin = [3.0, 0.0, 4.0]
