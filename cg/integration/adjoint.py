@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +39,7 @@ _INTEGRALS = (
 ) @ np.linalg.inv(np.vander(_NODES, increasing=True))
 _BISECTIONS = 20
 _MIXED = 8
+_LARGEST_NORM = 1e5  # the number of intervals is proportional to it
 _FIXED_STEPS = 1e-12  # tolerance where the integration had none
 _ENTRIES = 1 << 22  # of the matrices that are solved at a time
 
@@ -145,6 +146,12 @@ def _at(equation: Equation, start: Array, size: Array) -> tuple[_Intervals, Arra
     times = start[:, None] + size[:, None] * _NODES
     matrix, b = equation.at(times.ravel())
     matrix = matrix.reshape(*times.shape, *matrix.shape[1:])
+    norms = np.abs(size[:, None] * np.abs(matrix).sum(axis=-1).max(axis=-1)).max(axis=1)
+    if not norms.sum() <= _LARGEST_NORM:
+        raise ValueError(
+            "derivatives must not be 'adjoint' for an equation that is this stiff: the integral of "
+            f"the norm of its Jacobian is {norms.sum():.2g}, more than {_LARGEST_NORM:.0g}"
+        )
     maps, errors = _collocate(matrix, size)
     points = np.empty((len(start), 0))
     if b is None:
@@ -211,7 +218,8 @@ class AdjointSolution(Solution):
         Raises
         ------
         ValueError
-            If the cotangent has another shape or isn't finite.
+            If the cotangent has another shape or isn't finite; or if the equation is stiff, so that
+            a hundred thousand intervals would be needed.
 
         Notes
         -----
@@ -320,28 +328,3 @@ def check_derivatives(derivatives: Any) -> bool:
     if derivatives is not None and not (isinstance(derivatives, str) and derivatives == ADJOINT):
         raise ValueError(f"derivatives must be None or 'adjoint', got {derivatives!r}")
     return derivatives == ADJOINT
-
-
-def check_without(**given: Any) -> None:
-    """Raise ValueError unless arguments that derivatives by the adjoint equation lack are None."""
-    for name, value in given.items():
-        if value is not None:
-            raise ValueError(f"{name} must not be given with derivatives='adjoint', got {value!r}")
-
-
-def equation_along(joint: Problem, sol: DenseOutput) -> Equation:
-    """Return the equation of the problem with derivatives, along a solution without them."""
-    rhs: Any = joint.rhs
-    count = rhs.variational.count or None
-    return Equation(partial(_along, rhs, sol), (rhs.plan.frame.dim,), tolerance_of(joint), count)
-
-
-def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
-    """Return A and B along a solution, from derivatives that are unit vectors."""
-    variational = rhs.variational
-    n = variational.frame.dim
-    values = rhs.at_times(times, variational.start(sol(times)))
-    if not np.isfinite(values).all():
-        raise ValueError("f and its derivatives must return finite numbers")
-    slopes = values[:, n:].reshape(len(times), n, -1)
-    return slopes[..., :n], slopes[..., n:] if variational.count else None

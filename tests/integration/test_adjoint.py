@@ -96,6 +96,22 @@ def test_compiled_functions(function):
         np.testing.assert_allclose(by_parameters, c @ forward.sensitivity[-1], rtol=1e-7)
 
 
+def test_a_stiff_equation_is_refused_before_it_takes_long():
+    calls = []
+
+    def f(t, y):
+        calls.append(t)
+        return [-1e8 * (y[0] - np.cos(t))]
+
+    run = cg.solve_variational(
+        f, (0, 1), [1.0], frame=Euclidean(1), derivatives="adjoint", method="RadauIIA5"
+    )
+    before = len(calls)
+    with pytest.raises(ValueError, match=r"equation that is this stiff: the integral of .* 1e\+08"):
+        run.gradient([1.0])
+    assert len(calls) - before < 10_000
+
+
 def test_output_at_the_start_alone():
     wave = Wave(SO3(), seed=2)
     run = wave.derivatives(derivatives="adjoint", t_eval=[0.1])

@@ -11,13 +11,14 @@ from scipy import LowLevelCallable
 
 from cg.executors import ExecutorLike
 from cg.frames.base import Frame
-from cg.integration.adjoint import check_derivatives, check_without, equation_along, with_adjoint
+from cg.integration.adjoint import check_derivatives, with_adjoint
 from cg.integration.ensemble import solve_members
 from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.variational.adjoint import check_without, equation_along
 from cg.integration.variational.problem import add_derivatives
 from cg.integration.variational.results import EnsembleVariationalSolution, VariationalSolution
 from cg.support.checks import check_flag
