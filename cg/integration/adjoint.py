@@ -74,6 +74,16 @@ class Equation:
     skew: bool = False  # whether its matrices are skew-Hermitian
     output: DenseOutput | None = None  # its solution
 
+    def integral(self, part: _Intervals, ends: Points) -> Array:
+        """Return the derivatives by the parameters from intervals and covectors at their ends."""
+        paired = part.maps[:, 1:] @ ends[:, None]
+        if self.generators is not None:
+            moved = self.generators @ part.points[:, :, None]
+            paired = np.sum(paired[:, :, None].conj() * moved, axis=-2).real.sum(-1)
+        b = part.by_parameters
+        weighted = (part.size[:, None] * _WEIGHTS)[..., None] * paired.reshape(b.shape[:-1])
+        return np.asarray(np.einsum("ijm,ijmk->k", weighted, b))
+
 
 class _Intervals(NamedTuple):
     start: Array
@@ -113,8 +123,11 @@ def _unresolved(values: Points) -> Array:
     return estimate
 
 
-def _solve(equation: Equation, edges: Array) -> _Intervals:
-    """Return the intervals between times, bisected until the estimates are below the tolerance."""
+def _solve(equation: Equation, edges: Array) -> list[_Intervals]:
+    """Return the intervals between times, bisected until the estimates are below the tolerance.
+
+    They aren't sorted.
+    """
     start, size = edges[:-1], np.diff(edges)
     parts: list[_Intervals] = []
     for bisection in range(_BISECTIONS + 1):
@@ -134,11 +147,7 @@ def _solve(equation: Equation, edges: Array) -> _Intervals:
             break
         size = np.tile(size / 2, 2)
         start = np.concatenate([start, start + size[: len(start)]])
-    if len(parts) == 1:
-        return parts[0]
-    joined = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
-    order = np.argsort(joined[0] * np.sign(edges[-1] - edges[0]))
-    return _Intervals(*(array[order] for array in joined))
+    return parts
 
 
 def _at(equation: Equation, start: Array, size: Array) -> tuple[_Intervals, Array]:
@@ -231,28 +240,26 @@ class AdjointSolution(Solution):
             count = equation.parameters
             start: Points = given.sum(axis=0).reshape(equation.shape)
             return Gradient(start, None if count is None else np.zeros(count))
-        intervals = self._intervals
-        count = len(intervals.start)
+        parts = self._parts
+        starts = self._sign * np.concatenate([part.start for part in parts])
+        order = np.argsort(starts)
+        steps = np.concatenate([part.maps[:, 0] for part in parts])[order]
+        count = len(starts)
         covector = np.zeros_like(given[0])
         ends = np.empty((count, *covector.shape), given.dtype)
-        at = np.searchsorted(self._sign * intervals.start, self._sign * self.t).tolist()
+        at = np.searchsorted(starts[order], self._sign * self.t).tolist()
         for i in range(count, -1, -1):
             while at and at[-1] == i:
                 covector = covector + given[len(at) - 1]
                 at.pop()
             if i:
-                ends[i - 1] = covector
-                covector = intervals.maps[i - 1, 0] @ covector
-        b = intervals.by_parameters
-        if b.ndim == 2:
-            return Gradient(covector.reshape(equation.shape), None)
-        paired = intervals.maps[:, 1:] @ ends[:, None]
-        if equation.generators is not None:
-            moved = equation.generators @ intervals.points[:, :, None]
-            paired = np.sum(paired[:, :, None].conj() * moved, axis=-2).real.sum(-1)
-        weights = (intervals.size[:, None] * _WEIGHTS)[..., None]
-        weighted = weights * paired.reshape(b.shape[:-1])
-        by_parameters = weighted.ravel() @ b.reshape(weighted.size, -1)
+                ends[order[i - 1]] = covector
+                covector = steps[i - 1] @ covector
+        by_parameters = None
+        if equation.parameters is not None:
+            last = np.cumsum([len(part.start) for part in parts])
+            integrals = map(equation.integral, parts, np.split(ends, last[:-1]))
+            by_parameters = np.sum(list(integrals), axis=0)
         return Gradient(covector.reshape(equation.shape), by_parameters)
 
     def _read(self, cotangent: ArrayLike) -> Points:
@@ -275,7 +282,7 @@ class AdjointSolution(Solution):
         return 1.0 if self._output.ts[-1] >= self._output.ts[0] else -1.0
 
     @cached_property
-    def _intervals(self) -> _Intervals:
+    def _parts(self) -> list[_Intervals]:
         """The solved intervals from the first point to the last one that is stored."""
         edges = self._sign * np.concatenate([self._output.ts, self.t])
         edges = np.unique(edges[edges <= self._sign * self.t[-1]])
