@@ -10,6 +10,7 @@ from .construction.solvers.lmdif import lmdif
 from .construction.solvers.system import Structure
 from .formats import export
 from .integration import (
+    AdjointSolution,
     CompiledFunction,
     ConvergenceError,
     DenseOutput,
@@ -26,6 +27,7 @@ from .integration import (
     solve_ensemble,
     solve_ivp,
     solve_linear,
+    solve_linear_ensemble,
     solve_variational,
     solve_variational_ensemble,
 )
@@ -41,6 +43,7 @@ from .structure.points import MethodError
 from .support.quads import MissingQuadsError
 
 __all__ = [
+    "AdjointSolution",
     "Certificate",
     "CertificationError",
     "CommutatorFree",
@@ -87,6 +90,7 @@ __all__ = [
     "solve_ensemble",
     "solve_ivp",
     "solve_linear",
+    "solve_linear_ensemble",
     "solve_variational",
     "solve_variational_ensemble",
 ]

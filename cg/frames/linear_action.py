@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from enum import IntEnum
 from functools import cached_property
@@ -15,7 +16,7 @@ from cg.frames.arrays import Array, Points, conversion_hint, is_qobj
 from cg.frames.base import FlowOverflowError
 from cg.frames.block_kinds import Blocks
 from cg.frames.user import Function, UserFrame
-from cg.support.checks import check_flag
+from cg.support.checks import check_flag, check_integer
 from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:
@@ -60,6 +61,10 @@ class LinearAction(UserFrame):
     unitary : bool, optional
         Whether all generators have to be skew-Hermitian, so that flows keep the norm of the vector.
         Without it, H in place of ``-1j * H`` gives solutions that grow.
+    columns : int, optional
+        Number of columns of a point, a matrix whose columns move alike: a propagator, or many
+        initial vectors. By default points are vectors. The norm that is restored is that of the
+        whole matrix.
     membership_error, project, random_point : callable, optional
         As for `cg.frames.MatrixFrame`.
 
@@ -88,12 +93,14 @@ class LinearAction(UserFrame):
 
     _pattern: sparse.csr_array
     _values: Points
+    _columns: int | None
 
     def __init__(
         self,
         generators: Sequence[Any],
         *,
         unitary: bool = False,
+        columns: int | None = None,
         membership_error: Function | None = None,
         project: Function | None = None,
         random_point: Function | None = None,
@@ -105,13 +112,17 @@ class LinearAction(UserFrame):
         values.flags.writeable = False
         object.__setattr__(self, "_pattern", pattern)
         object.__setattr__(self, "_values", values)
+        if columns is not None:
+            columns = check_integer("columns", columns, 1)
+        object.__setattr__(self, "_columns", columns)
         self._store_functions(
             membership_error=membership_error, project=project, random_point=random_point
         )
 
     def __repr__(self) -> str:
         m, n = len(self._values), self._pattern.shape[0]
-        return f"LinearAction({m} generators of shape ({n}, {n}))"
+        columns = "" if self._columns is None else f", columns={self._columns}"
+        return f"LinearAction({m} generators of shape ({n}, {n}){columns})"
 
     def _key(self) -> tuple[Any, ...]:
         return (*super()._key(), self.dim, self._digest)
@@ -131,8 +142,9 @@ class LinearAction(UserFrame):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n,)``."""
-        return (int(self._pattern.shape[0]),)
+        """The shape ``(n,)``, or ``(n, columns)``."""
+        n = int(self._pattern.shape[0])
+        return (n,) if self._columns is None else (n, self._columns)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -140,11 +152,18 @@ class LinearAction(UserFrame):
         return self._values.dtype
 
     def _blocks(self) -> Blocks | None:
-        return ((BlockKind.LINEAR_ACTION, self.point_shape[0], 0, self._numbers),)
+        return ((BlockKind.LINEAR_ACTION, math.prod(self.point_shape), 0, self._numbers),)
 
     @cached_property
     def _numbers(self) -> Array:
         """The generators as ``fortran/frames/linear_action.f90`` reads them."""
+        if self._columns is not None:
+            from scipy import sparse
+
+            # entries of a point are its rows, one after the other
+            each = sparse.eye_array(self._columns)
+            matrices = [sparse.kron(self._matrix(e), each) for e in np.eye(self.dim)]
+            return LinearAction(matrices)._numbers
         values, pattern = self._values, self._pattern
         kind = _Entries.COMPLEX
         if values.dtype.kind != "c":
@@ -158,12 +177,12 @@ class LinearAction(UserFrame):
         if kind == _Entries.COMPLEX:
             places = np.stack([2 * place + 1, 2 * place + 2], axis=-1).reshape(-1)
         starts = np.searchsorted(generator, np.arange(self.dim + 1))
-        sizes = (*pattern.shape[:1], self.dim, pattern.nnz, len(generator), kind, self._skew)
+        sizes = (*pattern.shape[:1], self.dim, pattern.nnz, len(generator), kind, self.is_skew)
         indices = pattern.indptr + 1, pattern.indices + 1, starts + 1, places
         return np.concatenate([sizes, *indices, terms.view(np.float64)], dtype=np.float64)
 
     @cached_property
-    def _skew(self) -> bool:
+    def is_skew(self) -> bool:
         """Whether all generators are skew-Hermitian."""
         return not any(abs(g + g.conj().T).max() for g in map(self._matrix, np.eye(self.dim)))
 
@@ -179,24 +198,27 @@ class LinearAction(UserFrame):
         return np.array([self._matrix(unit).toarray() for unit in np.eye(self.dim)])
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\sum_i v_i G_i y`, shape ``(..., n)``."""
+        r"""Return :math:`\sum_i v_i G_i y`, shape ``(..., *point_shape)``."""
         vectors, points = self._rows(v, y)
-        rows = [self._matrix(u) @ x for u, x in zip(_flat(vectors), _flat(points), strict=True)]
+        flat = points.reshape(-1, *self.point_shape)
+        pairs = zip(vectors.reshape(-1, self.dim), flat, strict=True)
+        rows = [self._matrix(u) @ x for u, x in pairs]
         return np.array(rows, dtype=self.dtype).reshape(points.shape)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\exp(\sum_i v_i G_i)\, y`, shape ``(..., n)``."""
+        r"""Return :math:`\exp(\sum_i v_i G_i)\, y`, shape ``(..., *point_shape)``."""
         import cg._core_r64 as core
 
         vectors, points = self._rows(v, y)
         moved = points.copy()
         if moved.size:
-            block = np.array([[BlockKind.LINEAR_ACTION], self.point_shape, [0]], dtype=np.int32)
+            n = math.prod(self.point_shape)
+            block = np.array([[BlockKind.LINEAR_ACTION], [n], [0]], dtype=np.int32)
             flat = moved.reshape(-1).view(np.float64)
             core.frame_move(block, self._numbers, 1, vectors.reshape(-1), False, flat)
-        lost = ~np.isfinite(moved).all(axis=-1)
-        for given in (points, vectors):
-            lost &= np.isfinite(given).all(axis=-1)
+        axes = tuple(range(vectors.ndim - 1, points.ndim))
+        lost = ~np.isfinite(moved).all(axis=axes) & np.isfinite(points).all(axis=axes)
+        lost &= np.isfinite(vectors).all(axis=-1)
         if lost.any():
             largest = np.abs(vectors[lost]).max()
             raise FlowOverflowError(
@@ -207,15 +229,12 @@ class LinearAction(UserFrame):
     def _rows(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return contiguous coefficients and points with the same leading axes."""
         vectors, points = self._arguments(v, y)
-        lead = np.broadcast_shapes(vectors.shape[:-1], points.shape[:-1])
+        axes = points.ndim - len(self.point_shape)
+        lead = np.broadcast_shapes(vectors.shape[:-1], points.shape[:axes])
         return (
             np.ascontiguousarray(np.broadcast_to(vectors, (*lead, self.dim))),
             np.ascontiguousarray(np.broadcast_to(points, (*lead, *self.point_shape)), self.dtype),
         )
-
-
-def _flat(rows: Points) -> Points:
-    return rows.reshape(-1, rows.shape[-1])
 
 
 def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:

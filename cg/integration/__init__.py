@@ -1,8 +1,9 @@
 """Integration of differential equations on manifolds."""
 
+from cg.integration.adjoint import AdjointSolution
 from cg.integration.ensemble import solve_ensemble
 from cg.integration.ivp import integrate, solve_ivp
-from cg.integration.linear import solve_linear
+from cg.integration.linear import solve_linear, solve_linear_ensemble
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.loop.messages import StepTooLongError
 from cg.integration.results import EnsembleSolution, Solution
@@ -19,6 +20,7 @@ from cg.integration.variational.results import (
 from cg.integration.variational.solve import solve_variational, solve_variational_ensemble
 
 __all__ = [
+    "AdjointSolution",
     "CompiledFunction",
     "ConvergenceError",
     "DenseOutput",
@@ -35,6 +37,7 @@ __all__ = [
     "solve_ensemble",
     "solve_ivp",
     "solve_linear",
+    "solve_linear_ensemble",
     "solve_variational",
     "solve_variational_ensemble",
 ]

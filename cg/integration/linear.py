@@ -12,14 +12,17 @@ from numpy.polynomial import Legendre
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
+from cg.executors import ExecutorLike
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
+from cg.integration.adjoint import check_derivatives
 from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
 from cg.integration.ensemble import solve_members
+from cg.integration.linear_adjoint import with_linear_adjoint
 from cg.integration.options import Options, complete_options, expand_options
-from cg.integration.problem import make_problem
-from cg.integration.results import Solution
+from cg.integration.problem import Problem, make_problem
+from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.method.magnus import MagnusMethod
@@ -37,6 +40,8 @@ def solve_linear(
     *rest: Any,
     frame: Frame,
     vectorized: bool = False,
+    derivatives: str | None = None,
+    da_dp: Callable[..., ArrayLike] | CompiledFunction | LowLevelCallable[Any, Any] | None = None,
     progress: Callable[[float, float], None] | None = None,
     **options: Unpack[Options],
 ) -> Solution:
@@ -71,6 +76,14 @@ def solve_linear(
         and returns shape ``(k, frame.dim)``. It is called once per step, with the times of all
         stages but a first one at the start, which is known from the step before. Starts and nodes
         of dense output are single times.
+    derivatives : str, optional
+        ``"adjoint"`` for an `AdjointSolution`, whose method ``gradient`` returns derivatives of a
+        number with respect to ``y0`` and the parameters. It takes no ``events``, and is meant for
+        `cg.frames.LinearAction` of up to some 50 dimensions, since matrices are dense.
+    da_dp : callable, optional
+        ``da_dp(t, *args, parameters)`` returns the derivatives of the coefficients with respect to
+        the parameters, shape ``(frame.dim, k)``; if ``vectorized`` ``(times, frame.dim, k)``. By
+        default central differences.
 
     Returns
     -------
@@ -95,6 +108,87 @@ def solve_linear(
     (True, np.float64(0.70710678))
     """
     given = complete_options(solve_linear, rest, options)
+    problem = make_linear_problem(a, t_span, y0, frame, vectorized, given)
+    if check_derivatives(derivatives):
+        problem = with_linear_adjoint(problem, da_dp)
+    elif da_dp is not None:
+        raise ValueError(f"da_dp must be None without derivatives='adjoint', got {da_dp!r}")
+    return solve_members(problem, progress)[0]
+
+
+@expand_options
+def solve_linear_ensemble(
+    a: Callable[..., ArrayLike] | CompiledFunction | LowLevelCallable[Any, Any],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *rest: Any,
+    frame: Frame,
+    vectorized: bool = False,
+    common_steps: bool = False,
+    executor: ExecutorLike = None,
+    workers: int | None = None,
+    out: Any = None,
+    progress: Callable[[float, float], None] | None = None,
+    **options: Unpack[Options],
+) -> EnsembleSolution:
+    r"""Solve a linear equation from many points, or with many sets of parameters.
+
+    Each member takes the steps that it would take alone in `cg.solve_linear`. Members with their
+    own generators are members with coefficients of their own along the generators of all.
+
+    Parameters
+    ----------
+    a : callable
+        ``a(t, *args)``, or ``a(t, *args, row)`` with a row of ``parameters``, returns the
+        coefficients of one member, shape ``(frame.dim,)``. If ``vectorized`` it takes times
+        ``(k,)`` and rows ``(k, n)`` of any members, and returns shape ``(k, frame.dim)``.
+    t_span, y0, frame, parameters
+        As for `cg.solve_ensemble`.
+    method, h, rtol, atol, dense_output, events, breakpoints, args, max_step, first_step, max_steps
+        As for `cg.solve_linear`.
+    t_eval, vectorized, common_steps, executor, workers, out, progress
+        As for `cg.solve_ensemble`.
+
+    Returns
+    -------
+    EnsembleSolution
+        Members that fail are NaN after their ends, and the others go on.
+
+    Raises
+    ------
+    TypeError, ValueError, RuntimeError
+        As for `cg.solve_ensemble`.
+
+    Examples
+    --------
+    Spins with different detunings:
+
+    >>> import numpy as np
+    >>> from cg.frames import SU
+    >>> run = solve_linear_ensemble(
+    ...     lambda t, row: [1.0, 0.0, row[0]], (0, np.pi), np.eye(2), frame=SU(2),
+    ...     parameters=[[0.0], [1.0]], rtol=1e-9, atol=1e-9,
+    ... )
+    >>> abs(run.y[-1, :, 1, 0]).round(6)
+    array([1.     , 0.56264])
+    """
+    given = complete_options(solve_linear_ensemble, rest, options)
+    common = check_flag("common_steps", common_steps)
+    problem = make_linear_problem(a, t_span, y0, frame, vectorized, given, True, common)
+    return solve_members(problem, progress, executor, workers, out)
+
+
+def make_linear_problem(
+    a: Any,
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    frame: Frame,
+    vectorized: Any,
+    given: Options,
+    many: bool = False,
+    common: bool = False,
+) -> Problem:
+    """Return the problem of a linear equation, or of many, after checking the arguments."""
     vectorized = check_flag("vectorized", vectorized)
     given["args"] = args = check_args(given["args"])
     if compiled_rhs(a, "a") is None:
@@ -102,11 +196,10 @@ def solve_linear(
     method = given["method"]
     if isinstance(method, str) and method == AUTO:
         given["method"] = _lobatto() if isinstance(frame, LinearAction) else _DEFAULT
-    function: Any = a
-    problem = make_problem(
-        TimeFunction(function, vectorized), t_span, y0, frame=frame, options=given
-    )
-    return solve_members(problem, progress)[0]
+    return make_problem(
+        TimeFunction(a, vectorized), t_span, y0, frame=frame, options=given, many=many,
+        common=common,
+    )  # fmt: skip
 
 
 @cache

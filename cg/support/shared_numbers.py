@@ -331,6 +331,8 @@ VARIATION = {
     "jac_data": "address",
     "df_dp": "address",
     "df_dp_data": "address",
+    "noise": "address",  # spectral density; without a function its data are the matrix
+    "noise_data": "address",
     "data": "address",  # of functions without data of their own, if there are no parameters
     "frame": "address",  # the plan of the frame alone
     "dimension": "integer",
@@ -339,13 +341,14 @@ VARIATION = {
     "inputs": "integer",  # numbers behind the parameters, or the last of these
     "moments": "integer",  # how many of the last derivatives are there a second time,
     "origin": "real",  # times the time from this one on
+    "noises": "integer",  # columns of the covariance of noise, 0 or `dimension`
     # structure constants that aren't zero: i, j, k and the coefficient along E_k of [E_i, E_j]
     "constants": "integer",
     "index": "address",
     "constant": "address",
     "step": "real",  # of differences, relative
     "nan": "real",
-    "failed": "integer",  # which function failed last: 0 f, 1 jac, 2 df_dp, 3 products
+    "failed": "integer",  # which function failed last: 0 f, 1 jac, 2 df_dp, 3 products, 4 noise
 }
 """The record of a right-hand side with derivatives: names and kinds of entries."""
 

@@ -1,11 +1,12 @@
-! The right-hand side of a solution together with its derivatives X = (transition, sensitivity):
+! The right-hand side of a solution together with its derivatives X = (transition, sensitivity, C),
+! where C is the covariance of noise with the spectral density Q, if there is any:
 !
-!   X' = A X + (0, df/dp),   A xi = df/dy xi + [f, xi],
+!   X' = A X + (0, df/dp, C A^T + Q),   A xi = df/dy xi + [f, xi],
 !
 ! where df/dy is the derivative of f along the fields of the frame. The functions are in C; for
 ! functions of many members cg/integration/variational/field.py evaluates the same in Python.
 module variational_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_intptr_t, &
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
                                          c_null_ptr, c_ptr
   use coordinates_m, only: sizes
   use free_motion_m, only: add_free_motion, take_forces
@@ -43,11 +44,9 @@ contains
     type(variation_t), intent(inout) :: record
     type(c_ptr), intent(in) :: parameters
     real(wp), intent(in) :: t, y(record%width)
-    real(wp), intent(in) :: x(record%dimension + record%parameters + record%moments, &
-                              record%dimension)
+    real(wp), intent(in) :: x(columns(record), record%dimension)
     real(wp), intent(inout) :: f(record%dimension)
-    real(wp), intent(inout) :: slope(record%dimension + record%parameters + record%moments, &
-                                     record%dimension)
+    real(wp), intent(inout) :: slope(columns(record), record%dimension)
     integer(c_int), intent(out) :: code
     real(wp) :: a(record%dimension, record%dimension)        ! A, then
     real(wp) :: d(record%parameters, record%dimension)       ! df/dp
@@ -85,15 +84,38 @@ contains
         if (code /= 0 .or. .not. all(abs(d) <= huge(1.0_wp))) record%failed = 2
       end if
       slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
-      associate (first => k - int(record%moments) + 1)
-        slope(n + k + 1:, :) = slope(n + k + 1:, :) + (t - record%origin) * d(first:, :)
+      associate (first => k - int(record%moments) + 1, last => n + k + int(record%moments))
+        slope(n + k + 1:last, :) = slope(n + k + 1:last, :) + (t - record%origin) * d(first:, :)
       end associate
     end if
+    if (record%noises > 0 .and. code == 0) then
+      j = columns(record) - int(record%noises) + 1
+      call add_noise(x(j:, :), slope(j:, :))
+    end if
     if (code == 0 .and. all(abs(f) <= huge(1.0_wp)) .and. all(abs(a) <= huge(1.0_wp))) then
-      if (record%failed /= 2 .and. .not. all(abs(slope) <= huge(1.0_wp))) record%failed = 3
+      if (all(record%failed /= [2_c_int64_t, 4_c_int64_t]) .and. &
+          .not. all(abs(slope) <= huge(1.0_wp))) record%failed = 3
     end if
 
   contains
+
+    ! Adds C A^T + Q, where c(:, i) is row i of C.
+    subroutine add_noise(c, slope)
+      real(wp), intent(in) :: c(:, :)
+      real(wp), intent(inout) :: slope(:, :)
+      real(wp), pointer, contiguous :: constant(:, :)
+      real(wp) :: q(record%dimension, record%dimension)
+
+      if (record%noise == 0) then
+        call c_f_pointer(transfer(record%noise_data, c_null_ptr), constant, [n, n])
+        q = constant
+      else
+        q = record%nan
+        call evaluate_at(record%noise, record%noise_data, y, q)
+        if (code /= 0 .or. .not. all(abs(q) <= huge(1.0_wp))) record%failed = 4
+      end if
+      slope = slope + matmul(transpose(a), c) + q
+    end subroutine add_noise
 
     ! Calls a function, which may write into the point that it is given. Its data are its own, or
     ! the parameters of the member, or those of f.
@@ -190,5 +212,12 @@ contains
       end associate
     end do
   end subroutine add_brackets
+
+  ! The number of columns of X
+  pure integer function columns(record)
+    type(variation_t), intent(in) :: record
+
+    columns = int(record%dimension + record%parameters + record%moments + record%noises)
+  end function columns
 
 end module variational_m

@@ -52,6 +52,7 @@ CALLS = [
     (cg.solve_variational, ONE),
     (cg.Stepper, ONE | {"t_bound": 1.0}),
     (cg.solve_ensemble, MANY),
+    (cg.solve_linear_ensemble, MANY),
     (cg.solve_variational_ensemble, MANY),
 ]
 FIXED = {"h": 0.1, "method": "CG3"}

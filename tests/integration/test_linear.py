@@ -296,6 +296,49 @@ class TestVectorized:
         refuses(LookupError, "no such field", self.solve, a, True, method="CFM6(4)")
 
 
+def coefficients_of_rows(t, rows):
+    """Return coefficients of many times, along two generators or three fields."""
+    first, second = np.moveaxis(np.atleast_2d(rows), -1, 0)
+    t = np.atleast_1d(t)
+    return np.stack([first * np.cos(t), second + 0 * t, np.sin(first * t)], axis=-1)
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("common", [False, True])
+@pytest.mark.parametrize("kind", ["rotations", "vectors", "propagators"])
+def test_members_of_ensembles_are_single_solutions(kind, vectorized, common):
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((4, 2))
+    frame, y0 = SO3(), np.array([SO3().random_point(rng) for _ in rows])
+    if kind != "rotations":
+        generators = rng.standard_normal((3, 5, 5))
+        frame = LinearAction(list(generators), columns=None if kind == "vectors" else 2)
+        y0 = rng.standard_normal((4, *frame.point_shape))
+
+    def a(t, row):
+        values = coefficients_of_rows(t, row)
+        return values if vectorized else values[0]
+
+    options = {"frame": frame, "vectorized": vectorized, "rtol": 1e-9, "atol": 1e-9}
+    many = cg.solve_linear_ensemble(
+        a, (0, 2), y0, parameters=rows, common_steps=common, t_eval=[1.0, 2.0], **options
+    )
+    for k, row in enumerate(rows):
+        one = cg.solve_linear(a, (0, 2), y0[k], parameters=row, t_eval=[1.0, 2.0], **options)
+        size = 1e-8 * np.abs(one.y).max() if common else 0.0
+        np.testing.assert_allclose(many[k].y, one.y, rtol=0, atol=size)
+        assert common or many[k].nfev == one.nfev
+
+
+def test_arguments_are_passed_on():
+    frame = UnitQuaternion()
+    run = cg.solve_linear(
+        lambda t, rate: [0.0, 0.0, rate], (0, 1), [1, 0, 0, 0], frame=frame, h=0.5, args=(2.0,)
+    )
+    turned = frame.flow([0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(run.y[-1], turned, rtol=0, atol=1e-14)
+
+
 class Qobj:
     """Not convertible to an array."""
 

@@ -1,5 +1,7 @@
 """Linear equations on vectors with sparse generators: `LinearAction`, and its polynomial flows."""
 
+import pickle
+
 import numpy as np
 import pytest
 from kinds import MAGNUS
@@ -71,11 +73,47 @@ class TestLinearAction:
         run = cg.solve_linear(lambda t: np.tile(a, 2), (0, 1), y, frame=pair, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(run.y[-1], action.flow(a, y), rtol=0, atol=1e-9)
 
+    @pytest.mark.parametrize("factor", [1.0, 1j, 0.6 + 0.8j])
+    @pytest.mark.parametrize("columns", [1, 4])
+    def test_columns_move_like_vectors(self, factor, columns):
+        generators = list(factor * self.DENSE)
+        vectors, frame = LinearAction(generators), LinearAction(generators, columns=columns)
+        assert frame != vectors
+        assert frame.point_shape == (6, columns)
+        assert f"columns={columns}" in repr(frame)
+        assert pickle.loads(pickle.dumps(frame)) == frame
+        v, y = self.RNG.standard_normal((2, 3)), self.RNG.standard_normal((2, 6, columns))
+        for name in ("flow", "field"):
+            moved = getattr(frame, name)(v, y)
+            expected = getattr(vectors, name)(v[:, None], y.mT).mT
+            np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+        run, single = (
+            cg.solve_linear(
+                lambda t: [1.0, np.cos(t), t], (0, 1), start, frame=f, rtol=1e-11, atol=1e-11,
+                dense_output=True,
+            )
+            for f, start in ((frame, y[0]), (vectors, y[0, :, -1]))
+        )  # fmt: skip
+        np.testing.assert_allclose(run.y[-1][:, -1], single.y[-1], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(run.sol(0.3)[:, -1], single.sol(0.3), rtol=0, atol=1e-9)
+        with pytest.raises(ValueError, match="columns must be at least 1, got 0"):
+            LinearAction(generators, columns=0)
+
+    def test_propagators_are_unitary(self):
+        h = self.DENSE[0] + self.DENSE[0].T
+        frame = LinearAction([-1j * h, 1j * self.DENSE[1] @ self.DENSE[1].T], columns=6)
+        run = cg.solve_linear(
+            lambda t: [1.0, np.cos(t)], (0, 2), np.eye(6), frame=frame, rtol=1e-11, atol=1e-11
+        )
+        u = run.y[-1]
+        np.testing.assert_allclose(u.conj().T @ u, np.eye(6), rtol=0, atol=1e-10)
+        check(frame)
+
     def test_unitary_flows(self):
         hamiltonian = self.DENSE[0] + self.DENSE[0].T
         rounded = 0.1 * (hamiltonian / 0.1) + 1e-15 * np.triu(hamiltonian)
         exact, frame = (LinearAction([-1j * h], unitary=True) for h in (hamiltonian, rounded))
-        assert (exact._skew, frame._skew) == (True, True)
+        assert (exact.is_skew, frame.is_skew) == (True, True)
         assert exact == LinearAction([-1j * hamiltonian])
         message = r"generators\[1\] must be skew-Hermitian if unitary is True; that of a Ham"
         for wrong in (hamiltonian, -1j * np.triu(hamiltonian), np.triu(hamiltonian)):

@@ -197,13 +197,21 @@ def is_named(call, message, called):
 RETURNED = {
     *("Certificate", "CompiledFunction", "DenseOutput", "Diagnosis", "Lifted", "Reference"),
     *("VariationalOutput", "VariationalSolution", "EnsembleVariationalSolution"),
-    *("Solution", "EnsembleSolution", "Rows", "Structure", "Frame", "HomogeneousSpace"),
+    *(
+        "Solution",
+        "EnsembleSolution",
+        "AdjointSolution",
+        "Rows",
+        "Structure",
+        "Frame",
+        "HomogeneousSpace",
+    ),
     *("MatrixGroup", "Method", "MethodError", "MissingQuadsError", "TableauError"),
     *("CertificationError", "ConvergenceError", "FlowOverflowError", "LiftError"),
     *("StepTooLongError", "Product"),
 }
 # Functions of the user, whose own errors are raised unchanged
-FUNCTIONS = {"f", "a", "functions", "jac", "df_dp", "events", "progress", "args"}
+FUNCTIONS = {"f", "a", "functions", "jac", "df_dp", "da_dp", "noise", "events", "progress", "args"}
 
 # Parts of arguments that messages name
 PARTS = {

@@ -11,11 +11,13 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.messages import DERIVATIVES
 from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.derivatives import Derivative
 from cg.integration.rhs.inputs import DataReader, Inputs, arguments_of
 from cg.integration.rhs.python import context_of
 from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
+from cg.integration.variational.noise import Noise
 from cg.support.records import fields_of
 from cg.support.shared_numbers import VARIATION
 
@@ -59,13 +61,25 @@ class CompiledVariation(CompiledRhs):
     @property
     def failed_name(self) -> str:
         """Name of the function that failed last."""
-        names = "f", "jac", "df_dp", DERIVATIVES
+        names = "f", "jac", "df_dp", DERIVATIVES, "noise"
         return names[max(int(record.failed) for record in self.records)]
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
         distance = self.data.strides[0] if len(self.data) > 1 else 0
         return self.address, self.data_address, distance
+
+    def at_times(self, times: Array, z: Array) -> Array:
+        """Return the coefficients of a single member at points, which are overwritten."""
+        import cg._core_r64 as core
+
+        values = np.empty((len(z), self.variational.product.dim))
+        address, data, _ = self.addresses()
+        for k, t in enumerate(times.tolist()):
+            _, code = core.call_field(address, data, 0, t, z[k : k + 1].T, values[k : k + 1].T)
+            if code:
+                raise RuntimeError(f"{self.failed_name} returned the error code {code} at t = {t}")
+        return values
 
     @property
     def data_address(self) -> int:
@@ -123,6 +137,7 @@ def compiled_variation(
 def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, Any, Array]:
     """Return a record without functions, and its arrays of structure constants."""
     f, (index, constant) = variational.f, variational.structure
+    noise = variational.noise
     # arrays can't be empty
     index = np.ascontiguousarray(np.append(index.T, [[0, 0, 0]], axis=0) + 1, dtype=np.intc)
     constant = np.append(constant, 0.0)
@@ -132,6 +147,8 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, A
         moments=variational.moments, constants=len(constant) - 1, index=index.ctypes.data,
         constant=constant.ctypes.data, step=DIFFERENCE_STEP, nan=np.nan,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
+        noises=0 if noise is None else variational.frame.dim,
+        noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
     )  # fmt: skip
     return record, index, constant
 
@@ -162,7 +179,10 @@ def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int,
             return variational.differences(t, y, arguments)
 
         functions.append(("jac", difference, (frame.dim, frame.dim), lambda value, t, y: value))
-    for given in (jac, variational.df_dp):
-        if given is not None:
-            functions.append((given.name, given.function, given.shape, given.check))
+    for given in (jac, variational.df_dp, variational.noise):
+        if isinstance(given, Derivative):
+            function = given.function
+            if isinstance(given, Noise) and not isinstance(function, CompiledRhs):
+                function = given.checked
+            functions.append((given.name, function, given.shape, given.check))
     return functions

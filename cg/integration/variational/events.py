@@ -74,14 +74,22 @@ class VariationalEvents(EventTable):
                 f"derivatives; its derivative along the solution is {rate:g} at t = {t:.17g}"
             )
 
+        n, k = self.frame.dim, field.count
+
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             return self.frame.local_coordinates(after, jump(index, time, point, extra))
 
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
+        jump_of_rate = along - self._coefficients(t, after, arguments)
         moved = by_fields.T @ x
-        moved[:, self.frame.dim :] += by_parameters.T
-        slope = self._coefficients(t, after, arguments)
-        moved += np.outer(along - slope, delta)
+        moved[:, n : n + k] += by_parameters.T
+        moved += np.outer(jump_of_rate, delta)
+        if field.noise is not None:
+            # the saltation matrix from both sides
+            unit = np.eye(n, field.columns)
+            local = self._time_derivative(index, t, before, unit, arguments)[1][:n]
+            matrix = by_fields.T + np.outer(jump_of_rate, local)
+            moved[:, n + k :] = matrix @ x[:, n + k :] @ matrix.T
         return field.product.join(after, moved.ravel())
 
     def time_derivatives(
@@ -94,7 +102,7 @@ class VariationalEvents(EventTable):
         derivatives = np.empty((len(times), self.frame.dim + self.field.count))
         for row, t, point in zip(derivatives, times.tolist(), z, strict=True):
             y, x = self.field.split(point)
-            row[:] = self._time_derivative(index, t, y, x, arguments)[1]
+            row[:] = self._time_derivative(index, t, y, x, arguments)[1][: row.size]
         return derivatives
 
     def _time_derivative(
@@ -108,7 +116,8 @@ class VariationalEvents(EventTable):
         by_fields, along, by_parameters, largest = self._derivatives(value, t, y, arguments)
         rate = float(along[0]) if abs(along[0]) > _ROUNDING * largest else 0.0
         gradient = by_fields[:, 0] @ x
-        gradient[self.frame.dim :] += by_parameters[:, 0]
+        n = self.frame.dim
+        gradient[n : n + self.field.count] += by_parameters[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             return rate, -gradient / np.float64(rate)
 

@@ -26,14 +26,15 @@ DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
 class VariationalField:
     r"""The coefficients of a solution and of its derivatives: a right-hand side on a product.
 
-    A point is :math:`(y, X)` with :math:`X = (\Phi, S)`, shape ``(dim, dim + k)`` in C order.  The
-    derivative of :math:`y` with respect to anything has coordinates :math:`\xi` in the frame,
+    A point is :math:`(y, X)` with :math:`X = (\Phi, S, C)`, shape ``(dim, columns)`` in C order.
+    The derivative of :math:`y` with respect to anything has coordinates :math:`\xi` in the frame,
     :math:`\partial y = \sum_i \xi_i E_i(y)`, and from :math:`y' = \sum_i f_i E_i(y)` follows
 
     .. math:: \xi' = \frac{\partial f}{\partial y} \xi + [f, \xi] + \frac{\partial f}{\partial p} ,
 
-    with the bracket of `Frame.bracket`, whose sign is that of the frame's convention.
-
+    with the bracket of `Frame.bracket`, whose sign is that of the frame's convention. Noise with
+    the spectral density Q has the covariance C, with :math:`C' = A C + C A^T + Q` where
+    :math:`A \xi` are the first two terms; without noise there is no C.
     """
 
     frame: Frame
@@ -44,12 +45,19 @@ class VariationalField:
     vectorized: bool = False  # whether the functions take points of several members in one call
     inputs: int = 0  # how many of them are inputs
     moments: int = 0  # how many of these have derivatives that are multiplied by the time, too
+    noise: Derivative | Array | None = None  # spectral density of noise
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of the derivatives."""
+        n = self.frame.dim
+        return n + self.count + self.moments + (0 if self.noise is None else n)
 
     def __post_init__(self) -> None:
         n = self.frame.dim
         made = {
-            "product": Product(self.frame, Euclidean(n * (n + self.columns))),
-            "structure": _structure(self.frame),
+            "product": Product(self.frame, Euclidean(n * self.columns)),
+            "structure": structure_constants(self.frame),
             "check": Check(self.f, self.frame, self.vectorized),
             "_flows": flows_of(self.frame),
         }
@@ -62,27 +70,22 @@ class VariationalField:
     check: Check = field(init=False, repr=False)
     _flows: Flows = field(init=False, repr=False)
 
-    @property
-    def columns(self) -> int:
-        """Number of derivatives besides those by initial coordinates."""
-        return self.count + self.moments
-
     def __reduce__(self) -> tuple[Any, ...]:
         functions = self.f, self.jac, self.df_dp
-        numbers = self.count, self.vectorized, self.inputs, self.moments
+        numbers = self.count, self.vectorized, self.inputs, self.moments, self.noise
         return VariationalField, (self.frame, *functions, *numbers)
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
         n = self.frame.dim
-        x = np.concatenate([np.eye(n), np.zeros((n, self.columns))], axis=1).ravel()
+        x = np.eye(n, self.columns).ravel()
         return self.product.join(y, np.broadcast_to(x, (len(y), x.size)))
 
     def split(self, z: Array) -> tuple[Points, Array]:
-        """Return points and their derivatives, shape ``(..., dim, dim + k)``."""
+        """Return points and their derivatives, shape ``(..., dim, columns)``."""
         y, x = self.product.split(z)
         n = self.frame.dim
-        return y, x.reshape(*x.shape[:-1], n, n + self.columns)
+        return y, x.reshape(*x.shape[:-1], n, self.columns)
 
     def __call__(self, t: Array, z: Array, *arguments: Any) -> Array:
         """Return the coefficients of several members: those of ``f``, then the derivatives of X.
@@ -109,8 +112,13 @@ class VariationalField:
             where: Any = slice(None), k, j
             np.add.at(matrix, where, constant * coefficients[:, i])
             slope = matrix @ x
-            if self.count:
-                slope[..., self.frame.dim :] += self._parameter_derivative(t, y, arguments)
+            n, k = self.frame.dim, self.count
+            if k:
+                slope[..., n : n + k] += self._parameter_derivative(t, y, arguments)
+            if self.noise is not None:
+                noise = self.noise
+                density = noise(t, y, arguments) if isinstance(noise, Derivative) else noise
+                slope[..., n + k :] += x[..., n + k :] @ matrix.mT + density
         if not np.isfinite(slope).all():
             raise OverflowError(
                 f"derivatives of the solution exceed the range of floating point at {when(t)}"
@@ -187,7 +195,7 @@ def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
     return steps_of
 
 
-def _structure(frame: Frame) -> tuple[NDArray[np.intp], Array]:
+def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:
     """Return the indices i, j, k, shape ``(3, constants)``, and those of [E_i, E_j] along E_k."""
     basis = np.eye(frame.dim)
     rows, values = [np.zeros((3, 0), dtype=np.intp)], [np.zeros(0)]

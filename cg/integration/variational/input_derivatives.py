@@ -108,8 +108,8 @@ class _Chain:
         if failure is not None:
             return failure
         n, columns = self.field.frame.dim, self.field.columns
-        part = run.end[0, -n * (n + columns) :].reshape(n, n + columns).copy()
-        total = self.rows[-1][-n * (n + columns) :].reshape(n, n + columns)
+        part = run.end[0, -n * columns :].reshape(n, columns).copy()
+        total = self.rows[-1][-n * columns :].reshape(n, columns)
         row = run.end[0].copy()
         joint = part[:, :n] @ total
         joint[:, n:] += part[:, n:]
@@ -119,7 +119,7 @@ class _Chain:
         self.parts.append(part)
         # the next interval starts from the identity, with the present size of steps
         reals, integers, points, slopes = run.state()
-        points[0, 0, -joint.size :] = np.eye(n, n + columns).ravel()
+        points[0, 0, -joint.size :] = np.eye(n, columns).ravel()
         run._core.loop_state(
             run.address, True, reals.T, integers.T, points.transpose(2, 1, 0),
             slopes.transpose(2, 1, 0),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, check_finite, real_array
+from cg.frames.arrays import Array, check_finite
 from cg.frames.base import Frame
 from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.derivatives import derivative_of
@@ -17,12 +17,10 @@ from cg.integration.step.plan import has_brackets, plan_of
 from cg.integration.variational.compiled import compiled_variation
 from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
+from cg.integration.variational.noise import check_covariance, noise_of
 from cg.integration.variational.results import SolutionMaker
 from cg.method.splitting import Splitting
 from cg.support.checks import check_flag
-
-# tolerance relative to the largest entry or eigenvalue of a covariance
-_ROUNDING = 1e-9
 
 
 def add_derivatives(
@@ -32,6 +30,7 @@ def add_derivatives(
     P0: ArrayLike | None,
     control_derivatives: Any,
     moments: int | None = None,
+    noise: Any = None,
 ) -> Problem:
     """Return the problem of points with derivatives, after checking the arguments.
 
@@ -50,7 +49,7 @@ def add_derivatives(
             "frame must know the bracket of its fields, by which derivatives move, got "
             f"{frame!r}, whose fields are no Lie algebra or none that it knows"
         )
-    field = _make_field(frame, rhs, jac, df_dp, moments)
+    field = _make_field(frame, rhs, jac, df_dp, moments, noise_of(noise, problem))
     joint: Rhs
     if rhs.vectorized:
         data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
@@ -59,7 +58,8 @@ def add_derivatives(
         joint = compiled_variation(field, problem.plan, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
         control = control._replace(atol=_tolerances(problem, field, control_derivatives))
-    covariance = _check_covariance(P0, frame.dim, len(problem.points) if problem.many else None)
+    members = len(problem.points) if problem.many else None
+    covariance = check_covariance(P0, frame.dim, members)
     return replace(
         problem,
         plan=plan_of(field.product, problem.plan.method),
@@ -72,7 +72,7 @@ def add_derivatives(
 
 
 def _make_field(
-    frame: Frame, rhs: Rhs, jac: Any, df_dp: Any, moments: int | None
+    frame: Frame, rhs: Rhs, jac: Any, df_dp: Any, moments: int | None, noise: Any
 ) -> VariationalField:
     """Return the coefficients of points with derivatives, after checking functions."""
     n, numbers, vectorized, inputs = frame.dim, rhs.parameters, rhs.vectorized, rhs.inputs
@@ -91,6 +91,7 @@ def _make_field(
         vectorized,
         width,
         moments or 0,
+        noise,
     )
 
 
@@ -109,24 +110,5 @@ def _tolerances(problem: Problem, field: VariationalField, control_derivatives: 
             "atol must be positive with control_derivatives, since derivatives are zero at first, "
             f"got {given}"
         )
-    others = np.repeat(rows, n + field.columns)
+    others = np.repeat(rows, field.columns)
     return np.concatenate([own, others if control_derivatives else np.full(others.size, np.inf)])
-
-
-def _check_covariance(P0: ArrayLike | None, n: int, members: int | None) -> Array | None:
-    """Return the covariance of initial coordinates, or one for each member, after checking it."""
-    if P0 is None:
-        return None
-    matrix = real_array(P0, "P0")
-    shapes = [(n, n)] if members is None else [(n, n), (members, n, n)]
-    if matrix.shape not in shapes:
-        raise ValueError(f"P0 must have shape {' or '.join(map(str, shapes))}, got {matrix.shape}")
-    check_finite(matrix, "P0")
-    if not np.abs(matrix - matrix.mT).max() <= _ROUNDING * np.abs(matrix).max():
-        raise ValueError(f"P0 must be symmetric, got {P0!r}")
-    eigenvalues = np.linalg.eigvalsh(matrix)
-    if not eigenvalues.min() >= -_ROUNDING * np.abs(eigenvalues).max():
-        raise ValueError(
-            f"P0 must be positive semidefinite, got one with the eigenvalue {eigenvalues.min():.3g}"
-        )
-    return matrix

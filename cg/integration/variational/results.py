@@ -28,12 +28,18 @@ def split_results(
     y, x = variational.split(z)
     n = variational.frame.dim
     transition = np.ascontiguousarray(x[..., :n])
+    total = None if covariance is None else transition @ covariance @ transition.mT
+    if variational.noise is not None:
+        added = x[..., n + variational.count :]
+        total = (added + added.mT) / 2 + (0.0 if total is None else total)
     parts: dict[str, Any] = {
         "y": np.ascontiguousarray(y),
         "transition": transition,
-        "sensitivity": np.ascontiguousarray(x[..., n:]) if variational.columns else None,
-        "covariance": None if covariance is None else transition @ covariance @ transition.mT,
+        "sensitivity": None,
+        "covariance": total,
     }
+    if variational.count:
+        parts["sensitivity"] = np.ascontiguousarray(x[..., n : n + variational.count])
     for array in parts.values():
         if array is not None:
             array.flags.writeable = False
@@ -92,7 +98,7 @@ class VariationalOutput(DenseOutput):
         return matrices
 
     def covariance(self, t: ArrayLike) -> Array | None:
-        """Return covariances, shape ``(*t.shape, dim, dim)``; None without ``P0``."""
+        """Return covariances, shape ``(*t.shape, dim, dim)``; None without ``P0`` and noise."""
         matrices: Array | None = self._parts(t)["covariance"]
         return matrices
 
@@ -130,8 +136,8 @@ class VariationalSolution(Solution):
     sensitivity
         The same with respect to the parameters, shape ``(times, dim, k)``, or None without any.
     covariance
-        ``transition @ P0 @ transition.T`` at each time, shape ``(times, dim, dim)``, or None
-        without ``P0``.
+        ``transition @ P0 @ transition.T`` at each time, and what noise adds to it, shape
+        ``(times, dim, dim)``; or None without ``P0`` and noise.
     dt_events
         For each event the derivatives of its times with respect to the coordinates of ``y0``, then
         the parameters, shape ``(n_i, dim + k)``, or None without events.

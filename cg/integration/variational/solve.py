@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Never, Unpack, cast
 
 from numpy.typing import ArrayLike
@@ -10,12 +11,14 @@ from scipy import LowLevelCallable
 
 from cg.executors import ExecutorLike
 from cg.frames.base import Frame
+from cg.integration.adjoint import check_derivatives, with_adjoint
 from cg.integration.ensemble import solve_members
 from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.variational.adjoint import check_without, equation_along
 from cg.integration.variational.input_derivatives import solve_with_input_derivatives
 from cg.integration.variational.problem import add_derivatives
 from cg.integration.variational.results import EnsembleVariationalSolution, VariationalSolution
@@ -32,8 +35,10 @@ def solve_variational(
     jac: Function | None = None,
     df_dp: Function | None = None,
     P0: ArrayLike | None = None,
+    noise: ArrayLike | Function | None = None,
     control_derivatives: bool = False,
     input_derivatives: bool = False,
+    derivatives: str | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     progress: Callable[[float, float], None] | None = None,
     **options: Unpack[Options],
@@ -70,6 +75,12 @@ def solve_variational(
         argument, and with respect to which there are derivatives.
     P0
         Covariance of the coordinates of ``y0``, shape ``(dim, dim)``.
+    noise
+        Spectral density Q of white noise w in the equation :math:`\xi' = A \xi + w` of small
+        deviations, in the coordinates of the frame, shape ``(dim, dim)``; or a function of the
+        arguments of ``f`` that returns it, which may be compiled. Then the covariance P satisfies
+        :math:`P' = A P + P A^T + Q`, and is zero at first without ``P0``. Step sizes account for
+        it with ``control_derivatives`` only.
     control_derivatives
         Whether steps are chosen by the errors of the derivatives as well, with the same
         tolerances (of row i those of coordinate i); else they are those of `cg.solve_ivp`, which
@@ -81,6 +92,11 @@ def solve_variational(
         themselves and chained.  The solution is stored at the times of samples; there are no
         ``t_eval``, ``dense_output`` and events, and ``progress`` isn't called.  ``df_dp`` then
         returns derivatives with respect to the parameters and the inputs.
+    derivatives
+        ``"adjoint"`` computes no derivatives during the integration, and returns an
+        `AdjointSolution`, whose method ``gradient`` goes backward from the derivatives of one
+        number: for many parameters. It takes no ``P0``, ``noise``, ``control_derivatives``,
+        ``inputs`` and ``events``.
     method, h, rtol, atol, t_eval, dense_output, breakpoints, inputs
         As for `cg.solve_ivp`; ``jac`` and ``df_dp`` get the values of ``inputs`` as ``f`` does.
     events
@@ -92,7 +108,7 @@ def solve_variational(
 
     Returns
     -------
-    VariationalSolution
+    VariationalSolution or AdjointSolution
         A `Solution` with ``transition``, ``sensitivity``, ``covariance`` and ``dt_events``.  Its
         ``nfev`` counts evaluations of ``f`` and its derivatives together.
 
@@ -100,8 +116,8 @@ def solve_variational(
     ------
     TypeError, ValueError
         As `cg.solve_ivp`; or if the frame knows no bracket, ``jac`` or ``df_dp`` isn't callable or
-        returns another shape or numbers that aren't finite, ``P0`` is no covariance, or
-        ``df_dp`` is given without ``parameters``.
+        returns another shape or numbers that aren't finite, ``P0`` or ``noise`` is no covariance,
+        or ``df_dp`` is given without ``parameters``.
     OverflowError
         If derivatives exceed the range of floating point.
 
@@ -139,9 +155,17 @@ def solve_variational(
         f, t_span, y0, frame=frame, options=complete_options(solve_variational, rest, options),
         stage_solver=stage_solver,
     )  # fmt: skip
+    adjoint = check_derivatives(derivatives)
+    if adjoint:
+        check_without(
+            P0=P0, noise=noise, control_derivatives=control_derivatives or None,
+            input_derivatives=input_derivatives or None, inputs=problem.rhs.inputs,
+        )  # fmt: skip
     if check_flag("input_derivatives", input_derivatives):
         return solve_with_input_derivatives(problem, jac, df_dp, P0, control_derivatives)
-    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives)
+    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise=noise)
+    if adjoint:
+        joint = with_adjoint(problem, partial(equation_along, joint))
     return cast(VariationalSolution, solve_members(joint, progress)[0])
 
 
@@ -155,6 +179,7 @@ def solve_variational_ensemble(
     jac: Function | None = None,
     df_dp: Function | None = None,
     P0: ArrayLike | None = None,
+    noise: ArrayLike | Function | None = None,
     control_derivatives: bool = False,
     vectorized: bool = False,
     common_steps: bool = False,
@@ -172,10 +197,10 @@ def solve_variational_ensemble(
     ----------
     f, t_span, y0, frame, parameters
         As for `cg.solve_ensemble`.
-    jac, df_dp, control_derivatives
+    jac, df_dp, noise, control_derivatives
         As for `cg.solve_variational`.  If ``vectorized`` they take times ``(k,)``, points
         ``(k, *frame.point_shape)`` and rows of parameters of any members, as ``f`` does, and
-        return shapes ``(k, dim, dim)`` and ``(k, dim, parameters)``.
+        return shapes ``(k, dim, dim)``, of ``df_dp`` ``(k, dim, parameters)``.
     P0
         Covariance of the coordinates of ``y0``, shape ``(dim, dim)``, or one for each member,
         ``(members, dim, dim)``.
@@ -215,6 +240,6 @@ def solve_variational_ensemble(
         options=complete_options(solve_variational_ensemble, rest, options),
         common=check_flag("common_steps", common_steps), stage_solver=stage_solver,
     )  # fmt: skip
-    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives)
+    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise=noise)
     solution = solve_members(joint, progress, executor, workers)
     return cast(EnsembleVariationalSolution, solution)

@@ -1,0 +1,322 @@
+"""Gradients by the adjoint equation against derivatives forward in time."""
+
+import numpy as np
+import pytest
+from test_variational import Wave
+
+import cg
+from cg.frames import (
+    SE3,
+    SO3,
+    SU,
+    CoadjointOrbit,
+    Euclidean,
+    LinearAction,
+    Product,
+    Sphere,
+    UnitQuaternion,
+)
+
+FRAMES = [SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), SU(2), Euclidean(4),
+          Sphere(2), SE3(), CoadjointOrbit(SO3(), [1.0, 0.5, -0.2])]  # fmt: skip
+TIGHT = {"rtol": 1e-12, "atol": 1e-12}
+
+
+def differences(end, at, step=1e-3):
+    """Return the gradient of a number by central differences of order four."""
+    rows = []
+    for e in np.eye(len(at)):
+        values = [end(at + s * step * e) for s in (-2.0, -1.0, 1.0, 2.0)]
+        rows.append((values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+@pytest.mark.parametrize("exact", [True, False], ids=["exact", "differences"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"rtol": 1e-6, "atol": 1e-6},
+        {"rtol": 1e-9, "atol": 1e-9},
+        {"method": "RKMK8(5,3)", "h": 0.05},
+    ],
+    ids=["1e-6", "1e-9", "fixed"],
+)
+@pytest.mark.parametrize("span", [(0.1, 3.0), (2.0, -1.0)], ids=["forward", "backward"])
+def test_gradients_are_those_of_forward_derivatives(frame, exact, options, span):
+    wave = Wave(frame, seed=5)
+    rng = np.random.default_rng(8)
+    times = span[0] + (span[1] - span[0]) * np.array([0.2, 0.55, 0.6, 0.9])
+    forward = wave.derivatives(span, control_derivatives=True, t_eval=times, **TIGHT)
+    adjoint = wave.derivatives(
+        span, exact, derivatives="adjoint", t_eval=times, **{"rtol": None, "atol": None} | options
+    )
+    assert isinstance(adjoint, cg.AdjointSolution)
+    assert adjoint.sol is None
+    last, all_times = rng.standard_normal(frame.dim), rng.standard_normal((4, frame.dim))
+    expected = [
+        (forward.transition[-1].T @ last, forward.sensitivity[-1].T @ last),
+        (
+            np.einsum("tij,ti->j", forward.transition, all_times),
+            np.einsum("tij,ti->j", forward.sensitivity, all_times),
+        ),
+    ]
+    tolerance = max(100 * options.get("rtol", 1e-9), 1e-7)
+    for cotangent, (by_y0, by_parameters) in zip((last, all_times), expected, strict=True):
+        gradient = adjoint.gradient(cotangent)
+        np.testing.assert_allclose(gradient.y0, by_y0, rtol=0, atol=tolerance)
+        np.testing.assert_allclose(gradient.parameters, by_parameters, rtol=0, atol=tolerance)
+
+
+def test_the_integration_is_that_without_derivatives():
+    wave = Wave(SO3(), seed=2)
+    alone = wave.solve(dense_output=True)
+    adjoint = wave.derivatives(derivatives="adjoint", dense_output=True)
+    np.testing.assert_array_equal(adjoint.y, alone.y)
+    np.testing.assert_array_equal(adjoint.sol(0.3), alone.sol(0.3))
+    assert adjoint.nfev == alone.nfev
+
+
+def test_compiled_functions(function):
+    frame = Product(SO3(), Euclidean(3))
+    y0 = frame.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
+    given = {"jac": function("top_jac"), "df_dp": function("top_df_dp")}
+    options = {"frame": frame, "parameters": [0.8, 0.9, 0.4, 2.0]}
+    c = np.arange(1.0, 7.0)
+    forward = cg.solve_variational(
+        function("top"), (0, 2), y0, control_derivatives=True, **options, **given, **TIGHT
+    )
+    for derivatives in (given, {}):
+        run = cg.solve_variational(
+            function("top"), (0, 2), y0, derivatives="adjoint", rtol=1e-9, atol=1e-9, **options,
+            **derivatives,
+        )  # fmt: skip
+        by_y0, by_parameters = run.gradient(c)
+        np.testing.assert_allclose(by_y0, c @ forward.transition[-1], rtol=1e-7)
+        np.testing.assert_allclose(by_parameters, c @ forward.sensitivity[-1], rtol=1e-7)
+
+
+def test_a_stiff_equation_is_refused_before_it_takes_long():
+    calls = []
+
+    def f(t, y):
+        calls.append(t)
+        return [-1e8 * (y[0] - np.cos(t))]
+
+    run = cg.solve_variational(
+        f, (0, 1), [1.0], frame=Euclidean(1), derivatives="adjoint", method="RadauIIA5"
+    )
+    before = len(calls)
+    with pytest.raises(ValueError, match=r"equation that is this stiff: the integral of .* 1e\+08"):
+        run.gradient([1.0])
+    assert len(calls) - before < 10_000
+
+
+def test_output_at_the_start_alone():
+    wave = Wave(SO3(), seed=2)
+    run = wave.derivatives(derivatives="adjoint", t_eval=[0.1])
+    by_y0, by_parameters = run.gradient([1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(by_y0, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(by_parameters, [0.0, 0.0])
+
+
+def test_long_steps_are_divided():
+    """A steady spin takes one step of 60 radians, in which covectors turn."""
+    spin = [3.0, 0.0, 4.0]
+    run = cg.solve_variational(
+        lambda t, y: spin, (0, 12), np.eye(3), frame=SO3(), derivatives="adjoint",
+        rtol=1e-9, atol=1e-9, max_step=np.inf,
+    )  # fmt: skip
+    expected = SO3().flow(np.multiply(12, spin), np.eye(3)) @ [1.0, 2.0, 3.0]
+    gradient = run.gradient([1.0, 2.0, 3.0])
+    np.testing.assert_allclose(gradient.y0, expected, rtol=0, atol=1e-7)
+    assert gradient.parameters is None
+
+
+def test_breakpoints_and_many_parameters():
+    """A torque of twenty pieces, one parameter each."""
+    edges = np.linspace(0, 2, 21)
+
+    def f(t, y, p):
+        return [y[1], p[min(np.searchsorted(edges, t, "right") - 1, 19)] - np.sin(y[0])]
+
+    p = np.random.default_rng(0).standard_normal(20)
+    options = {"frame": Euclidean(2), "parameters": p, "breakpoints": edges[1:-1]}
+    forward = cg.solve_variational(
+        f, (0, 2), [0.3, 0.0], control_derivatives=True, **options, **TIGHT
+    )
+    adjoint = cg.solve_variational(
+        f, (0, 2), [0.3, 0.0], derivatives="adjoint", rtol=1e-9, atol=1e-9, **options
+    )
+    gradient = adjoint.gradient([1.0, -2.0])
+    np.testing.assert_allclose(
+        gradient.parameters, forward.sensitivity[-1].T @ [1.0, -2.0], rtol=0, atol=1e-7
+    )
+
+
+class TestLinear:
+    RNG = np.random.default_rng(4)
+    FACTORS = RNG.standard_normal((3, 3))
+
+    @classmethod
+    def a(cls, t, p):
+        return cls.FACTORS @ [np.cos(p[0] * t), p[1] * np.sin(t), p[0] + p[1] * t]
+
+    @classmethod
+    def da_dp(cls, t, p):
+        by_first = [-t * np.sin(p[0] * t), 0.0, 1.0]
+        return cls.FACTORS @ np.array([by_first, [0.0, np.sin(t), t]]).T
+
+    @classmethod
+    def many(cls, t, p):
+        return np.array([cls.a(*each) for each in zip(t, p, strict=True)])
+
+    @classmethod
+    def many_dp(cls, t, p):
+        return np.array([cls.da_dp(*each) for each in zip(t, p, strict=True)])
+
+    @pytest.mark.parametrize("kind", ["real", "unitary", "complex", "columns"])
+    @pytest.mark.parametrize("vectorized", [False, True])
+    @pytest.mark.parametrize("exact", [False, True])
+    def test_vectors(self, kind, vectorized, exact):
+        rng = np.random.default_rng(6)
+        g = rng.standard_normal((3, 4, 4)) + 1j * rng.standard_normal((3, 4, 4)) * (kind != "real")
+        generators = {"real": g.real, "unitary": g - g.conj().mT}.get(kind, g)
+        frame = LinearAction(list(generators), columns=2 if kind == "columns" else None)
+        y0, c = frame.random_point(rng), np.stack([frame.random_point(rng) for _ in range(3)])
+        p, times = np.array([1.2, 0.7]), [0.3, 0.8, 1.5]
+        f, df = (self.many, self.many_dp) if vectorized else (self.a, self.da_dp)
+
+        def solve(p, y0=y0, tolerance=1e-12, **more):
+            return cg.solve_linear(
+                f, (0, 1.5), y0, frame=frame, parameters=p, vectorized=vectorized, t_eval=times,
+                rtol=tolerance, atol=tolerance, **more,
+            )  # fmt: skip
+
+        run = solve(p, tolerance=1e-9, derivatives="adjoint", da_dp=df if exact else None)
+
+        def cost(p, y0=y0):
+            return np.vdot(c, solve(p, y0).y).real
+
+        size = np.abs(run.y).max()
+        gradient = run.gradient(c)
+        np.testing.assert_allclose(
+            gradient.parameters, differences(cost, p, 2e-4), rtol=0, atol=1e-7 * size
+        )
+        change = frame.random_point(rng)
+        expected = cost(p, y0 + change) - cost(p, y0)  # y depends on y0 linearly
+        actual = np.vdot(gradient.y0, change).real
+        assert abs(actual - expected) < 1e-7 * size
+        last = np.zeros_like(c)
+        last[-1] = c[-1]
+        np.testing.assert_array_equal(run.gradient(c[-1]).y0, run.gradient(last).y0)
+
+    @pytest.mark.parametrize("frame", [SO3(), SU(2), UnitQuaternion()], ids=repr)
+    def test_groups(self, frame):
+        p, y0, c = np.array([1.2, 0.7]), frame.random_point(self.RNG), np.array([1.0, -0.5, 2.0])
+        options = {"frame": frame, "parameters": p}
+        forward = cg.solve_variational(
+            lambda t, y, p: self.a(t, p), (0, 3), y0, control_derivatives=True, **options, **TIGHT
+        )
+        run = cg.solve_linear(
+            self.a, (0, 3), y0, derivatives="adjoint", da_dp=self.da_dp, rtol=1e-9, atol=1e-9,
+            **options,
+        )  # fmt: skip
+        gradient = run.gradient(c)
+        np.testing.assert_allclose(gradient.y0, forward.transition[-1].T @ c, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(
+            gradient.parameters, forward.sensitivity[-1].T @ c, rtol=0, atol=1e-7
+        )
+
+    def test_a_pulse_of_constant_pieces_has_the_gradient_of_exponentials(self):
+        from scipy.linalg import expm_frechet
+
+        pieces, x, z = 30, np.array([[0, 1], [1, 0]]), np.diag([1.0, -1.0])
+        edges = np.linspace(0, 4, pieces + 1)
+        amplitudes = np.random.default_rng(3).standard_normal(pieces)
+        target = np.array([0.6, 0.8j])
+
+        def place(t):
+            return min(np.searchsorted(edges, t, "right") - 1, pieces - 1)
+
+        run = cg.solve_linear(
+            lambda t, p: [1.0, p[place(t)]], (0, 4), [1, 0], derivatives="adjoint",
+            frame=LinearAction([-3j * z, -1j * x], unitary=True), parameters=amplitudes,
+            da_dp=lambda t, p: np.stack([np.zeros(pieces), np.eye(pieces)[place(t)]]),
+            breakpoints=edges[1:-1], rtol=1e-9, atol=1e-9,
+        )  # fmt: skip
+        h = edges[1]
+        moves = [expm_frechet(-1j * h * (3 * z + u * x), -1j * h * x) for u in amplitudes]
+        psi = [np.array([1.0 + 0j, 0.0])]
+        for move, _ in moves:
+            psi.append(move @ psi[-1])
+        overlap = np.vdot(target, psi[-1])
+        covector, expected = target.conj(), []
+        for (move, derivative), state in zip(moves[::-1], psi[-2::-1], strict=True):
+            expected.append(2 * (overlap.conj() * (covector @ derivative @ state)).real)
+            covector = covector @ move
+        gradient = run.gradient(2 * target * np.vdot(target, run.y[-1]))
+        np.testing.assert_allclose(gradient.parameters, expected[::-1], rtol=0, atol=1e-7)
+
+
+def never(t, y, *more):
+    raise AssertionError("f was called")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"derivatives": "backward"}, "derivatives must be None or 'adjoint', got 'backward'"),
+        ({"P0": np.eye(3)}, "P0 must not be given with derivatives='adjoint'"),
+        ({"noise": np.eye(3)}, "noise must not be given with derivatives='adjoint'"),
+        ({"control_derivatives": True}, "control_derivatives must not be given with"),
+        ({"events": lambda t, y: y[0, 0]}, "events must be None with derivatives='adjoint'"),
+    ],
+)
+def test_what_has_no_adjoint_is_refused(change, message):
+    arguments = {"frame": SO3(), "derivatives": "adjoint"} | change
+    with pytest.raises(ValueError, match=message):
+        cg.solve_variational(never, (0, 1), np.eye(3), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"derivatives": None}, "da_dp must be None without derivatives='adjoint'"),
+        ({"parameters": None}, "parameters must be given with da_dp"),
+        (
+            {"frame": cg.frames.MatrixFrame([np.tri(3), np.tri(3).T])},
+            "frame must be a LinearAction or know the bracket",
+        ),
+    ],
+)
+def test_linear_equations_without_adjoint_are_refused(change, message):
+    options = {"frame": SO3(), "derivatives": "adjoint", "parameters": [1.0], "da_dp": never}
+    options |= change
+    y0 = options["frame"].random_point(np.random.default_rng(0))
+    with pytest.raises(ValueError, match=message):
+        cg.solve_linear(lambda t, *p: np.ones(3), (0, 1), y0, **options)
+
+
+@pytest.mark.parametrize("cotangent", [np.ones(2), np.ones((5, 3)), "x", [np.nan, 0.0, 0.0]])
+def test_bad_cotangents_are_refused(cotangent):
+    run = cg.solve_variational(
+        lambda t, y: [1.0, 0.0, t], (0, 1), np.eye(3), frame=SO3(), derivatives="adjoint",
+        t_eval=[0.5, 1.0],
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="cotangent must"):
+        run.gradient(cotangent)
+
+
+def test_exceptions_at_nodes_reach_the_caller():
+    fails = []
+
+    def f(t, y):
+        if fails:
+            raise ZeroDivisionError("at a node")
+        return [1.0, 0.0, t]
+
+    run = cg.solve_variational(f, (0, 1), np.eye(3), frame=SO3(), derivatives="adjoint")
+    fails.append(True)
+    with pytest.raises(ZeroDivisionError, match="at a node"):
+        run.gradient(np.ones(3))
