@@ -48,7 +48,7 @@ def solve_ensemble(
     vectorized: bool = False,
     common_steps: bool = False,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Function | None = None,
+    jac: Function | ArrayLike | None = None,
     executor: ExecutorLike = None,
     workers: int | None = None,
     out: Any = None,

@@ -28,7 +28,7 @@ def solve_ivp(
     *rest: Never,
     frame: Frame,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Function | None = None,
+    jac: Function | ArrayLike | None = None,
     progress: Callable[[float, float], None] | None = None,
     **options: Unpack[Options],
 ) -> Solution:
@@ -45,7 +45,8 @@ def solve_ivp(
         read-only ``y`` of shape ``frame.point_shape``.  An exception that it raises ends the
         call.  It may be a compiled function as for `cg.integrate`.
     t_span
-        Initial and final time.  If the final time is smaller, integration runs backward.
+        Initial and final time.  If the final time is smaller, integration runs backward.  It may
+        be infinite where a terminal event ends the integration.
     y0
         Initial point, shape ``frame.point_shape``.
     frame
@@ -65,7 +66,7 @@ def solve_ivp(
         error is measured in the coordinates of the frame (angles for rotations) where it has
         them, else in the ambient space.  ``rtol`` is relative to :math:`|y_i|` on Euclidean
         space, to 1 for coordinates like angles; see `cg.frames.Frame.coordinate_sizes`.
-        ``atol`` may be given for each coordinate, or each entry of a point where errors are
+        Both may be given for each coordinate, or each entry of a point where errors are
         measured in the ambient space.
     t_eval
         Times at which to store the solution, sorted in the direction of integration and within
@@ -98,8 +99,8 @@ def solve_ivp(
     jac
         Function, for ``"RadauIIA5"`` only: ``jac(t, y, *args)`` returns the derivatives of the
         coefficients along the frame's fields, shape ``(dim, dim)``, as for
-        `cg.solve_variational`, or a sparse matrix of SciPy.  By default they are differences, which
-        take ``dim`` evaluations of ``f``.
+        `cg.solve_variational`, or a sparse matrix of SciPy; or the matrix itself if it is
+        constant.  By default they are differences, which take ``dim`` evaluations of ``f``.
     progress
         Called with the time covered so far and the length of ``t_span``, at most ten times a
         second and when the integration ends.
@@ -166,7 +167,7 @@ def integrate(
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Function | None = None,
+    jac: Function | ArrayLike | None = None,
     save_every: int = 1,
     progress: Callable[[float, float], None] | None = None,
 ) -> Solution:

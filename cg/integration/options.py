@@ -21,7 +21,7 @@ class StepOptions(TypedDict, total=False):
 
     method: str | Method
     h: float | None
-    rtol: float | None
+    rtol: ArrayLike | None
     atol: ArrayLike | None
     max_step: float
     first_step: float | None

@@ -127,7 +127,7 @@ class Stepper:
         *rest: Never,
         frame: Frame,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
-        jac: Function | None = None,
+        jac: Function | ArrayLike | None = None,
         vectorized: bool = False,
         common_steps: bool = False,
         **options: Unpack[StepOptions],

@@ -222,9 +222,10 @@ RECORD = {
     "event_table": "address",  # `EVENT`
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones
-    "rtol": "real",
+    "rtol": "real",  # the smallest one
     "tolerances": "integer",
-    "atol": "address",  # one tolerance, or one for each coordinate or entry
+    "rtols": "address",  # one tolerance, or one for each coordinate or entry
+    "atol": "address",  # likewise
     "in_entries": "integer",
     "parts": "integer",  # of an entry: two if it is complex
     "exponent": "real",  # power of an error that sizes are proportional to

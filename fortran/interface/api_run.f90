@@ -120,7 +120,7 @@ subroutine loop_open(plan_address, record_address, address)
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
   type(plan_t), pointer :: plan
   type(run_t), pointer :: run
-  real(wp), pointer, contiguous :: stops(:), atol(:)
+  real(wp), pointer, contiguous :: stops(:), rtols(:), atol(:)
   integer :: i, memory, n
 
   allocate (run)
@@ -152,8 +152,10 @@ subroutine loop_open(plan_address, record_address, address)
     problem%max_steps = record%max_steps
     n = merge(run%frame%point_size, run%frame%dimension, record%in_entries /= 0)
     call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerances)])
+    call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerances)])
     problem%tolerances = tolerances_t( &
-      atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], rtol=record%rtol, &
+      atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
+      rtols=[(rtols(1 + (i - 1) / (n / size(rtols))), i = 1, n)], rtol=record%rtol, &
       in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
       max_step=record%max_step)
     if (problem%adaptive) then

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import Steps
-from cg.integration.loop.record import Record
+from cg.integration.loop.record import COUNTS, Record
 from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.callbacks import Callbacks
@@ -84,7 +84,8 @@ class Run:
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
         self._share("stops", np.array(problem.stops))
-        self._share("atol", self.control.atol.flatten())
+        for name in ("rtols", "atol"):
+            self._share(name, getattr(self.control, name.removesuffix("s")).flatten())
         if events is not None and self._functions:
             self._share("event_table", events.rows)
         self._open()
@@ -99,7 +100,7 @@ class Run:
             function=function, vectorized=self.rhs.vectorized, data=data, data_stride=stride,
             of_time=problem.of_time, functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
-            h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
+            h=control.h or 0.0, rtol=control.rtol.min(), tolerances=control.atol.size,
             in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
             max_step=control.max_step, first_step=control.first_step or 0.0,
             max_steps=control.max_steps, every=max(problem.every, 1), dense=problem.dense,
@@ -195,7 +196,9 @@ class Run:
         except Exception as error:
             self._add_note(error)
             raise
-        record = self.record
+        record, jacobian = self.record, self.problem.jacobian
+        if jacobian is not None and jacobian.constant:
+            self.counts[:, COUNTS.index("njev")] = 0
         if record.raised:
             raise ValueError(
                 "events must return finite numbers, got another one at "
