@@ -136,6 +136,9 @@ subroutine loop_open(plan_address, record_address, address)
     run%field%data_stride = record%data_stride
     call set_inputs(run)
     problem%frame => run%frame
+    do i = 1, size(run%frame%blocks)
+      run%frame%blocks(i)%action%inner => run%inner
+    end do
     if (record%vectorized == 0) problem%field => run%field
     problem%method => plan%method
     problem%scheme => plan%scheme
@@ -314,8 +317,9 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use callback_m, only: callback_t
   use frames_m, only: frame_t
-  use interpolant_m, only: evaluate_interpolant, interpolant_t, reserve_interpolant
+  use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
   use kinds, only: wp
+  use linear_action_m, only: inner_points_t
   use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address, context
@@ -329,7 +333,8 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   type(frame_t) :: frame
   type(callback_t), target :: python
   type(interpolant_t) :: interpolant
-  integer :: i, k, last, memory
+  type(inner_points_t), target :: inner
+  integer :: i, k, last, last_in_step, memory
 
   plan => plan_at(address)
   frame = plan%frame
@@ -337,8 +342,11 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   if (context /= 0) frame%callback => python
   call reserve_interpolant(frame, plan%scheme, interpolant, memory)
   if (memory /= 0) return
+  frame%blocks(1)%action%inner => inner
   last = -1
-  do i = 1, count
+  i = 0
+  do while (i < count)
+    i = i + 1
     k = which(i) + 1
     if (k /= last) then
       interpolant%known = plan%scheme%nodes
@@ -352,6 +360,13 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
       y(:, i) = y_ends(:, 1, k)
     else if (.not. theta(i) < 1) then
       y(:, i) = y_ends(:, 2, k)
+    else if (plan%scheme%at_stages .and. plan%method%polynomial) then
+      last_in_step = min(count, i + 31)
+      last_in_step = i - 1 + findloc([which(i:last_in_step) == k - 1 .and. theta(i:last_in_step) < 1, &
+                                      .false.], .false., 1) - 1
+      call evaluate_inner(frame, plan%scheme, interpolant, inner, theta(i:last_in_step), &
+                          y(:, i:last_in_step))
+      i = last_in_step
     else
       call evaluate_interpolant(frame, plan%scheme, interpolant, theta(i), y(:, i))
     end if

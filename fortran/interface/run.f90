@@ -10,6 +10,7 @@ module run_m
   use frames_m, only: frame_t
   use interpolant_m, only: scheme_t
   use kinds, only: wp
+  use linear_action_m, only: inner_points_t
   use loop_m, only: resume
   use method_m, only: method_t
   use output_m, only: store_step, output_t
@@ -35,6 +36,7 @@ module run_m
     type(frame_t) :: frame                   ! of the plan, with the callback of this run
     type(callback_t) :: python
     type(events_t) :: events
+    type(inner_points_t) :: inner
     type(vector_field_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)

@@ -3,7 +3,9 @@
 module record_m
   use kinds, only: wp
   use controller_m, only: smallest_size
+  use frames_m, only: apply_flows
   use interpolant_m, only: flows_of_evaluation
+  use linear_action_m, only: inner_points_t
   use output_m, only: store_interpolant, store_step, output_t
   use simultaneous_events_m, only: record_zeros
   use step_events_m, only: crosses, find_zeros
@@ -16,7 +18,7 @@ module record_m
                             terminal_event
   implicit none
   private
-  public :: detect_events, examine_step, record_step
+  public :: detect_events, examine_step, prepare_inner, record_step
 
   integer, parameter :: max_stuck = 20
   ! of an event's function, relative to its values at both ends
@@ -226,6 +228,8 @@ contains
           x%outputs_done = x%outputs_done + 1
           if (.not. abs(time - t) > 0) then
             output%y(:, x%member, x%outputs_done) = y
+          else if (problem%method%polynomial) then
+            call inner_point(problem, trajectory, output, output%y(:, x%member, x%outputs_done))
           else
             call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), &
                           output%y(:, x%member, x%outputs_done))
@@ -236,5 +240,61 @@ contains
       end do
     end associate
   end subroutine record_outputs
+
+  ! Lets the next flow along a polynomial compute the points at the next output times in the step, as
+  ! many as have room in memory.
+  subroutine prepare_inner(problem, trajectory, output)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    type(output_t), intent(in) :: output
+    integer, parameter :: max_count = 64, max_numbers = 2**22
+    type(inner_points_t), pointer :: inner
+    real(wp) :: theta
+    integer :: most
+
+    inner => problem%frame%blocks(1)%action%inner
+    associate (x => trajectory, n => problem%frame%point_size)
+      most = min(max_count, max(1, max_numbers / n), output%outputs - x%outputs_done)
+      x%inner_from = x%outputs_done
+      inner%count = 0
+      if (most <= 0) return
+      if (.not. allocated(inner%theta)) allocate (inner%theta(max_count), source=2.0_wp)
+      do while (inner%count < most)
+        theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
+        if (.not. theta < 1) exit
+        inner%count = inner%count + 1
+        inner%theta(inner%count) = theta
+      end do
+      inner%wanted = inner%count > 0
+      if (.not. inner%wanted) return
+      if (allocated(inner%y)) then
+        if (size(inner%y, 2) < inner%count) deallocate (inner%y)
+      end if
+      if (.not. allocated(inner%y)) allocate (inner%y(n, inner%count))
+    end associate
+  end subroutine prepare_inner
+
+  ! Copies the point at the last output time passed, which is prepared where it isn't yet.
+  subroutine inner_point(problem, trajectory, output, y)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    type(output_t), intent(in) :: output
+    real(wp), contiguous, intent(out) :: y(:)          ! (point_size)
+    type(inner_points_t), pointer :: inner
+
+    inner => problem%frame%blocks(1)%action%inner
+    associate (x => trajectory, method => problem%method)
+      if (x%outputs_done - x%inner_from > inner%count) then
+        x%outputs_done = x%outputs_done - 1
+        call prepare_inner(problem, trajectory, output)
+        x%outputs_done = x%outputs_done + 1
+        y = x%y(:, 0)
+        call apply_flows(problem%frame, x%flows, method%path_first(method%result), &
+                         method%path_first(method%result + 1) - 1, x%f, y)
+        x%counts%nexp = x%counts%nexp + 1
+      end if
+      y = inner%y(:, x%outputs_done - x%inner_from)
+    end associate
+  end subroutine inner_point
 
 end module record_m

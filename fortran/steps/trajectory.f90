@@ -139,6 +139,7 @@ module trajectory_m
     logical :: seeks_events = .false.        ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
+    integer :: inner_from = 0                ! and when points within a polynomial step were prepared
     type(event_state_t) :: events
     type(last_step_t) :: last
   end type trajectory_t
