@@ -78,6 +78,13 @@ def solve_ivp(
     events
         A function ``event(t, y, *args)`` or a `cg.Event`, or a sequence of them, whose zeros are
         found along the continuous solution.  A zero at the initial point is no event.
+    observe
+        ``observe(t, y, *args)`` returns numbers, a float or an array of fixed shape, that are
+        stored at output times: those of ``t_eval``, or the ends of steps.  It may be compiled as
+        an event may, or a list of such functions, whose values form a vector.
+    store
+        ``"all"``, or ``"observed"`` to store no points: they are never in memory together, and
+        ``y`` is None.
     breakpoints
         Times within ``t_span`` at which ``f`` or its derivatives jump, sorted in the direction of
         integration.  A step ends at each: the step before it sees ``f`` just before that time, the
@@ -169,6 +176,8 @@ def integrate(
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     jac: Function | ArrayLike | None = None,
     save_every: int = 1,
+    observe: Any = None,
+    store: str = "all",
     progress: Callable[[float, float], None] | None = None,
 ) -> Solution:
     r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` with a fixed step.
@@ -205,6 +214,8 @@ def integrate(
         As for `cg.solve_ivp`.
     save_every
         Number of steps between stored points; the initial and the final point are always stored.
+    observe, store
+        As for `cg.solve_ivp`.
 
     Returns
     -------
@@ -243,7 +254,10 @@ def integrate(
     if h is None:
         raise TypeError(f"h must be a real number, got {h!r}")
     every = min(check_integer("save_every", save_every, 1), 2**62)
-    options: Options = {"method": method, "h": h, "args": args, "parameters": parameters}
+    options: Options = {
+        "method": method, "h": h, "args": args, "parameters": parameters, "observe": observe,
+        "store": store,
+    }  # fmt: skip
     problem = make_problem(
         f, t_span, y0, frame=frame, options=complete_options(integrate, (), options),
         stage_solver=stage_solver, jac=jac, every=every,

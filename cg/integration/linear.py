@@ -64,7 +64,7 @@ def solve_linear(
         As for `cg.solve_ivp`. Steps are chosen by the differences from two results of lower order,
         on `cg.frames.LinearAction` by the last coefficients of the interpolating polynomial, or
         are all of size ``h``.
-    args, parameters, progress
+    args, parameters, observe, store, progress
         As for `cg.solve_ivp`.
     vectorized : bool, optional
         Whether ``a`` takes times of shape ``(k,)``, with rows of parameters of shape ``(k, p)``,

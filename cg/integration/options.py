@@ -37,12 +37,15 @@ class Options(StepOptions, total=False):
     t_eval: ArrayLike | None
     dense_output: bool
     events: Any
+    observe: Any
+    store: str
 
 
 _DEFAULTS: dict[str, Any] = dict.fromkeys(Options.__annotations__) | {
     "method": AUTO,
     "max_step": math.inf,
     "dense_output": False,
+    "store": "all",
 }
 
 

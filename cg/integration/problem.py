@@ -33,6 +33,7 @@ from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
+from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
 from cg.integration.step.jacobian import Jacobian, jacobian_of
@@ -66,8 +67,14 @@ class Problem:
     common: bool  # whether all members take the same steps
     of_time: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
+    observer: Observer | None
     # makes the solution of the problem from the fields of an `EnsembleSolution`
     make_solution: Callable[[Problem, dict[str, Any]], EnsembleSolution]
+
+    @property
+    def keeps_points(self) -> bool:
+        """Whether points are stored at output times."""
+        return self.observer is None or self.observer.keeps_points
 
     @property
     def t1(self) -> float:
@@ -206,8 +213,9 @@ def make_problem(
         t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     dense = check_flag("dense_output", options["dense_output"])
     events = None if options["events"] is None else EventTable(options["events"], frame)
+    observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan, in_algebra, rhs, points, start, stops, control, events, t_eval,
         every if t_eval is None else 0, dense, stage_solver, many, common, of_time, jacobian,
-        _make_solution,
+        observer, _make_solution,
     )  # fmt: skip

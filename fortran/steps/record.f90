@@ -6,7 +6,7 @@ module record_m
   use frames_m, only: apply_flows
   use interpolant_m, only: flows_of_evaluation
   use linear_action_m, only: inner_points_t
-  use output_m, only: store_interpolant, store_step, output_t
+  use output_m, only: store_interpolant, store_point, store_step, output_t
   use simultaneous_events_m, only: record_zeros
   use step_events_m, only: crosses, find_zeros
   use requests_m, only: evaluate_events, request
@@ -14,11 +14,11 @@ module record_m
   use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
   use within_step_m, only: interpolate, point_at
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, jumps_without_progress, paused, raised, &
+  use shared_numbers, only: buffer_full, finished, jumps_without_progress, observer_failed, paused, raised, &
                             terminal_event
   implicit none
   private
-  public :: detect_events, examine_step, prepare_inner, record_step
+  public :: detect_events, examine_step, fail_to_observe, prepare_inner, record_step
 
   integer, parameter :: max_stuck = 20
   ! of an event's function, relative to its values at both ends
@@ -143,12 +143,18 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether by an event
     type(output_t), intent(inout) :: output
+    logical :: failed
 
     associate (x => trajectory)
-      call record_outputs(problem, trajectory, t, y, output)
+      call record_outputs(problem, trajectory, t, y, output, failed)
       if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
-      call store_step(output, x%counts%steps, t, y, &
-                      .not. abs(t - problem%stops(size(problem%stops))) > 0 .or. ended)
+      if (.not. failed) &
+        call store_step(output, x%counts%steps, t, y, &
+                        .not. abs(t - problem%stops(size(problem%stops))) > 0 .or. ended, failed)
+      if (failed) then
+        call fail_to_observe(trajectory, t)
+        return
+      end if
       if (x%last%kept) then
         x%last%t = x%t
         x%last%h = x%t_end - x%t
@@ -214,32 +220,44 @@ contains
   end subroutine begin_next_step
 
   ! Records the points at the output times up to t, where the solution is y.
-  subroutine record_outputs(problem, trajectory, t, y, output)
+  subroutine record_outputs(problem, trajectory, t, y, output, failed)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
+    logical, intent(out) :: failed                     ! whether a function of the user did
 
-    associate (x => trajectory)
+    failed = .false.
+    associate (x => trajectory, point => trajectory%request%y)    ! which isn't used now
       do while (x%outputs_done < output%outputs)
         associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
           x%outputs_done = x%outputs_done + 1
           if (.not. abs(time - t) > 0) then
-            output%y(:, x%member, x%outputs_done) = y
+            point = y
           else if (problem%method%polynomial) then
-            call inner_point(problem, trajectory, output, output%y(:, x%member, x%outputs_done))
+            call inner_point(problem, trajectory, output, point)
           else
-            call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), &
-                          output%y(:, x%member, x%outputs_done))
+            call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp &
                             + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
           end if
         end associate
+        call store_point(output, x%member, x%outputs_done, point, failed)
+        if (failed) return
       end do
     end associate
   end subroutine record_outputs
+
+  ! Ends a trajectory after a failure of a function that is evaluated at output times.
+  subroutine fail_to_observe(trajectory, t)
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+
+    trajectory%request%flag = observer_failed
+    call fail(trajectory, raised, t)
+  end subroutine fail_to_observe
 
   ! Lets the next flow along a polynomial compute the points at the next output times in the step, as
   ! many as have room in memory.

@@ -32,6 +32,11 @@ def add_derivatives(
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     control_derivatives = check_flag("control_derivatives", control_derivatives)
+    if not problem.keeps_points:
+        raise ValueError(
+            'store must be "all" where solutions have derivatives, which belong to points, got '
+            '"observed"'
+        )
     if not has_brackets(frame):
         raise ValueError(
             "frame must know the bracket of its fields, by which derivatives move, got "
