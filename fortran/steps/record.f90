@@ -50,7 +50,8 @@ contains
       x%events%after = values
       if (x%seeks_events) x%needs_interpolant = x%needs_interpolant &
           .or. any(x%events%came_from /= 0) &
-          .or. any(crosses(x%events%before, values, problem%events%direction) .and. abs(values) > 0)
+          .or. any(crosses(x%events%before, values, problem%events%direction) &
+                   .and. (abs(values) > 0 .or. x%last%kept))
       x%phase = phase_record_step
       if (.not. (x%needs_interpolant .or. x%seeks_events)) return
       if (x%end_known) then
@@ -72,7 +73,8 @@ contains
       call find_zeros(problem, trajectory, .true., stopped)
       x%phase = phase_record_step
       if (stopped .and. x%status == finished) call fail(x, raised, x%t_end)
-      x%needs_interpolant = any(x%events%zero < 1 .or. abs(x%events%after(x%events%zero_of)) > 0)
+      x%needs_interpolant = any(x%events%zero < 1 .or. abs(x%events%after(x%events%zero_of)) > 0 &
+                                .or. x%last%kept)
       x%seeks_events = size(x%events%zero) > 0
       if (x%needs_interpolant .or. .not. x%seeks_events) &
         deallocate (x%events%zero, x%events%zero_of, x%events%zero_from)
@@ -160,6 +162,7 @@ contains
         x%last%h = x%t_end - x%t
         x%last%y(:) = x%y(:, 0)
         x%last%slope(:) = x%slope
+        x%last%cut = ended
       end if
       call begin_next_step(problem, trajectory, t, y, ended)
     end associate
@@ -172,7 +175,7 @@ contains
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
-    logical :: ends, stopped
+    logical :: ends, stopped, terminal
     real(wp), dimension(size(trajectory%events%before)) :: sizes, values
 
     associate (x => trajectory)
@@ -193,7 +196,8 @@ contains
       sizes = max(abs(x%events%before), abs(x%events%after))
       x%events%before(:) = x%events%after
       if (.not. ended) return
-      if (any(x%events%count >= problem%events%most)) then
+      terminal = any(x%events%count >= problem%events%most)
+      if (terminal .and. .not. x%last%kept) then
         x%phase = phase_ended
         x%status = terminal_event
         return
@@ -216,6 +220,9 @@ contains
       x%control%step_size = 0.0_wp
       x%control%last_error = 1.0_wp
       x%phase = phase_begin_segment
+      if (.not. terminal) return
+      x%status = terminal_event                        ! from which a stepper goes on
+      where (x%events%count >= problem%events%most) x%events%count = 0
     end associate
   end subroutine begin_next_step
 

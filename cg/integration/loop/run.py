@@ -290,7 +290,7 @@ class Run:
     def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
         lanes = self._lanes
-        reals = np.empty((lanes, StateSize.REALS))
+        reals = np.empty((lanes, StateSize.REALS + 5 * self._functions))
         integers = np.empty((lanes, StateSize.INTEGERS), dtype=np.int64)
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.frame.dim))
