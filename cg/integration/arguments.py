@@ -122,8 +122,9 @@ def check_rtol(rtol: Any) -> Array:
     """Return the relative tolerances or the default; tiny ones are raised with a warning."""
     if rtol is None:
         return _RTOL
-    value = np.array(as_float(check_number(rtol, "rtol"))) if np.ndim(rtol) == 0 else rtol
-    value = _check_tolerances(value, "rtol", rtol)
+    many = isinstance(rtol, list | tuple | np.ndarray)
+    given = rtol if many else np.array(as_float(check_number(rtol, "rtol")))
+    value = _check_tolerances(given, "rtol", rtol)
     if value.min() < _MIN_RTOL:
         which = f"rtol = {value:g}" if value.ndim == 0 else "At least one element of rtol"
         warnings.warn(
