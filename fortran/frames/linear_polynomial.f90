@@ -142,7 +142,6 @@ contains
     n = size(d, 2)
     bounds = [(dot_product(action%norm, abs(d(:, k))), k=1, n)]
     terms(:, 1) = y
-    if (present(times)) inner = 0.0_wp
     norms = 0.0_wp
     norms(1) = maxval(abs(y))
     start = norms(1) * epsilon(y) / 8
@@ -161,9 +160,9 @@ contains
       end do
       term = term / real(k, wp)
       terms(:, 1 + modulo(k, n)) = term
-      if (modulo(k + 1, n) == 0) call add_to_inner(k)
       y = y + term
       norms = [maxval(abs(term)), norms(:n - 1)]
+      if (modulo(k + 1, n) == 0) call add_to_inner(k)
       if (norms(1) > max(tolerance, start)) cycle
       if (rest(bounds, norms, k) <= max(tolerance, min(start, maxval(abs(y)) * epsilon(y) / 8))) exit
     end do
@@ -172,21 +171,26 @@ contains
 
   contains
 
-    ! Adds the terms up to y_k since the last call, which begin in the first column.
+    ! Adds the terms up to y_k since the last call, which begin in the first column. Early times,
+    ! for which they are negligible, are left out.
     subroutine add_to_inner(k)
       integer, intent(in) :: k
       real(wp), allocatable :: powers(:, :)            ! (terms, times)
-      integer :: i
+      integer :: early, i
 
       if (.not. present(times)) return
-      associate (m => 1 + modulo(k, n))
-        allocate (powers(m, size(times)))
+      associate (m => 1 + modulo(k, n), count_all => size(times))
+        allocate (powers(m, count_all))
         powers(1, :) = times**(k - m + 1)
+        early = 0
+        if (k >= n) early = count(powers(1, :) * sum(norms(:m)) <= truncation * max(start, tolerance))
+        if (early == count_all) return
         do i = 2, m
           powers(i, :) = powers(i - 1, :) * times
         end do
-        call dgemm('N', 'N', size(y), size(times), m, 1.0_wp, terms, size(y), powers, m, 1.0_wp, &
-                   inner, size(y))
+        call dgemm('N', 'N', size(y), count_all - early, m, 1.0_wp, terms, size(y), &
+                   powers(:, early + 1:), m, merge(0.0_wp, 1.0_wp, k < n), inner(:, early + 1:), &
+                   size(y))
       end associate
     end subroutine add_to_inner
 

@@ -244,7 +244,13 @@ contains
           if (.not. abs(time - t) > 0) then
             point = y
           else if (problem%method%polynomial) then
-            call inner_point(problem, trajectory, output, point)
+            call prepare_next(problem, trajectory, output)
+            associate (inner => problem%frame%blocks(1)%action%inner)
+              call store_point(output, x%member, x%outputs_done, &
+                               inner%y(:, x%outputs_done - x%inner_from), failed)
+            end associate
+            if (failed) return
+            cycle
           else
             call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp &
@@ -299,27 +305,22 @@ contains
     end associate
   end subroutine prepare_inner
 
-  ! Copies the point at the last output time passed, which is prepared where it isn't yet.
-  subroutine inner_point(problem, trajectory, output, y)
+  ! Prepares the point at the last output time passed where it isn't yet.
+  subroutine prepare_next(problem, trajectory, output)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     type(output_t), intent(in) :: output
-    real(wp), contiguous, intent(out) :: y(:)          ! (point_size)
-    type(inner_points_t), pointer :: inner
 
-    inner => problem%frame%blocks(1)%action%inner
-    associate (x => trajectory, method => problem%method)
-      if (x%outputs_done - x%inner_from > inner%count) then
-        x%outputs_done = x%outputs_done - 1
-        call prepare_inner(problem, trajectory, output)
-        x%outputs_done = x%outputs_done + 1
-        y = x%y(:, 0)
-        call apply_flows(problem%frame, x%flows, method%path_first(method%result), &
-                         method%path_first(method%result + 1) - 1, x%f, y)
-        x%counts%nexp = x%counts%nexp + 1
-      end if
-      y = inner%y(:, x%outputs_done - x%inner_from)
+    associate (x => trajectory, method => problem%method, end => trajectory%request%y)
+      if (x%outputs_done - x%inner_from <= problem%frame%blocks(1)%action%inner%count) return
+      x%outputs_done = x%outputs_done - 1
+      call prepare_inner(problem, trajectory, output)
+      x%outputs_done = x%outputs_done + 1
+      end = x%y(:, 0)
+      call apply_flows(problem%frame, x%flows, method%path_first(method%result), &
+                       method%path_first(method%result + 1) - 1, x%f, end)
+      x%counts%nexp = x%counts%nexp + 1
     end associate
-  end subroutine inner_point
+  end subroutine prepare_next
 
 end module record_m

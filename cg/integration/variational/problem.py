@@ -32,17 +32,17 @@ def add_derivatives(
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     control_derivatives = check_flag("control_derivatives", control_derivatives)
-    if not problem.keeps_points:
-        raise ValueError(
-            'store must be "all" where solutions have derivatives, which belong to points, got '
-            '"observed"'
-        )
     if not has_brackets(frame):
         raise ValueError(
             "frame must know the bracket of its fields, by which derivatives move, got "
             f"{frame!r}, whose fields are no Lie algebra or none that it knows"
         )
     n, numbers, vectorized = frame.dim, rhs.parameters, rhs.vectorized
+    if not problem.keeps_points:
+        raise ValueError(
+            'store must be "all" where solutions have derivatives, which belong to points, got '
+            '"observed"'
+        )
     if df_dp is not None and numbers is None:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is not None:
