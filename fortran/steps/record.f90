@@ -14,7 +14,8 @@ module record_m
   use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
   use within_step_m, only: interpolate, point_at
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, jumps_without_progress, observer_failed, paused, raised, &
+  use shared_numbers, only: buffer_full, finished, jumps_without_progress, observer_failed, &
+                            paused, raised, &
                             terminal_event
   implicit none
   private
