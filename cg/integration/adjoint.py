@@ -327,7 +327,9 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
 
 def tolerance_of(problem: Problem) -> float:
     """Return the tolerance of the adjoint equation."""
-    return _FIXED_STEPS if problem.control.h is not None else 0.1 * problem.control.rtol
+    return (
+        _FIXED_STEPS if problem.control.h is not None else 0.1 * float(np.min(problem.control.rtol))
+    )
 
 
 def check_derivatives(derivatives: Any) -> bool:

@@ -25,7 +25,7 @@ DEFAULT_MAX_STEPS = 10**6
 _POINTS_AT_A_TIME = 4096
 _MAX_STEPS = 2**53  # a step number must be an exact float, or times would not be distinct
 
-_RTOL, _ATOL = 1e-3, np.array(1e-6)
+_RTOL, _ATOL = np.array(1e-3), np.array(1e-6)
 _PLAIN = {float, int}
 _BOOLS = {bool, np.bool_}
 _MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
@@ -118,29 +118,31 @@ def as_float(number: Any) -> float:
         return math.inf if number > 0 else -math.inf
 
 
-def check_rtol(rtol: Any) -> float:
-    """Return the relative tolerance or the default; a tiny one is raised with a warning."""
+def check_rtol(rtol: Any) -> Array:
+    """Return the relative tolerances or the default; tiny ones are raised with a warning."""
     if rtol is None:
         return _RTOL
-    value = as_float(check_number(rtol, "rtol"))
-    if not (math.isfinite(value) and value >= 0.0):
-        raise ValueError(f"rtol must be finite and not negative, got {rtol!r}")
-    if value < _MIN_RTOL:
+    many = isinstance(rtol, list | tuple | np.ndarray)
+    given = rtol if many else np.array(as_float(check_number(rtol, "rtol")))
+    value = _check_tolerances(given, "rtol", rtol)
+    if value.min() < _MIN_RTOL:
+        which = f"rtol = {value:g}" if value.ndim == 0 else "At least one element of rtol"
         warnings.warn(
-            f"rtol = {value:g} is too small to be attained and is raised to {_MIN_RTOL:.3g}",
-            stacklevel=4,
+            f"{which} is too small to be attained and is raised to {_MIN_RTOL:.3g}", stacklevel=4
         )
-    return max(value, _MIN_RTOL)
+    return np.maximum(value, _MIN_RTOL)
 
 
 def check_atol(atol: ArrayLike | None) -> Array:
     """Return the absolute tolerances or the default; ValueError if one is negative."""
-    if atol is None:
-        return _ATOL
-    value = real_array(atol, "atol")
-    if not ((value >= 0.0) & (value < math.inf)).all():
-        raise ValueError(f"atol must be finite and not negative, got {atol!r}")
-    return value
+    return _ATOL if atol is None else _check_tolerances(atol, "atol", atol)
+
+
+def _check_tolerances(value: ArrayLike, name: str, given: Any) -> Array:
+    numbers = real_array(value, name)
+    if not numbers.size or not ((numbers >= 0.0) & (numbers < math.inf)).all():
+        raise ValueError(f"{name} must be finite and not negative, got {given!r}")
+    return numbers
 
 
 def check_max_steps(max_steps: Any) -> int:
@@ -275,7 +277,7 @@ def _worst(frame: Frame, points: Points) -> int:
 
 
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
-    """Return initial and final time; ValueError unless they are finite and so is their distance."""
+    """Return initial and final time; ValueError unless they are finite, or the end is infinite."""
     try:
         if type(t_span) is tuple and _PLAIN.issuperset(map(type, t_span)):
             start, stop = map(float, t_span)
@@ -289,9 +291,9 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
             start, stop = times.tolist()
     except (ValueError, OverflowError) as error:
         raise ValueError(f"t_span must be two numbers, got {t_span!r}") from error
-    if not (math.isfinite(start) and math.isfinite(stop)):
-        raise ValueError(f"t_span must be finite, got {t_span!r}")
-    if not math.isfinite(stop - start):
+    if not math.isfinite(start) or math.isnan(stop):
+        raise ValueError(f"t_span must be two numbers, the first one finite, got {t_span!r}")
+    if not (math.isinf(stop) or math.isfinite(stop - start)):
         raise ValueError(f"t_span must have a finite length, got {t_span!r}")
     return start, stop
 

@@ -49,7 +49,7 @@ def solve_ensemble(
     vectorized: bool = False,
     common_steps: bool = False,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Function | None = None,
+    jac: Function | ArrayLike | None = None,
     executor: ExecutorLike = None,
     workers: int | None = None,
     out: Any = None,
@@ -79,6 +79,8 @@ def solve_ensemble(
         ``vectorized``, ``f`` gets a row of values for each member.
     t_eval
         Times at which to store the solution; by default the ends of ``t_span``.
+    observe, store
+        As for `cg.solve_ivp`, of one member.
     parameters
         Numbers of each member, shape ``(members, n)``, which ``f`` and the events are given as
         last argument; a compiled ``f`` is given their address.
@@ -99,7 +101,8 @@ def solve_ensemble(
         be able to unpickle ``f``: `cg.CompiledFunction` for a compiled one.
     out
         Array of shape ``(times, members, *frame.point_shape)`` that receives the points, such as
-        one of NumPy on disk, of zarr or h5py; then ``y`` is ``out`` itself.
+        one of NumPy on disk, of zarr or h5py; then ``y`` is ``out`` itself.  With
+        ``store="observed"`` it receives what ``observe`` returns, and ``observed`` is ``out``.
     progress
         Called with the time that was covered, summed over the members, and its total.
 
@@ -159,7 +162,8 @@ def solve_members(
         problem.events.check_data(problem.rhs.inputs is not None)
     if (h := problem.control.h) is not None:
         steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
-        check_grid(problem.plan, h, steps * members, problem.every, problem.dense)
+        every = problem.every * problem.keeps_points
+        check_grid(problem.plan, h, steps * members, every, problem.dense)
     distributed = executor is not None or workers is not None
     if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
@@ -188,12 +192,15 @@ def solve_members(
 def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> MemberResults:
     """Integrate members in this thread; one point takes ``steps`` equal ones, 0 if unknown."""
     plan, times, members = problem.plan, problem.t_eval, len(problem.points)
-    y, capacity = None, 0
+    y, observed, capacity = None, None, 0
     if times is not None:
-        y = np.full((len(times), members, plan.width), math.nan)
+        if problem.keeps_points:
+            y = np.full((len(times), members, plan.width), math.nan)
+        if problem.observer is not None:
+            observed = np.full((len(times), members, problem.observer.count), math.nan)
     elif steps and problem.events is None:
         capacity = steps // problem.every + len(problem.stops) + 2
-    run = Run(problem, y=y, capacity=capacity)
+    run = Run(problem, y=y, observed=observed, capacity=capacity)
     drive(run, watch.update if watch is not None and watch.function is not None else None)
     stops = run.status.tolist()
     messages = {}
@@ -206,14 +213,16 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
         ):
             raise failure
         messages[member] = TERMINAL_EVENT if failure is None else f"{failure}".removesuffix(".")
-    if times is None or y is None:
-        times, points = run.steps()
-        points = points[:, None]
-    else:
-        points = plan.points(y, (len(times), members))
+    if times is None:
+        times, y, observed = run.steps()
+    shape = len(times), members
+    points = plan.points(y, shape) if y is not None else None
+    if observed is not None and problem.observer is not None:
+        observed = observed.reshape(*shape, *problem.observer.shape)
     return MemberResults(
-        times, points, run.reached, np.array([_STATUS.get(stop, -1) for stop in stops]), run.counts,
-        messages, run.interpolants() if problem.dense else None,
+        times, points, observed, run.reached,
+        np.array([_STATUS.get(stop, -1) for stop in stops]), run.counts, messages,
+        run.interpolants() if problem.dense else None,
         None if problem.events is None else run.events(), find_mistakes(run),
     )  # fmt: skip
 

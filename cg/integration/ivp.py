@@ -29,7 +29,7 @@ def solve_ivp(
     *rest: Never,
     frame: Frame,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Function | None = None,
+    jac: Function | ArrayLike | None = None,
     progress: Callable[[float, float], None] | None = None,
     **options: Unpack[Options],
 ) -> Solution:
@@ -47,7 +47,8 @@ def solve_ivp(
         ``frame.point_shape``.  An exception that it raises ends the
         call.  It may be a compiled function as for `cg.integrate`.
     t_span
-        Initial and final time.  If the final time is smaller, integration runs backward.
+        Initial and final time.  If the final time is smaller, integration runs backward.  It may
+        be infinite where a terminal event ends the integration.
     y0
         Initial point, shape ``frame.point_shape``.
     frame
@@ -67,7 +68,7 @@ def solve_ivp(
         error is measured in the coordinates of the frame (angles for rotations) where it has
         them, else in the ambient space.  ``rtol`` is relative to :math:`|y_i|` on Euclidean
         space, to 1 for coordinates like angles; see `cg.frames.Frame.coordinate_sizes`.
-        ``atol`` may be given for each coordinate, or each entry of a point where errors are
+        Both may be given for each coordinate, or each entry of a point where errors are
         measured in the ambient space.
     t_eval
         Times at which to store the solution, sorted in the direction of integration and within
@@ -79,6 +80,13 @@ def solve_ivp(
     events
         A function ``event(t, y, *args)`` or a `cg.Event`, or a sequence of them, whose zeros are
         found along the continuous solution.  A zero at the initial point is no event.
+    observe
+        ``observe(t, y, *args)`` returns numbers, a float or an array of fixed shape, that are
+        stored at output times: those of ``t_eval``, or the ends of steps.  It may be compiled as
+        an event may, or a list of such functions, whose values form a vector.
+    store
+        ``"all"``, or ``"observed"`` to store no points: they are never in memory together, and
+        ``y`` is None.
     breakpoints
         Times within ``t_span`` at which ``f`` or its derivatives jump, sorted in the direction of
         integration.  A step ends at each: the step before it sees ``f`` just before that time, the
@@ -106,8 +114,8 @@ def solve_ivp(
     jac
         Function, for ``"RadauIIA5"`` only: ``jac(t, y, *args)`` returns the derivatives of the
         coefficients along the frame's fields, shape ``(dim, dim)``, as for
-        `cg.solve_variational`, or a sparse matrix of SciPy.  By default they are differences, which
-        take ``dim`` evaluations of ``f``.
+        `cg.solve_variational`, or a sparse matrix of SciPy; or the matrix itself if it is
+        constant.  By default they are differences, which take ``dim`` evaluations of ``f``.
     progress
         Called with the time covered so far and the length of ``t_span``, at most ten times a
         second and when the integration ends.
@@ -175,8 +183,10 @@ def integrate(
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Function | None = None,
+    jac: Function | ArrayLike | None = None,
     save_every: int = 1,
+    observe: Any = None,
+    store: str = "all",
     progress: Callable[[float, float], None] | None = None,
 ) -> Solution:
     r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` with a fixed step.
@@ -214,6 +224,8 @@ def integrate(
         As for `cg.solve_ivp`.
     save_every
         Number of steps between stored points; the initial and the final point are always stored.
+    observe, store
+        As for `cg.solve_ivp`.
 
     Returns
     -------
@@ -254,6 +266,7 @@ def integrate(
     every = min(check_integer("save_every", save_every, 1), 2**62)
     options: Options = {
         "method": method, "h": h, "inputs": inputs, "args": args, "parameters": parameters,
+        "observe": observe, "store": store,
     }  # fmt: skip
     problem = make_problem(
         f, t_span, y0, frame=frame, options=complete_options(integrate, (), options),

@@ -69,7 +69,7 @@ def solve_linear(
         As for `cg.solve_ivp`. Steps are chosen by the differences from two results of lower order,
         on `cg.frames.LinearAction` by the last coefficients of the interpolating polynomial, or
         are all of size ``h``.
-    args, parameters, inputs, progress
+    args, parameters, inputs, observe, store, progress
         As for `cg.solve_ivp`; ``a`` becomes ``a(t, u, *args)`` with ``inputs``.
     vectorized : bool, optional
         Whether ``a`` takes times of shape ``(k,)``, with rows of parameters of shape ``(k, p)``,

@@ -98,7 +98,7 @@ def _parameter_derivative(rhs: Any, da_dp: Derivative | None, times: Array, poin
         columns = []
         for moved, size in parameter_steps(row, DIFFERENCE_STEP):
             ahead, behind = (
-                _coefficients(rhs.with_data(rhs.args, moved(s)[None]), times, point)
+                _coefficients(rhs.with_data(rhs.args, moved(s)[None], None), times, point)
                 for s in (1.0, -1.0)
             )
             columns.append((ahead - behind) / (2.0 * size))

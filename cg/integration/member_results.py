@@ -20,7 +20,8 @@ class MemberResults(NamedTuple):
     """Results of some members."""
 
     t: Array
-    y: Any  # points, shape (times, members, *point_shape)
+    y: Any  # points, shape (times, members, *point_shape), or None
+    observed: Any  # shape (times, members, *shape), or None
     reached: Array  # their last times
     status: Any
     counts: Any  # shape (members, 6)
@@ -41,7 +42,10 @@ class Results:
         self._any_finished = False
         if out is not None:
             assert problem.t_eval is not None
-            _check_out(out, (len(problem.t_eval), *self._shape), problem.plan.frame.dtype)
+            shape, kind = self._shape, problem.plan.frame.dtype
+            if problem.observer is not None and not problem.keeps_points:
+                shape, kind = (self.members, *problem.observer.shape), np.dtype(np.float64)
+            _check_out(out, (len(problem.t_eval), *shape), kind)
         self._marks: dict[int, tuple[Array, Points]] = {}  # of events in continuous solutions
         self._outputs: dict[int, DenseOutput] = {}
         self._events: dict[int, list[tuple[Array, Points]]] = {}
@@ -50,14 +54,18 @@ class Results:
         """Return results of all members, those that haven't arrived being failures."""
         if self._all is None:
             problem, members = self.problem, self.members
-            t, y = problem.t_eval, self.out
+            t, observer, y, observed = problem.t_eval, problem.observer, self.out, None
             assert t is not None
-            if y is None:
+            if not problem.keeps_points:
+                y, observed = None, self.out
+            elif y is None:
                 y = np.full((len(t), *self._shape), math.nan, dtype=problem.plan.frame.dtype)
+            if observer is not None and observed is None:
+                observed = np.full((len(t), members, *observer.shape), math.nan)
             counts = np.zeros((members, len(COUNTS)), dtype=np.int64)
             status = np.full(members, -1)
             reached = np.full(members, problem.t0)
-            self._all = MemberResults(t, y, reached, status, counts, {}, None, None, [])
+            self._all = MemberResults(t, y, observed, reached, status, counts, {}, None, None, [])
         return self._all
 
     def add(self, members: slice, part: MemberResults) -> None:
@@ -74,7 +82,10 @@ class Results:
             self._all = part
             return
         joint = self.joint()
-        joint.y[:, members] = part.y
+        if joint.y is not None:
+            joint.y[:, members] = part.y
+        if joint.observed is not None:
+            joint.observed[:, members] = part.observed
         joint.reached[members] = part.reached
         joint.status[members] = part.status
         joint.counts[members] = part.counts
@@ -113,8 +124,9 @@ class Results:
         if not self._any_finished:
             raise RuntimeError(message)
         joint.t.flags.writeable = False
-        if self.out is None:
-            joint.y.flags.writeable = False
+        for array in (joint.y, joint.observed):
+            if array is not None and array is not self.out:
+                array.flags.writeable = False
         if not failures and len(joint.messages) == self.members:
             message = TERMINAL_EVENT
         return problem.make_solution(problem, {
@@ -131,6 +143,7 @@ class Results:
             "method": problem.plan.method,
             "frame": problem.plan.frame,
             "h": problem.control.h,
+            "observed": joint.observed,
         })  # fmt: skip
 
     def _output(self) -> EnsembleOutput:

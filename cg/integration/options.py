@@ -22,7 +22,7 @@ class StepOptions(TypedDict, total=False):
 
     method: str | Method
     h: float | None
-    rtol: float | None
+    rtol: ArrayLike | None
     atol: ArrayLike | None
     max_step: float
     first_step: float | None
@@ -39,12 +39,15 @@ class Options(StepOptions, total=False):
     t_eval: ArrayLike | None
     dense_output: bool
     events: Any
+    observe: Any
+    store: str
 
 
 _DEFAULTS: dict[str, Any] = dict.fromkeys(Options.__annotations__) | {
     "method": AUTO,
     "max_step": math.inf,
     "dense_output": False,
+    "store": "all",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -34,6 +35,7 @@ from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs
+from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
 from cg.integration.step.jacobian import Jacobian, jacobian_of
@@ -68,8 +70,14 @@ class Problem:
     common: bool  # whether all members take the same steps
     of_time: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
+    observer: Observer | None
     # makes the solution of the problem from the fields of an `EnsembleSolution`
     make_solution: Callable[[Problem, dict[str, Any]], EnsembleSolution]
+
+    @property
+    def keeps_points(self) -> bool:
+        """Whether points are stored at output times."""
+        return self.observer is None or self.observer.keeps_points
 
     @property
     def t1(self) -> float:
@@ -148,6 +156,8 @@ def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: fl
         check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
         check_order(plan.method, stacklevel=4)
         size = check_step(h, "h")
+        if math.isinf(span):
+            raise ValueError("t_span must be finite with h, got an infinite end")
         if size > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
         return Control(h=size)
@@ -163,13 +173,16 @@ def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: fl
     if plan.method.embedded_order is not None:
         check_pair(plan.method, stacklevel=4)
     tolerances = check_atol(atol)
-    if tolerances.shape not in ((), shape):
-        raise ValueError(f"atol must be a number or have shape {shape}, got {tolerances.shape}")
+    relative: Any = rtol
+    for name, value in (("rtol", relative), ("atol", tolerances)):
+        if value.shape not in ((), shape):
+            raise ValueError(f"{name} must be a number or have shape {shape}, got {value.shape}")
+    if relative.shape != tolerances.shape:
+        relative, tolerances = np.full(shape, relative), np.full(shape, tolerances)
     first = None if first_step is None else check_step(first_step, "first_step")
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-    assert rtol is not None
-    return Control(None, rtol, tolerances, largest, first, check_max_steps(max_steps))
+    return Control(None, relative, tolerances, largest, first, check_max_steps(max_steps))
 
 
 def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
@@ -245,7 +258,8 @@ def make_problem(
         raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
     check_stage_solver(stage_solver)
     if options["h"] is None:
-        options["rtol"] = rtol = check_rtol(options["rtol"])
+        options["rtol"] = relative = check_rtol(options["rtol"])
+        rtol = float(relative.min())
     plan = plan_of(frame, _choose_method(options["method"], f, frame, rtol))
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)
@@ -266,13 +280,14 @@ def make_problem(
     if t_eval is not None:
         t_eval = check_t_eval(t_eval, start, stop)
     elif many:
-        t_eval = np.array([start, stop][: 1 + (start != stop)])
+        t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     dense = check_flag("dense_output", options["dense_output"])
     events = None
     if options["events"] is not None:
         events = EventTable(options["events"], frame, inputs is not None)
+    observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan, in_algebra, rhs, points, start, stops, control, events, t_eval,
         every if t_eval is None else 0, dense, stage_solver, many, common, of_time, jacobian,
-        _make_solution,
+        observer, _make_solution,
     )  # fmt: skip

@@ -39,7 +39,7 @@ class Solution(_Labelled):
         Times, shape ``(n,)``, read-only.
     y
         Points, shape ``(n, *point_shape)``, read-only.  Time is the *first* axis, unlike in
-        SciPy, since points are arrays of any shape.
+        SciPy, since points are arrays of any shape.  It is None with ``store="observed"``.
     sol
         The continuous solution, None without ``dense_output``.
     t_events
@@ -71,6 +71,8 @@ class Solution(_Labelled):
         The frame that holds the points.
     h
         Absolute size of equal steps, None for adaptive ones.
+    observed
+        What ``observe`` returned at the times ``t``, shape ``(n, ...)``, or None.
 
     Examples
     --------
@@ -104,6 +106,7 @@ class Solution(_Labelled):
     method: Method
     frame: Frame
     h: float | None = None
+    observed: Array | None = None
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
@@ -123,7 +126,7 @@ class EnsembleSolution(_Labelled):
         Times, those of ``t_eval`` or the ends of ``t_span``, shape ``(n,)``, read-only.
     y
         Points, shape ``(n, members, *point_shape)``, read-only unless it is ``out``; NaN at times
-        that a member didn't reach.
+        that a member didn't reach; None with ``store="observed"``.
     sol
         The continuous solution of all members, None without ``dense_output``.
     t_end
@@ -140,6 +143,8 @@ class EnsembleSolution(_Labelled):
         For each event a list of the members' arrays, or None without events.
     method, frame, h
         As those of `Solution`.
+    observed
+        What ``observe`` returned, shape ``(n, members, ...)``, or None.
 
     Examples
     --------
@@ -173,6 +178,7 @@ class EnsembleSolution(_Labelled):
     method: Method
     frame: Frame
     h: float | None = None
+    observed: Array | None = None
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
@@ -193,8 +199,10 @@ class EnsembleSolution(_Labelled):
         if len(t) and t[-1] != end:
             sign = 1.0 if t[-1] >= t[0] else -1.0
             t = t[: int((sign * (t - end) <= 0.0).sum())]
-        y = np.ascontiguousarray(self.y[: len(t), member])
-        y.flags.writeable = False
+        y, observed = (
+            None if values is None else _member_values(values, len(t), member)
+            for values in (self.y, self.observed)
+        )
         status = int(self.status[member])
         message = self.messages.get(member, FINISHED)
         return {
@@ -216,7 +224,14 @@ class EnsembleSolution(_Labelled):
             "method": self.method,
             "frame": self.frame,
             "h": self.h,
+            "observed": observed,
         }
+
+
+def _member_values(values: Any, count: int, member: int) -> Any:
+    own = np.ascontiguousarray(values[:count, member])
+    own.flags.writeable = False
+    return own
 
 
 def _of_member(events: list[list[Any]] | None, member: int) -> list[Any] | None:

@@ -24,7 +24,7 @@ from cg.integration.arguments import (
 )
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.failures import explain_failure
-from cg.integration.loop.messages import failed_members
+from cg.integration.loop.messages import TERMINAL_EVENT, failed_members
 from cg.integration.loop.run import Run
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.options import StepOptions, complete_options, expand_options
@@ -34,7 +34,15 @@ from cg.integration.rhs.inputs import Inputs
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.stepper_state import check_points, get_state, replace_rhs, set_state
+from cg.integration.stepper_state import (
+    FoundEvents,
+    check_points,
+    collect_events,
+    event_lists,
+    get_state,
+    replace_rhs,
+    set_state,
+)
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import Stop
 
@@ -62,6 +70,10 @@ class Stepper:
         As for `cg.solve_ivp`, of an ensemble for `cg.solve_ensemble`.
     vectorized, common_steps
         As for `cg.solve_ensemble`.
+    events
+        As for `cg.solve_ivp`, for a single point.  ``step`` and ``advance`` stop at a terminal
+        event, behind its jump if it has one, and go on from there when they are called again; an
+        event that is terminal the third time stops each third time.
 
     Attributes
     ----------
@@ -76,7 +88,11 @@ class Stepper:
     n
         Number of coefficients, ``frame.dim``.
     status
-        ``"running"``, ``"finished"`` at ``t_bound``, or ``"failed"``.
+        ``"running"``, ``"event"`` at a terminal event, ``"finished"`` at ``t_bound``, or
+        ``"failed"``.
+    t_events, y_events, y_after
+        For each event its times so far, and the points before and after its jumps, as in a
+        `Solution`; None without events.
     nfev, njev, nlu, nexp, nrejected
         Counts so far, for an ensemble summed over the members.
 
@@ -94,9 +110,9 @@ class Stepper:
     an ensemble those before the call.  After an exception further steps may be tried.
 
     ``restart(t=, y=, args=, parameters=, inputs=)`` changes what it is given, also after a failure,
-    and keeps the rest, the counts included.  It calls ``f`` at no time, but the next step starts
-    anew: it calls ``f`` at the present point, and without ``h`` it chooses its size anew, which
-    takes another call, unless ``first_step`` is given.
+    and keeps the rest, the counts included; only terminal events are counted anew.  It calls ``f``
+    at no time, but the next step starts anew: it calls ``f`` at the present point, and without
+    ``h`` it chooses its size anew, which takes another call, unless ``first_step`` is given.
 
     A pickle contains the present state and ``f``, which has to be a function of a module or a
     `CompiledFunction`; the copy goes on bit for bit.  ``copy.copy`` takes any ``f``.
@@ -131,9 +147,10 @@ class Stepper:
         *rest: Never,
         frame: Frame,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
-        jac: Function | None = None,
+        jac: Function | ArrayLike | None = None,
         vectorized: bool = False,
         common_steps: bool = False,
+        events: Any = None,
         **options: Unpack[StepOptions],
     ) -> None:
         given = complete_options(Stepper.__init__, rest, options, StepOptions)
@@ -145,6 +162,9 @@ class Stepper:
         many = is_many(frame, y0)
         if (vectorized or common) and not many:
             raise ValueError("vectorized and common_steps must be False for a single point")
+        if many and events is not None:
+            raise ValueError("events must be None for an ensemble, whose members stop apart")
+        given["events"] = events
         h, first_step, breakpoints = given["h"], given["first_step"], given["breakpoints"]
         given["first_step"] = None if h is None else first_step  # may be longer than the span below
         given["breakpoints"] = None
@@ -163,6 +183,8 @@ class Stepper:
         self._stops = self._with_corners(problem.rhs.inputs, start)
         self._budget = StepBudget()
         self._failure = ""
+        self._found: list[FoundEvents] = []
+        self._cut_output: DenseOutput | None = None
         control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
         self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
         self.t_old: float | None = None
@@ -211,6 +233,16 @@ class Stepper:
     def __repr__(self) -> str:
         return f"Stepper(t={self.t:g}, status={self.status!r}, method={self.method.name!r})"
 
+    t_events = property(
+        lambda self: event_lists(self, "t"), doc="Times of each event, None without events."
+    )
+    y_events = property(
+        lambda self: event_lists(self, "before"), doc="Points of each event before its jumps."
+    )
+    y_after = property(
+        lambda self: event_lists(self, "after"), doc="Points of each event after its jumps."
+    )
+
     def _count(self, k: int) -> int:
         return int(self._run.counts[:, k].sum())
 
@@ -221,7 +253,7 @@ class Stepper:
     nrejected = property(lambda self: self._count(5), doc="Rejected steps.")
 
     def step(self) -> str | None:
-        """Take one step.
+        """Take one step, up to the first event in it that is terminal or jumps.
 
         Returns
         -------
@@ -248,7 +280,7 @@ class Stepper:
         return self._drive(None)
 
     def advance(self, t: float) -> str | None:
-        """Take steps up to a time.
+        """Take steps up to a time, or to a terminal event.
 
         The last step ends there; that it is shortened doesn't shorten the next one.
 
@@ -300,15 +332,20 @@ class Stepper:
     def _drive(self, target: float | None) -> str | None:
         """Take steps up to a time or, if it is None, one step; return a message if that failed."""
         run, budget, begin = self._run, self._budget, self.t
+        self._cut_output = None
+        self.status = "running"
         record = run.record
         start = run.end.copy() if self._many else None
         counts = run.counts[0]
         steps, message, is_complete = counts[4], None, False
         try:
             while message is None and (
-                counts[4] == steps if target is None else record.ended < run.members
+                counts[4] == steps or run.status[0] == Stop.BUFFER_FULL
+                if target is None
+                else record.ended < run.members
             ):
-                given = run.members if target is None else budget.start()
+                given = run.members if counts[4] == steps else 0  # only to empty a buffer
+                given = given if target is None else budget.start()
                 record.budget = given
                 run.call()
                 if target is not None:
@@ -316,14 +353,24 @@ class Stepper:
                 message = self._check_failures() if record.failed else None
             is_complete = message is None
         finally:
+            cut = self._run.problem.events is not None and collect_events(self)
             if not is_complete:
                 self._end_early(start, steps)
         if is_complete:
-            self.t = float(run.reached[0]) if target is None else target
+            stopped = run.status[0] == Stop.TERMINAL_EVENT
+            self.t = float(run.reached[0]) if target is None or stopped else target
             self.step_size = abs(self.t - begin if target is None else record.step_size)
             self.t_old = begin if target is None else target - self.direction * self.step_size
+            if cut:
+                self.t_old = float(run.state()[0][0, 3])
+                self.step_size = abs(self.t - self.t_old)
+                self._cut_output = self._interpolate()
             if self.t == self.t_bound:
                 self.status = "finished"
+            elif stopped:
+                self.status = "event"
+            if stopped and self.t != target is not None:
+                return TERMINAL_EVENT
         return message
 
     def _end_early(self, start: Points | None, steps: int) -> None:
@@ -393,7 +440,7 @@ class Stepper:
             rows = run.plan.doubles(check_points(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
         replace_rhs(self, time, args, parameters, inputs)
-        self.t, self.t_old = time, None
+        self.t, self.t_old, self._cut_output = time, None, None
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):
             far = time + self.direction * _FAR * run.control.h
             self._breakpoints = self._stops = np.append(self._breakpoints[:-1], far)
@@ -418,9 +465,12 @@ class Stepper:
             If no step has been taken since the beginning or the last restart, or members have
             steps of their own.
         """
-        run = self._run
         if self.t_old is None or (self._many and not self._common):
             raise RuntimeError("dense_output must come after a step that all members share")
+        return self._cut_output or self._interpolate()
+
+    def _interpolate(self) -> DenseOutput:
+        run = self._run
         # f is evaluated before a breakpoint at the end of the step
         at_breakpoint = bool((self._stops[:-1] == self.t).any())
         beyond = self.t + self.direction
@@ -443,7 +493,7 @@ class Stepper:
         return EnsembleOutput(outputs) if self._many else outputs[0]
 
     def _check_running(self) -> None:
-        if self.status != "running":
+        if self.status not in ("running", "event"):
             why = f": {self._failure}" if self.status == "failed" else ""
             raise RuntimeError(
                 f"the integration has {self.status} at t = {self.t:.17g}{why}; restart it"

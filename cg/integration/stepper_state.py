@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +12,16 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Points, real_array
 from cg.integration.arguments import check_args
 from cg.integration.rhs.inputs import check_inputs
+from cg.support.shared_numbers import Stop
+
+
+class FoundEvents(NamedTuple):
+    """Events: which ones, their times, and the points before and after jumps."""
+
+    of: Any
+    t: Array
+    before: Points
+    after: Points
 
 
 def get_state(stepper: Any) -> dict[str, Any]:
@@ -23,6 +33,7 @@ def get_state(stepper: Any) -> dict[str, Any]:
         for name, value in vars(stepper).items()
         if name not in ("_problem", "_run", "_core", "_stops_are_set", "_target")
     }
+    state["_found"] = list(stepper._found)
     reals, integers, points, slopes = run.state()
     current = run.plan.points(np.ascontiguousarray(points[:, 0]), (len(points),))
     state["problem"] = replace(stepper._problem, rhs=run.rhs, points=current, t0=stepper.t)
@@ -50,6 +61,31 @@ def set_state(stepper: Any, state: dict[str, Any]) -> None:
     run.counts[...], run.status[...], run.flag[...] = counts, status, flag
     run.reached[...] = stepper.t
     stepper._stops_are_set = False
+
+
+def collect_events(stepper: Any) -> bool:
+    """Move the events of a run to its stepper; return whether the last one ended a step."""
+    run = stepper._run
+    if not run._events:
+        return False
+    of, t, y = run.events()
+    run._events.clear()
+    stepper._found.append(FoundEvents(of[:, 1], t, y[:, 0], y[:, 1]))
+    ends = run.status[0] == Stop.TERMINAL_EVENT or run.problem.events.rows[of[:, 1], 4].any()
+    return bool(ends and t[-1] == run.reached[0])
+
+
+def event_lists(stepper: Any, name: str) -> list[Array] | None:
+    """Return an array for each event of a stepper, None without events."""
+    table = stepper._problem.events
+    if table is None:
+        return None
+    frame, found = stepper.frame, stepper._found
+    shape, kind = ((0,), np.float64) if name == "t" else ((0, *frame.point_shape), frame.dtype)
+    return [
+        np.concatenate([np.empty(shape, kind), *(getattr(f, name)[f.of == i] for f in found)])
+        for i in range(len(table))
+    ]
 
 
 def check_points(stepper: Any, y: ArrayLike) -> Points:

@@ -24,7 +24,10 @@ def to_xarray(result: Any) -> Any:
         axes, [f"axis_{k}" for k in range(axes)]
     )
     attributes = {"method": result.method.name, "frame": repr(result.frame)}
-    variables = {"y": (["t", *members, *points], result.y)}
+    variables = {} if result.y is None else {"y": (["t", *members, *points], result.y)}
+    if result.observed is not None:
+        last = [f"observable_{k}" for k in range(np.ndim(result.observed) - 1 - len(members))]
+        variables["observed"] = (["t", *members, *last], result.observed)
     for name, axis in _DERIVATIVES.items():
         value = getattr(result, name, None)
         if value is not None:

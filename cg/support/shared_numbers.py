@@ -41,6 +41,7 @@ class FieldFlag(IntEnum):
     """A return value of right-hand sides that is reserved."""
 
     RAISED_IN_PYTHON = -(2**31) + 1
+    OBSERVER_FAILED = -(2**31) + 2  # of a run: not f, but what is evaluated at output times
 
 
 class BlockKind(IntEnum):
@@ -220,11 +221,18 @@ RECORD = {
     "functions": "integer",  # number of events
     "event_width": "integer",  # numbers of a point that they depend on
     "event_table": "address",  # `EVENT`
+    "observations": "integer",  # numbers that are evaluated at output times
+    "observers": "integer",  # functions in C for them, 0 for one in Python
+    "observer_table": "address",  # `EVENT`
+    "observer": "address",  # the function in Python
+    "observer_data": "address",
+    "observer_stride": "integer",
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones
-    "rtol": "real",
+    "rtol": "real",  # the smallest one
     "tolerances": "integer",
-    "atol": "address",  # one tolerance, or one for each coordinate or entry
+    "rtols": "address",  # one tolerance, or one for each coordinate or entry
+    "atol": "address",  # likewise
     "in_entries": "integer",
     "parts": "integer",  # of an entry: two if it is complex
     "exponent": "real",  # power of an error that sizes are proportional to
@@ -245,13 +253,15 @@ RECORD = {
     # points at output times
     "outputs": "integer",
     "times": "address",
-    "y": "address",
+    "y": "address",  # 0 to store no points
+    "observed": "address",
     # ends of steps
     "every": "integer",
     "step_capacity": "integer",
     "steps": "integer",
     "step_t": "address",
-    "step_y": "address",
+    "step_y": "address",  # 0 to store no points
+    "step_observed": "address",
     # interpolants
     "dense": "integer",
     "dense_capacity": "integer",

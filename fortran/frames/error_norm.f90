@@ -14,7 +14,8 @@ module error_norm_m
   ! The tolerances of a pair and the limits of its steps
   type :: tolerances_t
     real(wp), allocatable :: atol(:)       ! (width)
-    real(wp) :: rtol = 0.0_wp
+    real(wp), allocatable :: rtols(:)      ! (width)
+    real(wp) :: rtol = 0.0_wp              ! the smallest one
     logical :: in_entries = .false.        ! whether differences of entries are measured
     integer :: parts = 1                   ! numbers of an entry: 2 if it is complex
     real(wp) :: exponent = 0.0_wp          ! power of an error that a step size is proportional to
@@ -104,7 +105,7 @@ contains
 
     call point_sizes(frame, tolerances, x, spare)
     call point_sizes(frame, tolerances, y, found)
-    found = max(tolerances%rtol * max(found, spare) + tolerances%atol, tiny(1.0_wp))
+    found = max(tolerances%rtols * max(found, spare) + tolerances%atol, tiny(1.0_wp))
   end subroutine scales
 
   ! The root mean square of a difference in tolerances. Entries with infinite tolerance are left

@@ -10,9 +10,17 @@ module linear_action_m
   use kinds, only: wp
   implicit none
   private
-  public :: linear_action_t, make_linear_action, move_linearly, linear_tangent, multiply
+  public :: inner_points_t, linear_action_t, make_linear_action, move_linearly, linear_tangent, multiply
 
   integer, parameter :: real_entries = 0, imaginary_entries = 1, complex_entries = 2
+
+  ! Points within a flow along a polynomial
+  type :: inner_points_t
+    logical :: wanted = .false.              ! whether the next flow computes them
+    integer :: count = 0
+    real(wp), allocatable :: theta(:)        ! (count) fractions of the flow, increasing
+    real(wp), allocatable :: y(:, :)         ! (point_size, count)
+  end type inner_points_t
 
   type :: linear_action_t
     integer :: n = 0                         ! entries of a point
@@ -32,6 +40,7 @@ module linear_action_m
     real(wp), allocatable :: norm(:)         ! (generators) bounds, as `combine` has them
     ! tolerances of the point, zero if steps are fixed
     real(wp) :: rtol = 0.0_wp, atol = 0.0_wp
+    type(inner_points_t), pointer :: inner => null()
   end type linear_action_t
 
   ! Bounds of norms of the parts into which an exponent is divided. Taylor polynomials lose less than

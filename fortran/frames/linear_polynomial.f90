@@ -4,7 +4,8 @@ module linear_polynomial_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
-  use linear_action_m, only: linear_action_t, max_parts, max_terms, multiply, products
+  use lapack_m, only: dgemm
+  use linear_action_m, only: inner_points_t, linear_action_t, max_parts, max_terms, multiply, products
   implicit none
   private
   public :: move_polynomially
@@ -26,7 +27,7 @@ contains
     real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
     real(wp), intent(inout) :: y(:)          ! (point_size)
     real(wp) :: d(size(v, 1), size(v, 2)), norm, length
-    integer :: i, part, parts
+    integer :: first, i, last, part, parts
 
     length = norm2(y)
     norm = dot_product(sum(abs(v), dim=2), action%norm) / part_norm
@@ -38,13 +39,30 @@ contains
     do while (max(bound(1), bound(parts)) > 1.5_wp * part_norm)
       parts = parts + (parts + 1) / 2
     end do
+    last = 0
     do part = 1, parts
       d = coefficients(part)
       do i = 1, size(d, 1)                   ! rounding errors, such as those of constants
         where (abs(d(i, :)) <= roundings * maxval(abs(d(i, :)))) d(i, :) = 0.0_wp
       end do
-      call apply_polynomial(action, d, y)
+      first = last + 1
+      if (associated(action%inner)) then
+        if (action%inner%wanted) last = part_of(action%inner, real(part, wp) / real(parts, wp))
+      end if
+      if (last < first) then
+        call apply_polynomial(action, d, y)
+      else
+        associate (inner => action%inner)
+          call apply_polynomial(action, d, y, real(parts, wp) * inner%theta(first:last) &
+                                - real(part - 1, wp), inner%y(:, first:last))
+          if (.not. (action%skew .and. length > 0)) cycle
+          do i = first, last
+            inner%y(:, i) = inner%y(:, i) * (length / length_of(inner%y(:, i)))
+          end do
+        end associate
+      end if
     end do
+    if (associated(action%inner)) action%inner%wanted = .false.
     if (action%skew .and. length > 0) y = y * (length / norm2(y))
 
   contains
@@ -67,6 +85,27 @@ contains
 
   end subroutine move_polynomially
 
+  ! The last of the inner points that aren't beyond a fraction of the flow
+  pure integer function part_of(inner, end)
+    type(inner_points_t), intent(in) :: inner
+    real(wp), intent(in) :: end
+
+    part_of = count(inner%theta(:inner%count) <= end)
+  end function part_of
+
+  ! The norm of a vector, whose squares don't overflow, by sums that vectorize
+  pure real(wp) function length_of(y)
+    real(wp), contiguous, intent(in) :: y(:)
+    real(wp) :: sums(8)
+    integer :: i
+
+    sums = 0.0_wp
+    do i = 1, size(y) - 7, 8
+      sums = sums + y(i:i + 7)**2
+    end do
+    length_of = sqrt(sum(sums) + sum(y(size(y) - modulo(size(y), 8) + 1:)**2))
+  end function length_of
+
   ! The coefficients of a polynomial in t, of which v has those in s = start + slope t
   pure function shifted(v, start, slope) result(d)
     real(wp), intent(in) :: v(:, :), start, slope
@@ -87,11 +126,13 @@ contains
   ! Applies a Taylor polynomial. With y' = sum_m t^(m - 1) D_m y its coefficients are
   !     y_k = sum_i G_i sum_m d(i, m) y_(k - m) / k,
   ! one product of each generator. It ends when the next terms, as many as lead to all later ones,
-  ! are negligible by bounds of their norms.
-  subroutine apply_polynomial(action, d, y)
+  ! are negligible by bounds of their norms. Points at other times are sums of the same y_k.
+  subroutine apply_polynomial(action, d, y, times, inner)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: d(:, :)          ! (generators, degree + 1)
     real(wp), intent(inout) :: y(action%point_size)
+    real(wp), optional, intent(in) :: times(:)         ! from 0 to 1
+    real(wp), optional, contiguous, intent(inout) :: inner(:, :)   ! (point_size, times)
     real(wp) :: terms(size(y), size(d, 2))   ! y_k in column 1 + modulo(k, degree + 1)
     real(wp) :: argument(size(y)), product(size(y)), term(size(y))
     real(wp) :: norms(size(d, 2))            ! of y_k, y_(k - 1), ...
@@ -121,10 +162,38 @@ contains
       terms(:, 1 + modulo(k, n)) = term
       y = y + term
       norms = [maxval(abs(term)), norms(:n - 1)]
+      if (modulo(k + 1, n) == 0) call add_to_inner(k)
       if (norms(1) > max(tolerance, start)) cycle
       if (rest(bounds, norms, k) <= max(tolerance, min(start, maxval(abs(y)) * epsilon(y) / 8))) exit
     end do
+    if (modulo(min(k, max_terms) + 1, n) > 0) call add_to_inner(min(k, max_terms))
     products = products + int(min(k, max_terms), int64)
+
+  contains
+
+    ! Adds the terms up to y_k since the last call, which begin in the first column. Early times,
+    ! for which they are negligible, are left out.
+    subroutine add_to_inner(k)
+      integer, intent(in) :: k
+      real(wp), allocatable :: powers(:, :)            ! (terms, times)
+      integer :: early, i
+
+      if (.not. present(times)) return
+      associate (m => 1 + modulo(k, n), count_all => size(times))
+        allocate (powers(m, count_all))
+        powers(1, :) = times**(k - m + 1)
+        early = 0
+        if (k >= n) early = count(powers(1, :) * sum(norms(:m)) <= truncation * max(start, tolerance))
+        if (early == count_all) return
+        do i = 2, m
+          powers(i, :) = powers(i - 1, :) * times
+        end do
+        call dgemm('N', 'N', size(y), count_all - early, m, 1.0_wp, terms, size(y), &
+                   powers(:, early + 1:), m, merge(0.0_wp, 1.0_wp, k < n), inner(:, early + 1:), &
+                   size(y))
+      end associate
+    end subroutine add_to_inner
+
   end subroutine apply_polynomial
 
   ! A bound of the sum of the norms of the terms after y_k, as many as have coefficients of their own

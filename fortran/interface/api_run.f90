@@ -137,7 +137,7 @@ subroutine loop_open(plan_address, record_address, address)
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
   type(plan_t), pointer :: plan
   type(run_t), pointer :: run
-  real(wp), pointer, contiguous :: stops(:), atol(:)
+  real(wp), pointer, contiguous :: stops(:), rtols(:), atol(:)
   integer :: i, memory, n
 
   allocate (run)
@@ -153,6 +153,9 @@ subroutine loop_open(plan_address, record_address, address)
     run%field%data_stride = record%data_stride
     call set_inputs(run)
     problem%frame => run%frame
+    do i = 1, size(run%frame%blocks)
+      run%frame%blocks(i)%action%inner => run%inner
+    end do
     if (record%vectorized == 0) problem%field => run%field
     problem%method => plan%method
     problem%scheme => plan%scheme
@@ -169,8 +172,10 @@ subroutine loop_open(plan_address, record_address, address)
     problem%max_steps = record%max_steps
     n = merge(run%frame%point_size, run%frame%dimension, record%in_entries /= 0)
     call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerances)])
+    call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerances)])
     problem%tolerances = tolerances_t( &
-      atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], rtol=record%rtol, &
+      atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
+      rtols=[(rtols(1 + (i - 1) / (n / size(rtols))), i = 1, n)], rtol=record%rtol, &
       in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
       max_step=record%max_step)
     if (problem%adaptive) then
@@ -329,8 +334,9 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use callback_m, only: callback_t
   use frames_m, only: frame_t
-  use interpolant_m, only: evaluate_interpolant, interpolant_t, reserve_interpolant
+  use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
   use kinds, only: wp
+  use linear_action_m, only: inner_points_t
   use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address, context
@@ -344,7 +350,8 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   type(frame_t) :: frame
   type(callback_t), target :: python
   type(interpolant_t) :: interpolant
-  integer :: i, k, last, memory
+  type(inner_points_t), target :: inner
+  integer :: i, k, last, last_in_step, memory
 
   plan => plan_at(address)
   frame = plan%frame
@@ -352,8 +359,11 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   if (context /= 0) frame%callback => python
   call reserve_interpolant(frame, plan%scheme, interpolant, memory)
   if (memory /= 0) return
+  frame%blocks(1)%action%inner => inner
   last = -1
-  do i = 1, count
+  i = 0
+  do while (i < count)
+    i = i + 1
     k = which(i) + 1
     if (k /= last) then
       interpolant%known = plan%scheme%nodes
@@ -367,6 +377,13 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
       y(:, i) = y_ends(:, 1, k)
     else if (.not. theta(i) < 1) then
       y(:, i) = y_ends(:, 2, k)
+    else if (plan%scheme%at_stages .and. plan%method%polynomial) then
+      last_in_step = min(count, i + 31)
+      last_in_step = i - 1 + findloc([which(i:last_in_step) == k - 1 .and. theta(i:last_in_step) < 1, &
+                                      .false.], .false., 1) - 1
+      call evaluate_inner(frame, plan%scheme, interpolant, inner, theta(i:last_in_step), &
+                          y(:, i:last_in_step))
+      i = last_in_step
     else
       call evaluate_interpolant(frame, plan%scheme, interpolant, theta(i), y(:, i))
     end if

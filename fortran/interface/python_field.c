@@ -142,6 +142,10 @@ static int copy_plain(PyObject *value, PyObject *shape, double *f)
     if (PyList_CheckExact(value) || PyTuple_CheckExact(value)) {
         return copy_sequence(value, shape, f);
     }
+    if (PyFloat_Check(value)) { /* of Python or NumPy */
+        f[0] = PyFloat_AS_DOUBLE(value);
+        return PyTuple_GET_SIZE(shape) == 0 && isfinite(f[0]);
+    }
     if (!PyArray_CheckExact(value)) {
         return 0;
     }

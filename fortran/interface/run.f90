@@ -10,14 +10,17 @@ module run_m
   use frames_m, only: frame_t
   use interpolant_m, only: scheme_t
   use kinds, only: wp
+  use linear_action_m, only: inner_points_t
   use loop_m, only: resume
   use method_m, only: method_t
-  use output_m, only: store_step, output_t
+  use observer_m, only: observer_t
+  use output_m, only: store_point, store_step, output_t
+  use record_m, only: fail_to_observe
   use shared_numbers, only: buffer_full, counters_t, event_record_t, fields_operation, finished, &
                             needs_field, needs_maximum, needs_minimum, out_of_memory, paused, &
                             raised, raised_in_python, record_t, terminal_event
   use trajectory_m, only: problem_t, set_start, start, trajectory_t
-  use vector_field_m, only: vector_field_t
+  use vector_field_m, only: field_at, vector_field_t
   implicit none
   private
   public :: plan_t, run_t, begin_run, drive, set_events, set_inputs, set_output, at_address, &
@@ -35,6 +38,8 @@ module run_m
     type(frame_t) :: frame                   ! of the plan, with the callback of this run
     type(callback_t) :: python
     type(events_t) :: events
+    type(inner_points_t) :: inner
+    type(observer_t) :: observer
     type(vector_field_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
@@ -96,6 +101,7 @@ contains
         run%lanes(i)%member = i
       end do
     end associate
+    if (run%record%observations > 0) call set_observer(run)
     call set_output(run)
   end subroutine begin_run
 
@@ -130,6 +136,30 @@ contains
     end associate
   end subroutine set_events
 
+  ! Sets what is evaluated at output times.
+  subroutine set_observer(run)
+    type(run_t), target, intent(inout) :: run
+    type(event_record_t), pointer, contiguous :: table(:)
+
+    associate (record => run%record, observer => run%observer)
+      observer%count = int(record%observations)
+      if (record%observers > 0) then
+        call c_f_pointer(transfer(record%observer_table, c_null_ptr), table, [int(record%observers)])
+        observer%functions%count = size(table)
+        observer%functions%address = table%function
+        observer%functions%data = table%data
+        observer%functions%member_data = record%observer_data
+        observer%functions%stride = record%observer_stride
+        observer%functions%inputs = run%field%inputs
+      else
+        observer%field%rhs => field_at(record%observer)
+        observer%field%data_address = record%observer_data
+        observer%field%data_stride = record%observer_stride
+      end if
+      run%output%observer => run%observer
+    end associate
+  end subroutine set_observer
+
   ! Makes the views of the caller's output arrays, which may have changed.
   subroutine set_output(run)
     type(run_t), target, intent(inout) :: run
@@ -144,11 +174,19 @@ contains
       events = int(record%event_capacity)
       output%outputs = outputs
       call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [outputs])
-      call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, outputs])
+      if (record%y /= 0) &
+        call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, outputs])
+      if (record%observed /= 0) &
+        call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
+                         [int(record%observations), members, outputs])
       output%every = record%every
       output%step_capacity = record%step_capacity
       call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
-      call c_f_pointer(transfer(record%step_y, c_null_ptr), output%step_y, [n, steps])
+      if (record%step_y /= 0) &
+        call c_f_pointer(transfer(record%step_y, c_null_ptr), output%step_y, [n, steps])
+      if (record%step_observed /= 0) &
+        call c_f_pointer(transfer(record%step_observed, c_null_ptr), output%step_observed, &
+                         [int(record%observations), steps])
       output%dense = record%dense /= 0
       output%dense_capacity = record%dense_capacity
       call c_f_pointer(transfer(record%dense_member, c_null_ptr), output%dense_member, [dense])
@@ -246,6 +284,7 @@ contains
   subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
+    logical :: failed
 
     if (run%next > size(run%states, 2)) return
     associate (lane => run%lanes(i), member => run%next, n => run%frame%point_size)
@@ -254,13 +293,14 @@ contains
       lane%control%attempts = 0
       lane%outputs_done = 0
       call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
-      call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
+      call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true., failed)
       if (run%output%outputs > 0) then
         if (.not. abs(run%output%times(1) - run%record%t0) > 0) then
-          run%output%y(:, member, 1) = lane%y(:, 0)
+          call store_point(run%output, member, 1, lane%y(:, 0), failed)
           lane%outputs_done = 1
         end if
       end if
+      if (failed) call fail_to_observe(lane, run%record%t0)
       run%busy(i) = .true.
       run%next = run%next + 1
     end associate

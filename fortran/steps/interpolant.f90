@@ -28,10 +28,12 @@ module interpolant_m
   use coordinates_m, only: difference
   use blocks_m, only: flow_sequence_t
   use frames_m, only: apply_flows, flow_along, frame_t
+  use linear_action_m, only: inner_points_t
   use shared_numbers, only: nearby_operation
   implicit none
   private
-  public :: scheme_t, interpolant_t, add_node, begin_interpolant, evaluate_interpolant, &
+  public :: scheme_t, interpolant_t, add_node, begin_interpolant, evaluate_inner, &
+            evaluate_interpolant, &
             flows_of_evaluation, make_cubic, next_node, reserve_interpolant, set_ends
 
   ! The coefficients of the interpolants of a method
@@ -364,6 +366,31 @@ contains
       call follow_flows(frame, scheme, interpolant, theta, y)
     end if
   end subroutine evaluate_interpolant
+
+  ! Evaluates the interpolant at some fractions by one flow along a polynomial.
+  subroutine evaluate_inner(frame, scheme, interpolant, inner, theta, y)
+    type(frame_t), intent(in) :: frame
+    type(scheme_t), intent(in) :: scheme
+    type(interpolant_t), intent(inout) :: interpolant
+    type(inner_points_t), intent(inout) :: inner       ! that of the frame
+    real(wp), intent(in) :: theta(:)         ! between 0 and 1
+    real(wp), intent(out) :: y(:, :)         ! (point_size, fractions)
+    real(wp) :: reached(frame%point_size)
+    logical :: left(size(theta))
+    integer :: k, order(size(theta))
+
+    left = .true.
+    do k = 1, size(theta)
+      order(k) = minloc(theta, 1, left)
+      left(order(k)) = .false.
+    end do
+    inner%count = size(theta)
+    inner%theta = theta(order)
+    inner%y = y
+    inner%wanted = .true.
+    call evaluate_interpolant(frame, scheme, interpolant, 1.0_wp, reached)
+    y(:, order) = inner%y
+  end subroutine evaluate_inner
 
   ! Moves a point along the flows of the second form.
   subroutine follow_flows(frame, scheme, interpolant, theta, y)

@@ -15,7 +15,7 @@
 module loop_m
   use kinds, only: wp
   use output_m, only: has_room, output_t
-  use record_m, only: detect_events, examine_step, record_step
+  use record_m, only: detect_events, examine_step, prepare_inner, record_step
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
@@ -83,6 +83,7 @@ contains
       case (phase_error_received)
         call store_error(problem, trajectory)
       case (phase_finish_step)
+        if (problem%method%polynomial) call prepare_inner(problem, trajectory, output)
         call finish_step(problem, trajectory)
       case (phase_decide_step)
         call accept_or_reject(problem, trajectory)

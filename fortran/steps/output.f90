@@ -4,20 +4,24 @@ module output_m
   use iso_fortran_env, only: int64
   use kinds, only: wp
   use interpolant_m, only: interpolant_t
+  use observer_m, only: observer_t
   implicit none
   private
-  public :: output_t, has_room, store_interpolant, store_event, store_step
+  public :: output_t, has_room, store_interpolant, store_event, store_point, store_step
 
   type :: output_t
     ! points at output times
     integer :: outputs = 0
     real(wp), pointer, contiguous :: times(:) => null()        ! (outputs)
-    real(wp), pointer, contiguous :: y(:, :, :) => null()      ! (point_size, members, outputs)
+    ! (point_size, members, outputs), (observations, members, outputs), null to store none
+    real(wp), pointer, contiguous :: y(:, :, :) => null(), observed(:, :, :) => null()
+    type(observer_t), pointer :: observer => null()
     ! ends of steps, for a single trajectory
     integer(int64) :: every = 1              ! every so many steps are stored, and the last one
     integer(int64) :: step_capacity = 0, steps = 0
     real(wp), pointer, contiguous :: step_t(:) => null()       ! (capacity)
-    real(wp), pointer, contiguous :: step_y(:, :) => null()    ! (point_size, capacity)
+    ! (point_size, capacity), (observations, capacity)
+    real(wp), pointer, contiguous :: step_y(:, :) => null(), step_observed(:, :) => null()
     ! interpolants of steps
     logical :: dense = .false.               ! of all steps
     integer(int64) :: dense_capacity = 0, interpolants = 0
@@ -48,19 +52,37 @@ contains
                .and. output%events + output%functions * output%lanes <= output%event_capacity
   end function has_room
 
+  ! Stores the point at an output time.
+  subroutine store_point(output, member, number, y, failed)
+    type(output_t), intent(inout) :: output
+    integer, intent(in) :: member, number              ! from 1
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    logical, intent(out) :: failed                     ! whether a function of the user did
+
+    failed = .false.
+    if (associated(output%y)) output%y(:, member, number) = y
+    if (associated(output%observed)) &
+      call output%observer%observe(member, output%times(number), y, &
+                                   output%observed(:, member, number), failed)
+  end subroutine store_point
+
   ! Stores the end of a step.
-  pure subroutine store_step(output, number, t, y, last)
+  subroutine store_step(output, number, t, y, last, failed)
     type(output_t), intent(inout) :: output
     integer(int64), intent(in) :: number               ! of the step, from 1
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     logical, intent(in) :: last                        ! whether to store it in any case
+    logical, intent(out) :: failed                     ! whether a function of the user did
 
+    failed = .false.
     if (output%step_capacity == 0) return
     if (.not. (last .or. mod(number, output%every) == 0)) return
     output%steps = output%steps + 1
     output%step_t(output%steps) = t
-    output%step_y(:, output%steps) = y
+    if (associated(output%step_y)) output%step_y(:, output%steps) = y
+    if (associated(output%step_observed)) &
+      call output%observer%observe(1, t, y, output%step_observed(:, output%steps), failed)
   end subroutine store_step
 
   ! Stores an interpolant.

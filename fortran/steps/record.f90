@@ -3,8 +3,10 @@
 module record_m
   use kinds, only: wp
   use controller_m, only: smallest_size
+  use frames_m, only: apply_flows
   use interpolant_m, only: flows_of_evaluation
-  use output_m, only: store_interpolant, store_step, output_t
+  use linear_action_m, only: inner_points_t
+  use output_m, only: store_interpolant, store_point, store_step, output_t
   use simultaneous_events_m, only: record_zeros
   use step_events_m, only: crosses, find_zeros
   use requests_m, only: evaluate_events
@@ -12,11 +14,12 @@ module record_m
   use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, jumps_without_progress, paused, raised, &
+  use shared_numbers, only: buffer_full, finished, jumps_without_progress, observer_failed, &
+                            paused, raised, &
                             terminal_event
   implicit none
   private
-  public :: detect_events, examine_step, record_step
+  public :: detect_events, examine_step, fail_to_observe, prepare_inner, record_step
 
   integer, parameter :: max_stuck = 20
   ! of an event's function, relative to its values at both ends
@@ -48,7 +51,8 @@ contains
       x%events%after = values
       if (x%seeks_events) x%needs_interpolant = x%needs_interpolant &
           .or. any(x%events%came_from /= 0) &
-          .or. any(crosses(x%events%before, values, problem%events%direction) .and. abs(values) > 0)
+          .or. any(crosses(x%events%before, values, problem%events%direction) &
+                   .and. (abs(values) > 0 .or. x%last%kept))
       x%phase = phase_record_step
       if (.not. (x%needs_interpolant .or. x%seeks_events)) return
       call request_ends(problem, trajectory)
@@ -66,7 +70,8 @@ contains
       call find_zeros(problem, trajectory, .true., stopped)
       x%phase = phase_record_step
       if (stopped .and. x%status == finished) call fail(x, raised, x%t_end)
-      x%needs_interpolant = any(x%events%zero < 1 .or. abs(x%events%after(x%events%zero_of)) > 0)
+      x%needs_interpolant = any(x%events%zero < 1 .or. abs(x%events%after(x%events%zero_of)) > 0 &
+                                .or. x%last%kept)
       x%seeks_events = size(x%events%zero) > 0
       if (x%needs_interpolant .or. .not. x%seeks_events) &
         deallocate (x%events%zero, x%events%zero_of, x%events%zero_from)
@@ -137,17 +142,24 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether by an event
     type(output_t), intent(inout) :: output
+    logical :: failed
 
     associate (x => trajectory)
-      call record_outputs(problem, trajectory, t, y, output)
+      call record_outputs(problem, trajectory, t, y, output, failed)
       if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
-      call store_step(output, x%counts%steps, t, y, &
-                      .not. abs(t - problem%stops(size(problem%stops))) > 0 .or. ended)
+      if (.not. failed) &
+        call store_step(output, x%counts%steps, t, y, &
+                        .not. abs(t - problem%stops(size(problem%stops))) > 0 .or. ended, failed)
+      if (failed) then
+        call fail_to_observe(trajectory, t)
+        return
+      end if
       if (x%last%kept) then
         x%last%t = x%t
         x%last%h = x%t_end - x%t
         x%last%y(:) = x%y(:, 0)
         x%last%slope(:) = x%slope
+        x%last%cut = ended
       end if
       call begin_next_step(problem, trajectory, t, y, ended)
     end associate
@@ -160,7 +172,7 @@ contains
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
-    logical :: ends, stopped
+    logical :: ends, stopped, terminal
     real(wp), dimension(size(trajectory%events%before)) :: sizes, values
 
     associate (x => trajectory)
@@ -181,7 +193,8 @@ contains
       sizes = max(abs(x%events%before), abs(x%events%after))
       x%events%before(:) = x%events%after
       if (.not. ended) return
-      if (any(x%events%count >= problem%events%most)) then
+      terminal = any(x%events%count >= problem%events%most)
+      if (terminal .and. .not. x%last%kept) then
         x%phase = phase_ended
         x%status = terminal_event
         return
@@ -204,33 +217,107 @@ contains
       x%control%step_size = 0.0_wp
       x%control%last_error = 1.0_wp
       x%phase = phase_begin_segment
+      if (.not. terminal) return
+      x%status = terminal_event                        ! from which a stepper goes on
+      where (x%events%count >= problem%events%most) x%events%count = 0
     end associate
   end subroutine begin_next_step
 
   ! Records the points at the output times up to t, where the solution is y.
-  subroutine record_outputs(problem, trajectory, t, y, output)
+  subroutine record_outputs(problem, trajectory, t, y, output, failed)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
+    logical, intent(out) :: failed                     ! whether a function of the user did
 
-    associate (x => trajectory)
+    failed = .false.
+    associate (x => trajectory, point => trajectory%request%y)    ! which isn't used now
       do while (x%outputs_done < output%outputs)
         associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
           x%outputs_done = x%outputs_done + 1
           if (.not. abs(time - t) > 0) then
-            output%y(:, x%member, x%outputs_done) = y
+            point = y
+          else if (problem%method%polynomial) then
+            call prepare_next(problem, trajectory, output)
+            associate (inner => problem%frame%blocks(1)%action%inner)
+              call store_point(output, x%member, x%outputs_done, &
+                               inner%y(:, x%outputs_done - x%inner_from), failed)
+            end associate
+            if (failed) return
+            cycle
           else
-            call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), &
-                          output%y(:, x%member, x%outputs_done))
+            call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp &
                             + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
           end if
         end associate
+        call store_point(output, x%member, x%outputs_done, point, failed)
+        if (failed) return
       end do
     end associate
   end subroutine record_outputs
+
+  ! Ends a trajectory after a failure of a function that is evaluated at output times.
+  subroutine fail_to_observe(trajectory, t)
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+
+    trajectory%request%flag = observer_failed
+    call fail(trajectory, raised, t)
+  end subroutine fail_to_observe
+
+  ! Lets the next flow along a polynomial compute the points at the next output times in the step, as
+  ! many as have room in memory.
+  subroutine prepare_inner(problem, trajectory, output)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    type(output_t), intent(in) :: output
+    integer, parameter :: max_count = 64, max_numbers = 2**22
+    type(inner_points_t), pointer :: inner
+    real(wp) :: theta
+    integer :: most
+
+    inner => problem%frame%blocks(1)%action%inner
+    associate (x => trajectory, n => problem%frame%point_size)
+      most = min(max_count, max(1, max_numbers / n), output%outputs - x%outputs_done)
+      x%inner_from = x%outputs_done
+      inner%count = 0
+      if (most <= 0) return
+      if (.not. allocated(inner%theta)) allocate (inner%theta(max_count), source=2.0_wp)
+      do while (inner%count < most)
+        theta = (output%times(x%outputs_done + inner%count + 1) - x%t) / (x%t_end - x%t)
+        if (.not. theta < 1) exit
+        inner%count = inner%count + 1
+        inner%theta(inner%count) = theta
+      end do
+      inner%wanted = inner%count > 0
+      if (.not. inner%wanted) return
+      if (allocated(inner%y)) then
+        if (size(inner%y, 2) < inner%count) deallocate (inner%y)
+      end if
+      if (.not. allocated(inner%y)) allocate (inner%y(n, inner%count))
+    end associate
+  end subroutine prepare_inner
+
+  ! Prepares the point at the last output time passed where it isn't yet.
+  subroutine prepare_next(problem, trajectory, output)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    type(output_t), intent(in) :: output
+
+    associate (x => trajectory, method => problem%method, end => trajectory%request%y)
+      if (x%outputs_done - x%inner_from <= problem%frame%blocks(1)%action%inner%count) return
+      x%outputs_done = x%outputs_done - 1
+      call prepare_inner(problem, trajectory, output)
+      x%outputs_done = x%outputs_done + 1
+      end = x%y(:, 0)
+      call apply_flows(problem%frame, x%flows, method%path_first(method%result), &
+                       method%path_first(method%result + 1) - 1, x%f, end)
+      x%counts%nexp = x%counts%nexp + 1
+    end associate
+  end subroutine prepare_next
 
 end module record_m

@@ -14,7 +14,7 @@ contains
   ! Copies the state that a trajectory needs between steps to continue bit for bit.
   pure subroutine save_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(in) :: trajectory
-    real(wp), intent(out) :: reals(reals_of_state)
+    real(wp), intent(out) :: reals(:)        ! reals_of_state, then of each event five numbers
     integer(int64), intent(out) :: integers(integers_of_state)
     ! (point_size, 2), (dimension, 2 + columns of f, then f_before, last and jacobian of newton_t,
     ! or lu and pivot of solver_t, which is zero for factors of other step sizes)
@@ -25,9 +25,11 @@ contains
     associate (x => trajectory)
       reals = [x%t, x%control%step_size, x%control%last_error, x%last%t, x%last%h, x%h, &
                x%newton%last_h, x%newton%rate_factor, x%newton%factored_h, x%grid%start, x%grid%step, x%grid%last, &
-               x%grid%stop, x%h_before]
+               x%grid%stop, x%h_before, x%events%before, x%events%value_after, x%events%time, &
+               real(x%events%came_from, wp), real(x%events%count, wp)]
       associate (counts => x%counts)
-        integers = [merge(1_int64, 0_int64, x%slope_known), 2 * int(x%control%suspicion, int64) &
+        integers = [merge(1_int64, 0_int64, x%slope_known) &
+                    + merge(2_int64, 0_int64, x%events%known), 2 * int(x%control%suspicion, int64) &
                     + merge(1_int64, 0_int64, x%control%after_rejection), &
                     counts%nfev, counts%nexp, counts%njev, counts%nlu, counts%steps, &
                     counts%nrejected, x%control%attempts, &
@@ -63,7 +65,7 @@ contains
   ! Restores what save_state has copied.
   pure subroutine load_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp), intent(in) :: reals(reals_of_state)
+    real(wp), intent(in) :: reals(:)
     integer(int64), intent(in) :: integers(integers_of_state)
     real(wp), intent(in) :: points(:, :), slopes(:, :)
     real(wp), allocatable :: numbers(:)
@@ -77,7 +79,7 @@ contains
       x%h = reals(6)
       x%newton%last_h = reals(7)
       x%newton%rate_factor = reals(8)
-      x%slope_known = integers(1) == 1
+      x%slope_known = modulo(integers(1), 2_int64) == 1
       x%control%after_rejection = modulo(integers(2), 2_int64) == 1
       x%control%suspicion = int(integers(2) / 2)
       x%counts%nfev = integers(3)
@@ -98,6 +100,14 @@ contains
       x%grid = grid_t(reals(10), reals(11), reals(12), reals(13), integers(12))
       x%grid_done = integers(13)
       x%h_before = reals(14)
+      x%events%known = integers(1) > 1
+      associate (events => x%events, n => size(x%events%before), k => reals_of_state)
+        events%before = reals(k + 1:k + n)
+        events%value_after = reals(k + n + 1:k + 2 * n)
+        events%time = reals(k + 2 * n + 1:k + 3 * n)
+        events%came_from = nint(reals(k + 3 * n + 1:k + 4 * n))
+        events%count = nint(reals(k + 4 * n + 1:k + 5 * n), int64)
+      end associate
       if (allocated(x%f_before)) then
         x%f_before = slopes(:, 3 + size(x%f, 2):)
       else if (allocated(x%newton%last)) then

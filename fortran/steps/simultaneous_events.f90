@@ -98,25 +98,30 @@ contains
     logical, intent(out) :: stopped
     logical :: jumps(size(happen))
     real(wp) :: before(size(y))
-    integer :: k
+    integer :: i, k
 
     stopped = .false.
     after = y
     associate (x => trajectory, events => problem%events, t => time_at(trajectory, theta))
       do k = 1, size(happen)
-        associate (i => x%events%zero_of(k))
-          if (happen(k)) x%events%count(i) = x%events%count(i) + 1
-          jumps(k) = happen(k) .and. events%jumps(i) .and. x%events%count(i) < events%most(i)
+        associate (of => x%events%zero_of(k))
+          if (happen(k)) x%events%count(of) = x%events%count(of) + 1
+          jumps(k) = happen(k) .and. events%jumps(of) .and. (x%last%kept &
+                     .or. x%events%count(of) < events%most(of))
           if (.not. happen(k)) cycle
-          x%events%time(i) = t
-          if (.not. jumps(k)) call store_event(output, x%member, i, t, y, y)
+          x%events%time(of) = t
+          if (.not. jumps(k)) call store_event(output, x%member, of, t, y, y)
         end associate
       end do
       do k = 1, size(happen)
         if (.not. jumps(k)) cycle
         before = after
         call events%jump(x%member, x%events%zero_of(k), t, before, after, stopped)
-        if (stopped) return
+        if (stopped) then
+          where ([(any(happen .and. x%events%zero_of == i, 1), i=1, events%count)]) &
+            x%events%count = x%events%count - 1
+          return
+        end if
         call store_event(output, x%member, x%events%zero_of(k), t, before, after)
       end do
     end associate

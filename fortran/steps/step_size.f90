@@ -46,9 +46,21 @@ contains
       end if
     end if
     if (.not. associated(problem%events)) return
-    if (any(trajectory%events%count > 0) .or. trajectory%counts%steps > 0) return
+    if (trajectory%events%known) return
     call evaluate_events(problem, trajectory, trajectory%t, trajectory%y(:, 0), values, stopped)
-    if (.not. stopped) trajectory%events%before = values
+    if (stopped) return
+    associate (events => trajectory%events)
+      events%known = .true.
+      events%before = values
+      ! after a restart where an event has happened, this zero isn't another event
+      where (events%came_from /= 0 .and. abs(values) <= max(8 * abs(events%value_after), &
+          epsilon(1.0_wp) * maxval(abs(trajectory%y(:problem%events%width, 0)))))
+        events%before = 0.0_wp
+        events%value_after = values
+      elsewhere
+        events%came_from = 0
+      end where
+    end associate
   end subroutine begin_segment
 
   ! Makes the grid of equal steps to a stop, unless the present one leads there.

@@ -76,6 +76,7 @@ module trajectory_m
 
   ! The events of a trajectory
   type :: event_state_t
+    logical :: known = .false.               ! whether the values at the start of the step are
     real(wp), allocatable :: before(:), after(:)       ! (events) values at both ends of the step
     integer(int64), allocatable :: count(:)  ! (events) how often each happened
     real(wp), allocatable :: time(:)         ! (events) when each happened last
@@ -93,6 +94,7 @@ module trajectory_m
   ! The step before, whose interpolant may be requested
   type :: last_step_t
     logical :: kept = .false.
+    logical :: cut = .false.                 ! whether an event ended it; its interpolant is complete
     real(wp) :: t = 0.0_wp, h = 0.0_wp
     real(wp), allocatable :: y(:), slope(:)  ! at its start
   end type last_step_t
@@ -139,6 +141,7 @@ module trajectory_m
     logical :: seeks_events = .false.        ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
+    integer :: inner_from = 0                ! and when points within a polynomial step were prepared
     type(event_state_t) :: events
     type(last_step_t) :: last
   end type trajectory_t
@@ -189,6 +192,7 @@ contains
       associate (events => trajectory%events)
         allocate (events%before(n), events%after(n), events%count(n), events%time(n), &
                   events%came_from(n), events%value_after(n), stat=memory)
+        if (memory == 0) events%came_from = 0
       end associate
       if (memory /= 0) return
       if (within) call reserve_interpolant(frame, problem%scheme, trajectory%interpolant, memory)
@@ -205,7 +209,9 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(in) :: first_step                 ! zero to choose it
     type(trajectory_t), intent(inout) :: trajectory
+    logical :: same                          ! whether it was there already
 
+    same = .not. (abs(trajectory%t - t) > 0 .or. any(abs(trajectory%y(:, 0) - y) > 0))
     trajectory%t = t
     trajectory%y(:, 0) = y
     trajectory%slope_known = .false.
@@ -223,10 +229,14 @@ contains
     trajectory%grid_done = 0
     trajectory%weighted_by = 0.0_wp
     call forget_step(trajectory)
+    trajectory%last%cut = .false.
+    trajectory%events%known = .false.
     trajectory%events%before = 0.0_wp
+    trajectory%events%count = 0
+    if (allocated(trajectory%events%zero)) call forget_zeros(trajectory)
+    if (same) return
     trajectory%events%time = huge(1.0_wp)
     trajectory%events%came_from = 0
-    trajectory%events%count = 0
   end subroutine set_start
 
   ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or the
@@ -250,7 +260,15 @@ contains
     trajectory%segment = 1
     trajectory%phase = phase_begin_segment
     trajectory%interpolate_only = .false.
+    if (allocated(trajectory%events%zero)) call forget_zeros(trajectory)
   end subroutine continue_run
+
+  ! Forgets zeros within a step that a failure has interrupted.
+  pure subroutine forget_zeros(trajectory)
+    type(trajectory_t), intent(inout) :: trajectory
+
+    deallocate (trajectory%events%zero, trajectory%events%zero_of, trajectory%events%zero_from)
+  end subroutine forget_zeros
 
   ! Ends a trajectory with an error.
   subroutine fail(trajectory, status, t)

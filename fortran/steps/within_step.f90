@@ -28,7 +28,9 @@ contains
     trajectory%status = paused
     trajectory%phase = phase_request_end
     call reserve_interpolant(problem%frame, problem%scheme, trajectory%interpolant, memory)
-    if (memory /= 0) then
+    if (trajectory%last%cut) then
+      trajectory%phase = phase_record_step
+    else if (memory /= 0) then
       call fail(trajectory, out_of_memory, trajectory%t)
     else if (trajectory%slope_known) then
       call interpolate_last(problem, trajectory, trajectory%slope)

@@ -62,6 +62,16 @@ module lapack_m
       type(*), intent(inout) :: b(ldb, *)          ! (ldb, nrhs)
       integer(c_int), intent(out) :: info
     end subroutine getrs_i
+
+    subroutine gemm_i(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc) bind(c)
+      import :: c_char, c_double, c_int
+      character(kind=c_char), intent(in) :: transa, transb
+      integer(c_int), intent(in) :: m, n, k, lda, ldb, ldc
+      real(c_double), intent(in) :: alpha, beta
+      type(*), intent(in) :: a(lda, *)             ! (lda, k)
+      type(*), intent(in) :: b(ldb, *)             ! (ldb, n)
+      type(*), intent(inout) :: c(ldc, *)          ! (ldc, n)
+    end subroutine gemm_i
   end interface
 
   procedure(syrk_i), pointer, protected, public :: dsyrk => null()
@@ -70,12 +80,13 @@ module lapack_m
   procedure(geqrf_i), pointer, protected, public :: dgeqrf => null()
   procedure(getrf_i), pointer, protected, public :: dgetrf => null(), zgetrf => null()
   procedure(getrs_i), pointer, protected, public :: dgetrs => null(), zgetrs => null()
+  procedure(gemm_i), pointer, protected, public :: dgemm => null()
 
 contains
 
   ! Sets the addresses of the routines.
   subroutine set_lapack(addresses)
-    integer(c_intptr_t), intent(in) :: addresses(8)  ! in the order of the pointers
+    integer(c_intptr_t), intent(in) :: addresses(9)  ! in the order of the pointers
 
     call c_f_procpointer(transfer(addresses(1), c_null_funptr), dsyrk)
     call c_f_procpointer(transfer(addresses(2), c_null_funptr), dpotrf)
@@ -85,6 +96,7 @@ contains
     call c_f_procpointer(transfer(addresses(6), c_null_funptr), zgetrf)
     call c_f_procpointer(transfer(addresses(7), c_null_funptr), dgetrs)
     call c_f_procpointer(transfer(addresses(8), c_null_funptr), zgetrs)
+    call c_f_procpointer(transfer(addresses(9), c_null_funptr), dgemm)
   end subroutine set_lapack
 
 end module lapack_m

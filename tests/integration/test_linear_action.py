@@ -285,6 +285,35 @@ class TestPolynomialFlows:
             np.testing.assert_allclose(y, exact.y, rtol=0, atol=1e-7)
             assert run.nfev < 200
 
+    @pytest.mark.parametrize("skew", [False, True])
+    @pytest.mark.parametrize("end", [1.0, -1.0])
+    def test_many_output_times_in_a_step_take_few_flows(self, skew, end):
+        generators = self.DENSE - self.DENSE.mT if skew else 2 * self.DENSE
+        times = end * np.linspace(0, 1, 203)
+        options = {"frame": LinearAction(list(generators)), "method": "CFM8(4)"}
+
+        def a(t):  # of degree three, which one step interpolates exactly
+            return [1 - 3 * t**3, t]
+
+        run = cg.solve_linear(
+            a, (0, end), np.ones(5), h=1.0, t_eval=times, dense_output=True, **options
+        )
+        assert run.steps == 1
+        assert run.nexp <= 5  # at most 64 times for each
+        steps = cg.solve_linear(a, (0, end), np.ones(5), h=1 / 202, **options)
+        np.testing.assert_allclose(run.y, steps.y, rtol=0, atol=1e-13 * np.abs(steps.y).max())
+        shuffled = np.random.default_rng(1).permutation(203)
+        np.testing.assert_allclose(run.sol(times[shuffled]), run.y[shuffled], rtol=1e-12)
+
+    def test_an_event_leaves_out_later_output_times(self):
+        frame, times = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]]), np.linspace(0, 5, 501)
+        run = cg.solve_linear(
+            lambda t: [1.0], (0, 5), [1.0, 0.0], frame=frame, h=2.5, t_eval=times, method="CFM4",
+            events=cg.Event(lambda t, y: y[0], terminal=True),
+        )  # fmt: skip
+        assert run.t[-1] == times[157] < np.pi / 2
+        np.testing.assert_allclose(run.y[:, 0], np.cos(run.t), atol=1e-13)
+
     def test_events_are_found(self):
         frame = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]])
         run = cg.solve_linear(

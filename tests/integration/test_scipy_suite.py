@@ -24,7 +24,7 @@ def solve_ivp(fun, t_span, y0, method="RK45", vectorized=False, jac=None, **opti
         return np.asarray(value, dtype=y0.dtype).view(float)
 
     if jac is not None and name == "RadauIIA5":
-        options["jac"] = jac if callable(jac) else lambda t, y, *args: jac
+        options["jac"] = jac
     start = y0.view(float)
     frame = cg.frames.Euclidean(start.size)
     solution = cg.solve_ivp(f, t_span, start, frame=frame, method=name, **options)
@@ -47,18 +47,15 @@ def num_parallel_threads():
 
 # Tests that fail, and why
 DIFFERENCES = {
-    "test_duplicate_timestamps": "t_span must be finite",
+    "test_duplicate_timestamps": "sol refuses times outside the integration",
     "test_integration": "output between steps of DOP853 takes more evaluations",
     "test_integration_complex": "RadauIIA5 in place of BDF takes more evaluations",
     "test_integration_sparse_difference": "jac_sparsity is not an argument",
-    "test_integration_const_jac": "a constant jac counts as evaluated",
     "test_events": "y_events of an event without zeros has the shape (0, n), not (0,)",
     "test_event_terminal_iv": "other words",
     "test_t_eval_early_event": "other words",
-    "test_event_dense_output_LSODA": "jac must have the shape (1, 1) for one unknown, not ()",
     "test_no_integration": "sol refuses times outside the integration",
     "test_empty": "a frame has at least one dimension",
-    "test_array_rtol": "rtol is one number",
     "test_args_single_value": "other words",
     "test_initial_state_finiteness": "other words",
 }

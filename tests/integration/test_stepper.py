@@ -1,11 +1,13 @@
 """The stepper: single steps, restarts, copies and pickles."""
 
 import copy
+import ctypes
 import pickle
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from scipy import LowLevelCallable
 
 import cg
 from cg.frames import GL, SO3, Euclidean, Product, UnitQuaternion
@@ -421,3 +423,25 @@ def test_advance_to_a_breakpoint_uses_the_side_before_it(fixed):
     assert stepper.y == 2.0
     stepper.advance(2.0)
     assert stepper.y == pytest.approx(7.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("method", ["DP5(4)", "RKMK8(5,3)", "RadauIIA5"])
+def test_a_restart_reads_data_that_have_changed_in_place(method):
+    kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, *[ctypes.POINTER(ctypes.c_double)] * 3)
+    rate = np.array([1.0])
+
+    @kind
+    def f(t, y, out, data):
+        out[0] = data[0] * y[0]
+        return 0
+
+    address = ctypes.cast(rate.ctypes.data, ctypes.c_void_p)
+    given = {"frame": Euclidean(1), "method": method, "rtol": 1e-6, "atol": 1e-6}
+    stepper = cg.Stepper(LowLevelCallable(f, address), 0.0, [1.0], **given)
+    stepper.advance(1.0)
+    rate[0] = -2.0
+    stepper.restart()
+    new = cg.Stepper(LowLevelCallable(f, address), 1.0, stepper.y, **given)
+    for each in (stepper, new):
+        each.advance(2.0)
+    assert stepper.y == new.y

@@ -26,7 +26,7 @@ class Control(NamedTuple):
     """The step size control."""
 
     h: float | None = None  # size of equal steps, None for adaptive steps
-    rtol: float = 1e-3
+    rtol: Array = np.array([1e-3])  # of the shape of atol
     atol: Array = np.array([1e-6])
     max_step: float = math.inf
     first_step: float | None = None

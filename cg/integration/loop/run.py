@@ -15,23 +15,25 @@ from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import Steps
-from cg.integration.loop.record import Record
+from cg.integration.loop.record import COUNTS, Record
 from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.callbacks import Callbacks
 from cg.support.memory import reserved
-from cg.support.shared_numbers import COUNTERS, JacobianKind, StateSize, Stop
+from cg.support.shared_numbers import COUNTERS, FieldFlag, JacobianKind, StateSize, Stop
 
 _MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
+_STEP_PARTS = "step_y", "step_observed"
 _LANES = 1024  # members integrated at the same time by a vectorized function
 
 
 class Run:
     """Trajectories that start at the same time, and their output.
 
-    Points at ``t_eval`` are written into ``y``, shape ``(times, members, width)``; there is room
+    Points at ``t_eval`` are written into ``y``, shape ``(times, members, width)``, and what is
+    observed into ``observed``, shape ``(times, members, count)``; there is room
     for ``capacity`` steps if their number is known.  With ``keep_last`` the interpolant of the last
     step may be requested.  By default one member at a time is integrated, or up to 1024 by a
     vectorized function.
@@ -55,6 +57,7 @@ class Run:
         problem: Problem,
         *,
         y: Array | None = None,
+        observed: Array | None = None,
         capacity: int = 0,
         keep_last: bool = False,
         lanes: int | None = None,
@@ -78,15 +81,22 @@ class Run:
         self._steps: list[tuple[Array, ...]] = []
         self._events: list[tuple[Array, ...]] = []
         self._share_members(plan.doubles(problem.points))
-        if y is not None and len(y):
-            self.record.outputs = len(y)
-            self._share("times", np.array(problem.t_eval))
-            self._share("y", y)
+        for name, array in (("y", y), ("observed", observed)):
+            if array is not None and len(array):
+                self.record.outputs = len(array)
+                self._share("times", np.array(problem.t_eval))
+                self._share(name, array)
+        if problem.observer is not None:
+            self.record.observations = problem.observer.count
+            fields, self._observing = problem.observer.fields(self.rhs)
+            for name, value in fields.items():
+                setattr(self.record, name, value)
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
         self._share("stops", np.array(problem.stops))
         self._share_inputs()
-        self._share("atol", self.control.atol.flatten())
+        for name in ("rtols", "atol"):
+            self._share(name, getattr(self.control, name.removesuffix("s")).flatten())
         if events is not None and self._functions:
             self._share("event_table", events.rows)
         self._open()
@@ -101,7 +111,7 @@ class Run:
             function=function, vectorized=self.rhs.vectorized, data=data, data_stride=stride,
             of_time=problem.of_time, functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
-            h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
+            h=control.h or 0.0, rtol=control.rtol.min(), tolerances=control.atol.size,
             in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
             max_step=control.max_step, first_step=control.first_step or 0.0,
             max_steps=control.max_steps, every=max(problem.every, 1), dense=problem.dense,
@@ -174,9 +184,13 @@ class Run:
         problem, width = self.problem, self.plan.width
         if problem.every:
             self.record.step_capacity = capacity
-            block = self._share("step_t", np.empty(capacity * (1 + width)))
-            self._buffers["step_y"] = block[capacity:].reshape(capacity, width)
-            self.record.step_y = self.record.step_t + 8 * capacity
+            stored = width if problem.keeps_points else 0
+            block = self._share("step_t", np.empty(capacity * (1 + stored)))
+            if stored:
+                self._buffers["step_y"] = block[capacity:].reshape(capacity, width)
+                self.record.step_y = self.record.step_t + 8 * capacity
+            if problem.observer is not None:
+                self._share("step_observed", np.empty((capacity, problem.observer.count)))
         more = min(capacity, _MAX_BUFFER)
         if self._functions:
             self.record.event_capacity = self._functions * self._lanes + more
@@ -204,14 +218,18 @@ class Run:
         except Exception as error:
             self._add_note(error)
             raise
-        record = self.record
+        record, jacobian = self.record, self.problem.jacobian
+        if jacobian is not None and jacobian.constant:
+            self.counts[:, COUNTS.index("njev")] = 0
         if record.raised:
+            name = "observe" if (self.flag == FieldFlag.OBSERVER_FAILED).any() else "events"
             raise ValueError(
-                "events must return finite numbers, got another one at "
+                f"{name} must return finite numbers, got another one at "
                 f"t = {float(self.failed_at.max()):.17g}"
             )
         if record.steps:
-            self._collect(self._steps, record.steps, "step_t", "step_y")
+            names = [name for name in _STEP_PARTS if name in self._buffers]
+            self._collect(self._steps, record.steps, "step_t", *names)
         if record.interpolants:
             parts = ("dense_member", "dense_t", "dense_y", "dense_field")
             self._collect(self._dense, record.interpolants, *parts)
@@ -235,6 +253,13 @@ class Run:
             first = getattr(self.rhs, "first", None)
             which = "" if first is None else f" in member {first + member}"
             error.add_note(f"in {name}(t, y, ...) at t = {t:.17g}{which}")
+        elif (self.flag == FieldFlag.OBSERVER_FAILED).any():
+            member = int(np.flatnonzero(self.flag == FieldFlag.OBSERVER_FAILED)[0])
+            first = getattr(self.rhs, "first", None)
+            which = (
+                f" in member {first + member}" if self.problem.many and first is not None else ""
+            )
+            error.add_note(f"in observe(t, y, ...) at t = {self.failed_at[member]:.17g}{which}")
         elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
             member = int(raised[0])
             error.add_note(self.rhs.note(float(self.failed_at[member]), member))
@@ -246,10 +271,12 @@ class Run:
             parts = [part.copy() for part in parts]
         taken.append(tuple(parts))
 
-    def steps(self) -> tuple[Array, Points]:
-        """Return the times and points of the start and of all stored steps."""
-        t, rows = map(np.concatenate, zip(*self._steps, strict=True))
-        return t, self.plan.points(rows, (len(t),))
+    def steps(self) -> tuple[Array, Array | None, Array | None]:
+        """Return times, points as doubles and observations of the start and all stored steps."""
+        t, *parts = map(np.concatenate, zip(*self._steps, strict=True))
+        names = [name for name in _STEP_PARTS if name in self._buffers]
+        stored = dict(zip(names, parts, strict=True))
+        return t, stored.get("step_y"), stored.get("step_observed")
 
     def interpolants(self) -> Steps:
         """Return the stored interpolants in the order of the members."""
@@ -272,7 +299,7 @@ class Run:
     def state(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         """Return what the trajectories need to continue; see ``save_state`` in compiled code."""
         lanes = self._lanes
-        reals = np.empty((lanes, StateSize.REALS))
+        reals = np.empty((lanes, StateSize.REALS + 5 * self._functions))
         integers = np.empty((lanes, StateSize.INTEGERS), dtype=np.int64)
         points = np.empty((lanes, 2, self.plan.width))
         slopes = np.empty((lanes, 2 + self.kept, self.plan.frame.dim))

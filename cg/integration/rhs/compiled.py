@@ -84,7 +84,9 @@ class CompiledRhs:
         if inputs is None and parameters is self.parameters:
             return self
         data = parameters if inputs is None else inputs.data_with(parameters)
-        return replace(self, parameters=parameters, inputs=inputs, data=data)
+        made = object.__new__(type(self))  # much faster than replace
+        made.__dict__.update(self.__dict__, parameters=parameters, inputs=inputs, data=data)
+        return made
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.function, self.name, self.frame, self.parameters, self.inputs)

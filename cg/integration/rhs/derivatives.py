@@ -44,6 +44,8 @@ class Derivative:
                     f"{self.name} must return an array of shape {expected}, got {value!r} at "
                     f"{when(t)}"
                 ) from error
+        if value.shape == () and math.prod(expected) == 1:
+            value = value.reshape(expected)
         if value.shape != expected:
             raise ValueError(
                 f"{self.name} must return an array of shape {expected}, got shape {value.shape} at "

@@ -20,6 +20,19 @@ Rhs = CompiledRhs | PythonRhs
 
 
 @dataclass(frozen=True, eq=False)
+class _Constant:
+    """A matrix that was given as ``jac``, as a function."""
+
+    matrix: Any
+
+    def __call__(self, t: Any, *_: Any) -> Any:
+        """Return the matrix, or a stack of it for an array of times."""
+        if np.ndim(t) == 0:
+            return self.matrix
+        return np.broadcast_to(self.matrix, (*t.shape, *self.matrix.shape))
+
+
+@dataclass(frozen=True, eq=False)
 class Jacobian:
     """The Jacobian of a right-hand side.
 
@@ -28,6 +41,7 @@ class Jacobian:
 
     derivative: Derivative
     sparse: bool = False  # whether the function returns sparse matrices of SciPy
+    constant: bool = False  # whether a matrix was given, which isn't counted as evaluated
     lanes: int = 1  # how many members are integrated at the same time
     # of each member the sparse matrix and its factors, the latest used last
     kept: dict[int, list[Any]] = field(default_factory=dict)
@@ -108,12 +122,16 @@ def jacobian_of(
         return None
     if not is_collocation(method):
         raise ValueError(f'jac must be None unless method="RadauIIA5", and it is {method!r}')
+    constant = isinstance(jac, np.ndarray | list | tuple) or hasattr(jac, "tocsc")
+    if constant:
+        dense = jac.toarray() if rhs.vectorized and hasattr(jac, "tocsc") else jac
+        jac = _Constant(dense if hasattr(dense, "tocsc") else np.asarray(dense))
     shape = frame.dim, frame.dim
     derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.inputs)
     assert derivative is not None
     sparse = False
     if not (rhs.vectorized or isinstance(derivative.function, CompiledRhs)):
         sparse = hasattr(derivative.function(t, y.copy(), *rhs.arguments(0)), "tocsc")
-    jacobian = Jacobian(derivative, sparse)
+    jacobian = Jacobian(derivative, sparse, constant)
     jacobian.value(rhs, 0, t, y.copy())
     return jacobian

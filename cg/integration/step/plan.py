@@ -75,14 +75,14 @@ class Plan:
         self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.parts
         self.series = series_order(method)  # order up to which that of dexp⁻¹ is needed
         self.collocation = is_collocation(method)
-        if not method.explicit:
-            provide_lapack()
         if self.compiled:
             blocks = describe_blocks(frame)
         else:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
         self.paths = paths = paths_on(frame, method)
         self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
+        if paths.polynomial or not method.explicit:
+            provide_lapack()
         if paths.polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
             self.exponent = 1.0 / (method.stages + paths.power)

@@ -49,6 +49,11 @@ def add_derivatives(
             "frame must know the bracket of its fields, by which derivatives move, got "
             f"{frame!r}, whose fields are no Lie algebra or none that it knows"
         )
+    if not problem.keeps_points:
+        raise ValueError(
+            'store must be "all" where solutions have derivatives, which belong to points, got '
+            '"observed"'
+        )
     field = _make_field(frame, rhs, jac, df_dp, moments, noise_of(noise, problem))
     joint: Rhs
     if rhs.vectorized:
@@ -57,7 +62,9 @@ def add_derivatives(
     else:
         joint = compiled_variation(field, problem.plan, rhs.args, rhs.parameters, rhs.inputs)
     if control.h is None:
-        control = control._replace(atol=_tolerances(problem, field, control_derivatives))
+        absolute = _tolerances(problem, field, control_derivatives, "atol")
+        relative = _tolerances(problem, field, control_derivatives, "rtol")
+        control = control._replace(rtol=relative, atol=absolute)
     members = len(problem.points) if problem.many else None
     covariance = check_covariance(P0, frame.dim, members)
     return replace(
@@ -95,14 +102,18 @@ def _make_field(
     )
 
 
-def _tolerances(problem: Problem, field: VariationalField, control_derivatives: bool) -> Array:
-    """Return absolute tolerances of all coordinates, infinite for those without error control."""
-    plan, given = problem.plan, problem.control.atol
+def _tolerances(
+    problem: Problem, field: VariationalField, control_derivatives: bool, name: str
+) -> Array:
+    """Return tolerances of all coordinates, absolute ones infinite without error control."""
+    plan, given, is_absolute = problem.plan, getattr(problem.control, name), name == "atol"
     n = field.frame.dim
     shape = (n,) if problem.in_algebra else field.frame.point_shape
     own = np.broadcast_to(np.asarray(given), shape).ravel()
     rows = own if problem.in_algebra else np.full(n, own.min())
-    if not problem.in_algebra:
+    if not problem.in_algebra and not is_absolute:
+        own = np.repeat(own, plan.parts)
+    elif not problem.in_algebra:
         # the norm is that of numbers here, and that of complex entries there
         own = np.repeat(own, plan.parts) / np.sqrt(plan.parts)
     if control_derivatives and not rows.min() > 0.0:
@@ -111,4 +122,5 @@ def _tolerances(problem: Problem, field: VariationalField, control_derivatives: 
             f"got {given}"
         )
     others = np.repeat(rows, field.columns)
-    return np.concatenate([own, others if control_derivatives else np.full(others.size, np.inf)])
+    controlled = control_derivatives or not is_absolute
+    return np.concatenate([own, others if controlled else np.full(others.size, np.inf)])

@@ -103,7 +103,7 @@ def solve_variational(
         As for `cg.solve_ivp`.  A jump must be a function of its arguments alone, and is called for
         points nearby too.  If ``f`` changes where an event happens, let it depend on a coordinate
         that the jump changes, and not on the sign of the event's function.
-    max_step, first_step, max_steps, args, stage_solver, progress
+    max_step, first_step, max_steps, args, stage_solver, observe, progress
         As for `cg.solve_ivp`.
 
     Returns
@@ -208,7 +208,7 @@ def solve_variational_ensemble(
         As for `cg.solve_ensemble`.
     events
         As for `cg.solve_variational`.
-    max_step, first_step, max_steps, stage_solver, executor, workers, progress
+    max_step, first_step, max_steps, stage_solver, observe, executor, workers, progress
         As for `cg.solve_ensemble`.
 
     Returns

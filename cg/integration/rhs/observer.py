@@ -1,0 +1,121 @@
+"""Functions of the solution that are evaluated at output times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cg.frames.arrays import Array, Points, real_array
+from cg.frames.base import Frame
+from cg.integration.rhs.compiled import CompiledRhs, compiled_event
+from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.inputs import WithInput
+from cg.integration.rhs.python import PythonRhs, context_of, when
+
+STORED = "all", "observed"
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """What is evaluated at output times, after checking.
+
+    Attributes
+    ----------
+    function
+        A function in Python, or a list of compiled ones.
+    frame
+        That of the points that it is given.
+    shape
+        Of its value at one time.
+    keeps_points
+        Whether the points are stored as well.
+    """
+
+    function: Any
+    frame: Frame
+    shape: tuple[int, ...]
+    keeps_points: bool
+
+    def check(self, value: Any, t: float, _: Points) -> Array:
+        """Return a value as an array, after checking it."""
+        try:
+            numbers = real_array(value, "observe")
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"observe must return real numbers, got {value!r} at {when(t)}"
+            ) from error
+        if numbers.shape != self.shape:
+            raise ValueError(
+                f"observe must return shape {self.shape} at all times, got {value!r} at {when(t)}"
+            )
+        if not np.isfinite(numbers).all():
+            raise ValueError(f"observe must return finite numbers, got {value!r} at {when(t)}")
+        return np.ascontiguousarray(numbers)
+
+    def fields(self, rhs: CompiledRhs | PythonRhs) -> tuple[dict[str, int], Any]:
+        """Return entries of the record of a run, and what has to stay alive with them."""
+        import cg._core_r64 as core
+
+        if isinstance(self.function, list):
+            data, stride = rhs.addresses()[1:] if isinstance(rhs, CompiledRhs) else (0, 0)
+            if isinstance(rhs, PythonRhs) and rhs.inputs is not None:
+                raise ValueError("observe must be in Python with inputs if f is, got compiled ones")
+            if isinstance(rhs, PythonRhs) and rhs.parameters is not None:
+                data, stride = rhs.parameters.ctypes.data, rhs.parameters.strides[0]
+            table = EventTable(self.function, self.frame).rows
+            return {
+                "observers": len(table), "observer_table": table.ctypes.data,
+                "observer_data": data, "observer_stride": stride,
+            }, table  # fmt: skip
+        count = None if rhs.inputs is None else rhs.inputs.members
+        count = count if rhs.parameters is None else len(rhs.parameters)
+        members = range(1 if count is None else count)
+        rest = self.frame, self.shape, self.check
+        contexts = [context_of(self.function, rhs.arguments(k), *rest) for k in members]
+        pointers = np.array([id(context) for context in contexts])
+        field, member, _ = core.function_addresses()
+        function = field if count is None else member
+        data = id(contexts[0]) if count is None else pointers.ctypes.data
+        stride = 0 if count is None else 8
+        entries = {"observer": function, "observer_data": data, "observer_stride": stride}
+        return entries, (contexts, pointers)
+
+    @property
+    def count(self) -> int:
+        """Numbers at a time."""
+        return math.prod(self.shape)
+
+
+def observer_of(
+    observe: Any, store: Any, frame: Frame, rhs: CompiledRhs | PythonRhs, t: float, y: Points
+) -> Observer | None:
+    """Return what is evaluated at output times, after calling it at the initial point."""
+    if store not in STORED:
+        raise ValueError(f"store must be {' or '.join(map(repr, STORED))}, got {store!r}")
+    if observe is None:
+        if store != "all":
+            raise ValueError(f"observe must be given with store={store!r}, got None")
+        return None
+    keeps_points = store == "all"
+    if compiled_event(observe) is not None:
+        return Observer([observe], frame, (), keeps_points)
+    if isinstance(observe, Sequence) and observe and all(map(compiled_event, observe)):
+        return Observer(list(observe), frame, (len(observe),), keeps_points)
+    if not callable(observe):
+        raise TypeError(
+            "observe must be callable as observe(t, y), or a list of compiled functions, got "
+            f"{observe!r}"
+        )
+    if rhs.inputs is not None:
+        observe = WithInput(observe)
+    visible = y.copy()
+    visible.flags.writeable = False
+    shape = np.shape(observe(t, visible, *rhs.arguments(0)))
+    observer = Observer(observe, frame, shape, keeps_points)
+    if not observer.count:
+        raise ValueError(f"observe must return at least one number, got shape {shape}")
+    return observer

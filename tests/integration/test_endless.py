@@ -1,0 +1,112 @@
+"""Spans without an end, relative tolerances of each coordinate, and constant Jacobians."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_array
+
+import cg
+from cg.frames import SO3, Euclidean
+
+GROWS = {"rtol": 1e-9, "atol": 1e-9, "frame": Euclidean(1)}
+
+
+def grow(t, y):
+    return y
+
+
+def at_ten(t, y):
+    return y[0] - 10.0
+
+
+at_ten.terminal = True
+
+
+class TestEndless:
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_a_terminal_event_ends_it(self, sign):
+        progress = []
+        run = cg.solve_ivp(
+            lambda t, y: sign * y, (0, sign * np.inf), [1.0], events=at_ten, dense_output=True,
+            breakpoints=[sign * 1.0], progress=lambda *x: progress.append(x), **GROWS,
+        )  # fmt: skip
+        assert run.status == 1
+        assert np.allclose(run.t[-1], sign * np.log(10), rtol=1e-8)
+        assert sign * 1.0 in run.t
+        assert np.allclose(run.sol(sign * 2.0), np.exp(2.0), rtol=1e-8)
+        assert progress[-1][1] == np.inf
+
+    def test_max_steps_end_it(self):
+        run = cg.solve_ivp(lambda t, y: [-1.0], (0, np.inf), [1.0], max_steps=9, **GROWS)
+        assert (run.status, run.steps) == (-1, 9)
+
+    def test_ensembles_have_output_at_the_start_and_where_it_is_asked_for(self):
+        points, span = np.array([[1.0], [2.0]]), (0, np.inf)
+        run = cg.solve_ensemble(grow, span, points, events=at_ten, **GROWS)
+        assert np.allclose(run.t_end, np.log([10, 5]), rtol=1e-8)
+        assert run.t.tolist() == [0.0]
+        run = cg.solve_ensemble(grow, span, points, events=at_ten, t_eval=[1.0, 2.0], **GROWS)
+        assert np.isnan(run.y[1, 1])
+        assert np.allclose(run.y[1, 0], np.exp(2.0))
+
+
+class TestRelativeTolerances:
+    def test_equal_ones_are_as_one(self):
+        problem = (lambda t, y: [np.sin(t), y[0, 0], 1.0], (0, 3), np.eye(3))
+        one = cg.solve_ivp(*problem, frame=SO3(), rtol=1e-6)
+        each = cg.solve_ivp(*problem, frame=SO3(), rtol=np.full(3, 1e-6))
+        assert np.array_equal(one.t, each.t)
+
+    def test_a_coordinate_with_a_loose_one_is_less_accurate(self):
+        def solve(rtol):
+            frame = Euclidean(2)
+            return cg.solve_ivp(lambda t, y: y * np.cos(t), (0, 9), [1, 1], frame=frame, rtol=rtol)
+
+        loose = solve([1e-2, 1e9])
+        assert loose.steps < solve(1e-2).steps < solve([1e-2, 1e-8]).steps
+
+    def test_variational_equations_take_the_same_steps(self):
+        options = {"frame": Euclidean(2), "rtol": [1e-4, 1e-8], "atol": 1e-9}
+        problem = (lambda t, y: [y[1], -y[0]], (0, 3), [1.0, 0.0])
+        assert np.array_equal(
+            cg.solve_variational(*problem, **options).t, cg.solve_ivp(*problem, **options).t
+        )
+
+    def test_a_tiny_one_is_raised(self):
+        with pytest.warns(UserWarning, match="At least one element of rtol is too small"):
+            cg.solve_ivp(grow, (0, 1), [1.0], frame=Euclidean(1), rtol=[1e-20])
+
+
+class TestConstantJacobian:
+    MATRIX = np.array([[-1e3, 1.0], [0.0, -1.0]])
+
+    def solve(self, jac, **options):
+        options = {"frame": Euclidean(2), "method": "RadauIIA5", **options}
+        return cg.solve_ivp(lambda t, y: self.MATRIX @ y, (0, 1), [1.0, 1.0], jac=jac, **options)
+
+    @pytest.mark.parametrize("convert", [np.asarray, np.ndarray.tolist, csc_array])
+    def test_it_is_not_counted(self, convert):
+        reference = self.solve(lambda t, y: self.MATRIX)
+        run = self.solve(convert(self.MATRIX))
+        assert reference.njev > 0 == run.njev
+        assert np.allclose(run.y, reference.y, rtol=1e-12)
+
+    @pytest.mark.parametrize("convert", [np.asarray, csc_array])
+    def test_vectorized_ensembles(self, convert):
+        options = {"frame": Euclidean(2), "method": "RadauIIA5", "jac": convert(self.MATRIX)}
+        run = cg.solve_ensemble(
+            lambda t, y: y @ self.MATRIX.T, (0, 1), np.ones((2, 2)), vectorized=True, **options
+        )
+        assert run.njev.tolist() == [0, 0]
+        assert np.allclose(run.y[-1, 0], self.solve(self.MATRIX).y[-1], rtol=1e-12)
+
+    def test_steppers(self):
+        stepper = cg.Stepper(
+            lambda t, y: self.MATRIX @ y, 0, [1, 1], 1, frame=Euclidean(2), method="RadauIIA5",
+            jac=self.MATRIX,
+        )  # fmt: skip
+        stepper.advance(1.0)
+        assert stepper.njev == 0 < stepper.nlu
+
+    def test_another_shape_is_refused(self):
+        with pytest.raises(ValueError, match=r"jac must return an array of shape \(2, 2\)"):
+            self.solve(np.eye(3))
