@@ -17,6 +17,7 @@ module linear_action_m
   ! Points within a flow along a polynomial
   type :: inner_points_t
     logical :: wanted = .false.              ! whether the next flow computes them
+    integer :: owner = 0                     ! the member of the step
     integer :: count = 0
     real(wp), allocatable :: theta(:)        ! (count) fractions of the flow, increasing
     real(wp), allocatable :: y(:, :)         ! (point_size, count)

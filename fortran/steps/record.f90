@@ -284,6 +284,7 @@ contains
     associate (x => trajectory, n => problem%frame%point_size)
       most = min(max_count, max(1, max_numbers / n), output%outputs - x%outputs_done)
       x%inner_from = x%outputs_done
+      inner%owner = x%member
       inner%count = 0
       if (most <= 0) return
       if (.not. allocated(inner%theta)) allocate (inner%theta(max_count), source=2.0_wp)
@@ -308,8 +309,10 @@ contains
     type(trajectory_t), intent(inout) :: trajectory
     type(output_t), intent(in) :: output
 
-    associate (x => trajectory, method => problem%method, end => trajectory%request%y)
-      if (x%outputs_done - x%inner_from <= problem%frame%blocks(1)%action%inner%count) return
+    associate (x => trajectory, method => problem%method, end => trajectory%request%y, &
+               inner => problem%frame%blocks(1)%action%inner)
+      ! members with common steps may have prepared theirs in the meantime
+      if (inner%owner == x%member .and. x%outputs_done - x%inner_from <= inner%count) return
       x%outputs_done = x%outputs_done - 1
       call prepare_inner(problem, trajectory, output)
       x%outputs_done = x%outputs_done + 1

@@ -104,7 +104,7 @@ def is_discontinuous(
     def value(x: float) -> Array:
         return rhs.at_member(member, t + x * h, frame.flow(x * h * slope, y))
 
-    x = np.linspace(-8.0, 8.0, 65).tolist()
+    x = np.linspace(-32.0, 32.0, 129).tolist()
     values = [value(each) for each in x]
     changes = np.linalg.norm(np.diff(values, axis=0), axis=1)
     k = int(changes.argmax())

@@ -74,7 +74,8 @@ def solve_with_input_derivatives(
     status = np.array([-1 if messages else 0])
     points = run.plan.points(np.array(chain.rows), (len(chain.rows), 1))
     result.add(slice(0, 1), MemberResults(
-        np.array(chain.times), points, None, run.reached, status, run.counts, messages, None, None, []
+        np.array(chain.times), points, None, run.reached, status, run.counts, messages, None, None,
+        [],
     ))  # fmt: skip
     solution: Any = result.solution()[0]
     own = field.count - field.inputs
