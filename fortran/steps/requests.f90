@@ -100,6 +100,7 @@ contains
     select case (trajectory%phase)
     case (phase_curvature_received)
       trajectory%request%received = huge(1.0_wp)               ! choose_first_size keeps the guess
+      trajectory%status = finished
     case (phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received)
       trajectory%error = huge(1.0_wp)
       trajectory%request%shared = trajectory%error

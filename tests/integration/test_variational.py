@@ -216,6 +216,15 @@ def test_without_parameters_and_covariance():
     assert repr(solution).startswith("VariationalSolution(t=0...1")
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_first_step_beyond_all_numbers_ends():
+    """The point at which the curvature is evaluated isn't finite."""
+    run = cg.solve_variational(
+        lambda t, y: [0.1, 0.2, 0.3], (1e308, 0.5), np.eye(3), frame=SO3(), method="CF4(3)"
+    )
+    assert not run.success
+
+
 def test_functions_get_their_arguments():
     """Arguments come first, parameters last, and points can't be written to."""
     factors = []

@@ -110,7 +110,8 @@ def find_mistakes(run: Run) -> list[str]:
     plan, h, texts = run.plan, run.control.h, []
     if not run.problem.many:
         *_, steps, rejected = run.counts[0].tolist()
-        if rejected >= _REJECTIONS and 2 * rejected > steps:
+        many = rejected >= _REJECTIONS and 2 * rejected > steps
+        if many and run.status[0] != Stop.TOO_MANY_STEPS:  # whose message names the reason
             texts.append(MANY_REJECTIONS.format(steps=steps, nrejected=rejected))
         if h is not None and steps and takes_long_steps(run):
             texts.append(LONG_STEPS.format(h=h))
