@@ -21,6 +21,8 @@ doubles = ctypes.POINTER(ctypes.c_double)
 f.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
 options = {{"frame": Euclidean(1)}}
 one, many = [0.0], np.zeros((2, 1))
+cg.solve_ensemble(f, (0, 1), many, method='CG3', h=1.0, workers=2, **options)  # imports
+cg.Stepper(f, 0.0, one, **options).step()
 print("ready", flush=True)
 try:
     {call}
