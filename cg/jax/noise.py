@@ -58,6 +58,8 @@ class NoiseTerm(diffrax.ControlTerm):
     True
     """
 
+    vector_field: Callable[..., Any]
+    control: Any
     frame: Frame = eqx.field(static=True)
 
     def __init__(self, g: Callable[[Any, Any, Any], Any], path: Any, frame: Frame) -> None:
