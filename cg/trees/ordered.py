@@ -132,9 +132,12 @@ def catalan(n: int) -> int:
 
 def _integer(name: str, value: object) -> int:
     """Return `value` as an int, as `cg.support.checks.check_integer` does for other modules."""
-    if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise TypeError(f"{name} must be an integer, got {value!r}")
-    return to_int(value)
+    try:
+        if not isinstance(value, bool):
+            return to_int(value)  # type: ignore[arg-type]
+    except TypeError:
+        pass
+    raise TypeError(f"{name} must be an integer, got {value!r}")
 
 
 def is_lyndon(word: Sequence[int]) -> bool:

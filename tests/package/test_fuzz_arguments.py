@@ -211,7 +211,19 @@ RETURNED = {
     *("StepTooLongError", "Product"),
 }
 # Functions of the user, whose own errors are raised unchanged
-FUNCTIONS = {"f", "a", "functions", "jac", "df_dp", "da_dp", "noise", "events", "progress", "args"}
+FUNCTIONS = {
+    "f",
+    "a",
+    "functions",
+    "jac",
+    "df_dp",
+    "da_dp",
+    "noise",
+    "observe",
+    "events",
+    "progress",
+    "args",
+}
 
 # Parts of arguments that messages name
 PARTS = {

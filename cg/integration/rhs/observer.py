@@ -94,7 +94,7 @@ def observer_of(
     observe: Any, store: Any, frame: Frame, rhs: CompiledRhs | PythonRhs, t: float, y: Points
 ) -> Observer | None:
     """Return what is evaluated at output times, after calling it at the initial point."""
-    if store not in STORED:
+    if not isinstance(store, str) or store not in STORED:
         raise ValueError(f"store must be {' or '.join(map(repr, STORED))}, got {store!r}")
     if observe is None:
         if store != "all":

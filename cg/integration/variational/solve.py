@@ -158,9 +158,12 @@ def solve_variational(
     adjoint = check_derivatives(derivatives)
     if adjoint:
         check_without(
-            P0=P0, noise=noise, control_derivatives=control_derivatives or None,
-            input_derivatives=input_derivatives or None, inputs=problem.rhs.inputs,
-        )  # fmt: skip
+            P0=P0,
+            noise=noise,
+            control_derivatives=check_flag("control_derivatives", control_derivatives) or None,
+            input_derivatives=check_flag("input_derivatives", input_derivatives) or None,
+            inputs=problem.rhs.inputs,
+        )
     if check_flag("input_derivatives", input_derivatives):
         return solve_with_input_derivatives(problem, jac, df_dp, P0, control_derivatives)
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise=noise)
