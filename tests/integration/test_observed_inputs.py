@@ -69,3 +69,22 @@ def test_noise_and_tolerances_of_coordinates_with_inputs():
 def test_adjoints_refuse_inputs():
     with pytest.raises(ValueError, match="inputs"):
         cg.solve_variational(rate, (0, 1.5), [0.0], frame=LINE, inputs=HELD, derivatives="adjoint")
+
+
+@pytest.mark.parametrize("options", [{"method": "BlanesMoan6", "h": 0.01}, {"method": "CF5(4)"}])
+def test_forces_from_samples_on_a_phase_space(options):
+    frame = cg.frames.PhaseSpace(SO3(), inertia=[1.0, 1.6, 2.3])
+    torque = cg.Samples([0.0, 0.5, 1.0], [[0.0, 0, 1], [0.0, 0.5, -1], [0.0, 0, 0]])
+    y0 = frame.join(np.eye(3), [0.1, 0.2, 0.3])
+    if "h" not in options:
+        options = options | {"rtol": 1e-11, "atol": 1e-11}
+    run = cg.solve_ivp(
+        lambda t, y, u: u, (0, 1), y0, frame=frame, inputs=torque, t_eval=[0.3, 1.0],
+        observe=lambda t, y, u: y[9:], **options,
+    )  # fmt: skip
+    exact = cg.solve_ivp(
+        lambda t, y: torque(t), (0, 1), y0, frame=frame, breakpoints=[0.5], rtol=1e-12, atol=1e-12,
+        t_eval=[0.3, 1.0],
+    )  # fmt: skip
+    np.testing.assert_allclose(run.y, exact.y, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(run.observed, exact.y[:, 9:], rtol=0, atol=1e-9)
