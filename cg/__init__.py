@@ -12,7 +12,7 @@ from typing import Any
 
 import lazy_loader
 
-from .support.installation import check_folder
+from cg.support.installation import check_folder
 
 check_folder(__path__[0])
 if find_spec(f"{__name__}._core_r64") is None:

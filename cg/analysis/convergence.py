@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..frames.arrays import Array, real_array
-from ..frames.base import Frame
-from ..integration.ivp import integrate
-from ..integration.rhs.python import Coefficients
-from ..method.method import Method
+from cg.frames.arrays import Array, real_array
+from cg.frames.base import Frame
+from cg.integration.ivp import integrate
+from cg.integration.rhs.python import Coefficients
+from cg.method.method import Method
 
 
 @dataclass(frozen=True)

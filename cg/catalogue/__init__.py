@@ -19,11 +19,11 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
 
-from ..method.magnus import MagnusMethod
-from ..method.method import Method
-from ..structure.points import MethodError
-from ..support import checks
-from .entries import dumps, dumps_json, is_file, load, loads, read, save
+from cg.catalogue.entries import dumps, dumps_json, is_file, load, loads, read, save
+from cg.method.magnus import MagnusMethod
+from cg.method.method import Method
+from cg.structure.points import MethodError
+from cg.support import checks
 
 __all__ = [
     "Catalogue",
@@ -45,7 +45,7 @@ class Catalogue(Mapping[str, Method]):
 
     Parameters
     ----------
-    folder : Traversable
+    folder
         Contains a TOML file for each method, with the name of the method.
 
     Examples

@@ -11,16 +11,16 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ..method.abscissae import read_abscissae, wrong_abscissae
-from ..method.coefficients import Coefficient
-from ..method.commutator_free import CommutatorFree
-from ..method.magnus import MagnusMethod
-from ..method.method import Method
-from ..method.munthe_kaas import MuntheKaas
-from ..method.splitting import Splitting
-from ..method.tableau import Tableau, TableauError
-from ..structure.points import MethodError
-from ..support.parsing import file_in, quoted, read_file, read_json, read_toml, to_json, write_file
+from cg.method.abscissae import read_abscissae, wrong_abscissae
+from cg.method.coefficients import Coefficient
+from cg.method.commutator_free import CommutatorFree
+from cg.method.magnus import MagnusMethod
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
+from cg.method.tableau import Tableau, TableauError
+from cg.structure.points import MethodError
+from cg.support.parsing import file_in, quoted, read_file, read_json, read_toml, to_json, write_file
 
 CERTIFICATE_SUFFIX = ".certificate.toml"
 """Ending of the file of a certificate beside the file of its method."""
@@ -264,8 +264,8 @@ def save(method: Method, path: str | PathLike[str]) -> None:
 
     Parameters
     ----------
-    method : Method
-    path : path
+    method
+    path
         Of the file, or of a folder, in which the file is ``NAME.toml`` with the name of the method.
 
     Raises

@@ -9,16 +9,16 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from ..conditions import MAX_ORDER
-from ..method.commutator_free import CommutatorFree
-from ..method.estimate import estimate_ratio
-from ..method.magnus import MagnusMethod
-from ..method.method import Method
-from ..method.munthe_kaas import MuntheKaas
-from ..method.splitting import Splitting
-from ..method.stability import stability_limits, too_large
-from ..support.parsing import write_file
-from . import find_method, methods
+from cg.catalogue import find_method, methods
+from cg.conditions import MAX_ORDER
+from cg.method.commutator_free import CommutatorFree
+from cg.method.estimate import estimate_ratio
+from cg.method.magnus import MagnusMethod
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
+from cg.method.stability import stability_limits, too_large
+from cg.support.parsing import write_file
 
 _NO_LIMITS = "limits of stability, which are those of y' = λ y, no mechanical system"
 _FILE = files("cg.catalogue") / "summaries.json"

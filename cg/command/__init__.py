@@ -1,5 +1,5 @@
 """The command ``crouch-grossman``, the same as ``python -m cg``."""
 
-from .main import main
+from cg.command.main import main
 
 __all__ = ["main"]

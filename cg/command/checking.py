@@ -5,11 +5,10 @@ from __future__ import annotations
 import click
 
 from cg.analysis.diagnosis import Diagnosis, diagnose, diagnose_file
+from cg.catalogue import is_file
+from cg.command.arguments import MethodArgument, as_json, count_option, json_option, named, say
+from cg.command.main import NO
 from cg.structure.points import MethodError
-
-from ..catalogue import is_file
-from .arguments import MethodArgument, as_json, count_option, json_option, named, say
-from .main import NO
 
 
 class _Diagnosed(MethodArgument):

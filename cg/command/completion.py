@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
-from .main import COMPLETE, PROGRAM, group
+from cg.command.main import COMPLETE, PROGRAM, group
 
 
 @click.command("completion", short_help="Print a completion script for a shell.")

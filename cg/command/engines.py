@@ -8,9 +8,8 @@ from typing import Any
 
 import click
 
+from cg.command.arguments import F
 from cg.executors import ExecutorLike
-
-from .arguments import F
 
 
 def engine_options(function: F) -> F:

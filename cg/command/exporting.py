@@ -6,12 +6,11 @@ from pathlib import Path
 
 import click
 
+from cg.command.arguments import METHOD, check_output, output_option
 from cg.formats import FORMATS, export
 from cg.method.method import Method
 from cg.support.parsing import write_file
 from cg.support.quads import MAX_WRITTEN
-
-from .arguments import METHOD, check_output, output_option
 
 
 @click.command("export", short_help="Write a method as data or code.")

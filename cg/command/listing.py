@@ -10,11 +10,10 @@ import click
 
 from cg.catalogue import methods
 from cg.catalogue.summary import MethodSummary, summary_of
+from cg.command.arguments import as_json, count_option, json_option, say, table
+from cg.command.main import NO
 from cg.proofs import proved
 from cg.support.parsing import visible
-
-from .arguments import as_json, count_option, json_option, say, table
-from .main import NO
 
 _KEYS: dict[str, Callable[[MethodSummary], Any]] = {
     "name": lambda summary: summary.name,

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import click
 
+from cg.command.arguments import METHOD, check_output, output_option
 from cg.method.method import Method
 from cg.support.parsing import write_file
-
-from .arguments import METHOD, check_output, output_option
 
 
 @click.command("plot", short_help="Plot a method.")

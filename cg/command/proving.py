@@ -6,11 +6,10 @@ from pathlib import Path
 
 import click
 
+from cg.command.arguments import METHOD, as_json, check_output, json_option, output_option, say
+from cg.command.main import NO
 from cg.method.method import Method
 from cg.proofs import CertificationError, certify
-
-from .arguments import METHOD, as_json, check_output, json_option, output_option, say
-from .main import NO
 
 
 @click.command("certify", short_help="Prove the order of a method.")

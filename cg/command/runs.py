@@ -10,13 +10,12 @@ from typing import Any
 
 import click
 
+from cg.command.arguments import as_json, check_output, count_option, json_option, say, table
+from cg.command.main import NO
 from cg.conditions import Rows
 from cg.construction.results import StoredSolution, best, families, publish, solutions
 from cg.construction.results.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
-
-from .arguments import as_json, check_output, count_option, json_option, say, table
-from .main import NO
 
 _FILE = click.argument("file", metavar="FILE", type=click.Path(exists=True, dir_okay=False))
 _NUMBER = click.argument("number", metavar="RUN", type=click.IntRange(1))

@@ -11,16 +11,15 @@ from typing import Any
 import click
 
 from cg.catalogue import dumps, save
+from cg.command.arguments import as_json, check_output, say
+from cg.command.engines import engine
+from cg.command.main import NO
+from cg.command.shapes import arguments_of, construction_options, search_options
 from cg.construction import Construction, construct
 from cg.construction.search.random_search import search
 from cg.construction.search.result import SearchResult
 from cg.formats import export
 from cg.method.method import Method
-
-from .arguments import as_json, check_output, say
-from .engines import engine
-from .main import NO
-from .shapes import arguments_of, construction_options, search_options
 
 
 @click.command("search", short_help="Search for methods from random starts.")

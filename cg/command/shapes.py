@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+from cg.command.arguments import F, NamedMethod, count_option, json_option, workers_option
+from cg.command.engines import engine_options
 from cg.construction.search.requirements import OBJECTIVES
 from cg.construction.search.settings import ALGORITHMS
 from cg.construction.search.shapes import layout_of
@@ -17,9 +19,6 @@ from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.structure.layout import Layout, Rows
 from cg.structure.points import MethodError
-
-from .arguments import F, NamedMethod, count_option, json_option, workers_option
-from .engines import engine_options
 
 
 class _Shape(NamedMethod):

@@ -11,6 +11,7 @@ import click
 from cg import conditions
 from cg.analysis.diagnosis import draw_points
 from cg.catalogue.summary import MethodSummary, summary_of
+from cg.command.arguments import METHOD, as_json, json_option, say, table
 from cg.conditions.nystrom import nystrom_trees
 from cg.formats import export
 from cg.formats.digits import known_digits, numbers_of
@@ -23,8 +24,6 @@ from cg.support.parsing import visible
 from cg.support.quads import MAX_WRITTEN, to_decimal
 from cg.trees import forest
 from cg.trees.rooted import density, planted, rooted_trees_through
-
-from .arguments import METHOD, as_json, json_option, say, table
 
 _DIGITS = 6  # printed by default
 _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals

@@ -24,11 +24,8 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
-from ..structure.points import PointTree, check_not_sums
-from ..support.checks import check_flag
-from . import core_calls
-from .counts import (
+from cg.conditions import core_calls
+from cg.conditions.counts import (
     MAX_ORDER,
     check_order,
     condition_trees,
@@ -36,7 +33,10 @@ from .counts import (
     right_sides,
     table_rows,
 )
-from .exact import exact_tree, result_tree, tree_residuals
+from cg.conditions.exact import exact_tree, result_tree, tree_residuals
+from cg.structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
+from cg.structure.points import PointTree, check_not_sums
+from cg.support.checks import check_flag
 
 __all__ = [
     "MAX_ORDER",
@@ -129,21 +129,22 @@ def residuals(
 
     Parameters
     ----------
-    a : Method, PointTree, Layout or array_like, shape (s, s)
-        A method; any real matrix, where implicit tableaux are those with entries on or above the
-        diagonal; or the layout of packed coefficients.
-    b : array_like, shape (s,) or (layout.size,)
-        The weights of a tableau, or the packed coefficients.
-    order : int
+    a
+        Shape ``(s, s)``. A method; any real matrix, where implicit tableaux are those with entries
+        on or above the diagonal; or the layout of packed coefficients.
+    b
+        Shape ``(s,)`` or ``(layout.size,)``. The weights of a tableau, or the packed coefficients.
+    order
         Between 1 and `MAX_ORDER`, or 13 in other arithmetics than double.
-    independent : bool, optional
+    independent
         Only the conditions that don't follow from conditions of lower order.
-    embedded : bool, optional
+    embedded
         Use the second result of a method that is a pair.
-    arithmetic : {"double", "exact", "balls"}, optional
-        ``"exact"`` takes arguments of `fractions.Fraction` as coefficients: integers, floats,
-        ``"119/216"``, ``"0.25"``. ``"balls"`` is faster.
-    bits : int, optional
+    arithmetic
+        One of ``"double"``, ``"exact"``, ``"balls"``. ``"exact"`` takes arguments of
+        `fractions.Fraction` as coefficients: integers, floats, ``"119/216"``, ``"0.25"``.
+        ``"balls"`` is faster.
+    bits
         Precision of the midpoints of balls, at most a million.
 
     Returns
@@ -205,7 +206,7 @@ def jacobian(
     ----------
     a, b, order, independent
         As for `residuals`.
-    rows : Rows, optional
+    rows
         The entries to differentiate by; by default the narrowest pattern that contains ``a``, or
         those of the layout.
 

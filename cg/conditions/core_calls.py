@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core_r64
-from ..structure.layout import Layout
-from ..support import quads
-from ..support.memory import reserved
-from ..trees.ordered import catalan
+from cg import _core_r64
+from cg.structure.layout import Layout
+from cg.support import quads
+from cg.support.memory import reserved
+from cg.trees.ordered import catalan
 
 Vector = NDArray[np.float64]
 Trees = NDArray[np.intc]

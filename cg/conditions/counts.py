@@ -5,9 +5,9 @@ from __future__ import annotations
 from fractions import Fraction
 from functools import cache
 
-from .. import _core_r64
-from ..support.checks import check_flag, check_integer
-from ..trees.ordered import MAX_NODES, forest
+from cg import _core_r64
+from cg.support.checks import check_flag, check_integer
+from cg.trees.ordered import MAX_NODES, forest
 
 MAX_ORDER: int = int(_core_r64.highest_order())
 """Highest order of the compiled tables of trees (a build option)."""
@@ -33,9 +33,9 @@ def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
 
     Parameters
     ----------
-    order : int
+    order
         At least 1.
-    independent : bool, optional
+    independent
         Only the trees whose condition doesn't follow from conditions of lower order: those
         whose word of children is a Lyndon word.
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..structure.layout import Layout
-from ..structure.points import PointTree, check_not_sums, points_of, tree_of_rows
-from ..support.balls import to_ball, to_flint, to_fraction, working_precision
-from ..support.checks import check_flag, check_integer
-from ..support.parsing import read_fraction
-from .counts import check_order
-from .words import Condition, condition_words
+from cg.conditions.counts import check_order
+from cg.conditions.words import Condition, condition_words
+from cg.structure.layout import Layout
+from cg.structure.points import PointTree, check_not_sums, points_of, tree_of_rows
+from cg.support.balls import to_ball, to_flint, to_fraction, working_precision
+from cg.support.checks import check_flag, check_integer
+from cg.support.parsing import read_fraction
 
 _MAX_BITS = 1_000_000  # with more bits a sum of products would take hours
 
@@ -40,7 +40,7 @@ def tree_residuals(
     tree: PointTree, order: Any, independent: bool, bits: int | None
 ) -> tuple[Any, ...]:
     """Return ``Φ(t) - 1/γ(t)`` of the result of a tree as fractions, with `bits` as balls."""
-    from .systems import EquationSystem  # imports python-flint
+    from cg.conditions.systems import EquationSystem  # imports python-flint
 
     words = condition_words(check_order(order, None), check_flag("independent", independent))
     system = EquationSystem(Layout.of_tree(tree), tuple(Condition(0, word) for word in words))

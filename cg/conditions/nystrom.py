@@ -25,7 +25,7 @@ from itertools import accumulate, chain, product
 from math import factorial, prod
 from typing import Any
 
-from ..trees.rooted import RootedTree, density, rooted_trees_through
+from cg.trees.rooted import RootedTree, density, rooted_trees_through
 
 
 @cache
@@ -49,9 +49,10 @@ def nystrom_residuals(drifts: Sequence[Any], kicks: Sequence[Any], order: int) -
 
     Parameters
     ----------
-    drifts, kicks : sequences of s + 1 and s numbers
-        Of any type that can be added, multiplied and divided by integers.
-    order : int
+    drifts, kicks
+        Sequences of s + 1 and s numbers. Of any type that can be added, multiplied and divided by
+        integers.
+    order
         The largest number of nodes.
     """
     values = nystrom_values(drifts, kicks, order)

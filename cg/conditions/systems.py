@@ -8,10 +8,10 @@ from typing import Any
 
 from flint import arb, arb_mat
 
-from ..structure.layout import Layout
-from ..support.balls import to_flint
-from .word_weights import Quantity, Weights
-from .words import Condition, reciprocal_density
+from cg.conditions.word_weights import Quantity, Weights
+from cg.conditions.words import Condition, reciprocal_density
+from cg.structure.layout import Layout
+from cg.support.balls import to_flint
 
 
 @dataclass(frozen=True)

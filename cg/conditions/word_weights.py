@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 from flint import arb_mat
 
-from ..structure.layout import Layout
-from ..structure.points import START
-from .words import Word, closure, nodes
+from cg.conditions.words import Word, closure, nodes
+from cg.structure.layout import Layout
+from cg.structure.points import START
 
 Vector = list[Any]
 

@@ -11,8 +11,8 @@ from fractions import Fraction
 from functools import cache
 from typing import Any, NamedTuple
 
-from ..trees.ordered import MAX_NODES, OrderedTree, forest
-from .counts import condition_trees
+from cg.conditions.counts import condition_trees
+from cg.trees.ordered import MAX_NODES, OrderedTree, forest
 
 Word = tuple[Any, ...]
 """A tuple of words, the letters."""

@@ -1,13 +1,21 @@
 """Construction of methods: search, eliminate stages and flows, optimise, lift."""
 
-from .attempt import Attempt, run_attempt
-from .candidate import Candidate, NotExactError, correct, pack_method, refinable, solved, to_method
-from .construct import Construction, construct
-from .drop import drop_flow, drop_point_stage, drop_stage
-from .eliminate import eliminate, eliminate_stage, walk
-from .optimise import Goals, fewer_exponentials, optimise
-from .settings import ConstructionSettings
-from .solvers.system import ConditionSystem, Structure
+from cg.construction.attempt import Attempt, run_attempt
+from cg.construction.candidate import (
+    Candidate,
+    NotExactError,
+    correct,
+    pack_method,
+    refinable,
+    solved,
+    to_method,
+)
+from cg.construction.construct import Construction, construct
+from cg.construction.drop import drop_flow, drop_point_stage, drop_stage
+from cg.construction.eliminate import eliminate, eliminate_stage, walk
+from cg.construction.optimise import Goals, fewer_exponentials, optimise
+from cg.construction.settings import ConstructionSettings
+from cg.construction.solvers.system import ConditionSystem, Structure
 
 __all__ = [
     "Attempt",

@@ -9,19 +9,26 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conditions import count
-from ..method.method import Method
-from ..runs import Record
-from ..structure.layout import Layout
-from ..support import quads
-from ..support.checks import MAX_COUNT
-from .candidate import Candidate, NotExactError, default_name, refinable, solved, to_method
-from .drop import drop_flow, solve_start
-from .eliminate import eliminate, walk
-from .search.shapes import layout_from_json, start_generator
-from .settings import ConstructionSettings
-from .solvers.system import ConditionSystem
-from .start import random_candidate
+from cg.conditions import count
+from cg.construction.candidate import (
+    Candidate,
+    NotExactError,
+    default_name,
+    refinable,
+    solved,
+    to_method,
+)
+from cg.construction.drop import drop_flow, solve_start
+from cg.construction.eliminate import eliminate, walk
+from cg.construction.search.shapes import layout_from_json, start_generator
+from cg.construction.settings import ConstructionSettings
+from cg.construction.solvers.system import ConditionSystem
+from cg.construction.start import random_candidate
+from cg.method.method import Method
+from cg.runs import Record
+from cg.structure.layout import Layout
+from cg.support import quads
+from cg.support.checks import MAX_COUNT
 
 _MIN_ESTIMATE = 1e-5  # of pairs; where stages coincide, both results have the same order
 

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ..conditions import core_calls, count
-from ..method.method import Method
-from ..method.packed import make_method
-from ..structure.layout import Layout, Rows
-from ..support import quads
-from .search.start import EXACT
-from .solvers.minimum_norm import fit_conditions
-from .solvers.polish import polish_zeros
-from .solvers.refine import refine
-from .solvers.system import ConditionSystem, next_trees
+from cg.conditions import core_calls, count
+from cg.construction.search.start import EXACT
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.polish import polish_zeros
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem, next_trees
+from cg.method.method import Method
+from cg.method.packed import make_method
+from cg.structure.layout import Layout, Rows
+from cg.support import quads
 
 SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby."""

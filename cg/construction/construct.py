@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from ..executors import ExecutorLike
-from ..method.method import Method
-from ..runs import Failure, LongRun, ProgressLine, RunOptions, Score
-from ..support import quads
-from ..support.checks import MAX_COUNT, check_integer
-from ..support.parallel import single_threads
-from .attempt import Attempt, read_attempt, refined, run_attempt, succeeded
-from .settings import ConstructionSettings
-from .solvers.system import Structure
+from cg.construction.attempt import Attempt, read_attempt, refined, run_attempt, succeeded
+from cg.construction.settings import ConstructionSettings
+from cg.construction.solvers.system import Structure
+from cg.executors import ExecutorLike
+from cg.method.method import Method
+from cg.runs import Failure, LongRun, ProgressLine, RunOptions, Score
+from cg.support import quads
+from cg.support.checks import MAX_COUNT, check_integer
+from cg.support.parallel import single_threads
 
 
 @dataclass(frozen=True)
@@ -25,15 +25,15 @@ class Construction:
 
     Attributes
     ----------
-    settings : ConstructionSettings
-    method : Method or None
+    settings
+    method
         The exact method, refined in real(16); None if no try succeeded.
-    best : Attempt
+    best
         The try that led to the method; without a method, the try with the fewest stages and
         flows.
-    tries : int
+    tries
         Number of tries.
-    failures : tuple of Failure
+    failures
         Tries whose worker died.
     """
 
@@ -83,54 +83,54 @@ def construct(
 
     Parameters
     ----------
-    order, stages : int
+    order, stages
         Order and number of stages of the method.
-    seed : int, optional
+    seed
         Seed of all tries, not negative; on one machine try k depends on (seed, k) alone.
-    tries : int, optional
+    tries
         Largest number of random starts.
-    largest : float, optional
+    largest
         Bound on the magnitude of coefficients.
-    restarts : int, optional
+    restarts
         Largest number of walks along the solution set after elimination fails.
-    full_rank : bool, optional
+    full_rank
         Accept only candidates at which all conditions are independent, as a certificate without
         further identities requires.
-    structure : Structure, optional
+    structure
         Simplifying assumptions. By default `Structure.MIDDLE` from order 6 on, and for fewer
         stages than a general method needs; none with `full_rank`.
-    first_stages : int, optional
+    first_stages
         Number of stages of random starts; the default depends on order and structure.
-    width : float, optional
+    width
         Guesses are uniform in [-width, width]; the default depends on order and structure.
-    iterations : int, optional
+    iterations
         Largest number of steps of the solver in each run; the default depends on order and
         structure.
-    workers : int, optional
+    workers
         Number of workers; by default that of `executor`, or of cores.
-    executor : Executor, callable or str, optional
+    executor
         Where tries run, as for `cg.search`.
-    store : path, optional
+    store
         File that stores every finished try, and from which an interrupted run is resumed, as for
         `cg.search`.
-    progress : callable, ProgressLine or bool, optional
+    progress
         Called with the numbers of finished and of all tries. True shows a
         `cg.runs.ProgressLine` on standard error. Its remaining time is that of all tries, of
         which most may not be needed.
-    force : bool, optional
+    force
         Try even if there are fewer unknowns than independent conditions; for trees, fewer than
         conditions where flows commute.
-    tree : PointTree, method, or sequence, optional
+    tree
         Tree of points of the method, as for `cg.search`.
-    flows : int, optional
+    flows
         Construct a `cg.CommutatorFree` method with this number of flows, from a random tree, or
         from `tree` by dropping points. The flow to a second result doesn't count.
-    first_flows : int, optional
+    first_flows
         Number of flows of the random trees to start from; by default `flows`.
-    embedded : bool, optional
+    embedded
         With `flows`, whether to construct a pair: one more flow, from the result, leads to a
         second result of order q - 1.
-    first_same_as_last : bool, optional
+    first_same_as_last
         With `flows`, whether the last stage is at the result, where the next step begins.
 
     Returns

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..support.checks import MAX_HALF_WIDTH, check_generator, check_integer, check_real
-from .candidate import Candidate, check_candidate, correct, solved
-from .drop import drop_stage, fixed_entries
-from .solvers.system import Structure
+from cg.construction.candidate import Candidate, check_candidate, correct, solved
+from cg.construction.drop import drop_stage, fixed_entries
+from cg.construction.solvers.system import Structure
+from cg.support.checks import MAX_HALF_WIDTH, check_generator, check_integer, check_real
 
 _LAST_FRACTION = 1e-2  # of the column; below it the next step goes to zero
 _MIN_STEP = 2e-3

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ..conditions import core_calls
-from ..support.checks import check_integer, check_interval, check_real
-from .candidate import Candidate, check_candidate, correct, solved
-from .solvers.singular import Decomposition, decompose, retract
+from cg.conditions import core_calls
+from cg.construction.candidate import Candidate, check_candidate, correct, solved
+from cg.construction.solvers.singular import Decomposition, decompose, retract
+from cg.support.checks import check_integer, check_interval, check_real
 
 _MAX_STEP = 1.0
 _ZEROS_FTOL = 1e-29  # stricter than elsewhere: with few entries left, near misses are common
@@ -30,15 +30,15 @@ class Goals:
 
     Attributes
     ----------
-    principal_error : float
+    principal_error
         Weight of the norm of the residuals of order q + 1.
-    coefficients : float
+    coefficients
         Weight of the square root of ``Σ |x|^6``, which penalises the largest coefficients.
-    abscissae : float
+    abscissae
         Weight of the distances of the abscissae from `interval`.
-    interval : (float, float)
+    interval
         Interval that the abscissae should lie in.
-    bound, bound_weight : float
+    bound, bound_weight
         Bound on the magnitudes of coefficients, and weight of the amounts that exceed it.
 
     Examples
@@ -74,13 +74,13 @@ def optimise(
 
     Parameters
     ----------
-    candidate : Candidate
+    candidate
         On the solution set.
-    goals : Goals
-    frozen : sequence of int, optional
-        Indices of entries that keep their values.
-    max_iterations : int, optional
-    tolerance : float, optional
+    goals
+    frozen
+        Sequence of int. Indices of entries that keep their values.
+    max_iterations
+    tolerance
         Stop when eight iterations together reduce the objective by less than this fraction.
 
     Returns

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..conditions.counts import check_order
-from ..structure.points import START
-from ..support.checks import (
+from cg.conditions.counts import check_order
+from cg.construction.search.shapes import ShapeSettings
+from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.construction.start import default_start, likely_structure, tree_start
+from cg.structure.points import START
+from cg.support.checks import (
     MAX_COUNT,
     MAX_HALF_WIDTH,
     MAX_STAGES,
@@ -15,9 +18,6 @@ from ..support.checks import (
     check_integer,
     check_real,
 )
-from .search.shapes import ShapeSettings
-from .solvers.system import ConditionSystem, Structure
-from .start import default_start, likely_structure, tree_start
 
 
 @dataclass(frozen=True, kw_only=True)

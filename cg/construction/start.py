@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidate import Candidate
-from .drop import fixed_entries
-from .search.shapes import draw_guess
-from .solvers.system import ConditionSystem, Structure
+from cg.construction.candidate import Candidate
+from cg.construction.drop import fixed_entries
+from cg.construction.search.shapes import draw_guess
+from cg.construction.solvers.system import ConditionSystem, Structure
 
 _FIXED = (0.3, 0.8)  # range of entries that are held fixed
 

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from .execution import ExecutorLike, Finished, as_finished, check_executor, completed
+from cg.executors.execution import ExecutorLike, Finished, as_finished, check_executor, completed
 
 __all__ = ["ExecutorLike", "Finished", "as_finished", "check_executor", "completed"]

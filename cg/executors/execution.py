@@ -24,10 +24,10 @@ from functools import partial
 from multiprocessing import get_context
 from typing import Any, Generic, TypeVar
 
-from ..support.checks import check_integer
-from ..support.parallel import available_cores, end_with_parent, new_flag, single_threads, work_for
-from .chunks import Chunks
-from .worker_errors import broken_executor, picklable, work_was_lost, worker_died
+from cg.executors.chunks import Chunks
+from cg.executors.worker_errors import broken_executor, picklable, work_was_lost, worker_died
+from cg.support.checks import check_integer
+from cg.support.parallel import available_cores, end_with_parent, new_flag, single_threads, work_for
 
 Result = TypeVar("Result")
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .digits import known_digits
-from .exporting import FORMATS, export
-from .others import to_diffrax, to_nodepy
+from cg.formats.digits import known_digits
+from cg.formats.exporting import FORMATS, export
+from cg.formats.others import to_diffrax, to_nodepy
 
 __all__ = ["FORMATS", "export", "known_digits", "to_diffrax", "to_nodepy"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .program import Program
-from .text import comment, fill, real, wrapped
+from cg.formats.program import Program
+from cg.formats.text import comment, fill, real, wrapped
 
 _HEADER = """
 #ifndef @NAME@_H

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from ..method.coefficients import Coefficient
-from ..method.method import Method
-from ..structure.points import MethodError
-from ..support.checks import check_integer
-from ..support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
+from cg.method.coefficients import Coefficient
+from cg.method.method import Method
+from cg.structure.points import MethodError
+from cg.support.checks import check_integer
+from cg.support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
 
 if TYPE_CHECKING:
-    from ..proofs import Certificate
+    from cg.proofs import Certificate
 
 _GUARD_DIGITS = 10
 
@@ -79,7 +79,7 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     if certificate is not None:
-        from ..proofs import Certificate
+        from cg.proofs import Certificate
 
         if not isinstance(certificate, Certificate):
             raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
@@ -90,8 +90,8 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     known = known_digits(method)
     if known is None or digits <= known:
         return Numbers(method, stored, digits)
-    from ..proofs import CertificationError, certificate_of, refined_digits
-    from ..proofs.digits import max_digits
+    from cg.proofs import CertificationError, certificate_of, refined_digits
+    from cg.proofs.digits import max_digits
 
     try:
         if certificate is None:

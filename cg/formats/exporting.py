@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ..catalogue import dumps, dumps_json, resolve_method
-from ..method.magnus import MagnusMethod
-from ..method.method import Method
-from ..method.splitting import Splitting
-from ..support.parsing import visible
-from .c import to_c
-from .digits import numbers_of
-from .fortran import to_fortran
-from .julia import to_julia
-from .latex import to_latex
-from .matlab import to_matlab
-from .program import Program, make_program
-from .python import to_python
+from cg.catalogue import dumps, dumps_json, resolve_method
+from cg.formats.c import to_c
+from cg.formats.digits import numbers_of
+from cg.formats.fortran import to_fortran
+from cg.formats.julia import to_julia
+from cg.formats.latex import to_latex
+from cg.formats.matlab import to_matlab
+from cg.formats.program import Program, make_program
+from cg.formats.python import to_python
+from cg.method.magnus import MagnusMethod
+from cg.method.method import Method
+from cg.method.splitting import Splitting
+from cg.support.parsing import visible
 
 if TYPE_CHECKING:
-    from ..proofs import Certificate
+    from cg.proofs import Certificate
 
 _CODE: dict[str, Callable[[Program], str]] = {
     "python": to_python,
@@ -61,16 +61,16 @@ def export(
 
     Parameters
     ----------
-    method : str or Method
+    method
         A method, or the name of one in the catalogue.
-    format : str
+    format
         One of `FORMATS`.
-    digits : int, optional
+    digits
         Significant digits, at most 4000, of coefficients that aren't rational, and in code of all
         coefficients. By default, data files have the stored digits, and code has enough digits to
         give the same doubles as this package. Digits beyond the stored ones are computed from
         the certificate.
-    certificate : cg.Certificate, optional
+    certificate
         Certificate of the method (`cg.certify`); by default the one in the catalogue.
 
     Returns

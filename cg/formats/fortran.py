@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .program import Program
-from .text import comment, fill, real, wrapped
+from cg.formats.program import Program
+from cg.formats.text import comment, fill, real, wrapped
 
 _MAX_ENTRIES = 200  # of an array in one statement; older standards allow 255 continuation lines
 _MAX_WIDTH = 120  # of a piece of a number; the standard allows lines of 132 characters

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
-from ..method.coefficients import Coefficient
-from ..method.commutator_free import CommutatorFree
-from ..method.method import Method
-from ..support.quads import to_decimal
-from .digits import Numbers
+from cg.formats.digits import Numbers
+from cg.method.coefficients import Coefficient
+from cg.method.commutator_free import CommutatorFree
+from cg.method.method import Method
+from cg.support.quads import to_decimal
 
 _MAX_WIDTH = 110
 """Largest number of characters in a row of a tableau; a wider one becomes a list of its entries."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .program import Program
-from .text import comment, fill, wrapped
+from cg.formats.program import Program
+from cg.formats.text import comment, fill, wrapped
 
 _FUNCTION = """function @returns@ = @name@_step(f, flow, @dexpinv@t, y, h)
 % Return the point after a step of size h. f(t, y) returns the coefficients of the fields as a

@@ -5,10 +5,10 @@ from __future__ import annotations
 from html import escape
 from itertools import islice
 
-from ..method.commutator_free import CommutatorFree
-from ..method.method import Method
-from ..support.parsing import visible
-from .latex import short_numbers, to_array
+from cg.formats.latex import short_numbers, to_array
+from cg.method.commutator_free import CommutatorFree
+from cg.method.method import Method
+from cg.support.parsing import visible
 
 _MAX_ROWS = 40
 _CELL = 'style="text-align: right; padding: 0.1em 0.6em'

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..catalogue import resolve_method
-from ..method.method import Method
+from cg.catalogue import resolve_method
+from cg.method.method import Method
 
 
 def to_diffrax(method: str | Method) -> Any:

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate
 
-from ..method.munthe_kaas import MuntheKaas
-from ..structure.points import START, Point, PointTree, tree_of_flat_rows
-from .digits import Numbers
+from cg.formats.digits import Numbers
+from cg.method.munthe_kaas import MuntheKaas
+from cg.structure.points import START, Point, PointTree, tree_of_flat_rows
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .program import Program
-from .text import comment, fill, wrapped
+from cg.formats.program import Program
+from cg.formats.text import comment, fill, wrapped
 
 _MODULE = '''"""A step of a Runge-Kutta method on manifolds."""
 
@@ -18,15 +18,15 @@ def step(@call@):
 
     Parameters
     ----------
-    f : callable
+    f
         ``f(t, y)`` returns the coefficients of the frame's fields, shape (m,).
-    flow : callable
+    flow
         ``flow(v, y)`` returns the time-1 flow through y of the field with coefficients v.
 @argument@    t : float
         Time.
-    y : array
+    y
         The point, as `flow` takes it.
-    h : float
+    h
         Step size.
     """
     points, _ = _stages(@call@)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Mapping
 
-from ..support.parsing import visible
+from cg.support.parsing import visible
 
 _WIDTH = 96
 

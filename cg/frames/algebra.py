@@ -33,7 +33,7 @@ class FieldAlgebra(ABC):
 
         .. math:: \Phi_u \circ \Phi_v = \Phi_w, \qquad w = u + v + \tfrac12 [u, v] + \dots,
 
-        so that the commutator of fields U and V is :math:`DU\,V - DV\,U`.  Where flows act from
+        so that the commutator of fields U and V is :math:`DU\,V - DV\,U`. Where flows act from
         the left (``convention="space"``, homogeneous spaces) the matrix of :math:`[u, v]` is
         :math:`\Omega(u) \Omega(v) - \Omega(v) \Omega(u)`; where they act from the right
         (``"body"``) it is the negative.
@@ -78,7 +78,7 @@ class FieldAlgebra(ABC):
         r"""Return the derivative of the exponential coordinates u of a point with velocity v.
 
         If :math:`\Phi_{u(t)}(y_0)` solves :math:`y' = \sum_i v_i E_i(y)`, then :math:`u' =
-        \operatorname{dexp}_u^{-1} v`; see `cg.frames.dexpinv`.  Rotations, quaternions, SU(2),
+        \operatorname{dexp}_u^{-1} v`; see `cg.frames.dexpinv`. Rotations, quaternions, SU(2),
         rigid motions, the 2-sphere and Euclidean space use closed forms.
 
         Parameters
@@ -86,7 +86,7 @@ class FieldAlgebra(ABC):
         u, v
             Coefficients, shape ``(..., dim)``; leading axes broadcast.
         order
-            Order of the Runge-Kutta method that uses the result.  Other frames sum the series up to
+            Order of the Runge-Kutta method that uses the result. Other frames sum the series up to
             the power ``order`` of u.
 
         Returns

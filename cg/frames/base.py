@@ -53,16 +53,16 @@ class Frame(Manifold, FieldAlgebra):
     along flows of :math:`y' = \sum_i v_i E_i(y)` with constant :math:`v` (equation (1.2)).
 
     A subclass is immutable, compares by value, and defines the abstract members; integrators need
-    no others.  Every method accepts single points and batches: ``v`` has shape ``(..., dim)``,
-    ``y`` has shape ``(..., *point_shape)``, and leading axes broadcast.  The coefficients ``v`` are
+    no others. Every method accepts single points and batches: ``v`` has shape ``(..., dim)``,
+    ``y`` has shape ``(..., *point_shape)``, and leading axes broadcast. The coefficients ``v`` are
     always real; points are real or complex, see `dtype`.
 
     On matrix groups the fields are invariant under one of the two multiplications, with
     :math:`\Omega(v)` in the Lie algebra: ``convention="body"`` is :math:`y' = y\,\Omega(v)`,
-    ``convention="space"`` is :math:`y' = \Omega(v)\,y`.  The default is ``"body"`` for rotations
+    ``convention="space"`` is :math:`y' = \Omega(v)\,y`. The default is ``"body"`` for rotations
     and rigid motions (``SO3``, ``SO``, ``UnitQuaternion``, ``SE3``), since gyros measure angular
     velocities in body axes, and ``"space"`` for the other groups, since they propagate
-    :math:`x' = \Omega x`.  On homogeneous spaces the group acts from the left.
+    :math:`x' = \Omega x`. On homogeneous spaces the group acts from the left.
 
     References
     ----------
@@ -121,14 +121,14 @@ class Frame(Manifold, FieldAlgebra):
         ValueError
             If the trailing axes of ``v`` or ``y`` don't match ``dim`` and ``point_shape``.
         FlowOverflowError
-            If ``v`` is so large that double precision has no digits of its flow.  On compact
+            If ``v`` is so large that double precision has no digits of its flow. On compact
             groups there is no such limit.
         """
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return ``v`` without its component in the isotropy algebra of ``y``.
 
-        The result has the same tangent at ``y`` as ``v``.  By default it is ``v``; spheres return
+        The result has the same tangent at ``y`` as ``v``. By default it is ``v``; spheres return
         the coefficients of least norm.
 
         Parameters
@@ -161,7 +161,7 @@ class Frame(Manifold, FieldAlgebra):
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return coefficients whose flow takes ``y0`` to a point ``y1`` near it.
 
-        Every frame has them.  The Gauss-Newton iteration
+        Every frame has them. The Gauss-Newton iteration
 
         .. math::
 
@@ -193,7 +193,7 @@ class Frame(Manifold, FieldAlgebra):
         """Return the coefficients after one step of the iteration in `local_coordinates`.
 
         The flow of ``v``, shape ``(count, dim)``, takes ``start`` to ``y``, shape
-        ``(count, *point_shape)``.  Where ``exact``, shape ``(count,)``, the derivative of the flow
+        ``(count, *point_shape)``. Where ``exact``, shape ``(count,)``, the derivative of the flow
         is used in place of the fields at its end point.
         """
         corrected = v + self._coefficients_at(y, end - y)
@@ -212,7 +212,7 @@ class Frame(Manifold, FieldAlgebra):
         """Return the scale of each coordinate for relative tolerances.
 
         The scale of a translation of Euclidean space is the absolute value of the coordinate that
-        it changes; in a semidirect product it is the length of the vector that it changes.  Other
+        it changes; in a semidirect product it is the length of the vector that it changes. Other
         coordinates, such as angles, have scale one.
 
         Parameters

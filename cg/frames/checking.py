@@ -31,7 +31,7 @@ def check(
     flows along one field compose, that the derivative of the flow is ``field``, that
     ``exp_coordinates`` and ``local_coordinates`` invert the flow, that ``bracket`` is the
     commutator of the fields, that ``dexpinv`` agrees with derivatives of flows, and that flows
-    stay on the manifold.  It computes some hundred flows.
+    stay on the manifold. It computes some hundred flows.
 
     Parameters
     ----------

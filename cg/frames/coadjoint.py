@@ -24,7 +24,7 @@ class CoadjointOrbit(Frame):
     r"""A coadjoint orbit in the dual of a Lie algebra, the phase space of a Lie-Poisson system.
 
     With structure constants :math:`[e_i, e_j] = \sum_k c_{ijk} e_k` the fields are
-    :math:`y' = \operatorname{ad}^*_v y`, :math:`y_j' = \sum_{ik} v_i c_{ijk} y_k`.  On
+    :math:`y' = \operatorname{ad}^*_v y`, :math:`y_j' = \sum_{ik} v_i c_{ijk} y_k`. On
     :math:`so(3)^*` this is :math:`y' = y \times v`, the free rigid body if :math:`v` is the
     angular velocity that belongs to the angular momentum :math:`y`.
 
@@ -49,10 +49,10 @@ class CoadjointOrbit(Frame):
     -----
     The linear and the quadratic Casimir functions (on :math:`so(3)^*` the norm, on
     :math:`se(3)^*` the norm of the linear momentum and its product with the angular one) are
-    computed from the structure constants.  Their values at ``point`` define the manifold, each
+    computed from the structure constants. Their values at ``point`` define the manifold, each
     flow ends with a Gauss-Newton step back to them, and `membership_error` is the length of such
-    a step.  The flow conserves Casimirs of higher degree, such as that of su(3), to rounding, but
-    they are not restored.  The flow is a rotation on :math:`so(3)^*` and ``scipy.linalg.expm``
+    a step. The flow conserves Casimirs of higher degree, such as that of su(3), to rounding, but
+    they are not restored. The flow is a rotation on :math:`so(3)^*` and ``scipy.linalg.expm``
     for other algebras.
 
     References

@@ -7,10 +7,10 @@ If :math:`y(t) = \exp(\sigma(t))\, y_0` solves :math:`y' = \sum_i f_i E_i(y)`, t
     \sigma' = \operatorname{dexp}^{-1}_\sigma f = \sum_k \frac{B_k}{k!} \operatorname{ad}_\sigma^k f
     = f - \tfrac12 [\sigma, f] + \tfrac1{12} [\sigma, [\sigma, f]] - \dots
 
-with the Bernoulli numbers and the bracket of `Frame.bracket`, for flows from either side.  The
+with the Bernoulli numbers and the bracket of `Frame.bracket`, for flows from either side. The
 series converges if the powers of :math:`\operatorname{ad}_\sigma` applied to :math:`f` grow by a
 factor less than :math:`2\pi`, the distance to the nearest zero of :math:`\operatorname{dexp}`;
-where it diverges the results are NaN.  For rotations the radius is a full turn.  The result is
+where it diverges the results are NaN. For rotations the radius is a full turn. The result is
 :math:`f` if :math:`f` and :math:`\sigma` commute.
 
 References

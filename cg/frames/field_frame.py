@@ -30,7 +30,7 @@ class FieldFrame(UserFrame):
     dtype
         ``float`` or ``complex``, the type of a point's entries.
     membership_error
-        Function of one point that returns its distance from the manifold.  Without it every
+        Function of one point that returns its distance from the manifold. Without it every
         array is a point.
     restore
         Function that returns a point without rounding errors normal to the manifold; called after
@@ -38,14 +38,14 @@ class FieldFrame(UserFrame):
     project
         Function of an array near the manifold that returns the nearest point.
     distance
-        Function of two points.  The default is the Euclidean distance.
+        Function of two points. The default is the Euclidean distance.
     exp_coordinates
         Function of two points that returns ``v`` with ``flow(v, y0) == y1``.
     random_point
         Function of a random generator that returns one point.
     bracket
         Function ``bracket(u, v)`` that returns the coefficients of the commutator, see
-        `Frame.bracket`.  Munthe-Kaas methods need it unless there is only one field.
+        `Frame.bracket`. Munthe-Kaas methods need it unless there is only one field.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class FieldFrame(UserFrame):
 
     Notes
     -----
-    Functions are called with one point at a time, in a loop over batches.  Use `check` to verify
+    Functions are called with one point at a time, in a loop over batches. Use `check` to verify
     that ``flow`` and the other functions are consistent with ``fields``.
 
     Examples

@@ -33,7 +33,7 @@ class GL(SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  Two points have `exp_coordinates` where their
+    The exponential is ``scipy.linalg.expm``. Two points have `exp_coordinates` where their
     quotient has no eigenvalue on the negative real axis.
 
     Examples

@@ -21,7 +21,7 @@ class Grassmann(ConjugationSpace):
     r"""Subspaces of dimension k of :math:`R^n`, with the action of SO(n).
 
     A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
-    k: ``basis @ basis.T`` for any matrix ``basis`` of orthonormal columns that span it.  The
+    k: ``basis @ basis.T`` for any matrix ``basis`` of orthonormal columns that span it. The
     field is :math:`P' = \Omega(v) P - P\,\Omega(v)`, with the coefficients of `SO`.
 
     Parameters
@@ -39,7 +39,7 @@ class Grassmann(ConjugationSpace):
     Notes
     -----
     The flow is :math:`e^\Omega P e^{-\Omega}`, and a last step :math:`3 P^2 - 2 P^3` towards the
-    projectors, which removes rounding errors [1]_.  `distance` is the root of the sum of the
+    projectors, which removes rounding errors [1]_. `distance` is the root of the sum of the
     squares of the principal angles.
 
     References

@@ -17,7 +17,7 @@ class HomogeneousSpace(Frame):
     r"""A manifold on which a matrix group acts linearly from the left.
 
     The fields are those of the action, :math:`y' = \tfrac{d}{ds} e^{s\Omega(v)} \cdot y` at
-    :math:`s = 0`, and their flow is :math:`e^{\Omega(v)} \cdot y`.  The coefficients are those of
+    :math:`s = 0`, and their flow is :math:`e^{\Omega(v)} \cdot y`. The coefficients are those of
     the group; usually there are more of them than the manifold has dimensions, so that different
     coefficients may have the same tangent.
 
@@ -30,7 +30,7 @@ class HomogeneousSpace(Frame):
     - ``restore(y)``: the point without rounding errors normal to the manifold;
     - ``point_shape``, ``membership_error`` and ``random_point``, which are abstract in `Frame`.
 
-    Brackets and dexp⁻¹ are those of the group.  `cg.frames.check` verifies that the members are
+    Brackets and dexp⁻¹ are those of the group. `cg.frames.check` verifies that the members are
     consistent.
 
     References

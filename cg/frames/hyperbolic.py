@@ -17,7 +17,7 @@ class Hyperbolic(Frame):
     r"""Hyperbolic space as the half-space :math:`y_n > 0`, with dilations and translations.
 
     The first field generates dilations, :math:`E_1 = y`, the others translations along the
-    boundary, :math:`E_{i+1} = \partial / \partial y_i`.  Their flows are isometries; the flow of
+    boundary, :math:`E_{i+1} = \partial / \partial y_i`. Their flows are isometries; the flow of
     :math:`(a, b)` is :math:`x \mapsto e^{a} x + \tfrac{e^a - 1}{a} b`,
     :math:`y_n \mapsto e^{a} y_n`.
 

@@ -44,7 +44,7 @@ class IsospectralOrbit(ConjugationSpace):
     Notes
     -----
     After each flow the eigenvalues of the result are replaced by ``spectrum``, to remove rounding
-    errors.  There are no `exp_coordinates`: for close eigenvalues they would be large even for
+    errors. There are no `exp_coordinates`: for close eigenvalues they would be large even for
     points nearby.
 
     References

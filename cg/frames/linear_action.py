@@ -56,16 +56,17 @@ class LinearAction(UserFrame):
 
     Parameters
     ----------
-    generators : sequence of m matrices of shape (n, n)
-        The :math:`G_i`, sparse, dense or of QuTiP. Those of Hamiltonians H are ``-1j * H``.
-    unitary : bool, optional
+    generators
+        Shape ``(n, n)``. The :math:`G_i`, sparse, dense or of QuTiP. Those of Hamiltonians H are
+        ``-1j * H``.
+    unitary
         Whether all generators have to be skew-Hermitian, so that flows keep the norm of the vector.
         Without it, H in place of ``-1j * H`` gives solutions that grow.
-    columns : int, optional
+    columns
         Number of columns of a point, a matrix whose columns move alike: a propagator, or many
         initial vectors. By default points are vectors. The norm that is restored is that of the
         whole matrix.
-    membership_error, project, random_point : callable, optional
+    membership_error, project, random_point
         As for `cg.frames.MatrixFrame`.
 
     Raises

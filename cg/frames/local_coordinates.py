@@ -35,7 +35,7 @@ def local_coordinates(
 ) -> Array:
     """Return coefficients whose flow takes points to others near them, NaN where that fails.
 
-    Points have the shape ``(count, *point_shape)``, coefficients ``(count, dim)``.  The guess is
+    Points have the shape ``(count, *point_shape)``, coefficients ``(count, dim)``. The guess is
     replaced by zero where zero has a smaller residual.
     """
     v = np.nan_to_num(guess, posinf=0.0, neginf=0.0)

@@ -33,11 +33,11 @@ class MatrixFrame(UserFrame):
     columns
         Number of columns of a point; None for points that are vectors of length ``n``.
     membership_error
-        Function of one point that returns its distance from the manifold.  Without it every array
+        Function of one point that returns its distance from the manifold. Without it every array
         is a point.
     restore
         Function that returns a point without rounding errors normal to the manifold; called after
-        each flow.  Without it rounding errors accumulate.
+        each flow. Without it rounding errors accumulate.
     project
         Function of an array near the manifold that returns the nearest point.
     random_point

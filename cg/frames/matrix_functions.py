@@ -21,7 +21,7 @@ MAX_EXPONENT = 2.0**32
 """The largest norm of a matrix whose exponential is computed.
 
 For any algorithm the error is the norm times the rounding unit, times a factor of up to 60 in the
-tests.  Restoring squares the distance from the manifold, to 5e-9 at this norm; for larger norms it
+tests. Restoring squares the distance from the manifold, to 5e-9 at this norm; for larger norms it
 would exceed the tolerance for points.
 """
 
@@ -59,12 +59,12 @@ def _scipy_expm(matrix: Points) -> Points:
 def _expm(matrix: Points, small: Callable[[Points], Points] = _scipy_expm) -> Points:
     """Return exponentials, accurate to a few roundings times the norm of the matrices.
 
-    ``small`` computes the exponentials of matrices of norm at most one.  SciPy's Padé approximant
+    ``small`` computes the exponentials of matrices of norm at most one. SciPy's Padé approximant
     preserves quadratic groups such as the symplectic one, which matters where points grow.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         # SciPy's exponential is accurate up to norm 1, but loses two digits at norm 3 and four at
-        # norm 10.  Scaling and squaring of larger matrices avoids that.
+        # norm 10. Scaling and squaring of larger matrices avoids that.
         if np.vdot(matrix, matrix).real <= 1.0:
             return small(matrix)
         norms = np.linalg.matrix_norm(matrix)
@@ -203,7 +203,7 @@ def symplectic_correction(y: Points, form: Array) -> Points:
     r"""Return the change :math:`\delta` of least norm that makes matrices preserve a skew form J.
 
     To first order :math:`\delta = J^T y \Lambda` with a skew :math:`\Lambda` for which
-    :math:`y^T y \Lambda + \Lambda y^T y = J - y^T J y`.  In the basis of the singular vectors of y
+    :math:`y^T y \Lambda + \Lambda y^T y = J - y^T J y`. In the basis of the singular vectors of y
     this equation is diagonal.
     """
     left, singular, right = np.linalg.svd(y)
@@ -218,10 +218,10 @@ def symplectic_correction(y: Points, form: Array) -> Points:
 def minimum_norm_step(y: Points, correction: Callable[[Points], Points]) -> Points:
     r"""Return matrices after one Newton step of least norm towards a non-compact group.
 
-    Solutions on such a group may grow.  A matrix of norm :math:`g` has rounding errors of
+    Solutions on such a group may grow. A matrix of norm :math:`g` has rounding errors of
     :math:`\epsilon g`, and a constraint such as :math:`\det y - 1` has those times its derivative.
     The step of least norm divides by that derivative, so its length is :math:`\epsilon g`, like the
-    rounding of the flow itself.  A step along the group, such as `newton_schulz` with the group's
+    rounding of the flow itself. A step along the group, such as `newton_schulz` with the group's
     involution, multiplies y by a matrix of norm :math:`\epsilon g^2`: at :math:`g = 10^8` no digit
     would be left.
     """
@@ -277,7 +277,7 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
     r"""Return the 2-norm distance to the nearest matrix with orthonormal columns.
 
     Matrices have the shape ``(..., n, k)`` with ``k <= n``; the distance is NaN for those that
-    aren't finite.  With ``special`` the nearest matrix must also have determinant 1 (``k == n``
+    aren't finite. With ``special`` the nearest matrix must also have determinant 1 (``k == n``
     only): where the polar factor of a real matrix is a reflection, the sign of the least singular
     value is changed, so that a reflection has distance 2; the polar factor of a complex matrix,
     with determinant :math:`e^{i\theta}`, is multiplied by :math:`e^{-i\theta / n}`.
@@ -300,7 +300,7 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
 def nearest_unitary(y: Points, *, special: bool) -> Points:
     r"""Return the nearest matrices with orthonormal columns, those of the polar factor.
 
-    The arguments are those of `distance_from_unitary`.  Matrices are NaN where the nearest one is
+    The arguments are those of `distance_from_unitary`. Matrices are NaN where the nearest one is
     not unique up to rounding.
     """
     left, singular, right = np.linalg.svd(y, full_matrices=False)

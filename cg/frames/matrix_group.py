@@ -53,7 +53,7 @@ class MatrixGroup(Frame):
 
     With :math:`\Omega(v) = \sum_i v_i B_i` for a basis :math:`B_i` of the Lie algebra,
     ``convention="body"`` has the fields :math:`y' = y\,\Omega(v)` and ``convention="space"`` has
-    :math:`y' = \Omega(v)\,y`.  A subclass defines ``dim``, ``size``, ``convention``,
+    :math:`y' = \Omega(v)\,y`. A subclass defines ``dim``, ``size``, ``convention``,
     ``_make_basis`` and ``membership_error``; it may override methods with closed forms.
 
     Examples

@@ -29,9 +29,9 @@ class PhaseSpace(Product):
         \mu_i' = \langle\mu, [e_i, \omega]\rangle + \tau_i ,
 
     where the bracket is that of the configuration; in body axes of a rotation the first term is
-    :math:`\mu \times \omega`.  A right-hand side ``f(t, y)`` returns the generalised forces
+    :math:`\mu \times \omega`. A right-hand side ``f(t, y)`` returns the generalised forces
     :math:`\tau` alone, shape ``(configuration.dim,)``: :math:`\tau_i = -E_i V` if they have a
-    potential V.  The rest is known from the inertia J.  A compiled ``f`` writes as many numbers.
+    potential V. The rest is known from the inertia J. A compiled ``f`` writes as many numbers.
 
     The frame itself is the product of the configuration and of the Euclidean space of momenta,
     with all their coefficients.
@@ -43,9 +43,9 @@ class PhaseSpace(Product):
         ``Sphere(2)``, and products and powers of them.
     inertia
         A matrix of shape ``(dim, dim)``, or its diagonal, or a multiple of the identity as a
-        number, by default the identity.  Of a product a tuple, one for each factor; of a power that
-        of each factor.  On Euclidean space it may be any positive definite one, and on rotations of
-        space in body axes.  On other groups, on spheres and in space axes it is a multiple of the
+        number, by default the identity. Of a product a tuple, one for each factor; of a power that
+        of each factor. On Euclidean space it may be any positive definite one, and on rotations of
+        space in body axes. On other groups, on spheres and in space axes it is a multiple of the
         identity.
 
     Raises
@@ -59,10 +59,10 @@ class PhaseSpace(Product):
     Notes
     -----
     Splitting methods move points along the free motion and along forces in turn, and are
-    symplectic.  Their forces depend on time and configuration only.  The free motion of a rigid
+    symplectic. Their forces depend on time and configuration only. The free motion of a rigid
     body is computed by Jacobi's elliptic functions [1]_.
 
-    On a sphere the momentum is :math:`q \times p`, and the inertia is the mass.  `join` removes
+    On a sphere the momentum is :math:`q \times p`, and the inertia is the mass. `join` removes
     its component along q, and forces along q have no effect.
 
     ``jac`` and ``df_dp`` must be None on a phase space; derivatives are computed by differences.

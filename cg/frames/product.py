@@ -25,7 +25,7 @@ class Product(Frame):
     """A product of manifolds, each with its own frame.
 
     A point is one flat real vector: the points of the factors, each raveled in C order, joined
-    in the order of the factors; a complex entry becomes its real and its imaginary part.  The
+    in the order of the factors; a complex entry becomes its real and its imaginary part. The
     coefficients are joined likewise.
 
     Parameters

@@ -25,7 +25,7 @@ class UnitQuaternion(UnitVectors):
     r"""Unit quaternions, with angular velocities in body or space axes as coefficients.
 
     A quaternion represents the same rotation as in ``scipy.spatial.transform.Rotation``, and the
-    coefficients are those of `SO3` with the same convention.  ``q`` and ``-q`` are the same
+    coefficients are those of `SO3` with the same convention. ``q`` and ``-q`` are the same
     rotation, but different points.
 
     Parameters
@@ -44,7 +44,7 @@ class UnitQuaternion(UnitVectors):
     Notes
     -----
     The fields are linear, :math:`q' = G(v) q` with :math:`G(v)^2 = -\tfrac14 |v|^2`, so that the
-    flow is :math:`q \cos x + G(v) q\,\sin(x) / x` with :math:`x = |v| / 2` [1]_.  A last step
+    flow is :math:`q \cos x + G(v) q\,\sin(x) / x` with :math:`x = |v| / 2` [1]_. A last step
     towards length one removes rounding errors.
 
     References
@@ -122,7 +122,7 @@ class UnitQuaternion(UnitVectors):
     def attitude_difference(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return the shortest rotation vector from one attitude to another.
 
-        Attitudes are the rotations that points represent: ``q`` and ``-q`` are the same one.  Use
+        Attitudes are the rotations that points represent: ``q`` and ``-q`` are the same one. Use
         it for errors of attitudes, such as residuals of measurements.
 
         Parameters
@@ -134,7 +134,7 @@ class UnitQuaternion(UnitVectors):
         -------
         ndarray
             In radians, of length at most :math:`\pi`, in body or space axes as coefficients are;
-            shape ``(..., 3)``.  Its flow from ``y0`` ends at ``y1`` or ``-y1``.
+            shape ``(..., 3)``. Its flow from ``y0`` ends at ``y1`` or ``-y1``.
 
         Raises
         ------

@@ -134,7 +134,7 @@ def averaged_rotation(v: Array, columns: Array) -> Array:
     r"""Return :math:`\int_0^1 e^{s\hat v}\,ds` times the columns of a ``(..., 3, k)`` array.
 
     The integral is :math:`I + \tfrac12 u^2 \hat v + \frac{\theta - \sin\theta}{\theta^3}
-    \hat v^2` with :math:`\theta = |v|` and :math:`u = \sin(\theta/2) / (\theta/2)`.  The last
+    \hat v^2` with :math:`\theta = |v|` and :math:`u = \sin(\theta/2) / (\theta/2)`. The last
     quotient cancels for small angles; up to one radian its Taylor series is summed instead.
     """
     generator = hat(v)
@@ -156,7 +156,7 @@ def averaged_rotation(v: Array, columns: Array) -> Array:
 def quaternion_logarithm(vector: Array, scalar: Array) -> Array:
     r"""Return the rotation vector :math:`v` with :math:`e^{v/2}` = (vector, scalar).
 
-    Its length is at most :math:`2\pi`.  The axis of the quaternion -1, which is not unique, is the
+    Its length is at most :math:`2\pi`. The axis of the quaternion -1, which is not unique, is the
     first one.
     """
     sine = np.sqrt(np.vecdot(vector, vector))

@@ -24,7 +24,7 @@ class SE3(Semidirect):
     r"""Poses :math:`\binom{R\;\;p}{0\;\;1}`, with twists as coefficients.
 
     The coefficients are the twist :math:`(\omega, v)`: angular velocity first, then linear
-    velocity, :math:`\Omega = \binom{\hat\omega\;\;v}{0\;\;0}`.  [1]_ and ``exp_coords`` of SciPy's
+    velocity, :math:`\Omega = \binom{\hat\omega\;\;v}{0\;\;0}`. [1]_ and ``exp_coords`` of SciPy's
     ``RigidTransform`` use the same order; jaxlie uses :math:`(v, \omega)`.
 
     Points may also be given as SciPy's ``RigidTransform``.
@@ -32,7 +32,7 @@ class SE3(Semidirect):
     Parameters
     ----------
     convention
-        ``"body"``: :math:`y' = y\,\Omega` (default), both velocities in body axes.  ``"space"``:
+        ``"body"``: :math:`y' = y\,\Omega` (default), both velocities in body axes. ``"space"``:
         :math:`y' = \Omega\,y`; then :math:`v` is the velocity of the point of the body that
         passes through the origin.
 
@@ -43,8 +43,8 @@ class SE3(Semidirect):
 
     Notes
     -----
-    The flow is the closed form of `Semidirect`, accurate for small angles too.  The rotation is
-    kept orthogonal as in `SO3` and the last row is exact.  `distance` is the root of the squared
+    The flow is the closed form of `Semidirect`, accurate for small angles too. The rotation is
+    kept orthogonal as in `SO3` and the last row is exact. `distance` is the root of the squared
     angle (radians) and the squared distance of the positions added.
 
     References

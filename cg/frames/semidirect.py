@@ -20,7 +20,7 @@ class Semidirect(MatrixGroup):
 
     A point is the matrix :math:`\binom{g\;\;p}{0\;\;I}`, where :math:`p` has ``copies`` columns.
     ``Semidirect(SO3())`` is the group of rigid motions, and a point of ``Semidirect(SO3(), 2)``
-    holds attitude, velocity and position.  The coefficients are those of the group, then the
+    holds attitude, velocity and position. The coefficients are those of the group, then the
     columns of the upper right block of :math:`\Omega`.
 
     Parameters

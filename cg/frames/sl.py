@@ -35,7 +35,7 @@ class SL(NoncompactMatrixGroup):
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  Each flow ends with the step of least norm towards
+    The exponential is ``scipy.linalg.expm``. Each flow ends with the step of least norm towards
     determinant 1, which is no larger than the rounding errors of the matrix.
 
     Examples

@@ -26,7 +26,7 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     r"""Rotations of :math:`R^n`: orthogonal matrices of determinant 1.
 
     The coefficients are the entries :math:`(-1)^{i+j+1}\,\Omega_{ji}` of the skew matrix
-    :math:`\Omega` for all pairs :math:`i < j`, the last pair first.  With these signs the
+    :math:`\Omega` for all pairs :math:`i < j`, the last pair first. With these signs the
     coefficients of ``SO(3)`` are the rotation vector, as for `SO3`, and that of ``SO(2)`` is the
     angle.
 
@@ -44,8 +44,8 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is a closed form for n = 2 and 3, and computed as for `U` otherwise.  Every pair
-    of points has `exp_coordinates`, from the real Schur form.  Each flow ends with a step towards
+    The exponential is a closed form for n = 2 and 3, and computed as for `U` otherwise. Every pair
+    of points has `exp_coordinates`, from the real Schur form. Each flow ends with a step towards
     the group that removes rounding errors [1]_.
 
     References

@@ -20,7 +20,7 @@ class Sp(NoncompactMatrixGroup):
     r"""Real symplectic matrices: :math:`y^T J y = J`, :math:`J = \binom{\;0\;\;I}{-I\;0}`.
 
     The Lie algebra consists of the matrices :math:`\Omega = J S` with symmetric :math:`S`, those of
-    linear Hamiltonian systems with energy :math:`\tfrac12 x^T S x`.  The coefficients are the
+    linear Hamiltonian systems with energy :math:`\tfrac12 x^T S x`. The coefficients are the
     entries of :math:`S` on and above the diagonal, row by row.
 
     Parameters
@@ -38,7 +38,7 @@ class Sp(NoncompactMatrixGroup):
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  Each flow ends with the step of least norm towards
+    The exponential is ``scipy.linalg.expm``. Each flow ends with the step of least norm towards
     the group, which is no larger than the rounding errors of the matrix.
 
     Examples

@@ -21,7 +21,7 @@ class SPD(HomogeneousSpace):
     r"""Symmetric positive definite matrices, such as covariances, with the action of GL(n).
 
     GL(n) acts by :math:`y \mapsto g\,y\,g^T`, so that :math:`y' = \Omega(v)\,y + y\,\Omega(v)^T`,
-    and the flow is :math:`e^\Omega y\, e^{\Omega^T}`: positive definite whatever the step.  The
+    and the flow is :math:`e^\Omega y\, e^{\Omega^T}`: positive definite whatever the step. The
     coefficients are the entries of :math:`\Omega`, those of `GL`.
 
     Parameters

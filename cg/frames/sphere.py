@@ -42,7 +42,7 @@ class Sphere(UnitVectors, HomogeneousSpace):
     Notes
     -----
     The flow is that of `SO`, a closed form on the circle and on :math:`S^2`, followed by a step
-    towards length one.  The `exp_coordinates` are a rotation in the plane of the two points;
+    towards length one. The `exp_coordinates` are a rotation in the plane of the two points;
     antipodal points have none, since the plane is not unique.
 
     Examples

@@ -41,7 +41,7 @@ class SU(U):
     -----
     For n = 2, :math:`\Omega^2 = -\tfrac14 |v|^2 I`, so that the exponential is
     :math:`\cos x\, I + \Omega \sin(x) / x` with :math:`x = |v| / 2`; for larger n it is computed
-    as for `U`.  Every pair of points has `exp_coordinates`.
+    as for `U`. Every pair of points has `exp_coordinates`.
 
     Examples
     --------

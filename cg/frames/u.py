@@ -24,7 +24,7 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     The generators are :math:`B_k = -\tfrac{i}{2} \lambda_k` with Hermitian :math:`\lambda_k`,
     :math:`\operatorname{tr} \lambda_j \lambda_k = 2 \delta_{jk}`: first those of `SU`, last
-    :math:`\sqrt{2/n}\, I`.  With ``convention="space"`` a point is the propagator of
+    :math:`\sqrt{2/n}\, I`. With ``convention="space"`` a point is the propagator of
     :math:`i \psi' = H \psi`, :math:`H = \tfrac12 \sum_k v_k \lambda_k`.
 
     Parameters
@@ -42,8 +42,8 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
     Notes
     -----
     The exponential is a Taylor polynomial with scaling and squaring, ``scipy.linalg.expm`` for more
-    than 16 rows, and computed from eigenvalues for large angles.  Every pair of points has
-    `exp_coordinates`.  Each flow ends with a step towards the group that removes rounding errors.
+    than 16 rows, and computed from eigenvalues for large angles. Every pair of points has
+    `exp_coordinates`. Each flow ends with a step towards the group that removes rounding errors.
 
     Examples
     --------

@@ -206,7 +206,7 @@ def check_points(
     """Return initial points and their parameters as new arrays, after checking them.
 
     With ``many`` both may have a leading axis of members; a single point is then used for all rows
-    of parameters.  The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
+    of parameters. The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
     """
     points = _check_points(plan, y0, many)
     if parameters is None:

@@ -64,7 +64,7 @@ def solve_ensemble(
     ----------
     f
         ``f(t, y, *args)``, or ``f(t, y, *args, row)`` with a row of ``parameters``, returns the
-        coefficients of one member; see `cg.solve_ivp`.  If ``vectorized`` it is given times
+        coefficients of one member; see `cg.solve_ivp`. If ``vectorized`` it is given times
         ``(k,)``, points ``(k, *frame.point_shape)`` and rows ``(k, n)`` of any subset of the
         members, and returns shape ``(k, frame.dim)``, on a `cg.frames.PhaseSpace` ``(k, forces)``.
     t_span
@@ -73,9 +73,9 @@ def solve_ensemble(
         Initial points, shape ``(members, *frame.point_shape)``; a single point serves all rows
         of ``parameters``.
     frame, method, rtol, atol, h, dense_output, events, breakpoints, args
-        As for `cg.solve_ivp`.  Events are functions of one member.
+        As for `cg.solve_ivp`. Events are functions of one member.
     inputs
-        As for `cg.solve_ivp`; those with ``members=True`` have values of each member.  If
+        As for `cg.solve_ivp`; those with ``members=True`` have values of each member. If
         ``vectorized``, ``f`` gets a row of values for each member.
     t_eval
         Times at which to store the solution; by default the ends of ``t_span``.
@@ -96,12 +96,12 @@ def solve_ensemble(
         with the axis of members first.
     executor, workers
         Where members are integrated, and by how many workers: in this thread by default, by
-        ``workers`` threads, or by any executor that `cg.search` takes.  On one machine they
-        change no bit of the result, since BLAS has one thread in all cases.  Other processes must
+        ``workers`` threads, or by any executor that `cg.search` takes. On one machine they
+        change no bit of the result, since BLAS has one thread in all cases. Other processes must
         be able to unpickle ``f``: `cg.CompiledFunction` for a compiled one.
     out
         Array of shape ``(times, members, *frame.point_shape)`` that receives the points, such as
-        one of NumPy on disk, of zarr or h5py; then ``y`` is ``out`` itself.  With
+        one of NumPy on disk, of zarr or h5py; then ``y`` is ``out`` itself. With
         ``store="observed"`` it receives what ``observe`` returns, and ``observed`` is ``out``.
     progress
         Called with the time that was covered, summed over the members, and its total.
@@ -121,7 +121,7 @@ def solve_ensemble(
     Warns
     -----
     UserWarning
-        If members failed; it names their number and the first one.  Or, while members take
+        If members failed; it names their number and the first one. Or, while members take
         thousands of steps, for the reasons of `cg.solve_ivp`.
 
     Examples

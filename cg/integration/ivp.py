@@ -36,37 +36,37 @@ def solve_ivp(
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
     Steps are chosen by an error estimate if ``method`` is a pair, or are all of size ``h`` if
-    that is given.  All points of the solution lie on the manifold, also those between steps.
+    that is given. All points of the solution lie on the manifold, also those between steps.
     `cg.solve_ensemble` integrates many points, `cg.Stepper` takes steps one at a time.
 
     Parameters
     ----------
     f
         ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``, on a
-        `cg.frames.PhaseSpace` the forces.  It is given a read-only ``y`` of shape
-        ``frame.point_shape``.  An exception that it raises ends the
-        call.  It may be a compiled function as for `cg.integrate`.
+        `cg.frames.PhaseSpace` the forces. It is given a read-only ``y`` of shape
+        ``frame.point_shape``. An exception that it raises ends the
+        call. It may be a compiled function as for `cg.integrate`.
     t_span
-        Initial and final time.  If the final time is smaller, integration runs backward.  It may
+        Initial and final time. If the final time is smaller, integration runs backward. It may
         be infinite where a terminal event ends the integration.
     y0
         Initial point, shape ``frame.point_shape``.
     frame
         The frame that holds the points and supplies the flows.
     method
-        Name of a method of the catalogue, or a method.  The result of higher order of a pair is
-        used.  Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with brackets.
+        Name of a method of the catalogue, or a method. The result of higher order of a pair is
+        used. Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with brackets.
         The default, ``"auto"``, is the fastest in the benchmarks of the pairs with reliable error
         estimates: ``"RKMK8(5,3)"`` on frames with brackets, on others ``"CF5(4)"``, and
-        ``"DOP853"`` for ``rtol`` below 1e-4.  With ``h`` it is ``"CF5(4)"``.  ``"RadauIIA5"`` is
+        ``"DOP853"`` for ``rtol`` below 1e-4. With ``h`` it is ``"CF5(4)"``. ``"RadauIIA5"`` is
         for stiff equations, with Newton's method.
         ``solution.method`` is the method used.
     h
-        Size of fixed steps, positive; the last may be shorter.  No error is estimated.
+        Size of fixed steps, positive; the last may be shorter. No error is estimated.
     rtol, atol
-        Relative and absolute tolerance of the error in one step, by default 1e-3 and 1e-6.  The
+        Relative and absolute tolerance of the error in one step, by default 1e-3 and 1e-6. The
         error is measured in the coordinates of the frame (angles for rotations) where it has
-        them, else in the ambient space.  ``rtol`` is relative to :math:`|y_i|` on Euclidean
+        them, else in the ambient space. ``rtol`` is relative to :math:`|y_i|` on Euclidean
         space, to 1 for coordinates like angles; see `cg.frames.Frame.coordinate_sizes`.
         Both may be given for each coordinate, or each entry of a point where errors are
         measured in the ambient space.
@@ -74,28 +74,28 @@ def solve_ivp(
         Times at which to store the solution, sorted in the direction of integration and within
         ``t_span``; by default those of the steps.
     dense_output
-        Whether to return a continuous solution.  It is as accurate as the steps, as output at
+        Whether to return a continuous solution. It is as accurate as the steps, as output at
         ``t_eval`` and events are; steps that have output in them take more evaluations of ``f``.
         That of ``"RadauIIA5"`` has order three only.
     events
         A function ``event(t, y, *args)`` or a `cg.Event`, or a sequence of them, whose zeros are
-        found along the continuous solution.  A zero at the initial point is no event.
+        found along the continuous solution. A zero at the initial point is no event.
     observe
         ``observe(t, y, *args)`` returns numbers, a float or an array of fixed shape, that are
-        stored at output times: those of ``t_eval``, or the ends of steps.  It may be compiled as
+        stored at output times: those of ``t_eval``, or the ends of steps. It may be compiled as
         an event may, or a list of such functions, whose values form a vector.
     store
         ``"all"``, or ``"observed"`` to store no points: they are never in memory together, and
         ``y`` is None.
     breakpoints
         Times within ``t_span`` at which ``f`` or its derivatives jump, sorted in the direction of
-        integration.  A step ends at each: the step before it sees ``f`` just before that time, the
+        integration. A step ends at each: the step before it sees ``f`` just before that time, the
         step after it just after.
     inputs
         `cg.Samples` of a function of time, or a tuple of several, each with times of its own.
         ``f`` becomes ``f(t, y, u, *args)``, and so do ``jac``, events and jumps; ``u`` is the
-        value at ``t``, for a tuple one of values.  A compiled function gets the values behind its
-        parameters.  Steps end where a curve or its derivative jumps, as at ``breakpoints``.
+        value at ``t``, for a tuple one of values. A compiled function gets the values behind its
+        parameters. Steps end where a curve or its derivative jumps, as at ``breakpoints``.
         Methods with stages outside the step are refused.
     max_step
         Largest step size.
@@ -115,7 +115,7 @@ def solve_ivp(
         Function, for ``"RadauIIA5"`` only: ``jac(t, y, *args)`` returns the derivatives of the
         coefficients along the frame's fields, shape ``(dim, dim)``, as for
         `cg.solve_variational`, or a sparse matrix of SciPy; or the matrix itself if it is
-        constant.  By default they are differences, which take ``dim`` evaluations of ``f``.
+        constant. By default they are differences, which take ``dim`` evaluations of ``f``.
     progress
         Called with the time covered so far and the length of ``t_span``, at most ten times a
         second and when the integration ends.
@@ -150,7 +150,7 @@ def solve_ivp(
 
     Examples
     --------
-    A body rotates faster and faster about its z axis.  The event is its first full turn.
+    A body rotates faster and faster about its z axis. The event is its first full turn.
 
     >>> import numpy as np
     >>> import cg
@@ -198,27 +198,27 @@ def integrate(
 
     which for a Crouch-Grossman method is equation (2.2) of [1]_; for an implicit one it is (2.3).
     The flow of the lowest stage is applied first, the coefficients of stage :math:`i` are taken
-    at :math:`t_k + c_i h`, and a coefficient that is exactly zero costs no flow.  Steps of
+    at :math:`t_k + c_i h`, and a coefficient that is exactly zero costs no flow. Steps of
     methods on Lie algebras are those of `cg.MuntheKaas`.
 
     Parameters
     ----------
     f
         ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``, on a
-        `cg.frames.PhaseSpace` the forces.  It is given a read-only ``y`` of shape
-        ``frame.point_shape``.  An exception that it raises ends the call.
+        `cg.frames.PhaseSpace` the forces. It is given a read-only ``y`` of shape
+        ``frame.point_shape``. An exception that it raises ends the call.
 
         It may also be a compiled function ``int f(double t, const double *y, double *f,
         void *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes,
-        a ``numba.cfunc``, or a `cg.CompiledFunction`.  It writes the coefficients, and returns
-        zero, or else ends the call.  The integration then runs wholly in compiled code, without
+        a ``numba.cfunc``, or a `cg.CompiledFunction`. It writes the coefficients, and returns
+        zero, or else ends the call. The integration then runs wholly in compiled code, without
         Python's lock, on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in
         space, Euclidean space and their products, isospectral orbits of real matrices up to
         n = 12, and linear actions of sparse matrices.
     t_span, y0, frame, method
         As for `cg.solve_ivp`.
     h
-        Step size, positive whatever the direction.  If it doesn't divide the span, the last
+        Step size, positive whatever the direction. If it doesn't divide the span, the last
         step is shorter.
     inputs, args, parameters, stage_solver, jac, progress
         As for `cg.solve_ivp`.

@@ -55,12 +55,12 @@ def solve_linear(
 
     Parameters
     ----------
-    a : callable
+    a
         ``a(t)`` returns the coefficients, shape ``(frame.dim,)``. Compiled functions are those of
         `cg.solve_ivp`; one that reads the point it gets is refused.
     t_span, y0, frame
         As for `cg.solve_ivp`.
-    method : str or Method, optional
+    method
         A name in `cg.methods`, or a `cg.MagnusMethod`. By default ``"CFM8(4)"``, on
         `cg.frames.LinearAction` the nine nodes of Lobatto's formula. Other methods take the steps
         of `cg.solve_ivp` without computing points of stages, so that those of Munthe-Kaas need one
@@ -71,16 +71,16 @@ def solve_linear(
         are all of size ``h``.
     args, parameters, inputs, observe, store, progress
         As for `cg.solve_ivp`; ``a`` becomes ``a(t, u, *args)`` with ``inputs``.
-    vectorized : bool, optional
+    vectorized
         Whether ``a`` takes times of shape ``(k,)``, with rows of parameters of shape ``(k, p)``,
         and returns shape ``(k, frame.dim)``. It is called once per step, with the times of all
         stages but a first one at the start, which is known from the step before. Starts and nodes
         of dense output are single times.
-    derivatives : str, optional
+    derivatives
         ``"adjoint"`` for an `AdjointSolution`, whose method ``gradient`` returns derivatives of a
         number with respect to ``y0`` and the parameters. It takes no ``events``, and is meant for
         `cg.frames.LinearAction` of up to some 50 dimensions, since matrices are dense.
-    da_dp : callable, optional
+    da_dp
         ``da_dp(t, *args, parameters)`` returns the derivatives of the coefficients with respect to
         the parameters, shape ``(frame.dim, k)``; if ``vectorized`` ``(times, frame.dim, k)``. By
         default central differences.
@@ -138,7 +138,7 @@ def solve_linear_ensemble(
 
     Parameters
     ----------
-    a : callable
+    a
         ``a(t, *args)``, or ``a(t, *args, row)`` with a row of ``parameters``, returns the
         coefficients of one member, shape ``(frame.dim,)``. If ``vectorized`` it takes times
         ``(k,)`` and rows ``(k, n)`` of any members, and returns shape ``(k, frame.dim)``.

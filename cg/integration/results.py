@@ -21,9 +21,9 @@ class _Labelled(ReadOnly):
         """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first.
 
         Of an ensemble ``member`` is second; the last are ``component`` of vectors, ``row`` and
-        ``column`` of matrices.  Derivatives of solutions are the variables ``transition``,
+        ``column`` of matrices. Derivatives of solutions are the variables ``transition``,
         ``sensitivity`` and ``covariance`` with the axes ``coordinate`` and ``initial_coordinate``,
-        ``parameter`` or ``other_coordinate``.  Attributes are the name of the method, the frame,
+        ``parameter`` or ``other_coordinate``. Attributes are the name of the method, the frame,
         and what the integration took; of an ensemble these numbers are variables.
         """
         return to_xarray(self)
@@ -38,8 +38,8 @@ class Solution(_Labelled):
     t
         Times, shape ``(n,)``, read-only.
     y
-        Points, shape ``(n, *point_shape)``, read-only.  Time is the *first* axis, unlike in
-        SciPy, since points are arrays of any shape.  It is None with ``store="observed"``.
+        Points, shape ``(n, *point_shape)``, read-only. Time is the *first* axis, unlike in
+        SciPy, since points are arrays of any shape. It is None with ``store="observed"``.
     sol
         The continuous solution, None without ``dense_output``.
     t_events

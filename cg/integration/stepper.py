@@ -65,13 +65,13 @@ class Stepper:
         Initial point, shape ``frame.point_shape``, or those of the members of an ensemble, which
         have one leading axis.
     t_bound
-        Final time.  By default there is none, and time increases.
+        Final time. By default there is none, and time increases.
     parameters
         As for `cg.solve_ivp`, of an ensemble for `cg.solve_ensemble`.
     vectorized, common_steps
         As for `cg.solve_ensemble`.
     events
-        As for `cg.solve_ivp`, for a single point.  ``step`` and ``advance`` stop at a terminal
+        As for `cg.solve_ivp`, for a single point. ``step`` and ``advance`` stop at a terminal
         event, behind its jump if it has one, and go on from there when they are called again; an
         event that is terminal the third time stops each third time.
 
@@ -104,18 +104,18 @@ class Stepper:
     Notes
     -----
     ``step()`` takes one step, ``advance(t)`` as many as lead to a time; the last one is shortened
-    to end there, and the next one has the size that it would have had.  Both return None, or a
-    message if the error estimate could not be met; then ``status`` is ``"failed"``.  After that, or
+    to end there, and the next one has the size that it would have had. Both return None, or a
+    message if the error estimate could not be met; then ``status`` is ``"failed"``. After that, or
     an exception or interrupt of ``f``, ``t`` and ``y`` are those of the last complete step, or of
-    an ensemble those before the call.  After an exception further steps may be tried.
+    an ensemble those before the call. After an exception further steps may be tried.
 
     ``restart(t=, y=, args=, parameters=, inputs=)`` changes what it is given, also after a failure,
-    and keeps the rest, the counts included; only terminal events are counted anew.  It calls ``f``
+    and keeps the rest, the counts included; only terminal events are counted anew. It calls ``f``
     at no time, but the next step starts anew: it calls ``f`` at the present point, and without
     ``h`` it chooses its size anew, which takes another call, unless ``first_step`` is given.
 
     A pickle contains the present state and ``f``, which has to be a function of a module or a
-    `CompiledFunction`; the copy goes on bit for bit.  ``copy.copy`` takes any ``f``.
+    `CompiledFunction`; the copy goes on bit for bit. ``copy.copy`` takes any ``f``.
 
     Examples
     --------
@@ -376,7 +376,7 @@ class Stepper:
     def _end_early(self, start: Points | None, steps: int) -> None:
         """Return an ensemble to its points ``start``; set the time of the last step of one point.
 
-        Of the members some are ahead of others.  ``steps`` is the count before the call.
+        Of the members some are ahead of others. ``steps`` is the count before the call.
         """
         run = self._run
         run.record.ended = run.record.failed = run.record.raised = 0
@@ -410,7 +410,7 @@ class Stepper:
     ) -> None:
         """Continue from another time or point, or with other arguments of ``f``.
 
-        Arguments that are None stay as they are, and so do the counts.  ``f`` isn't called before
+        Arguments that are None stay as they are, and so do the counts. ``f`` isn't called before
         the next step, which uses no slope of earlier ones.
 
         Parameters
@@ -422,7 +422,7 @@ class Stepper:
         inputs
             Samples of the same shapes as before, which must cover the time.
         first_step
-            Size of the next step.  By default it is ``h``, the ``first_step`` of the constructor,
+            Size of the next step. By default it is ``h``, the ``first_step`` of the constructor,
             or chosen anew, which takes one call of ``f``; the last size isn't kept.
 
         Raises

@@ -47,18 +47,18 @@ def controller(
     """Return the choice of steps of `cg.solve_ivp`, for ``diffrax.diffeqsolve``.
 
     Errors are measured in coordinates, and so are tolerances: they mean what they mean in
-    `cg.solve_ivp`, and with ``dt0=None`` the first step is the same.  ``diffrax.PIDController``
+    `cg.solve_ivp`, and with ``dt0=None`` the first step is the same. ``diffrax.PIDController``
     compares entries of points instead, and begins with a step of 0.01.
 
     Parameters
     ----------
-    frame : cg.frames.Frame
+    frame
         The frame of the term.
-    rtol, atol : float or array_like
-        Relative and absolute tolerance of the error in a step.  ``atol`` is one number, or one
+    rtol, atol
+        Relative and absolute tolerance of the error in a step. ``atol`` is one number, or one
         for each coordinate, shape ``(frame.dim,)``; on frames without `exp_coordinates` one for
         each entry of a point.
-    max_step : float, optional
+    max_step
         Largest size of a step, in the unit of time.
 
     Returns
@@ -83,7 +83,7 @@ def controller(
 
     Notes
     -----
-    Derivatives are those of the steps that are taken, with their sizes held fixed.  The default
+    Derivatives are those of the steps that are taken, with their sizes held fixed. The default
     adjoint of diffrax repeats steps in the reverse mode, and gradients are exact if sizes repeat
     to the last bit; `Solver` keeps `XLA` from rounding them in two ways.
     ``diffrax.RecursiveCheckpointAdjoint(checkpoints=n)`` with n as large as ``max_steps`` repeats

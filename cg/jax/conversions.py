@@ -43,7 +43,7 @@ def from_jaxlie(frame: Frame, pose: Any) -> JaxArray:
     Notes
     -----
     Twists of ``jaxlie.SE3`` are (v, ω), those of `cg.frames.SE3` (ω, v): ``jnp.roll(twist, 3)``
-    makes either of the other.  ``jaxlie``'s ``T @ SE3.exp(twist)`` is the flow of ``SE3("body")``,
+    makes either of the other. ``jaxlie``'s ``T @ SE3.exp(twist)`` is the flow of ``SE3("body")``,
     and ``SE3.exp(twist) @ T`` that of ``SE3("space")``.
 
     Examples
@@ -94,7 +94,7 @@ def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
     Returns
     -------
     object
-        What ``kind`` returns.  Of a matrix, w is not negative.
+        What ``kind`` returns. Of a matrix, w is not negative.
 
     Raises
     ------

@@ -25,11 +25,11 @@ def divergence(
 
     Parameters
     ----------
-    f : callable
+    f
         ``f(t, y, args)`` as for `FrameTerm`.
-    frame : cg.frames.Frame
+    frame
         A frame that `cg.jax` supports, but none with fields of the user.
-    key : jax.random.key, optional
+    key
         Hutchinson's estimate instead of the sum of ``frame.dim`` derivatives: one derivative in a
         random direction of entries ±1. Its mean is the divergence; use one key for a whole
         integration.

@@ -68,7 +68,7 @@ def dexpinv_factor(q: JaxArray) -> JaxArray:
     r"""Return :math:`(1 - x \cot x) / (4 x^2)` with :math:`q = (2 x)^2 < 4 \pi^2`, 1/12 at zero.
 
     It multiplies :math:`\operatorname{ad}^2` in the inverse of the derivative of a rotation's
-    exponential; see `cg.frames.dexpinv.rotation_dexpinv`.  It is :math:`\sum_k 2 / (4 k^2 \pi^2 -
+    exponential; see `cg.frames.dexpinv.rotation_dexpinv`. It is :math:`\sum_k 2 / (4 k^2 \pi^2 -
     q)`; the terms from the third on are summed as a series in q.
     """
     series = jnp.full_like(q, _FACTOR_TERMS[-1])
@@ -91,7 +91,7 @@ def angle_over_sine(q: JaxArray, c: JaxArray) -> JaxArray:
 
     The angle is halved twice first, so that what is left is a function of a square below one:
     with :math:`r = \sqrt{q + c^2}` and :math:`t = \sqrt q / (c + r)` it is twice the arc tangent
-    of t.  There is no value at the angle π.
+    of t. There is no value at the angle π.
     """
     r = jnp.sqrt(q + c * c)
     # c + r without cancellation

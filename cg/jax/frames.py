@@ -1,7 +1,7 @@
 """What each frame is in JAX: functions of one point, which `jax.vmap` makes ones of many.
 
 Coefficients have shape ``(dim,)``, points ``point_shape``, and results the type of the point that
-they are made of: float32 or float64, complex64 or complex128.  All are smooth wherever the
+they are made of: float32 or float64, complex64 or complex128. All are smooth wherever the
 mathematics is, at coefficients zero and at equal points too.
 """
 

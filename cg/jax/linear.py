@@ -27,9 +27,9 @@ class LinearTerm(FrameTerm):
 
     Parameters
     ----------
-    a : callable
+    a
         ``a(t, args)`` of ``jax.numpy`` returns the coefficients, shape ``(frame.dim,)``.
-    frame : cg.frames.Frame
+    frame
         As for `FrameTerm`; also `cg.frames.LinearAction`, whose generators are dense in JAX.
 
     Raises

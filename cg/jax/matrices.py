@@ -27,7 +27,7 @@ def expm(matrix: JaxArray) -> JaxArray:
     """Return the exponential, NaN where the norm is greater than `MAX_EXPONENT`.
 
     As in `cg.frames.matrix_functions` it is a Taylor polynomial of a matrix of norm at most one,
-    squared; the error is a few roundings times the norm.  The Padé approximant of
+    squared; the error is a few roundings times the norm. The Padé approximant of
     ``jax.scipy.linalg.expm`` is used up to norm 11, where it loses eight digits.
     """
     dtype, n = real_dtype(matrix), len(matrix)
@@ -63,7 +63,7 @@ def logarithm_of(
 ) -> Callable[[JaxArray], JaxArray]:
     r"""Return the logarithm of the identity plus a matrix, as coefficients.
 
-    Near the identity it is a series in the matrix itself, which keeps its digits.  The derivative
+    Near the identity it is a series in the matrix itself, which keeps its digits. The derivative
     is not that of the algorithm: from :math:`x' = x\, \Omega(w)` follows :math:`w = \varphi(-
     \operatorname{ad}_v)\, v'` with :math:`\varphi(z) = (e^z - 1) / z`, which is solved for v'.
     """
@@ -116,7 +116,7 @@ def _cayley_angles(x: JaxArray) -> tuple[JaxArray, JaxArray]:
     """Return the arguments of eigenvalues of a unitary matrix, none near -1, and eigenvectors.
 
     Both are from the Hermitian matrix i (1 - x) / (1 + x), whose eigenvalues are tangents of half
-    the angles.  JAX has no Schur form on accelerators.
+    the angles. JAX has no Schur form on accelerators.
     """
     eye = jnp.eye(len(x), dtype=x.dtype)
     hermitian = 1j * jnp.linalg.solve(eye + x, eye - x)
@@ -154,7 +154,7 @@ def _unitary_logarithm(x: JaxArray, special: bool) -> JaxArray:
 def _rotation_logarithm(x: JaxArray) -> JaxArray:
     """Return the logarithm of a rotation, with angles of at most π.
 
-    The planes of rotation are divided at the largest gap between cosines of their angles.  Behind
+    The planes of rotation are divided at the largest gap between cosines of their angles. Behind
     it half a turn is taken out of each plane, in the direction of its rotation.
     """
     n = len(x)

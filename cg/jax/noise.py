@@ -28,11 +28,11 @@ class NoiseTerm(diffrax.ControlTerm):
 
     Parameters
     ----------
-    g : callable
+    g
         ``g(t, y, args)`` of ``jax.numpy`` returns an array of shape ``(frame.dim, noises)``.
-    path : diffrax.AbstractBrownianPath
+    path
         A Brownian path of shape ``(noises,)``, such as ``diffrax.VirtualBrownianTree``.
-    frame : cg.frames.Frame
+    frame
         As for `FrameTerm`.
 
     Raises

@@ -107,7 +107,7 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
     r"""Return an ambient cotangent, such as a gradient by entries, as one by coordinates.
 
     ``jax.grad`` with respect to a point gives a number for each entry, as if entries could change
-    one by one.  The result says how the cost changes along the fields of the frame, :math:`\langle
+    one by one. The result says how the cost changes along the fields of the frame, :math:`\langle
     g, E_i(y) \rangle`.
 
     Parameters

@@ -97,24 +97,24 @@ def _steps_of(method: Method) -> _Steps:
 class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver):
     r"""An explicit method of the catalogue, or of the user, as a solver of `diffrax.diffeqsolve`.
 
-    Its term is a `FrameTerm`.  The error estimate of a pair is a tangent at the end of the step:
+    Its term is a `FrameTerm`. The error estimate of a pair is a tangent at the end of the step:
     a plain ``diffrax.PIDController`` compares it with the entries of points, and `controller`
     with coordinates, as `cg.solve_ivp` does.
 
     Parameters
     ----------
-    method : str or cg.Method
+    method
         The name of a method, or a method.
-    dense : {"accurate", "steps"}, optional
-        The interpolant.  ``"accurate"`` (default) is that of `cg.solve_ivp`, as accurate as the
-        steps; if output between steps or an event needs it, it calls ``f`` some more times in
-        every step.  ``"steps"`` is exact at the ends of steps and has an error of second order
-        between them, at any tolerance, which ``SaveAt(ts=...)`` and events would use; it calls
-        ``f`` no more times and compiles faster.
-    unroll : bool, optional
+    dense
+        One of ``"accurate"``, ``"steps"``. The interpolant. ``"accurate"`` (default) is that of
+        `cg.solve_ivp`, as accurate as the steps; if output between steps or an event needs it, it
+        calls ``f`` some more times in every step. ``"steps"`` is exact at the ends of steps and has
+        an error of second order between them, at any tolerance, which ``SaveAt(ts=...)`` and events
+        would use; it calls ``f`` no more times and compiles faster.
+    unroll
         Whether `XLA` compiles the stages of a Munthe-Kaas method one after the other instead of
-        as a loop.  The loop compiles faster and takes less time in batches by ``jax.vmap``, but a
-        little more for a single solution.  Stages of other methods are never a loop.
+        as a loop. The loop compiles faster and takes less time in batches by ``jax.vmap``, but a
+        little more for a single solution. Stages of other methods are never a loop.
 
     Raises
     ------
@@ -124,12 +124,12 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         If no method has that name, the method is implicit or ``dense`` has another value.
     RuntimeError
         When it is used: if ``y0`` is farther from the manifold than 1e-8, or 1e-5 in single
-        precision.  ``EQX_ON_ERROR=off`` in the environment turns this check of `equinox` off.
+        precision. ``EQX_ON_ERROR=off`` in the environment turns this check of `equinox` off.
 
     Notes
     -----
-    The stored coefficients of the method are rounded to the precision of the points.  Weighted
-    sums of stages are products with a matrix, each one kernel of `XLA`.  ``BacksolveAdjoint`` is
+    The stored coefficients of the method are rounded to the precision of the points. Weighted
+    sums of stages are products with a matrix, each one kernel of `XLA`. ``BacksolveAdjoint`` is
     refused, because its state is no point of the frame.
 
     Examples
@@ -350,7 +350,7 @@ def _take_stages(
         for k in range(len(ends), last + 1):
             y = ends[paths.paths[k - 1].origin]
             for row in steps.flows[k - 1]:
-                # Without the barrier XLA compiles a flow once for each of its consumers.  Then
+                # Without the barrier XLA compiles a flow once for each of its consumers. Then
                 # rounding errors, and with them sizes of steps, differ between the forward pass
                 # and its repetition by an adjoint.
                 y = jax.lax.optimization_barrier(rules.flow(_combined(h, row, stages), y))
@@ -384,10 +384,10 @@ def _take_stages_on_algebra(
 ) -> _Stages:
     """Return the stages and the result of a method of Munthe-Kaas.
 
-    Each path is one flow from the start, whose coordinates are a weighted sum of stages.  The
+    Each path is one flow from the start, whose coordinates are a weighted sum of stages. The
     value at a stage is added to the sums of all paths at once, which is one kernel of XLA in
-    either mode of differentiation.  JAX traces and differentiates one stage of the loop, also
-    where XLA compiles it unrolled.  Reverse mode computes flows and dexpinv again, in fewer
+    either mode of differentiation. JAX traces and differentiates one stage of the loop, also
+    where XLA compiles it unrolled. Reverse mode computes flows and dexpinv again, in fewer
     kernels than it takes to store what their derivatives need.
     """
     paths = steps.paths

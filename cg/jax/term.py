@@ -25,10 +25,10 @@ class FrameTerm(diffrax.AbstractTerm):
 
     Parameters
     ----------
-    f : callable
+    f
         ``f(t, y, args)`` of ``jax.numpy`` returns the coefficients of the fields of the frame,
-        shape ``(frame.dim,)``.  ``y`` has the shape ``frame.point_shape``.
-    frame : cg.frames.Frame
+        shape ``(frame.dim,)``. ``y`` has the shape ``frame.point_shape``.
+    frame
         One of those of `cg.frames`, or a `cg.frames.FieldFrame` whose functions are written in
         ``jax.numpy``.
 
@@ -115,7 +115,7 @@ def unwrapped(terms: Any) -> Any:
 def refuse_implicit_adjoint(frame: Frame) -> None:
     """Raise NotImplementedError if diffrax's ImplicitAdjoint asks for f on a manifold.
 
-    It solves f(y) = 0 for the entries of y.  Only the functions that call tell which adjoint it is.
+    It solves f(y) = 0 for the entries of y. Only the functions that call tell which adjoint it is.
     """
     place = inspect.currentframe()
     for _ in range(_CALLERS):

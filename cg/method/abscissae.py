@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
-from ..structure.points import MethodError
-from .coefficients import Coefficient, read_coefficient
-from .method import Method
+from cg.method.coefficients import Coefficient, read_coefficient
+from cg.method.method import Method
+from cg.structure.points import MethodError
 
 
 def read_abscissae(c: Sequence[Any], method: Method) -> list[Coefficient]:

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ..structure.points import MethodError
-from ..support.checks import check_integer
+from cg.structure.points import MethodError
+from cg.support.checks import check_integer
 
 MIN_ROUNDED_PLACES = 8
 """Number of decimal places from which a decimal counts as rounded; 0.25 is exact."""

@@ -10,13 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from ..structure.layout import Layout
-from ..structure.points import MethodError, Point, PointTree, check_tree
-from ..support import quads
-from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts, read_third
-from .flat import flat_order
-from .method import Method
-from .tableau import Tableau
+from cg.method.coefficients import (
+    Coefficient,
+    read_coefficient,
+    read_sequence,
+    read_texts,
+    read_third,
+)
+from cg.method.flat import flat_order
+from cg.method.method import Method
+from cg.method.tableau import Tableau
+from cg.structure.layout import Layout
+from cg.structure.points import MethodError, Point, PointTree, check_tree
+from cg.support import quads
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -30,24 +36,24 @@ class CommutatorFree(Method):
 
     Parameters
     ----------
-    points : sequence of pairs
-        The parent of each point, an index or -1 for the initial point, and a mapping from
-        stages (from 0) to weights, or `Point` records. Weights are strings, Fractions, integers
-        or floats; see `Coefficient.read`.
-    stage_points : sequence of int
-        The point at which each stage is evaluated; the first is -1.
-    result : int, optional
+    points
+        Sequence of pairs. The parent of each point, an index or -1 for the initial point, and a
+        mapping from stages (from 0) to weights, or `Point` records. Weights are strings, Fractions,
+        integers or floats; see `Coefficient.read`.
+    stage_points
+        Sequence of int. The point at which each stage is evaluated; the first is -1.
+    result
         The point that the step leads to, by default the last.
-    embedded_result : int, optional
+    embedded_result
         The point of the second result of a pair. The flows to it should differ from those to the
         result: errors that both results have in common aren't seen.
-    third : sequence of s numbers, optional
-        Third weights of a pair, of lower order than the second. The estimate is then
-        :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_. The weights of :math:`e_3`
-        are the row of the result in the flat tableau minus the third weights.
-    name, source : str, optional
+    third
+        Sequence of s numbers. Third weights of a pair, of lower order than the second. The estimate
+        is then :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_. The weights of
+        :math:`e_3` are the row of the result in the flat tableau minus the third weights.
+    name, source
         Name and origin of the method.
-    nominal_order, nominal_residual : optional
+    nominal_order, nominal_residual
         As for `cg.Tableau`.
 
     Raises

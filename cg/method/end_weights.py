@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structure.points import START, PointTree
-from ..trees.ordered import forest
-from .magnus import MagnusMethod
-from .method import Method, cached
-from .munthe_kaas import MuntheKaas
+from cg.method.magnus import MagnusMethod
+from cg.method.method import Method, cached
+from cg.method.munthe_kaas import MuntheKaas
+from cg.structure.points import START, PointTree
+from cg.trees.ordered import forest
 
 Matrix = NDArray[np.float64]
 

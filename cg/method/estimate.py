@@ -31,11 +31,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames.dexpinv import bernoulli_terms
-from .end_weights import end_weights, kink_weights
-from .magnus import MagnusMethod
-from .method import Method, cached
-from .munthe_kaas import MuntheKaas
+from cg.frames.dexpinv import bernoulli_terms
+from cg.method.end_weights import end_weights, kink_weights
+from cg.method.magnus import MagnusMethod
+from cg.method.method import Method, cached
+from cg.method.munthe_kaas import MuntheKaas
 
 Vector = NDArray[Any]
 Flow = Mapping[int, Any]
@@ -116,7 +116,7 @@ def _response(method: Method, powers: int | None) -> Response:
 def error_power(method: Method) -> int:
     """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ, 0 with `end_weights`.
 
-    With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)).  This n leads to
+    With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)). This n leads to
     the order of the error of the step, O(h^(p + 1)), or one below.
     """
     third = method.third_order

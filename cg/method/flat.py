@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conditions import MAX_ORDER
-from ..support.balls import to_flint, to_fraction
-from ..trees.rooted import RootedTree, density, rooted_trees, rooted_trees_through
-from .coefficients import Coefficient
-from .tableau import Tableau
-from .tolerance import TOLERANCE_FACTOR, to_floats
+from cg.conditions import MAX_ORDER
+from cg.method.coefficients import Coefficient
+from cg.method.tableau import Tableau
+from cg.method.tolerance import TOLERANCE_FACTOR, to_floats
+from cg.support.balls import to_flint, to_fraction
+from cg.trees.rooted import RootedTree, density, rooted_trees, rooted_trees_through
 
 if TYPE_CHECKING:
     from flint import fmpq

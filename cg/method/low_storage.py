@@ -21,11 +21,11 @@ from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
 
-from ..structure.points import MethodError
-from .coefficients import MIN_ROUNDED_PLACES, Coefficient, read_coefficient, read_sequence
-from .commutator_free import CommutatorFree
-from .method import Method
-from .tolerance import TOLERANCE_FACTOR
+from cg.method.coefficients import MIN_ROUNDED_PLACES, Coefficient, read_coefficient, read_sequence
+from cg.method.commutator_free import CommutatorFree
+from cg.method.method import Method
+from cg.method.tolerance import TOLERANCE_FACTOR
+from cg.structure.points import MethodError
 
 Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conditions.linear_equations import (
+from cg.conditions.linear_equations import (
     LINEAR_ROUNDING,
     estimated_order,
     linear_residuals,
     linear_sensitivities,
 )
-from ..structure.layout import Layout
-from ..structure.points import START, MethodError, Point, PointTree
-from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
-from .method import Method, frozen
-from .tolerance import TOLERANCE_FACTOR
+from cg.method.coefficients import Coefficient, read_coefficient, read_sequence, read_texts
+from cg.method.method import Method, frozen
+from cg.method.tolerance import TOLERANCE_FACTOR
+from cg.structure.layout import Layout
+from cg.structure.points import START, MethodError, Point, PointTree
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -41,20 +41,21 @@ class MagnusMethod(Method):
 
     Parameters
     ----------
-    nodes : sequence of K numbers
-        The nodes c, as `Coefficient.read` takes them.
-    weights : s rows of K numbers
-        The weights of each flow, in the order in which flows are followed.
-    embedded : rows of K numbers, optional
-        The flows of a second result, of lower order, from the initial point.
-    third : sequence of K numbers, optional
-        The weights of one flow from the initial point to a third result. If the second result is
-        :math:`e_2` from the first, and the third :math:`e_3`, the estimate of the error is
-        :math:`e_2 (e_2 / \sqrt{e_2^2 + c^2 e_3^2})^n`, with n such that it has the order of the
-        method.
-    third_factor : number, optional
+    nodes
+        Sequence of K numbers. The nodes c, as `Coefficient.read` takes them.
+    weights
+        Rows, one for each flow, of K numbers. The weights of each flow, in the order in which flows
+        are followed.
+    embedded
+        Rows of K numbers. The flows of a second result, of lower order, from the initial point.
+    third
+        Sequence of K numbers. The weights of one flow from the initial point to a third result. If
+        the second result is :math:`e_2` from the first, and the third :math:`e_3`, the estimate of
+        the error is :math:`e_2 (e_2 / \sqrt{e_2^2 + c^2 e_3^2})^n`, with n such that it has the
+        order of the method.
+    third_factor
         The factor c, positive. The smaller the method's own error, the larger it is.
-    name, source : str, optional
+    name, source
         Name and origin of the method.
 
     Raises

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import conditions
-from ..structure.layout import Layout, check_length
-from ..structure.points import FlatSums, MethodError, Point, PointTree
-from ..support.checks import check_flag, check_integer
-from ..support.parsing import visible
-from .coefficients import Coefficient
-from .tolerance import satisfies, to_floats, tolerance
+from cg import conditions
+from cg.method.coefficients import Coefficient
+from cg.method.tolerance import satisfies, to_floats, tolerance
+from cg.structure.layout import Layout, check_length
+from cg.structure.points import FlatSums, MethodError, Point, PointTree
+from cg.support.checks import check_flag, check_integer
+from cg.support.parsing import visible
 
 Result = TypeVar("Result")
 
@@ -38,17 +38,17 @@ class Method(ABC):
 
     Attributes
     ----------
-    name, source : str
+    name, source
         Name and origin of the method.
-    nominal_order : int or None
+    nominal_order
         The intended order of a method that satisfies its order conditions only approximately.
-    nominal_residual : Coefficient or None
+    nominal_residual
         Upper bound of the absolute residuals through `nominal_order`.
-    tree : PointTree
+    tree
         The points of a step. Those of an implicit method depend on the unknown stages.
-    coefficients : tuple of Coefficient
+    coefficients
         All coefficients, packed as `layout` describes.
-    file : Path or None
+    file
         The file that `cg.load` read the method from; None for other methods. Its certificate may
         lie beside it. It isn't compared or pickled.
 
@@ -94,9 +94,10 @@ class Method(ABC):
 
         Parameters
         ----------
-        layout : Layout
-        coefficients : sequence of layout.size numbers
-            Strings, Fractions, integers, floats or `Coefficient` records.
+        layout
+        coefficients
+            Sequence of layout.size numbers. Strings, Fractions, integers, floats or `Coefficient`
+            records.
         **fields
             Further keyword arguments of the class, such as `name` and `source`.
         """
@@ -106,8 +107,8 @@ class Method(ABC):
 
         Parameters
         ----------
-        coefficients : sequence of numbers
-            As many as `coefficients`, in the same sequence.
+        coefficients
+            Sequence of numbers. As many as `coefficients`, in the same sequence.
         **fields
             Further keyword arguments of the class. `name` and `source` are those of this method
             by default; third weights and a nominal order are left out by default.
@@ -160,7 +161,7 @@ class Method(ABC):
 
         Parameters
         ----------
-        complete : bool, optional
+        complete
             Include the order even if it takes seconds to compute. By default, the order of a
             method with more than 200 coefficients is left out unless it is cached.
 
@@ -343,7 +344,7 @@ class Method(ABC):
 
         Parameters
         ----------
-        order : int, optional
+        order
             By default the method's own order, or 1 if it has none.
         """
         return float(max(map(abs, self.residuals(max(self.order, 1) if order is None else order))))
@@ -373,7 +374,7 @@ class Method(ABC):
 
         Parameters
         ----------
-        order : int
+        order
 
         Returns
         -------

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structure.layout import Layout
-from ..structure.points import MethodError, PointTree, check_tree, tree_of_flat_rows
-from ..support.checks import check_flag, check_integer
-from ..trees.rooted import rooted_trees_through
-from .coefficients import Coefficient, read_texts, read_third
-from .flat import flat_order, flat_residuals
-from .method import Method
-from .tableau import Tableau
+from cg.method.coefficients import Coefficient, read_texts, read_third
+from cg.method.flat import flat_order, flat_residuals
+from cg.method.method import Method
+from cg.method.tableau import Tableau
+from cg.structure.layout import Layout
+from cg.structure.points import MethodError, PointTree, check_tree, tree_of_flat_rows
+from cg.support.checks import check_flag, check_integer
+from cg.trees.rooted import rooted_trees_through
 
 _ROUNDING = Fraction(1, 10**14)
 
@@ -43,22 +43,22 @@ class MuntheKaas(Method):
 
     Parameters
     ----------
-    tableau : Tableau
-        An explicit tableau; with second weights the method is a pair.  Or a stiffly accurate
+    tableau
+        An explicit tableau; with second weights the method is a pair. Or a stiffly accurate
         collocation method of three implicit stages after one at the start, which only the second
         weights use (``"RadauIIA5"``); its stages are solved by Newton's method.
-    third : sequence of s numbers, optional
-        Third weights of a pair, of lower order than the second. The estimate is then
-        :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_, with the differences e and
-        :math:`e_3` of the result from the results of the second and of the third weights.
-    name, source : str, optional
+    third
+        Sequence of s numbers. Third weights of a pair, of lower order than the second. The estimate
+        is then :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_, with the differences
+        e and :math:`e_3` of the result from the results of the second and of the third weights.
+    name, source
         Name and origin of the method, by default those of the tableau.
 
     Attributes
     ----------
-    tableau : Tableau
+    tableau
         The flat tableau.
-    third_weights : tuple of Coefficient or None
+    third_weights
         The third weights.
 
     Raises

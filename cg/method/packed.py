@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ..structure.layout import Layout, check_length
-from ..support.quads import to_decimal
-from .coefficients import Coefficient
-from .commutator_free import CommutatorFree
-from .magnus import MagnusMethod
-from .tableau import Tableau
+from cg.method.coefficients import Coefficient
+from cg.method.commutator_free import CommutatorFree
+from cg.method.magnus import MagnusMethod
+from cg.method.tableau import Tableau
+from cg.structure.layout import Layout, check_length
+from cg.support.quads import to_decimal
 
 
 def make_method(

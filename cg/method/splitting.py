@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conditions.nystrom import (
+from cg.conditions.nystrom import (
     nystrom_residuals,
     nystrom_trees,
     nystrom_values,
     splitting_residuals,
     splitting_values,
 )
-from ..structure.layout import Layout
-from ..structure.points import START, MethodError
-from ..support.balls import to_flint, to_fraction
-from ..support.checks import check_integer
-from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
-from .method import Method, frozen
-from .tolerance import TOLERANCE_FACTOR
+from cg.method.coefficients import Coefficient, read_coefficient, read_sequence, read_texts
+from cg.method.method import Method, frozen
+from cg.method.tolerance import TOLERANCE_FACTOR
+from cg.structure.layout import Layout
+from cg.structure.points import START, MethodError
+from cg.support.balls import to_flint, to_fraction
+from cg.support.checks import check_integer
 
 if TYPE_CHECKING:
     from flint import fmpq
@@ -50,17 +50,18 @@ class Splitting(Method):
 
     Parameters
     ----------
-    drifts : sequence of s + 1 numbers
-        The drifts d, as `Coefficient.read` takes them. The first and the last may be zero. Then the
-        force of the last kick of a step serves the first kick of the next.
-    kicks : sequence of s numbers
-        The kicks k.
-    name, source : str, optional
+    drifts
+        Sequence of s + 1 numbers. The drifts d, as `Coefficient.read` takes them. The first and the
+        last may be zero. Then the force of the last kick of a step serves the first kick of the
+        next.
+    kicks
+        Sequence of s numbers. The kicks k.
+    name, source
         Name and origin of the method.
 
     Attributes
     ----------
-    drift_coefficients, kick_coefficients : tuple of Coefficient
+    drift_coefficients, kick_coefficients
         The drifts and the kicks, with their text and uncertainty.
 
     Raises
@@ -201,7 +202,7 @@ class Splitting(Method):
 
         Parameters
         ----------
-        order : int
+        order
             The largest number of nodes, at least 1.
         """
         order = check_integer("order", order, 1)

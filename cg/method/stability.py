@@ -9,8 +9,8 @@ from fractions import Fraction
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any
 
-from ..support.balls import to_flint, to_fraction
-from .method import Method
+from cg.method.method import Method
+from cg.support.balls import to_flint, to_fraction
 
 if TYPE_CHECKING:
     from flint import acb, fmpq, fmpq_poly

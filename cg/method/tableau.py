@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..structure.layout import Layout, Rows, rows_of
-from ..structure.points import MethodError, PointTree, tree_of_rows
-from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
-from .method import ExactTableau, Method, frozen
+from cg.method.coefficients import Coefficient, read_coefficient, read_sequence, read_texts
+from cg.method.method import ExactTableau, Method, frozen
+from cg.structure.layout import Layout, Rows, rows_of
+from cg.structure.points import MethodError, PointTree, tree_of_rows
 
 Entries = tuple[tuple[Coefficient, ...], ...]
 
@@ -42,26 +42,28 @@ class Tableau(Method):
 
     Parameters
     ----------
-    a : sequence of s rows
-        All of length s, or the strictly lower part (lengths 0 to s - 1), or the lower part
-        (1 to s). Entries are strings, Fractions, integers or floats; see `Coefficient.read`.
-    b : sequence of s numbers
-    name, source : str, optional
+    a
+        Sequence of s rows. All of length s, or the strictly lower part (lengths 0 to s - 1), or the
+        lower part (1 to s). Entries are strings, Fractions, integers or floats; see
+        `Coefficient.read`.
+    b
+        Sequence of s numbers.
+    name, source
         Name and origin of the method.
-    b_embedded : sequence of s numbers, optional
-        Second weights of a pair, different from b.
-    explicit : bool, optional
+    b_embedded
+        Sequence of s numbers. Second weights of a pair, different from b.
+    explicit
         Raise an error unless a is strictly lower. By default, entries on or above the diagonal
         make the method implicit.
-    nominal_order : int, optional
+    nominal_order
         The intended order of a method that satisfies its order conditions only approximately;
         given together with `nominal_residual`.
-    nominal_residual : number, optional
+    nominal_residual
         Upper bound of the absolute residuals through `nominal_order`.
 
     Attributes
     ----------
-    entries, weights, embedded_weights : tuples of Coefficient
+    entries, weights, embedded_weights
         The coefficients with their text.
 
     Raises

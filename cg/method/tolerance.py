@@ -13,10 +13,10 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import conditions
-from ..structure.layout import Layout
-from ..structure.points import PointTree
-from .coefficients import Coefficient
+from cg import conditions
+from cg.method.coefficients import Coefficient
+from cg.structure.layout import Layout
+from cg.structure.points import PointTree
 
 TOLERANCE_FACTOR = 2
 """Factor on the first-order effect of rounded coefficients, in the tolerance of residuals."""

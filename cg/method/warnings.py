@@ -7,10 +7,10 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conditions import MAX_ORDER, residuals
-from .magnus import MagnusMethod
-from .method import Method, cached
-from .munthe_kaas import MuntheKaas
+from cg.conditions import MAX_ORDER, residuals
+from cg.method.magnus import MagnusMethod
+from cg.method.method import Method, cached
+from cg.method.munthe_kaas import MuntheKaas
 
 MIN_DIFFERENCE = 1e-6
 """Smallest useful difference of elementary weights of both results of a pair."""

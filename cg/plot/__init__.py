@@ -6,13 +6,13 @@ are distinguishable for colour-blind readers; lines also differ in dashes and ma
 
 from __future__ import annotations
 
-from .attitude import attitude
-from .errors import convergence, work_precision
-from .methods import points, tableau
-from .observables import bands, invariants
-from .stability import stability_region
-from .trajectories import bloch, trajectory_of_axes, trajectory_on_sphere
-from .trees import tree
+from cg.plot.attitude import attitude
+from cg.plot.errors import convergence, work_precision
+from cg.plot.methods import points, tableau
+from cg.plot.observables import bands, invariants
+from cg.plot.stability import stability_region
+from cg.plot.trajectories import bloch, trajectory_of_axes, trajectory_on_sphere
+from cg.plot.trees import tree
 
 __all__ = [
     "attitude",

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames.arrays import check_finite, real_array
-from ..frames.base import Frame
-from ..frames.rotations import is_rotation
-from ..support.checks import check_flag
-from .drawn_rotations import drawn_rotations, rotations_of
-from .style import COLOURS, axes_for
+from cg.frames.arrays import check_finite, real_array
+from cg.frames.base import Frame
+from cg.frames.rotations import is_rotation
+from cg.plot.drawn_rotations import drawn_rotations, rotations_of
+from cg.plot.style import COLOURS, axes_for
+from cg.support.checks import check_flag
 
 _SEQUENCES = {"".join(axes) for axes in permutations("xyz")} | {
     a + b + a for a in "xyz" for b in "xyz" if a != b
@@ -37,24 +37,24 @@ def attitude(
 
     Parameters
     ----------
-    y : Solution, scipy.spatial.transform.Rotation or array_like
+    y
         A solution on `SO3`, `UnitQuaternion`, `SE3` or a product with one of them, rotations,
-        matrices of shape ``(n, 3, 3)``, or quaternions of shape ``(n, 4)``, scalar last.  A
-        solution with dense output is drawn between its steps too.  Of an ensemble the curves of
+        matrices of shape ``(n, 3, 3)``, or quaternions of shape ``(n, 4)``, scalar last. A
+        solution with dense output is drawn between its steps too. Of an ensemble the curves of
         all members that succeeded are drawn.
-    ax : matplotlib.axes.Axes, optional
+    ax
         By default those of a new figure.
-    show : str, optional
+    show
         A sequence of Euler angles, as for SciPy's ``Rotation.as_euler``: ``"ZYX"`` (default; yaw,
         pitch and roll), upper case for rotations about axes of the body, lower case for axes in
         space. Or ``"vector"``, the rotation vector; ``"rate"``, the mean angular velocity in axes
         of the body between two times; ``"error"``, the angle to `reference`.
-    t : array_like, shape (n,), optional
-        Increasing times; by default those of the solution, else 0, 1, …
-    reference : Solution, scipy.spatial.transform.Rotation or array_like, optional
+    t
+        Shape ``(n,)``. Increasing times; by default those of the solution, else 0, 1, …
+    reference
         The exact attitude at the same times, as `y`; a solution with dense output is evaluated at
         these times. Or a constant attitude: one rotation.
-    wrap : bool, optional
+    wrap
         Draw Euler angles in [-180, 180] degrees. By default they are continuous, so that they grow
         beyond 360 degrees in a tumble.
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames.arrays import check_finite, real_array
-from ..frames.base import Frame
-from ..frames.product import Product
-from ..frames.quaternion import UnitQuaternion
-from ..frames.rotations import is_rotation
-from ..frames.se3 import SE3
-from ..frames.so import SO
+from cg.frames.arrays import check_finite, real_array
+from cg.frames.base import Frame
+from cg.frames.product import Product
+from cg.frames.quaternion import UnitQuaternion
+from cg.frames.rotations import is_rotation
+from cg.frames.se3 import SE3
+from cg.frames.so import SO
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

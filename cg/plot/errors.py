@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..frames.arrays import real_array
-from ..support.checks import check_real
-from .style import FAINT, axes_for, check_label, curve_style
+from cg.frames.arrays import real_array
+from cg.plot.style import FAINT, axes_for, check_label, curve_style
+from cg.support.checks import check_real
 
 _MAX_RATIO = 300.0  # of the ends of an axis whose ticks 2 and 5 are labelled too
 
@@ -26,14 +26,14 @@ def convergence(
 
     Parameters
     ----------
-    h, errors : array_like, shape (n,)
-        Positive numbers (`cg.analysis.convergence.final_errors`); points with error zero are
-        left out.
-    ax : matplotlib.axes.Axes, optional
+    h, errors
+        Shape ``(n,)``. Positive numbers (`cg.analysis.convergence.final_errors`); points with error
+        zero are left out.
+    ax
         Where to draw; a new figure by default.
-    label : str, optional
+    label
         Name of the curve in the legend.
-    order : float, optional
+    order
         Draw a line of this slope through the last point.
 
     Returns
@@ -88,13 +88,13 @@ def work_precision(
 
     Parameters
     ----------
-    work, errors : array_like, shape (n,)
-        Positive numbers; points with error zero are left out.
-    ax : matplotlib.axes.Axes, optional
+    work, errors
+        Shape ``(n,)``. Positive numbers; points with error zero are left out.
+    ax
         Where to draw; a new figure by default.
-    label : str, optional
+    label
         Name of the curve in the legend.
-    unit : str, optional
+    unit
         Unit of work, such as ``"seconds"``.
 
     Returns

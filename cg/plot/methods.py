@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
-from ..catalogue import resolve_method
-from ..method.method import Method
-from ..structure.points import START, PointTree
-from ..support.checks import check_integer
-from ..support.quads import to_decimal
-from .style import COLOURS, FAINT, axes_for, blank, plain
+from cg.catalogue import resolve_method
+from cg.method.method import Method
+from cg.plot.style import COLOURS, FAINT, axes_for, blank, plain
+from cg.structure.points import START, PointTree
+from cg.support.checks import check_integer
+from cg.support.quads import to_decimal
 
 _MAX_TERMS = 12  # of all flows together; with more, the weights of flows aren't written
 _RISE = 0.3  # of the first child above its parent; another branch is 1 above
@@ -25,10 +25,10 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
 
     Parameters
     ----------
-    method : str or Method
-    ax : matplotlib.axes.Axes, optional
+    method
+    ax
         Where to draw; a new figure by default.
-    digits : int, optional
+    digits
         Significant digits of coefficients that aren't short fractions.
 
     Returns
@@ -101,9 +101,9 @@ def points(method: str | Method, ax: Any = None) -> Any:
 
     Parameters
     ----------
-    method : str or Method
+    method
         An explicit method.
-    ax : matplotlib.axes.Axes, optional
+    ax
         Where to draw; a new figure by default.
 
     Returns

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..frames.arrays import check_finite, real_array
-from ..frames.base import Frame
-from .style import axes_for, check_label, curve_style, plain
+from cg.frames.arrays import check_finite, real_array
+from cg.frames.base import Frame
+from cg.plot.style import axes_for, check_label, curve_style, plain
 
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 
@@ -24,12 +24,12 @@ def invariants(
 
     Parameters
     ----------
-    solution : Solution
-    functions : callable or mapping
+    solution
+    functions
         A function of the points ``solution.y``, time along the first axis, that returns the values
         of each invariant by its name, such as the ``invariants`` of problems; or such a function of
         one invariant by each name.
-    ax : matplotlib.axes.Axes, optional
+    ax
         By default those of a new figure.
 
     Returns
@@ -86,12 +86,13 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
 
     Parameters
     ----------
-    t : array_like, shape (n,)
-    values : array_like, shape (n, members)
-        Numbers of each member, NaN where it has none.
-    ax : matplotlib.axes.Axes, optional
+    t
+        Times, shape ``(n,)``.
+    values
+        Shape ``(n, members)``. Numbers of each member, NaN where it has none.
+    ax
         By default those of a new figure.
-    label : str, optional
+    label
         Name of the median in the legend.
 
     Returns

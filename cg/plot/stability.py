@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..catalogue import resolve_method
-from ..method.method import Method
-from ..method.stability import stability_function, too_large
-from .style import COLOURS, axes_for, plain
+from cg.catalogue import resolve_method
+from cg.method.method import Method
+from cg.method.stability import stability_function, too_large
+from cg.plot.style import COLOURS, axes_for, plain
 
 _POINTS = 301
 _DASHES = ("solid", "dashed", "dashdot", "dotted")
@@ -32,11 +32,12 @@ def stability_region(
 
     Parameters
     ----------
-    method : str, Method, or a sequence of them
-    ax : matplotlib.axes.Axes, optional
+    method
+    ax
         Where to draw; a new figure by default.
-    x, y : pairs of float, optional
-        Ranges of the real and the imaginary part; by default they contain the regions.
+    x, y
+        Pairs of float. Ranges of the real and the imaginary part; by default they contain the
+        regions.
 
     Returns
     -------

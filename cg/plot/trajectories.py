@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames.arrays import check_finite, complex_array, real_array
-from ..support.checks import check_integer
-from .drawn_rotations import drawn_rotations
-from .style import COLOURS, check_label, spatial_axes_for
+from cg.frames.arrays import check_finite, complex_array, real_array
+from cg.plot.drawn_rotations import drawn_rotations
+from cg.plot.style import COLOURS, check_label, spatial_axes_for
+from cg.support.checks import check_integer
 
 _NAMES = "xyz"
 
@@ -22,13 +22,13 @@ def trajectory_on_sphere(
 
     Parameters
     ----------
-    y : array_like, shape (n, 3), or Solution
-        Points, or a solution on ``cg.frames.Sphere(2)``.
-    ax : matplotlib.axes.Axes, optional
+    y
+        Shape ``(n, 3)``. Points, or a solution on ``cg.frames.Sphere(2)``.
+    ax
         Three-dimensional axes; a new figure by default.
-    label : str, optional
+    label
         Name of the curve in the legend.
-    color : str, optional
+    color
         Colour of the curve.
 
     Returns
@@ -83,7 +83,7 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
 
     Parameters
     ----------
-    y : array_like or Solution
+    y
         State vectors, shape ``(n, 2)``; density matrices or unitary propagators, shape
         ``(n, 2, 2)``, of the latter the state that began in the first level; or a solution with
         such points.
@@ -129,14 +129,14 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
 
     Parameters
     ----------
-    y : Solution, scipy.spatial.transform.Rotation or array_like
+    y
         A solution on `SO3`, `UnitQuaternion`, `SE3` or a product with one of them, rotations,
         matrices of shape ``(n, 3, 3)``, whose columns are the axes of the body in space, or
         quaternions of shape ``(n, 4)``, scalar last. A solution with dense output is drawn between
         its steps too.
-    ax : matplotlib.axes.Axes, optional
+    ax
         Three-dimensional axes; a new figure by default.
-    triads : int, optional
+    triads
         Number of times, including the first and the last, at which the axes are drawn.
 
     Returns

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..support.checks import check_flag
-from ..trees.ordered import OrderedTree
-from .style import COLOURS, axes_for, blank
+from cg.plot.style import COLOURS, axes_for, blank
+from cg.support.checks import check_flag
+from cg.trees.ordered import OrderedTree
 
 _MAX_NODES = 200
 
@@ -16,11 +16,11 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
 
     Parameters
     ----------
-    tree : OrderedTree or str
+    tree
         A tree, or its bracket notation; at most 200 nodes.
-    ax : matplotlib.axes.Axes, optional
+    ax
         Where to draw; a new figure by default.
-    title : bool, optional
+    title
         Whether to write the bracket notation and the density γ below.
 
     Returns

@@ -26,7 +26,7 @@ class AffineField(ReadOnly, QuadraticProblem):
     r"""An equation with coefficients :math:`f(t, y) = c + L\,\mathrm{vec}(y) + t\,w`.
 
     On frames whose fields are affine in the entries of the point, the equation is quadratic, so
-    that Taylor series give its solution to any precision.  The entries of :math:`c, L, w` are
+    that Taylor series give its solution to any precision. The entries of :math:`c, L, w` are
     random multiples of 1/8, so that every tree contributes to the error of a method and a wrong
     coefficient reduces the observed order.
 

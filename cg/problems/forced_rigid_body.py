@@ -28,7 +28,7 @@ class ForcedRigidBody(QuadraticProblem):
         R' = R\, \hat\omega, \qquad I \omega' = I\omega \times \omega + \tau(t), \qquad
         \tau(t) = a \cos \nu t + b \sin \nu t ,
 
-    in body axes; with :math:`a = b = 0` the body is free.  A point is the flat vector of the
+    in body axes; with :math:`a = b = 0` the body is free. A point is the flat vector of the
     rotation matrix :math:`R`, row by row, and :math:`\omega`; `reference` adds the unknowns
     :math:`\cos \nu t` and :math:`\sin \nu t`.
 

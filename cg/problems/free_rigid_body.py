@@ -25,7 +25,7 @@ class FreeRigidBody(QuadraticProblem):
     .. math:: B' = B\,\hat\omega, \qquad m' = m \times \omega, \qquad \omega = I^{-1} m,
 
     with the rotation :math:`B` from body to space axes and the angular momentum :math:`m` in
-    body axes.  The length of :math:`m` is constant, so the unknown is the direction
+    body axes. The length of :math:`m` is constant, so the unknown is the direction
     :math:`u = m/|m|` on the sphere: :math:`u' = -\omega \times u`.
 
     A point is the flat vector of the nine entries of :math:`B`, row by row, and of :math:`u`.

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from cg.frames import SO3, Euclidean, Product
 from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem
-
-from ..support.balls import exact_midpoint, to_ball, to_flint, working_precision
-from ..support.parsing import read_fraction
+from cg.support.balls import exact_midpoint, to_ball, to_flint, working_precision
+from cg.support.parsing import read_fraction
 
 _FRAME = Product(SO3(), Euclidean(3))
 
@@ -34,7 +33,7 @@ class HeavyTop(QuadraticProblem):
 
     with the rotation :math:`B` from body to space axes and the angular momentum :math:`m` in body
     axes, :math:`I = \mathrm{diag}(7, 7, 2)/8`, :math:`M = 1`, :math:`g = 9.81` and
-    :math:`L = \sqrt 3/2`.  The top starts from a rotation by :math:`-\varphi` about the first
+    :math:`L = \sqrt 3/2`. The top starts from a rotation by :math:`-\varphi` about the first
     axis, with the vector :math:`\omega_0 = (0, 0, 1)`.
 
     A point is the flat vector of the nine entries of :math:`B`, row by row, and of :math:`m`.

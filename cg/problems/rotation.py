@@ -29,7 +29,7 @@ class StateDependentRotation(QuadraticProblem):
 
     The coefficients are affine in the matrix, but none of their derivatives along products of the
     frame's fields vanishes identically, so that every ordered tree contributes to the error of a
-    method, and any wrong coefficient reduces the observed order.  A right-hand side that depends on
+    method, and any wrong coefficient reduces the observed order. A right-hand side that depends on
     time alone would test only the abscissae and weights.
 
     The unknowns of `reference` are the entries of the matrix, row by row, and time.

@@ -14,10 +14,9 @@ import numpy as np
 from flint import arb
 
 from cg.frames.arrays import Array
-
-from ..support.balls import exact_midpoint, to_ball, working_precision
-from ..support.checks import check_integer
-from ..support.parsing import read_fraction
+from cg.support.balls import exact_midpoint, to_ball, working_precision
+from cg.support.checks import check_integer
+from cg.support.parsing import read_fraction
 
 Time = Fraction | float | int | str
 

@@ -6,10 +6,10 @@
 
 from __future__ import annotations
 
-from .certificate import Box, Certificate, CertificationError, ViolatedCondition
-from .digits import refined_digits
-from .files import certificate_of, check_file, proved
-from .prove import certify, check
+from cg.proofs.certificate import Box, Certificate, CertificationError, ViolatedCondition
+from cg.proofs.digits import refined_digits
+from cg.proofs.files import certificate_of, check_file, proved
+from cg.proofs.prove import certify, check
 
 __all__ = [
     "Box",

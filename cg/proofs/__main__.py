@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..catalogue import load, resolve_method
-from ..method.method import Method
-from ..structure.points import MethodError
-from ..support.parsing import file_in, visible_lines
-from .certificate import Certificate, CertificationError
-from .files import certificate_names, certificate_of, check_file
-from .prove import certify, check
+from cg.catalogue import load, resolve_method
+from cg.method.method import Method
+from cg.proofs.certificate import Certificate, CertificationError
+from cg.proofs.files import certificate_names, certificate_of, check_file
+from cg.proofs.prove import certify, check
+from cg.structure.points import MethodError
+from cg.support.parsing import file_in, visible_lines
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,8 +10,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ..conditions.words import Condition, Word, parse, text
-from ..support.parsing import quoted, read_file, read_toml, write_file
+from cg.conditions.words import Condition, Word, parse, text
+from cg.support.parsing import quoted, read_file, read_toml, write_file
 
 MAX_SMALL = Decimal("1e-40")
 """Larger bounds don't tell conditions that hold from coefficients that are rounded."""
@@ -24,7 +24,7 @@ class CertificationError(ArithmeticError):
 
     Attributes
     ----------
-    quantities : dict
+    quantities
         Measured quantities by name: ``conditions``, ``rank``, ``singular_values`` (the
         smallest), ``residual`` and what the stored places ``allow``, ``radius``,
         ``ratio``, ``correction``, ``contraction`` (see `cg.proofs.krawczyk`), …
@@ -104,17 +104,17 @@ class Certificate:
 
     Attributes
     ----------
-    name : str
+    name
         Of the method.
-    order : int
-    embedded_order : int or None
+    order
+    embedded_order
         Of the second weights of a pair, together with the same stages.
-    bits : int
+    bits
         Precision of the arithmetic.
-    box : Box
-    beyond : ViolatedCondition
+    box
+    beyond
         Why the order isn't higher.
-    embedded_beyond : ViolatedCondition or None
+    embedded_beyond
         Why that of the second weights isn't.
 
     Examples

@@ -6,16 +6,16 @@ from typing import Any
 
 from flint import arb
 
-from ..catalogue import resolve_method
-from ..method.method import Method
-from ..support.balls import exact_midpoint
-from ..support.balls import working_precision as precision
-from ..support.checks import check_flag, check_integer
-from ..support.quads import MAX_WRITTEN, to_decimal
-from .certificate import Certificate, CertificationError
-from .files import certificate_of
-from .statement import fitting
-from .zero import check_left_out, check_rational, precise, prove_zero, zero_of
+from cg.catalogue import resolve_method
+from cg.method.method import Method
+from cg.proofs.certificate import Certificate, CertificationError
+from cg.proofs.files import certificate_of
+from cg.proofs.statement import fitting
+from cg.proofs.zero import check_left_out, check_rational, precise, prove_zero, zero_of
+from cg.support.balls import exact_midpoint
+from cg.support.balls import working_precision as precision
+from cg.support.checks import check_flag, check_integer
+from cg.support.quads import MAX_WRITTEN, to_decimal
 
 _GUARD_DIGITS = 15
 
@@ -89,20 +89,20 @@ def digits(
 
     Parameters
     ----------
-    method : Method or str
+    method
         A name is looked up in the catalogue.
-    digits : int
+    digits
         Significant digits of the coefficients that the certificate doesn't hold fixed.
-    certificate : cg.Certificate, optional
+    certificate
         By default the one of the catalogue; see `cg.certify`.
-    embedded : bool, optional
+    embedded
         Of a tableau: return the second weights in place of b.
 
     Returns
     -------
-    a, b : list of s lists of s str, list of s str
-        For a tableau. All digits are right. Fixed coefficients are as they are stored.
-    weights : list of dict from int to str
+    a, b
+        For a tableau: strings. All digits are right. Fixed coefficients are as they are stored.
+    weights
         For a commutator-free method: of each point, by stage. For a Magnus method each node that
         isn't zero comes first.
 

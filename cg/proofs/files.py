@@ -7,13 +7,13 @@ from importlib.resources.abc import Traversable
 from os import PathLike
 from pathlib import Path
 
-from ..catalogue import find_method
-from ..catalogue.entries import certificate_path
-from ..method.method import Method
-from ..method.munthe_kaas import MuntheKaas
-from .certificate import Certificate, CertificationError
-from .prove import check
-from .statement import fitting
+from cg.catalogue import find_method
+from cg.catalogue.entries import certificate_path
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.proofs.certificate import Certificate, CertificationError
+from cg.proofs.prove import check
+from cg.proofs.statement import fitting
 
 
 def folder() -> Traversable:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .certificate import Box, CertificationError
-from .dependent.orthogonality import find_relations
-from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
-from .statement import Packed
-from .zero import check_left_out, check_places, largest_residual
+from cg.proofs.certificate import Box, CertificationError
+from cg.proofs.dependent.orthogonality import find_relations
+from cg.proofs.krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
+from cg.proofs.statement import Packed
+from cg.proofs.zero import check_left_out, check_places, largest_residual
 
 SMALL_PLACES = 300
 """Conditions that are only shown to be small are evaluated to this many places."""

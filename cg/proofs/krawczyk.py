@@ -21,8 +21,8 @@ from flint import arb, arb_mat
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ..conditions.systems import EquationSystem
-from .certificate import CertificationError
+from cg.conditions.systems import EquationSystem
+from cg.proofs.certificate import CertificationError
 
 RANK_THRESHOLD = 1e-12
 """Singular values below this fraction of the largest count as zero."""

@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 from decimal import Decimal
 
-from ..catalogue import resolve_method
-from ..conditions import MAX_ORDER
-from ..method.method import Method
-from ..method.munthe_kaas import MuntheKaas
-from ..method.splitting import Splitting
-from ..support.balls import working_precision as precision
-from ..support.checks import check_flag, check_integer
-from .certificate import Box, Certificate, CertificationError
-from .find import find_box
-from .statement import Packed, fitting
-from .violated import check_beyond, find_beyond
-from .zero import check_rational, prove_box
+from cg.catalogue import resolve_method
+from cg.conditions import MAX_ORDER
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
+from cg.proofs.certificate import Box, Certificate, CertificationError
+from cg.proofs.find import find_box
+from cg.proofs.statement import Packed, fitting
+from cg.proofs.violated import check_beyond, find_beyond
+from cg.proofs.zero import check_rational, prove_box
+from cg.support.balls import working_precision as precision
+from cg.support.checks import check_flag, check_integer
 
 _GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
 
@@ -32,11 +32,11 @@ def certify(
 
     Parameters
     ----------
-    method : Method or str
+    method
         A name is looked up in the catalogue. Second weights of a pair are proved as well.
-    order : int, optional
+    order
         By default the order of the method. It must be the order exactly.
-    complete : bool, optional
+    complete
         Raise CertificationError unless all conditions are proved.
 
     Returns

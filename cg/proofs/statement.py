@@ -10,15 +10,15 @@ import numpy as np
 from flint import arb
 from numpy.typing import NDArray
 
-from ..conditions import MAX_ORDER
-from ..conditions.systems import EquationSystem
-from ..conditions.words import Condition, conditions_of
-from ..method.coefficients import Coefficient
-from ..method.method import Method
-from ..method.munthe_kaas import MuntheKaas
-from ..structure.layout import Layout
-from ..support.balls import to_ball
-from .certificate import Box, Certificate, CertificationError
+from cg.conditions import MAX_ORDER
+from cg.conditions.systems import EquationSystem
+from cg.conditions.words import Condition, conditions_of
+from cg.method.coefficients import Coefficient
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.proofs.certificate import Box, Certificate, CertificationError
+from cg.structure.layout import Layout
+from cg.support.balls import to_ball
 
 _MAX_BITS = 1 << 14
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 
-from ..conditions.systems import EquationSystem
-from ..conditions.words import Condition, Word, condition_words, is_of_time, nodes
-from ..support.balls import exact_midpoint
-from .certificate import Box, Certificate, CertificationError, ViolatedCondition
-from .statement import Packed
+from cg.conditions.systems import EquationSystem
+from cg.conditions.words import Condition, Word, condition_words, is_of_time, nodes
+from cg.proofs.certificate import Box, Certificate, CertificationError, ViolatedCondition
+from cg.proofs.statement import Packed
+from cg.support.balls import exact_midpoint
 
 _MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
 _ROUNDED_DOWN = Context(prec=3, rounding=ROUND_FLOOR)

@@ -9,15 +9,15 @@ from fractions import Fraction
 import numpy as np
 from flint import arb, arb_mat
 
-from ..conditions.systems import EquationSystem
-from ..conditions.words import Condition, text
-from ..method.tolerance import TOLERANCE_FACTOR
-from ..support.balls import to_ball, to_flint, to_fraction
-from ..support.balls import working_precision as precision
-from .certificate import Box, CertificationError
-from .dependent.orthogonality import follow
-from .krawczyk import KrawczykTest, enclose_zero, krawczyk, max_abs, to_double
-from .statement import Packed
+from cg.conditions.systems import EquationSystem
+from cg.conditions.words import Condition, text
+from cg.method.tolerance import TOLERANCE_FACTOR
+from cg.proofs.certificate import Box, CertificationError
+from cg.proofs.dependent.orthogonality import follow
+from cg.proofs.krawczyk import KrawczykTest, enclose_zero, krawczyk, max_abs, to_double
+from cg.proofs.statement import Packed
+from cg.support.balls import to_ball, to_flint, to_fraction
+from cg.support.balls import working_precision as precision
 
 SHARP_PLACES = 45
 """Decimal places of balls around a zero, in which relations between residuals are evaluated."""

@@ -7,7 +7,7 @@ try:
 except ImportError as error:
     raise ImportError("cg.qutip needs qutip>=5: python -m pip install qutip") from error
 
-from .integrator import LinearIntegrator
+from cg.qutip.integrator import LinearIntegrator
 
 __all__ = ["LinearIntegrator"]
 

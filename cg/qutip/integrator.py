@@ -12,8 +12,8 @@ from qutip.core.data import Data, Dense
 from qutip.solver.integrator import Integrator, IntegratorException
 from scipy import sparse
 
-from ..frames.linear_action import LinearAction
-from ..integration.linear import solve_linear
+from cg.frames.linear_action import LinearAction
+from cg.integration.linear import solve_linear
 
 _ROUNDING = 1e-14  # of entries of generators, relative to the largest one
 
@@ -73,20 +73,20 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
     def options(self) -> dict[str, Any]:
         """Options of the method "cg", added to those of the solver.
 
-        rtol : float, default: 1e-6
-            Relative tolerance of the error in a step.
+        rtol
+            Relative tolerance of the error in a step, by default 1e-6.
 
-        atol : float, default: 1e-8
-            Absolute tolerance of the error in a step.
+        atol
+            Absolute tolerance of the error in a step, by default 1e-8.
 
-        nsteps : int, default: 100_000
-            Largest number of steps between two calls.
+        nsteps
+            Largest number of steps between two calls, by default 100,000.
 
-        max_step, first_step : float, default: 0
-            Largest step and first step (0 = automatic).
+        max_step, first_step
+            Largest step and first step, by default 0 (automatic).
 
-        breakpoints : sequence of float, default: ()
-            Times at which coefficients jump.
+        breakpoints
+            Times at which coefficients jump, by default none.
         """
         options: dict[str, Any] = self._options
         return options

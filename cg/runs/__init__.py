@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from .database import StoreError
-from .long_run import LongRun, RunOptions, stored_run
-from .one_run import StoredRun
-from .progress import ProgressLine, Score
-from .records import Failure, Record, RunSummary
-from .store import Store
+from cg.runs.database import StoreError
+from cg.runs.long_run import LongRun, RunOptions, stored_run
+from cg.runs.one_run import StoredRun
+from cg.runs.progress import ProgressLine, Score
+from cg.runs.records import Failure, Record, RunSummary
+from cg.runs.store import Store
 
 __all__ = [
     "Failure",

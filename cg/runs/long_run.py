@@ -9,11 +9,11 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any, Generic, TypeVar
 
-from ..executors import ExecutorLike, check_executor, completed
-from .one_run import StoredRun
-from .progress import ProgressLine, Score, Tally
-from .records import Failure, Record
-from .store import Store
+from cg.executors import ExecutorLike, check_executor, completed
+from cg.runs.one_run import StoredRun
+from cg.runs.progress import ProgressLine, Score, Tally
+from cg.runs.records import Failure, Record
+from cg.runs.store import Store
 
 Result = TypeVar("Result")
 

@@ -11,9 +11,9 @@ from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any
 
-from .database import sqlite_errors, transaction
-from .owner import ACTIVE_OWNERS
-from .records import Failure, Record
+from cg.runs.database import sqlite_errors, transaction
+from cg.runs.owner import ACTIVE_OWNERS
+from cg.runs.records import Failure, Record
 
 _COLUMNS = tuple(field.name for field in fields(Record))
 _INSERT = (

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TextIO
 
-from ..support.checks import check_real
+from cg.support.checks import check_real
 
 _REDRAW = 0.1  # seconds between changes of a line on a terminal
 _REPORT = 30.0  # seconds between lines in a file
@@ -39,11 +39,11 @@ class ProgressLine:
 
     Parameters
     ----------
-    stream : text file, optional
+    stream
         Standard error by default.
-    every : float, optional
+    every
         Seconds between lines; by default 0.1 on a terminal and 30 elsewhere.
-    clock : callable, optional
+    clock
         Returns the time in seconds.
     """
 

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from .database import (
+from cg.runs.database import (
     StoreError,
     check_path,
     connect,
@@ -29,10 +29,10 @@ from .database import (
     transaction,
     use_wal,
 )
-from .one_run import StoredRun
-from .owner import ACTIVE_OWNERS, is_active, new_owner
-from .records import RunSummary
-from .schema import APPLICATION_ID, TABLES, VERSION
+from cg.runs.one_run import StoredRun
+from cg.runs.owner import ACTIVE_OWNERS, is_active, new_owner
+from cg.runs.records import RunSummary
+from cg.runs.schema import APPLICATION_ID, TABLES, VERSION
 
 _log = logging.getLogger("cg")
 
@@ -42,9 +42,9 @@ class Store:
 
     Parameters
     ----------
-    path : path
+    path
         The file; created if it doesn't exist.
-    read : bool, optional
+    read
         Open an existing file for reading only, and leave it unchanged.
 
     Raises

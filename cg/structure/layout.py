@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..support.checks import check_integer
-from .points import START, Point, PointTree, tree_of_rows
+from cg.structure.points import START, Point, PointTree, tree_of_rows
+from cg.support.checks import check_integer
 
 T = TypeVar("T")
 

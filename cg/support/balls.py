@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from .forks import in_children
+from cg.support.forks import in_children
 
 if TYPE_CHECKING:
     from flint import arb, fmpq

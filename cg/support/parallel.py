@@ -20,7 +20,7 @@ import threadpoolctl
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from .forks import at_forks
+from cg.support.forks import at_forks
 
 Result = TypeVar("Result")
 

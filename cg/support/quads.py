@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import check_integer
-from .parsing import read_fraction
+from cg.support.checks import check_integer
+from cg.support.parsing import read_fraction
 
 Quads = NDArray[np.int8]
 """Array of binary128 numbers, shape (..., 16)."""

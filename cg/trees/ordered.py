@@ -20,12 +20,12 @@ class OrderedTree:
 
     Parameters
     ----------
-    children : tuple of OrderedTree
+    children
         The subtrees of the root, from left to right.
 
     Attributes
     ----------
-    nodes : int
+    nodes
         Number of nodes ``|t|``, the root included.
 
     Examples

@@ -7,8 +7,8 @@ from functools import cache
 from itertools import combinations_with_replacement
 from math import prod
 
-from ..support.checks import check_integer
-from .ordered import MAX_NODES, OrderedTree
+from cg.support.checks import check_integer
+from cg.trees.ordered import MAX_NODES, OrderedTree
 
 RootedTree = tuple["RootedTree", ...]
 """The children of the root, each multiset in one sequence only; ``()`` is the single node."""

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 if __package__:
-    from .ordered import Forest, forest
+    from cg.trees.ordered import Forest, forest
 else:  # run by the build, beside ordered.py
     from ordered import Forest, forest  # type: ignore[import-not-found,no-redef]
 

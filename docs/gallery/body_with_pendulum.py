@@ -1,8 +1,8 @@
 r"""A rigid body that turns about a fixed point, with a spherical pendulum attached to it.
 
 The body has the attitude :math:`R` and in body axes the angular velocity :math:`\Omega`, its
-centre of mass :math:`c` and the joint :math:`\rho` of the pendulum.  The pendulum has the direction
-:math:`q` and in space axes the angular velocity :math:`\omega \perp q`.  With the force
+centre of mass :math:`c` and the joint :math:`\rho` of the pendulum. The pendulum has the direction
+:math:`q` and in space axes the angular velocity :math:`\omega \perp q`. With the force
 :math:`\lambda q` of the rod on the body, the masses :math:`M, m` and the rod's length :math:`l`,
 
 .. math::
@@ -15,7 +15,7 @@ centre of mass :math:`c` and the joint :math:`\rho` of the pendulum.  The pendul
     \lambda = m\, (l |\omega|^2 - q \cdot (a + g e_3)) ,
 
 where :math:`a = R(\Omega' \times \rho + \Omega \times (\Omega \times \rho))` is the acceleration
-of the joint; see [1]_, chapter 9.  A point is the flat vector of :math:`R` (row by row),
+of the joint; see [1]_, chapter 9. A point is the flat vector of :math:`R` (row by row),
 :math:`q`, :math:`\Omega` and :math:`\omega`.
 
 References

@@ -10,7 +10,7 @@ With the directions :math:`q_i` of the rods, their angular velocities :math:`\om
     M_{ii} \omega_i' - M_{ij} \hat q_i \hat q_j\, \omega_j'
     = M_{ij} |\omega_j|^2\, q_i \times q_j - G_i\, q_i \times e_3, \qquad j \ne i
 
-[1]_.  A point is the flat vector of :math:`q_1, q_2, \omega_1, \omega_2`.
+[1]_. A point is the flat vector of :math:`q_1, q_2, \omega_1, \omega_2`.
 
 References
 ----------

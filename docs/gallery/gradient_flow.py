@@ -1,7 +1,7 @@
 r"""The gradient flow of a lattice gauge field, with a matrix in SU(3) on each link [1]_.
 
 Each link :math:`V_\mu(x)` from the site :math:`x` to the next site along the axis :math:`\mu` of a
-periodic lattice is a matrix in SU(3).  The links follow the gradient of the Wilson action,
+periodic lattice is a matrix in SU(3). The links follow the gradient of the Wilson action,
 
 .. math::
 
@@ -10,8 +10,8 @@ periodic lattice is a matrix in SU(3).  The links follow the gradient of the Wil
     S = \sum_{p} \operatorname{Re} \operatorname{tr} (1 - V_p),
 
 where :math:`P_\mu(x)` is the sum over the :math:`2(d - 1)` oriented plaquettes :math:`V_p` that
-begin with the link, and the sum in :math:`S` is over all plaquettes.  Time is in units of the
-square of the lattice spacing.  A point has one matrix per link, shape ``(links, 3, 3)``, first all
+begin with the link, and the sum in :math:`S` is over all plaquettes. Time is in units of the
+square of the lattice spacing. A point has one matrix per link, shape ``(links, 3, 3)``, first all
 links along the first axis; sites are counted in C order.
 
 References

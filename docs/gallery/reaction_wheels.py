@@ -10,7 +10,7 @@ velocity :math:`\omega` and the momentum of the wheels :math:`h` in body axes,
     u = k_p \vec q + k_d\, \omega ,
 
 where :math:`\vec q` is the vector part of :math:`q`: the feedback stabilises the identity at rest,
-and transfers the angular momentum to the wheels.  A point is the flat vector of
+and transfers the angular momentum to the wheels. A point is the flat vector of
 :math:`q, \omega, h`.
 
 References

@@ -9,8 +9,8 @@ In space axes, with the attitude :math:`R`, the angular velocity :math:`\omega`,
     R' = \hat\omega R, \qquad \omega' = \tfrac{5 \Omega}{7 r}\, v, \qquad
     x' = v = \Omega\, e_3 \times x + r\, \omega \times e_3 .
 
-The last equation is the constraint that the point of contact moves with the table.  The centre
-moves on a circle, :math:`v' = \tfrac27 \Omega\, e_3 \times v` [2]_.  A point is the flat vector of
+The last equation is the constraint that the point of contact moves with the table. The centre
+moves on a circle, :math:`v' = \tfrac27 \Omega\, e_3 \times v` [2]_. A point is the flat vector of
 :math:`R` (row by row), :math:`\omega` and the two coordinates of :math:`x`.
 
 References

@@ -1,7 +1,7 @@
 r"""A spacecraft on a circular orbit, with gravity-gradient torque and attitude control [1]_.
 
 The unit quaternion :math:`q` (scalar last) maps body axes to orbit axes: the first orbit axis
-points away from the planet, the third along the orbit normal; the orbit rate is :math:`n`.  With
+points away from the planet, the third along the orbit normal; the orbit rate is :math:`n`. With
 the directions :math:`r` and :math:`h` of these two in body axes,
 
 .. math::
@@ -9,7 +9,7 @@ the directions :math:`r` and :math:`h` of these two in body axes,
     q' = \tfrac12\, q \otimes w, \quad w = \omega - n h, \qquad
     I \omega' = I\omega \times \omega + 3 n^2\, r \times I r - k_p \vec q - k_d w ,
 
-where :math:`\vec q` is the vector part of :math:`q`: the control aligns the two triads.  A point is
+where :math:`\vec q` is the vector part of :math:`q`: the control aligns the two triads. A point is
 the flat vector of :math:`q` and of the angular velocity :math:`\omega` in body axes.
 
 References

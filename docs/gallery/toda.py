@@ -2,7 +2,7 @@ r"""Toda's lattice as an isospectral flow of symmetric matrices, with its exact 
 
 .. math:: L' = [\Omega(L), L], \qquad \Omega(L) = L_-^T - L_- ,
 
-with the strictly lower triangle :math:`L_-`.  The eigenvalues are constant; tridiagonal matrices
+with the strictly lower triangle :math:`L_-`. The eigenvalues are constant; tridiagonal matrices
 remain tridiagonal, and converge to the diagonal matrix of decreasing eigenvalues.
 
 References
@@ -40,7 +40,7 @@ def f(t: float, y: Array) -> Array:
 def exact(t: float, start: Array = y0) -> Array:
     r"""Return the solution at a time, shape ``(n, n)``.
 
-    It is :math:`Q^T L(0)\, Q` with :math:`e^{t L(0)} = Q R`, where R has a positive diagonal.  Long
+    It is :math:`Q^T L(0)\, Q` with :math:`e^{t L(0)} = Q R`, where R has a positive diagonal. Long
     times are divided into parts, so that the exponentials stay well conditioned.
     """
     parts = max(1, math.ceil(abs(t) * (frame.spectrum[-1] - frame.spectrum[0])))

@@ -5,7 +5,7 @@ r"""The propagator of a spin 1/2 in a field that rotates about the third axis [1
     U' = -i H(t)\, U, \qquad H = \tfrac12\, b \cdot \sigma, \qquad
     b = (\Omega \cos \omega t,\ \Omega \sin \omega t,\ \omega_0),
 
-in units with :math:`\hbar = 1`, with the Pauli matrices :math:`\sigma`.  A point is the unitary
+in units with :math:`\hbar = 1`, with the Pauli matrices :math:`\sigma`. A point is the unitary
 matrix :math:`U`.
 
 References

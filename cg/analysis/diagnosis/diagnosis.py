@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...catalogue import resolve_method
-from ...method.abscissae import read_abscissae
-from ...method.magnus import MagnusMethod
-from ...method.method import Method
-from ...method.munthe_kaas import MuntheKaas
-from ...method.splitting import Splitting
-from ...support.parsing import visible
-from .failing import FailingCondition, first_failing
-from .findings import Finding
-from .mistakes import recognise_all
-from .variants import order_on_vector_spaces
+from cg.analysis.diagnosis.failing import FailingCondition, first_failing
+from cg.analysis.diagnosis.findings import Finding
+from cg.analysis.diagnosis.mistakes import recognise_all
+from cg.analysis.diagnosis.variants import order_on_vector_spaces
+from cg.catalogue import resolve_method
+from cg.method.abscissae import read_abscissae
+from cg.method.magnus import MagnusMethod
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.method.splitting import Splitting
+from cg.support.parsing import visible
 
 
 @dataclass(frozen=True)
@@ -25,17 +25,17 @@ class Diagnosis:
 
     Attributes
     ----------
-    method : Method
-    order : int
+    method
+    order
         Order on manifolds to the precision of the coefficients (`Method.exact_order`); for a method
         of Munthe-Kaas, the order of its tableau.
-    flat_order : int
+    flat_order
         Order on vector spaces, where flows commute.
-    embedded_order : int or None
+    embedded_order
         Order of the second result of a pair.
-    failing : FailingCondition or None
+    failing
         The first violated order condition; None if all conditions of the tabulated orders hold.
-    findings : tuple of Finding
+    findings
         Recognised mistakes, and the method of the catalogue with the same coefficients.
 
     Examples
@@ -120,10 +120,10 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
 
     Parameters
     ----------
-    method : str or Method
+    method
         A method, or the name of one in the catalogue.
-    c : sequence of s numbers, optional
-        Abscissae to compare the row sums of a with.
+    c
+        Sequence of s numbers. Abscissae to compare the row sums of a with.
 
     Returns
     -------

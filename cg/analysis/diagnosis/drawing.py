@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ...structure.points import START, points_of
-from ...support.checks import check_integer
-from ...support.quads import MAX_WRITTEN, to_decimal
-from ...trees.ordered import OrderedTree
+from cg.structure.points import START, points_of
+from cg.support.checks import check_integer
+from cg.support.quads import MAX_WRITTEN, to_decimal
+from cg.trees.ordered import OrderedTree
 
 _NODE = "●"
 

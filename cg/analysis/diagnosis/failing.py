@@ -8,13 +8,13 @@ from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ... import conditions
-from ...method.flat import failing_rooted
-from ...method.method import Method
-from ...method.munthe_kaas import MuntheKaas
-from ...trees.ordered import OrderedTree, forest
-from ...trees.rooted import planted, rooted_trees
-from .drawing import draw_tree
+from cg import conditions
+from cg.analysis.diagnosis.drawing import draw_tree
+from cg.method.flat import failing_rooted
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.trees.ordered import OrderedTree, forest
+from cg.trees.rooted import planted, rooted_trees
 
 if TYPE_CHECKING:
     from flint import arb

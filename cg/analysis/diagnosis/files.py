@@ -6,11 +6,11 @@ from dataclasses import replace
 from os import PathLike
 from typing import Any
 
-from ...catalogue.entries import check_path, errors_naming, from_entry, read_entry
-from ...method.tableau import Tableau, TableauError
-from ...support.parsing import read_file
-from .diagnosis import Diagnosis, diagnose
-from .findings import Finding
+from cg.analysis.diagnosis.diagnosis import Diagnosis, diagnose
+from cg.analysis.diagnosis.findings import Finding
+from cg.catalogue.entries import check_path, errors_naming, from_entry, read_entry
+from cg.method.tableau import Tableau, TableauError
+from cg.support.parsing import read_file
 
 
 def diagnose_file(path: str | PathLike[str]) -> Diagnosis:

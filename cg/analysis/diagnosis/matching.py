@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from ...catalogue import methods
-from ...method.coefficients import Coefficient
-from ...method.commutator_free import CommutatorFree
-from ...method.method import Method
-from ...method.munthe_kaas import MuntheKaas
-from ...method.tableau import Tableau
+from cg.catalogue import methods
+from cg.method.coefficients import Coefficient
+from cg.method.commutator_free import CommutatorFree
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.method.tableau import Tableau
 
 _MAX_CHANGED = 2
 _MIN_ALIKE = 3

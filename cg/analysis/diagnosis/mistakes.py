@@ -7,14 +7,14 @@ from fractions import Fraction
 
 import numpy as np
 
-from ...method.abscissae import wrong_abscissae
-from ...method.coefficients import MIN_ROUNDED_PLACES, Coefficient
-from ...method.method import Method
-from ...method.munthe_kaas import MuntheKaas
-from ...structure.points import MethodError
-from .findings import Finding
-from .matching import CatalogueMatch, closest_match
-from .variants import order_on_vector_spaces, reversals, transposed
+from cg.analysis.diagnosis.findings import Finding
+from cg.analysis.diagnosis.matching import CatalogueMatch, closest_match
+from cg.analysis.diagnosis.variants import order_on_vector_spaces, reversals, transposed
+from cg.method.abscissae import wrong_abscissae
+from cg.method.coefficients import MIN_ROUNDED_PLACES, Coefficient
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.structure.points import MethodError
 
 _MIN_PLACES, _MAX_PLACES = 5, 12
 """Decimal places of truncated coefficients; fewer are taken as exact, more are harmless."""

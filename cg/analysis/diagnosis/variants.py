@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from fractions import Fraction
 
-from ...method.coefficients import Coefficient
-from ...method.commutator_free import CommutatorFree
-from ...method.flat import flat_order
-from ...method.method import Method
-from ...method.munthe_kaas import MuntheKaas
-from ...method.tableau import Tableau
-from ...structure.points import START, MethodError
-from ...support.quads import to_decimal
+from cg.method.coefficients import Coefficient
+from cg.method.commutator_free import CommutatorFree
+from cg.method.flat import flat_order
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.method.tableau import Tableau
+from cg.structure.points import START, MethodError
+from cg.support.quads import to_decimal
 
 
 def transposed(method: Method) -> Tableau | None:

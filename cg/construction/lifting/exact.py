@@ -9,13 +9,13 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions.word_weights import Quantity, Weights
-from ...conditions.words import condition_words, nodes, reciprocal_density
-from ...support.balls import exact_midpoint, to_ball, working_precision
-from ...support.quads import DECIMAL_DIGITS, to_decimal
-from ..solvers.rational import refine_rational
-from ..solvers.singular import pseudo_inverse
-from .splitting import Splitting
+from cg.conditions.word_weights import Quantity, Weights
+from cg.conditions.words import condition_words, nodes, reciprocal_density
+from cg.construction.lifting.splitting import Splitting
+from cg.construction.solvers.rational import refine_rational
+from cg.construction.solvers.singular import pseudo_inverse
+from cg.support.balls import exact_midpoint, to_ball, working_precision
+from cg.support.quads import DECIMAL_DIGITS, to_decimal
 
 _BITS = 400
 _GRID = 10**80

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...conditions import MAX_ORDER
-from ...method.commutator_free import CommutatorFree
-from ...method.flat import flat_order, stage_orders
-from ...method.tableau import Tableau
-from ...support.checks import MAX_STAGES, check_flag, check_integer
-from ...support.parallel import raise_if_stopped
-from ..search.shapes import start_generator
-from .exact import refined
-from .reduction import improved, merged_flows
-from .solver import Fit, fit
-from .splitting import FlatRows, Splitting, chains_layout, random_layout
+from cg.conditions import MAX_ORDER
+from cg.construction.lifting.exact import refined
+from cg.construction.lifting.reduction import improved, merged_flows
+from cg.construction.lifting.solver import Fit, fit
+from cg.construction.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
+from cg.construction.search.shapes import start_generator
+from cg.method.commutator_free import CommutatorFree
+from cg.method.flat import flat_order, stage_orders
+from cg.method.tableau import Tableau
+from cg.support.checks import MAX_STAGES, check_flag, check_integer
+from cg.support.parallel import raise_if_stopped
 
 # Every fourth start has weights where the tableau has zeros; the others converge faster.
 _FREE_ZEROS_EVERY = 4
@@ -36,7 +36,7 @@ class LiftError(ArithmeticError):
 
     Attributes
     ----------
-    best : float
+    best
         Smallest sum of squared residuals of all starts.
 
     Examples
@@ -66,15 +66,15 @@ class Lifted:
 
     Attributes
     ----------
-    method : CommutatorFree
+    method
         Its flat tableau is exactly the given one.
-    index : int
+    index
         Number of the start that led to it.
-    starts, hits : int
+    starts, hits
         Numbers of starts, and of those that led to a solution.
-    unknowns, rank : int
+    unknowns, rank
         Number of weights that the flat tableau leaves open, and rank of the conditions in them.
-    largest_residual : float
+    largest_residual
         Largest residual of the order conditions, in extended precision.
 
     Examples
@@ -135,33 +135,33 @@ def lift(
 
     Parameters
     ----------
-    tableau : Tableau
+    tableau
         Explicit. Rational coefficients stay rational.
-    order : int, optional
+    order
         Order of the method; by default that of the flat method.
-    embedded_order : int, optional
+    embedded_order
         Order of the second result; by default that of the flat second weights.
-    flows : int, optional
+    flows
         Start from random trees of points with this number of flows.
-    chains : sequence of int, optional
-        Numbers of flows in the chains to start from: to every stage except the first (and one
-        at the result), and to the result. The default lengths sufficed in experiments. Every
-        fourth start also has weights where the tableau has zeros.
-    seed : int, optional
+    chains
+        Sequence of int. Numbers of flows in the chains to start from: to every stage except the
+        first (and one at the result), and to the result. The default lengths sufficed in
+        experiments. Every fourth start also has weights where the tableau has zeros.
+    seed
         The seed and the number of a start determine its random numbers.
-    tries : int, optional
+    tries
         Largest number of starts.
-    hits : int, optional
+    hits
         Number of solutions after which to stop. Of these, the one with the fewest flows is
         returned; of several, the one whose largest weight is smallest.
-    reduce : bool, optional
+    reduce
         Merge flows as long as a solution with fewer flows exists.
-    improve : bool, optional
+    improve
         Then reduce the principal error along the solution set. Of several solutions, the one
         with the smallest leading error for the same number of flows is returned.
-    max_iterations : int, optional
+    max_iterations
         Largest number of steps from each start.
-    name, source : str, optional
+    name, source
         Name and source of the method; by default those of the tableau.
 
     Returns

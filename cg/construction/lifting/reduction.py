@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from ...support.parallel import raise_if_stopped
-from .solver import Fit, fit
-from .splitting import Splitting
+from cg.construction.lifting.solver import Fit, fit
+from cg.construction.lifting.splitting import Splitting
+from cg.support.parallel import raise_if_stopped
 
 _FIRST_ITERATIONS = 60  # most successful merges need fewer
 _FIRST_PATIENCE = 12

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ..solvers.damped import PROBE, DampedSteps, is_straight
-from .splitting import Splitting
+from cg.construction.lifting.splitting import Splitting
+from cg.construction.solvers.damped import PROBE, DampedSteps, is_straight
 
 Vector = NDArray[np.float64]
 

@@ -16,13 +16,13 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
 
-from ...conditions import condition_trees, core_calls
-from ...structure.layout import Layout
-from ...structure.points import START
-from ...support.balls import to_flint, to_fraction
-from ...trees.ordered import forest
-from ..search.shapes import merge_point
-from ..solvers.system import next_trees
+from cg.conditions import condition_trees, core_calls
+from cg.construction.search.shapes import merge_point
+from cg.construction.solvers.system import next_trees
+from cg.structure.layout import Layout
+from cg.structure.points import START
+from cg.support.balls import to_flint, to_fraction
+from cg.trees.ordered import forest
 
 Vector = NDArray[np.float64]
 Remainders = dict[int, tuple[dict[int, Fraction], Fraction]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .publishing import Publication, publish
-from .solutions import StoredSolution, best, families, solutions
+from cg.construction.results.publishing import Publication, publish
+from cg.construction.results.solutions import StoredSolution, best, families, solutions
 
 __all__ = ["Publication", "StoredSolution", "best", "families", "publish", "solutions"]

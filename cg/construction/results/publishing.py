@@ -6,17 +6,17 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...catalogue import methods, save
-from ...catalogue.entries import CERTIFICATE_SUFFIX
-from ...method.method import Method
-from ...proofs import Certificate, CertificationError, certify
-from ...runs import StoredRun
-from ...support.checks import check_integer
-from ...support.parallel import single_threads
-from ...support.parsing import file_in
-from ..candidate import to_method
-from ..optimise import Goals, optimise
-from .solutions import StoredSolution, solutions
+from cg.catalogue import methods, save
+from cg.catalogue.entries import CERTIFICATE_SUFFIX
+from cg.construction.candidate import to_method
+from cg.construction.optimise import Goals, optimise
+from cg.construction.results.solutions import StoredSolution, solutions
+from cg.method.method import Method
+from cg.proofs import Certificate, CertificationError, certify
+from cg.runs import StoredRun
+from cg.support.checks import check_integer
+from cg.support.parallel import single_threads
+from cg.support.parsing import file_in
 
 
 @dataclass(frozen=True)

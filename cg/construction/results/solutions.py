@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from scipy.cluster.hierarchy import DisjointSet
 
-from ...runs import Record, StoredRun
-from ...structure.layout import Layout, Rows
-from ...support import quads
-from ...support.checks import check_integer
-from ...support.parallel import single_threads
-from ..candidate import Candidate
-from ..search.shapes import layout_from_json
-from ..solvers.singular import decompose, retract
-from ..solvers.system import ConditionSystem, Structure
+from cg.construction.candidate import Candidate
+from cg.construction.search.shapes import layout_from_json
+from cg.construction.solvers.singular import decompose, retract
+from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.runs import Record, StoredRun
+from cg.structure.layout import Layout, Rows
+from cg.support import quads
+from cg.support.checks import check_integer
+from cg.support.parallel import single_threads
 
 _SAME = 1e-8  # largest distance of equal coefficients
 _MAX_STEPS = 200  # of a walk from one solution to another

@@ -15,16 +15,16 @@ from functools import partial
 from operator import attrgetter
 from typing import Any
 
-from ...conditions import Rows
-from ...executors import ExecutorLike
-from ...runs import Failure, LongRun, ProgressLine, Record, RunOptions, Score
-from ...support import quads
-from ...support.checks import MAX_COUNT, check_integer
-from .records import RandomStart
-from .requirements import Requirements
-from .result import SearchResult, StoredStarts
-from .settings import SearchSettings
-from .start import read_start, run_start, start_layout
+from cg.conditions import Rows
+from cg.construction.search.records import RandomStart
+from cg.construction.search.requirements import Requirements
+from cg.construction.search.result import SearchResult, StoredStarts
+from cg.construction.search.settings import SearchSettings
+from cg.construction.search.start import read_start, run_start, start_layout
+from cg.executors import ExecutorLike
+from cg.runs import Failure, LongRun, ProgressLine, Record, RunOptions, Score
+from cg.support import quads
+from cg.support.checks import MAX_COUNT, check_integer
 
 
 def search(
@@ -59,76 +59,77 @@ def search(
 
     Parameters
     ----------
-    order : int
+    order
         Order of the methods, between 1 and `cg.conditions.MAX_ORDER`.
-    stages : int
+    stages
         Number of stages, at most 1000.
-    starts : int, optional
+    starts
         Number of random starts.
-    seed : int, optional
+    seed
         Seed of all starts, not negative.
-    algorithm : {"minimum-norm", "lmdif"}, optional
-        The first uses the exact Jacobian, steps of least norm and a cheap refinement
-        (`cg.construction.solvers`: `minimum_norm`, `refine`). ``"lmdif"`` is that of the paper:
-        a Jacobian from differences, rows of zeros for discarded trees, xtol = ftol = 1e-18 in
-        double and 1e-32 in real(16).
-    rows : {"explicit", "diagonal", "full"} or Rows, optional
-        Explicit, diagonally implicit or fully implicit tableaux.
-    width : float, optional
+    algorithm
+        One of ``"minimum-norm"``, ``"lmdif"``. The first uses the exact Jacobian, steps of least
+        norm and a cheap refinement (`cg.construction.solvers`: `minimum_norm`, `refine`).
+        ``"lmdif"`` is that of the paper: a Jacobian from differences, rows of zeros for discarded
+        trees, xtol = ftol = 1e-18 in double and 1e-32 in real(16).
+    rows
+        One of ``"explicit"``, ``"diagonal"``, ``"full"``. Explicit, diagonally implicit or fully
+        implicit tableaux.
+    width
         Guesses are uniform in [-width, width]. The default is 1 for ``"lmdif"``. For
         ``"minimum-norm"`` it is the value that found most methods per second in experiments: 1 up
         to order 4, 0.75 for order 5 and 0.3 above; 0.4 with trees.
-    maxfev : int, optional
+    maxfev
         Largest number of evaluations in double. The default for ``"lmdif"`` is 200 (n + 1) for n
         unknowns, as in MINPACK; for ``"minimum-norm"`` it is chosen as for `width`: 120 up to
         order 4, 500 for order 5 and 1000 above; 600 with trees.
-    refine_below : float, optional
+    refine_below
         A start is refined in real(16) if its sum of squares is at most this.
-    refine_maxfev : int, optional
+    refine_maxfev
         Largest number of evaluations in real(16); by default 20 (n + 1).
-    workers : int, optional
+    workers
         Number of workers; by default that of `executor`, or of cores. It doesn't change the
         result.
-    executor : Executor, callable or str, optional
+    executor
         Where starts run: threads of this process by default, ``"processes"``, any
         `concurrent.futures.Executor`, or a function that makes one. With ``"processes"`` or a
         function, a start whose worker dies is reported in `SearchResult.failures`, and the search
         continues. The executor doesn't change the result either, unless other machines have
         other BLAS kernels: then starts of the default algorithm end at other points.
-    store : path, optional
+    store
         File that stores every finished start (`cg.runs.Store`). Starts with the same settings
         that it already has aren't run again. Several runs can share a file. After the first
         interrupt, running starts finish.
-    progress : callable, ProgressLine or bool, optional
+    progress
         Called with the numbers of finished and of all starts. True shows a
         `cg.runs.ProgressLine` on standard error.
-    force : bool, optional
+    force
         Try even if there are fewer unknowns than independent conditions. Methods may still
         exist, symmetric ones in particular. With trees, where many conditions depend on each
         other, the conditions are counted that remain where flows commute.
-    tree : PointTree, method, or sequence, optional
+    tree
         The shape of the methods. A tree or a method has its nonzero weights as unknowns. A
         sequence is ``(parents, stage_points)``, followed by the results if the last point isn't
         the result; each flow then has weights on all stages before it. `stages` must be that of
         the tree. From order 5 on, the first weight is held at a random value while solving in
         double, which keeps the solver away from degenerate limits.
-    flows : int, optional
+    flows
         Number of flows, at least that of stages, of trees drawn at random with each start.
-    embedded : bool, optional
+    embedded
         With `flows`, search for pairs: one more flow, from the result, leads to a second result
         of order q - 1. Its last weight is held as well. With `tree`, the tree decides.
-    first_same_as_last : bool, optional
+    first_same_as_last
         With `flows`, whether the last stage is at the result, where the next step begins.
-    abscissae : (float, float), optional
+    abscissae
         Interval that all abscissae of the methods must lie in.
-    bound : float, optional
+    bound
         Bound on the magnitudes of the coefficients of the methods.
-    minimise : {"principal_error", "largest_coefficient"}, optional
-        Move each method along its solution set to reduce this, and sort the methods by it. Each
-        minimum is a local one: more starts may lead to smaller ones. With
-        `abscissae` or `bound`, methods beyond these are moved as well, to 1 % inside the bounds,
-        and left out if that fails.
-        None of the three changes the starts, or what a store has.
+    minimise
+        One of ``"principal_error"``, ``"largest_coefficient"``. Move each method along its solution
+        set to reduce this, and sort the methods by it. Each minimum is a local one: more starts may
+        lead to smaller ones. With `abscissae` or `bound`, methods beyond these are moved as well,
+        to 1 % inside the bounds, and left out if that fails. None of the three changes the starts,
+        or what a store has.
 
     Returns
     -------

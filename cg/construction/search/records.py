@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from ...runs import Record
-from ...structure.layout import Layout
-from ...support import quads
+from cg.runs import Record
+from cg.structure.layout import Layout
+from cg.support import quads
 
 
 @dataclass(frozen=True)

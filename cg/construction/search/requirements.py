@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ...conditions import MAX_ORDER
-from ...support.checks import check_interval, check_real
-from ..candidate import Candidate
-from ..optimise import Goals, optimise
+from cg.conditions import MAX_ORDER
+from cg.construction.candidate import Candidate
+from cg.construction.optimise import Goals, optimise
+from cg.support.checks import check_interval, check_real
 
 OBJECTIVES = ("principal_error", "largest_coefficient")
 

@@ -12,20 +12,20 @@ from typing import Any, overload
 
 import numpy as np
 
-from ...method.method import Method
-from ...method.packed import make_method
-from ...method.tolerance import to_floats
-from ...runs import Failure, Store
-from ...structure.layout import Layout
-from ...support import quads
-from ...support.parallel import single_threads
-from ..candidate import Candidate, NotExactError, default_name, to_method
-from ..solvers.polish import polish_zeros
-from ..solvers.system import ConditionSystem
-from .records import RandomStart
-from .requirements import Requirements
-from .settings import SearchSettings
-from .start import start_layout
+from cg.construction.candidate import Candidate, NotExactError, default_name, to_method
+from cg.construction.search.records import RandomStart
+from cg.construction.search.requirements import Requirements
+from cg.construction.search.settings import SearchSettings
+from cg.construction.search.start import start_layout
+from cg.construction.solvers.polish import polish_zeros
+from cg.construction.solvers.system import ConditionSystem
+from cg.method.method import Method
+from cg.method.packed import make_method
+from cg.method.tolerance import to_floats
+from cg.runs import Failure, Store
+from cg.structure.layout import Layout
+from cg.support import quads
+from cg.support.parallel import single_threads
 
 _APART = 1e-4  # distance of coefficients of methods that count as distinct after they were moved
 
@@ -86,12 +86,13 @@ class SearchResult:
 
     Attributes
     ----------
-    settings : SearchSettings
-    starts : sequence of RandomStart
-        A tuple; `StoredStarts`, which read from the file, for a search with a store.
-    failures : tuple of Failure
+    settings
+    starts
+        Sequence of RandomStart. A tuple; `StoredStarts`, which read from the file, for a search
+        with a store.
+    failures
         Starts whose worker died; `starts` doesn't have them.
-    requirements : Requirements
+    requirements
         What `methods` must satisfy.
     """
 

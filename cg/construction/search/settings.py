@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ...conditions import Rows, check_rows, count, unknowns
-from ...conditions.counts import check_order
-from ...structure.layout import Layout
-from ...support.checks import (
+from cg.conditions import Rows, check_rows, count, unknowns
+from cg.conditions.counts import check_order
+from cg.construction.search.shapes import ShapeSettings, most_unknowns
+from cg.structure.layout import Layout
+from cg.support.checks import (
     MAX_COUNT,
     MAX_HALF_WIDTH,
     MAX_STAGES,
@@ -15,7 +16,6 @@ from ...support.checks import (
     check_integer,
     check_real,
 )
-from .shapes import ShapeSettings, most_unknowns
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 

@@ -10,11 +10,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...method.commutator_free import plain_index
-from ...structure.layout import Layout
-from ...structure.points import START, MethodError, Point, PointTree, check_tree
-from ...support.checks import MAX_STAGES, check_flag, check_integer
-from ...trees.rooted import rooted_trees_through
+from cg.method.commutator_free import plain_index
+from cg.structure.layout import Layout
+from cg.structure.points import START, MethodError, Point, PointTree, check_tree
+from cg.support.checks import MAX_STAGES, check_flag, check_integer
+from cg.trees.rooted import rooted_trees_through
 
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
 """Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.

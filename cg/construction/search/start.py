@@ -7,20 +7,20 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import count, table_rows
-from ...runs import Record
-from ...structure.layout import Layout
-from ...support import quads
-from ...support.checks import MAX_COUNT
-from ...support.parallel import single_threads, stoppable
-from ..solvers.lmdif import fit_lmdif
-from ..solvers.minimum_norm import fit_conditions
-from ..solvers.refine import refine
-from ..solvers.singular import finish
-from ..solvers.system import ConditionSystem
-from .records import Phase, RandomStart
-from .settings import SearchSettings
-from .shapes import draw_guess, fixed_weights, start_generator
+from cg.conditions import count, table_rows
+from cg.construction.search.records import Phase, RandomStart
+from cg.construction.search.settings import SearchSettings
+from cg.construction.search.shapes import draw_guess, fixed_weights, start_generator
+from cg.construction.solvers.lmdif import fit_lmdif
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.singular import finish
+from cg.construction.solvers.system import ConditionSystem
+from cg.runs import Record
+from cg.structure.layout import Layout
+from cg.support import quads
+from cg.support.checks import MAX_COUNT
+from cg.support.parallel import single_threads, stoppable
 
 EXACT = 1e-31
 """A method is exact if no residual of its order conditions, computed in real(16), exceeds

@@ -33,21 +33,22 @@ class LmdifResult(ReadOnly):
 
     Attributes
     ----------
-    x : ndarray, shape (n,)
-        The last accepted point.
-    fvec : ndarray, shape (m,)
-        ``f(x)``.
-    info : Status
+    x
+        Shape ``(n,)``. The last accepted point.
+    fvec
+        Shape ``(m,)``. ``f(x)``.
+    info
         Why the solver stopped, MINPACK's code; compares equal to the integer.
-    nfev : int
+    nfev
         Number of calls of ``f``, including those for differences.
-    fjac : ndarray, shape (m, n)
-        The last Jacobian ``J`` factored as ``J[:, ipvt] = Q R``: ``R`` in the upper triangle of
-        the first ``n`` rows, diagonal elements of decreasing magnitude.
-    ipvt : ndarray of int, shape (n,)
-        The columns of ``J`` in the order of ``R``, counted from 0.
-    qtf : ndarray, shape (n,)
-        The first ``n`` elements of ``Q^T f(x)``, with the ``x`` of the last Jacobian.
+    fjac
+        Shape ``(m, n)``. The last Jacobian ``J`` factored as ``J[:, ipvt] = Q R``: ``R`` in the
+        upper triangle of the first ``n`` rows, diagonal elements of decreasing magnitude.
+    ipvt
+        Shape ``(n,)``. The columns of ``J`` in the order of ``R``, counted from 0.
+    qtf
+        Shape ``(n,)``. The first ``n`` elements of ``Q^T f(x)``, with the ``x`` of the last
+        Jacobian.
     """
 
     x: Vector
@@ -93,28 +94,28 @@ def lmdif(
 
     Parameters
     ----------
-    f : callable
+    f
         ``f(x)`` with ``x`` of shape (n,) returns the residuals, finite, of shape (m,), m ≥ n.
-    x0 : array_like, shape (n,)
-        The start.
-    ftol : float, optional
+    x0
+        Shape ``(n,)``. The start.
+    ftol
         Relative reduction of the sum of squares at which to stop, ≥ 0.
-    xtol : float, optional
+    xtol
         Relative change between two iterates at which to stop, ≥ 0.
-    gtol : float, optional
+    gtol
         Cosine of the angle between the residual and the columns of the Jacobian at which to
         stop, ≥ 0.
-    maxfev : int, optional
+    maxfev
         Number of calls of ``f`` after which no further iteration starts, > 0; by default
         200 (n + 1).
-    epsfcn : float, optional
+    epsfcn
         Relative error of ``f``, ≥ 0, from which the steps of the differences are found; below
         the machine precision that is taken.
-    factor : float, optional
+    factor
         The first step has at most the length ``factor * |diag * x0|``, > 0.
-    diag : array_like, shape (n,), optional
-        Positive scale factors of the unknowns; by default the largest norms so far of the
-        columns of the Jacobian.
+    diag
+        Shape ``(n,)``. Positive scale factors of the unknowns; by default the largest norms so far
+        of the columns of the Jacobian.
 
     Returns
     -------

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ... import _core_r64
-from ...conditions.core_calls import Trees, Vector, derivatives_bytes, described
-from ...structure.layout import Layout
-from ...support.capsules import provide_lapack
-from ...support.checks import MAX_COUNT, check_flag, check_integer, check_real
-from ...support.memory import reserved
-from ...support.parallel import stoppable
-from ...support.shared_numbers import MinimumNormStatus
-from .system import ConditionSystem
+from cg import _core_r64
+from cg.conditions.core_calls import Trees, Vector, derivatives_bytes, described
+from cg.construction.solvers.system import ConditionSystem
+from cg.structure.layout import Layout
+from cg.support.capsules import provide_lapack
+from cg.support.checks import MAX_COUNT, check_flag, check_integer, check_real
+from cg.support.memory import reserved
+from cg.support.parallel import stoppable
+from cg.support.shared_numbers import MinimumNormStatus
 
 _BRIEF = 10**8  # multiplications in about 0.1 seconds
 

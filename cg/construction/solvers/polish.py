@@ -13,10 +13,10 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ... import conditions
-from .rational import RationalZero, refine_rational
-from .singular import pseudo_inverse
-from .system import ConditionSystem, Structure
+from cg import conditions
+from cg.construction.solvers.rational import RationalZero, refine_rational
+from cg.construction.solvers.singular import pseudo_inverse
+from cg.construction.solvers.system import ConditionSystem, Structure
 
 _ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _BELOW = Fraction(1, 10**44)

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...support import quads
-from ...support.parallel import raise_if_stopped
-from .singular import pseudo_inverse
-from .system import ConditionSystem
+from cg.construction.solvers.singular import pseudo_inverse
+from cg.construction.solvers.system import ConditionSystem
+from cg.support import quads
+from cg.support.parallel import raise_if_stopped
 
 _RANK_TOLERANCE = 1e-10  # of the largest singular value; smaller ones count as zero
 _MAX_ITERATIONS = 40

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .damped import PROBE, DampedSteps, is_straight
-from .system import ConditionSystem
+from cg.construction.solvers.damped import PROBE, DampedSteps, is_straight
+from cg.construction.solvers.system import ConditionSystem
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import condition_trees, core_calls, count
-from ...conditions.counts import check_order
-from ...structure.layout import Layout, Rows
-from ...structure.points import check_tree
-from ...support import quads
-from ...support.shared_numbers import ConditionOwner, StageEquation
-from ...trees.ordered import OrderedTree, forest
+from cg.conditions import condition_trees, core_calls, count
+from cg.conditions.counts import check_order
+from cg.structure.layout import Layout, Rows
+from cg.structure.points import check_tree
+from cg.support import quads
+from cg.support.shared_numbers import ConditionOwner, StageEquation
+from cg.trees.ordered import OrderedTree, forest
 
 _STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
 _REMAINING = {

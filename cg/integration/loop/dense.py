@@ -110,7 +110,7 @@ class DenseOutput(ReadOnly):
         Returns
         -------
         ndarray
-            Shape ``(*t.shape, *point_shape)``: time comes first.  At an event with a jump it
+            Shape ``(*t.shape, *point_shape)``: time comes first. At an event with a jump it
             is the point after the jump.
 
         Raises

@@ -48,7 +48,7 @@ class StageOverflowError(OverflowError):
 class StepTooLongError(ArithmeticError):
     """A step of a method on a Lie algebra reached coordinates beyond the radius of dexp⁻¹.
 
-    Rotations reach it after a full turn.  An adaptive step is tried again with a smaller size;
+    Rotations reach it after a full turn. An adaptive step is tried again with a smaller size;
     with fixed steps a smaller ``h`` is needed.
 
     Examples

@@ -34,8 +34,8 @@ class Run:
 
     Points at ``t_eval`` are written into ``y``, shape ``(times, members, width)``, and what is
     observed into ``observed``, shape ``(times, members, count)``; there is room
-    for ``capacity`` steps if their number is known.  With ``keep_last`` the interpolant of the last
-    step may be requested.  By default one member at a time is integrated, or up to 1024 by a
+    for ``capacity`` steps if their number is known. With ``keep_last`` the interpolant of the last
+    step may be requested. By default one member at a time is integrated, or up to 1024 by a
     vectorized function.
 
     Attributes

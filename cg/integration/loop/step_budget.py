@@ -17,7 +17,7 @@ class StepBudget:
     Attributes
     ----------
     steps
-        The number of steps to take next.  It starts with one, since the cost of a step is unknown.
+        The number of steps to take next. It starts with one, since the cost of a step is unknown.
     """
 
     def __init__(self) -> None:

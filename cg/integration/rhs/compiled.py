@@ -156,7 +156,7 @@ def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
     """Return a compiled function as a right-hand side, None if ``f`` isn't compiled.
 
     It is a `cg.CompiledFunction`, a `scipy.LowLevelCallable`, a function pointer of ctypes with its
-    types set, or a ``numba.cfunc``.  ValueError, with ``name``, is raised unless its signature is
+    types set, or a ``numba.cfunc``. ValueError, with ``name``, is raised unless its signature is
     ``int (double t, const double *y, double *f, void *user_data)``.
     """
     if isinstance(f, TimeFunction):

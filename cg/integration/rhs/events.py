@@ -25,10 +25,10 @@ class Event:
 
     In each step signs of the function are compared at both ends, in the middle, and, unless these
     values differ by less than they are from zero, at two more points, all at most 30° of a
-    rotation apart; and where a parabola through three values comes near to zero.  A function that
+    rotation apart; and where a parabola through three values comes near to zero. A function that
     changes much faster than the solution, such as ``sin(100 t)``, needs a ``max_step``.
 
-    Events at the same time happen together, with jumps in the order of the list.  Where a jump
+    Events at the same time happen together, with jumps in the order of the list. Where a jump
     leaves its function at zero, and ``f`` only pulls it on, as in a contact that rests, the
     integration ends with the status -1.
 
@@ -37,7 +37,7 @@ class Event:
     Parameters
     ----------
     function
-        ``function(t, y, *args)`` returns a real number, whose sign changes at an event.  It may be
+        ``function(t, y, *args)`` returns a real number, whose sign changes at an event. It may be
         compiled, ``double (double t, const double *y, void *user_data)``, given as a right-hand
         side may be.
     terminal

@@ -20,17 +20,17 @@ class CompiledFunction:
 
     Unlike a pointer it can be pickled; another process loads the library again.
 
-    The types of functions in a library aren't known, so that they can't be checked.  A function of
+    The types of functions in a library aren't known, so that they can't be checked. A function of
     another signature, or one that reads ``user_data`` where neither that nor ``parameters`` is
     given, can end the interpreter.
 
     Parameters
     ----------
-    path : path
+    path
         Path of a shared library, which must exist for every process.
-    symbol : str
+    symbol
         Name of a function ``int (double t, const double *y, double *f, void *user_data)``.
-    user_data : array_like of float, optional
+    user_data
         Numbers whose address is passed to the function; they are copied.
 
     Raises

@@ -23,8 +23,8 @@ class Inputs:
 
     Attributes
     ----------
-    curves : tuple of Samples
-    together : bool
+    curves
+    together
         Whether functions get a tuple of values, as the user passed a tuple.
     """
 

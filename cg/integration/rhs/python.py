@@ -95,7 +95,7 @@ class PythonRhs:
 
     Compiled code calls it through a function in C, whose data are the contexts made here.
 
-    Parameters have the shape ``(members, k)``.  A ``vectorized`` function takes times ``(n,)``,
+    Parameters have the shape ``(members, k)``. A ``vectorized`` function takes times ``(n,)``,
     points ``(n, *point_shape)`` and rows of parameters of several members, and returns shape
     ``(n, dim)``; one of time alone may get several times for one point.
     ``first`` is the place of the first member in the ensemble for error messages.

@@ -27,25 +27,27 @@ class Samples(ReadOnly):
 
     Parameters
     ----------
-    times : array_like, shape (n,)
-        Times in increasing order; with ``kind="averages"`` the n + 1 edges of n intervals.
-    values : array_like, shape (n, ...)
-        The values; ``u`` has the shape of one of them, and is a float if that is ``()``. With
-        ``members=True`` the shape is ``(members, n, ...)``, and each member of an ensemble has
-        its own.
-    kind : {"hold", "linear", "cubic", "averages"}
-        The curve: each value from its time on until the next one; linear between the times; the
-        cubic spline with not-a-knot ends; or, for values that are means over the intervals, such
-        as those of gyroscopes that integrate, the derivative of the cubic spline through the
-        cumulative sums, which has these means and is continuous.
-    end : float, optional
+    times
+        Shape ``(n,)``. Times in increasing order; with ``kind="averages"`` the n + 1 edges of n
+        intervals.
+    values
+        Shape ``(n, ...)``. The values; ``u`` has the shape of one of them, and is a float if that
+        is ``()``. With ``members=True`` the shape is ``(members, n, ...)``, and each member of an
+        ensemble has its own.
+    kind
+        One of ``"hold"``, ``"linear"``, ``"cubic"``, ``"averages"``. The curve: each value from its
+        time on until the next one; linear between the times; the cubic spline with not-a-knot ends;
+        or, for values that are means over the intervals, such as those of gyroscopes that
+        integrate, the derivative of the cubic spline through the cumulative sums, which has these
+        means and is continuous.
+    end
         Time to which the last value of ``"hold"`` lasts; by default it has no end.
-    causal : bool, optional
+    causal
         Whether the curve of ``"averages"`` uses no later intervals, as is needed where samples
         arrive during the integration: it is linear in each interval, with the mean of that
         interval and the slope between the middle of the previous one and its own; the first one
         is constant. It jumps at the edges.
-    members : bool, optional
+    members
         Whether ``values`` has a first axis for the members of an ensemble.
 
     Raises
@@ -156,8 +158,8 @@ class Samples(ReadOnly):
 
         Parameters
         ----------
-        t : float
-        member : int, optional
+        t
+        member
             The member of an ensemble, for values of several members. All of them by default.
 
         Raises

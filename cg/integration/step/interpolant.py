@@ -9,25 +9,25 @@ On a frame with brackets the coordinates of a step from :math:`y_0` to :math:`y_
     \varphi_d = \theta,\ \theta (1 - \theta),\ \theta^2 (1 - \theta),\ \theta^2 (1 - \theta)^2,
     \dots
 
-whose first three terms are the cubic of Hermite.  One flow reaches a point.  Further derivatives
+whose first three terms are the cubic of Hermite. One flow reaches a point. Further derivatives
 :math:`k_j = \operatorname{dexp}^{-1}_{u(\theta_j)} f(t_0 + \theta_j h, y(\theta_j))` are evaluated
 at nodes on an interpolant of lower order, until the order is reached (bootstrapping: W. H. Enright,
 K. R. Jackson, S. P. Nørsett, P. G. Thomsen, "Interpolants for Runge–Kutta formulas", ACM TOMS 12
-(1986)).  There are three kinds, linear in the unknown :math:`B`:
+(1986)). There are three kinds, linear in the unknown :math:`B`:
 
-- Those of a Munthe-Kaas method use its stages.  The conditions are those of rooted trees t,
+- Those of a Munthe-Kaas method use its stages. The conditions are those of rooted trees t,
   :math:`\sum_j b_j(\theta) \Phi_j(t) = \theta^{|t|} / \gamma(t)`, through the order of the method;
-  of all solutions the one of least norm is taken.  Of the pairs with orders 5 and 8 this takes 2
+  of all solutions the one of least norm is taken. Of the pairs with orders 5 and 8 this takes 2
   and 8 evaluations, and the largest coefficient of the error within a step is at most twice that
   at its end.
 - That of a collocation method is the collocation polynomial, of the order of its stages, since
   further evaluations would not help where an equation is stiff.
-- Those of other methods use the ends alone: :math:`u(1)` is found by Newton's method.  Their
+- Those of other methods use the ends alone: :math:`u(1)` is found by Newton's method. Their
   conditions are those of quadrature, :math:`\sum_j b_j(\theta) \theta_j^{k-1} = \theta^k / k`.
 
 On a frame without brackets, and where a step of the second kind is too long for coordinates, the
 coefficients :math:`F(\theta) = f(t_0 + \theta h, y(\theta))` are interpolated at nodes :math:`0 =
-\theta_1 < \dots < \theta_n = 1` by a polynomial :math:`P`.  The solution of :math:`y' = h \sum_i
+\theta_1 < \dots < \theta_n = 1` by a polynomial :math:`P`. The solution of :math:`y' = h \sum_i
 P_i(\theta) E_i(y)` is then a problem whose right side depends on time alone: the method itself
 solves it, to its own order, by the flows to its result, without evaluations of ``f``,
 
@@ -45,15 +45,15 @@ and one more flow moves the end to :math:`y_1`,
 
 The polynomial is off by :math:`\omega` times a constant up to higher order, and so is its integral
 by that of :math:`\omega`; the last flow removes this error and doesn't change derivatives
-at nodes.  The error is :math:`O(h^{n+2})`.  Only flows and differences of nearby points are
+at nodes. The error is :math:`O(h^{n+2})`. Only flows and differences of nearby points are
 needed, so that it works on every frame.
 
 With n nodes interpolants of the last two kinds have order n + 1, after n - 2 nodes for each order
-from four on.  They have n = p - 1 nodes for a method of order p, and from order four on one more
+from four on. They have n = p - 1 nodes for a method of order p, and from order four on one more
 where a method has as many stages as this takes evaluations: measured on the pairs of the
 catalogue, the largest error within a step was then at most 1.5 times that at its ends; with p - 1
 nodes it was at most 2.6 times for Crouch-Grossman pairs, but 4 to 12 times for commutator-free
-ones, whose own errors are smaller.  A step with output takes 0, 3, 6, 10, 15
+ones, whose own errors are smaller. A step with output takes 0, 3, 6, 10, 15
 more evaluations for order p = 3, 4, 5, 6, 7, or 6 for p = 6, 10 for p = 7 and 15 for p = 8 with
 p - 1 nodes.
 
@@ -85,7 +85,7 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.trees.rooted import rooted_trees_through
 
-# Nodes of interpolants that use the stages of a method, in this order.  A search over grids chose
+# Nodes of interpolants that use the stages of a method, in this order. A search over grids chose
 # them for small errors and weights of the interpolants of orders 4 to 8.
 _NODES = (0.85, 0.15, 0.25, 0.6, 0.05, 0.7, 0.2, 0.35, 0.45, 0.4)
 _MAX_NODES = 60

@@ -55,7 +55,7 @@ class Path:
 class MethodPaths:
     """A method as paths.
 
-    Stored points are stages, results, and points from which several paths start.  Paths are in the
+    Stored points are stages, results, and points from which several paths start. Paths are in the
     order in which a step needs them and counted from 1; 0 is the start of the step.
 
     Attributes
@@ -66,7 +66,7 @@ class MethodPaths:
         The path to each stage.
     result, embedded
         The paths to the result of the step, and to the second result of a pair (0 if there
-        is none).  The one of higher order is the result.
+        is none). The one of higher order is the result.
     third
         The path to a third result, for a second estimate of the error, or 0.
     final_stage
@@ -78,7 +78,7 @@ class MethodPaths:
         The coefficients A and B of a method of two registers, None of others.
     series
         For a method on a Lie algebra, the order up to which the series of dexp⁻¹ is needed, else
-        0.  Coefficients at stages become derivatives of coordinates.
+        0. Coefficients at stages become derivatives of coordinates.
     errors
         Weights on the coefficients at stages of the combinations by which errors are estimated.
         With a second result they are those of the second estimate, or those of `end_weights`,

@@ -135,7 +135,7 @@ class Plan:
     def is_free(self, point: Points) -> bool:
         """Return whether different small coefficients lead to different points.
 
-        Then the ends of a step determine its coordinates.  Any point of a frame whose differences
+        Then the ends of a step determine its coordinates. Any point of a frame whose differences
         are measured in coordinates serves as ``point``.
         """
         frame = self.frame

@@ -31,7 +31,7 @@ class CompiledVariation(CompiledRhs):
     """A right-hand side of a solution with its derivatives, in compiled code.
 
     ``fortran/interface/variational.f90`` calls the functions, which may be in Python. They receive
-    the address of the parameters, as events do.  ``data`` has the address of the record of each
+    the address of the parameters, as events do. ``data`` has the address of the record of each
     member, then its parameters and inputs.
     """
 

@@ -28,14 +28,14 @@ class VariationalEvents(EventTable):
     r"""The events of a solution with its derivatives.
 
     Let :math:`g(t, y) = 0` at an event, :math:`\dot g` be the derivative of g along the solution,
-    and :math:`\xi` the coordinates of a derivative of y just before.  The time of the event has
+    and :math:`\xi` the coordinates of a derivative of y just before. The time of the event has
     the derivative :math:`\delta t = -(\partial g\,\xi + \partial_p g) / \dot g`, and behind a jump
     :math:`y^+ = J(t, y)`
 
     .. math:: \xi^+ = \partial J\,\xi + \partial_p J + (\dot J - f^+)\,\delta t,
 
     where :math:`\dot J` are the coordinates of the derivative of J along the solution before, and
-    :math:`f^+` the coefficients after it [1]_.  Derivatives of g and J are central differences of
+    :math:`f^+` the coefficients after it [1]_. Derivatives of g and J are central differences of
     order four.
 
     References

@@ -179,7 +179,7 @@ class VariationalField:
 def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
     """Return for each parameter a function that shifts it by some steps, and the step size.
 
-    Parameters have the shape ``(..., k)``.  ``step`` is relative to the parameter, or to one if it
+    Parameters have the shape ``(..., k)``. ``step`` is relative to the parameter, or to one if it
     is zero.
     """
     steps_of = []

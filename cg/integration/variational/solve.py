@@ -52,7 +52,7 @@ def solve_variational(
 
     where the first term is the derivative of f along the frame's fields and the bracket is that of
     `Frame.bracket`: :math:`\xi' = Df\,\xi - f \times \xi` for rotations in body axes,
-    :math:`Df\,\xi + f \times \xi` in axes of space [1]_.  The columns of the transition matrix are
+    :math:`Df\,\xi + f \times \xi` in axes of space [1]_. The columns of the transition matrix are
     its solutions from unit vectors; a parameter adds the derivative of f with respect to it.
 
     Parameters
@@ -62,13 +62,13 @@ def solve_variational(
     jac
         ``jac(t, y, *args)`` returns shape ``(dim, dim)``: entry ``[i, j]`` is the derivative of
         ``f[i]`` along the frame's field j, that of ``f(t, frame.flow(s * e_j, y))[i]`` by s at
-        zero.  It has the same further arguments as ``f``, and may be compiled as ``f`` may; it
-        writes its rows one after the other.  By default central differences with steps of
+        zero. It has the same further arguments as ``f``, and may be compiled as ``f`` may; it
+        writes its rows one after the other. By default central differences with steps of
         :math:`\epsilon^{1/3} \max(1, s_j) \approx 6 \cdot 10^{-6} \max(1, s_j)` along field j,
         where :math:`s_j` is `Frame.coordinate_sizes`: they take 2 dim evaluations of ``f``.
     df_dp
         ``df_dp(t, y, *args, parameters)`` returns shape ``(dim, k)``, the derivatives of ``f``
-        with respect to the parameters; it may be compiled.  By default central differences with
+        with respect to the parameters; it may be compiled. By default central differences with
         steps of :math:`\epsilon^{1/3} |p_i|`, or :math:`\epsilon^{1/3}` where :math:`p_i` is zero.
     parameters
         Numbers, shape ``(k,)``, that ``f``, ``jac``, ``df_dp`` and the events are given as last
@@ -87,10 +87,10 @@ def solve_variational(
         may be long for the derivatives where the solution itself is simple.
     input_derivatives
         Whether to return ``input_sensitivity``, the derivatives of the last point with respect to
-        the values of ``inputs``, which are held or linear.  They take little more than derivatives
+        the values of ``inputs``, which are held or linear. They take little more than derivatives
         with respect to the inputs at one time, since those of each interval are integrated by
-        themselves and chained.  The solution is stored at the times of samples; there are no
-        ``t_eval``, ``dense_output`` and events, and ``progress`` isn't called.  ``df_dp`` then
+        themselves and chained. The solution is stored at the times of samples; there are no
+        ``t_eval``, ``dense_output`` and events, and ``progress`` isn't called. ``df_dp`` then
         returns derivatives with respect to the parameters and the inputs.
     derivatives
         ``"adjoint"`` computes no derivatives during the integration, and returns an
@@ -100,8 +100,8 @@ def solve_variational(
     method, h, rtol, atol, t_eval, dense_output, breakpoints, inputs
         As for `cg.solve_ivp`; ``jac`` and ``df_dp`` get the values of ``inputs`` as ``f`` does.
     events
-        As for `cg.solve_ivp`.  A jump must be a function of its arguments alone, and is called for
-        points nearby too.  If ``f`` changes where an event happens, let it depend on a coordinate
+        As for `cg.solve_ivp`. A jump must be a function of its arguments alone, and is called for
+        points nearby too. If ``f`` changes where an event happens, let it depend on a coordinate
         that the jump changes, and not on the sign of the event's function.
     max_step, first_step, max_steps, args, stage_solver, observe, progress
         As for `cg.solve_ivp`.
@@ -109,7 +109,7 @@ def solve_variational(
     Returns
     -------
     VariationalSolution or AdjointSolution
-        A `Solution` with ``transition``, ``sensitivity``, ``covariance`` and ``dt_events``.  Its
+        A `Solution` with ``transition``, ``sensitivity``, ``covariance`` and ``dt_events``. Its
         ``nfev`` counts evaluations of ``f`` and its derivatives together.
 
     Raises
@@ -124,7 +124,7 @@ def solve_variational(
     Notes
     -----
     Where a frame has more fields than the manifold has dimensions (spheres and other homogeneous
-    spaces), coordinates of a tangent aren't unique.  The transition matrix then acts on the Lie
+    spaces), coordinates of a tangent aren't unique. The transition matrix then acts on the Lie
     algebra, and its columns are determined up to fields that vanish at the point (the isotropy);
     tangents ``frame.field(transition @ xi, y)`` are unique.
 
@@ -201,7 +201,7 @@ def solve_variational_ensemble(
     f, t_span, y0, frame, parameters
         As for `cg.solve_ensemble`.
     jac, df_dp, noise, control_derivatives
-        As for `cg.solve_variational`.  If ``vectorized`` they take times ``(k,)``, points
+        As for `cg.solve_variational`. If ``vectorized`` they take times ``(k,)``, points
         ``(k, *frame.point_shape)`` and rows of parameters of any members, as ``f`` does, and
         return shapes ``(k, dim, dim)``, of ``df_dp`` ``(k, dim, parameters)``.
     P0

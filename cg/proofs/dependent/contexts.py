@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from ...conditions.words import Word, add_multiple, shuffle, words_with
+from cg.conditions.words import Word, add_multiple, shuffle, words_with
 
 SLOT: Any = -1  # where a letter was cut out of a word
 

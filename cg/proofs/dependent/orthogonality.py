@@ -25,8 +25,8 @@ import numpy as np
 from flint import arb, arb_mat
 from numpy.typing import NDArray
 
-from ...conditions.word_weights import Quantity, Weights
-from ...conditions.words import (
+from cg.conditions.word_weights import Quantity, Weights
+from cg.conditions.words import (
     Condition,
     Word,
     add_multiple,
@@ -34,11 +34,11 @@ from ...conditions.words import (
     conditions_of,
     reciprocal_density,
 )
-from ...structure.layout import Layout
-from ...support.balls import to_ball, working_precision
-from .pairings import Pairing, pairings
-from .reduction import Reduction
-from .spanned import Spanned, doubles, independent_rows
+from cg.proofs.dependent.pairings import Pairing, pairings
+from cg.proofs.dependent.reduction import Reduction
+from cg.proofs.dependent.spanned import Spanned, doubles, independent_rows
+from cg.structure.layout import Layout
+from cg.support.balls import to_ball, working_precision
 
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
 _REGULARITY_BITS = 128

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 from flint import arb
 
-from ...conditions.word_weights import Quantity, Weights
-from ...conditions.words import Word, add_multiple, condition_words, extend, nodes, shuffle
-from ...structure.layout import Layout
-from ...structure.points import START
-from .contexts import SLOT, basis, depth, fill, has_slot, moments, outer_nodes
+from cg.conditions.word_weights import Quantity, Weights
+from cg.conditions.words import Word, add_multiple, condition_words, extend, nodes, shuffle
+from cg.proofs.dependent.contexts import SLOT, basis, depth, fill, has_slot, moments, outer_nodes
+from cg.structure.layout import Layout
+from cg.structure.points import START
 
 Vector = list[arb]
 _Around = dict[tuple[int, Word], Vector]  # of rows of weights and contexts, over the flows

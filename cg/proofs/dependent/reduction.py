@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
 
-from ...conditions.words import (
+from cg.conditions.words import (
     Word,
     add_multiple,
     condition_words,

@@ -12,9 +12,9 @@ import numpy as np
 from flint import arb, fmpq, fmpq_mat
 from numpy.typing import NDArray
 
-from ...conditions.words import Word, reciprocal_density
-from ...support.balls import to_flint
-from .pairings import Pairing
+from cg.conditions.words import Word, reciprocal_density
+from cg.proofs.dependent.pairings import Pairing
+from cg.support.balls import to_flint
 
 _DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others
 
