@@ -14,10 +14,13 @@ may have ``b_third``. A file with ``kind = "Magnus"`` has ``nodes``, ``weights``
 
 from __future__ import annotations
 
+import json
 from collections.abc import Hashable, Iterator, Mapping
+from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
+from typing import Any
 
 from cg.catalogue.entries import dumps, dumps_json, is_file, load, loads, read, save
 from cg.method.magnus import MagnusMethod
@@ -43,6 +46,9 @@ __all__ = [
 class Catalogue(Mapping[str, Method]):
     """An immutable mapping from names to methods; a file is read at the first access.
 
+    Orders are those in ``summaries.json``, since to compute them takes longer than most
+    integrations. They are computed for methods that aren't in it.
+
     Parameters
     ----------
     folder
@@ -50,7 +56,7 @@ class Catalogue(Mapping[str, Method]):
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> cg.methods["CG4a"]
     <Tableau CG4a: order 4, 5 evaluations, 15 flows>
     >>> [name for name in cg.methods if name.startswith("CG4")]
@@ -73,13 +79,18 @@ class Catalogue(Mapping[str, Method]):
         if name not in self._files:
             raise KeyError(f"no method is named {name!r}{similar_names(name)}; {_ALL}")
         if name not in self._loaded:
-            method = read(self._files[name])
-            if method.name != name:
-                raise MethodError(
-                    f"{self._files[name]}: name must be {name!r}, got {method.name!r}"
-                )
+            method = self.read_again(name)
+            if (stored := stored_summaries().get(name)) is not None:
+                method.set_orders(stored["order"], stored["embedded_order"])
             self._loaded[name] = method
         return self._loaded[name]
+
+    def read_again(self, name: str) -> Method:
+        """Return a new object of a method, which computes its orders itself."""
+        method = read(self._files[name])
+        if method.name != name:
+            raise MethodError(f"{self._files[name]}: name must be {name!r}, got {method.name!r}")
+        return method
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and name in self._files
@@ -95,6 +106,14 @@ class Catalogue(Mapping[str, Method]):
 
     def __repr__(self) -> str:
         return f"<Catalogue: {', '.join(self._files)}>"
+
+
+@cache
+def stored_summaries() -> dict[str, dict[str, Any]]:
+    """Return the stored fields of `cg.catalogue.summary.MethodSummary`, by name of the method."""
+    file = files(__name__) / "summaries.json"
+    entries = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
+    return {entry["name"]: entry for entry in entries}
 
 
 methods = Catalogue(files(__name__))

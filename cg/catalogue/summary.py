@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict, dataclass
-from functools import cache
-from importlib.resources import files
 from typing import Any
 
-from cg.catalogue import find_method, methods
+from cg.catalogue import find_method, methods, stored_summaries
 from cg.conditions import MAX_ORDER
 from cg.method.commutator_free import CommutatorFree
 from cg.method.estimate import estimate_ratio
@@ -21,7 +19,6 @@ from cg.method.stability import stability_limits, too_large
 from cg.support.parsing import write_file
 
 _NO_LIMITS = "limits of stability, which are those of y' = λ y, no mechanical system"
-_FILE = files("cg.catalogue") / "summaries.json"
 
 
 @dataclass(frozen=True)
@@ -90,21 +87,15 @@ def compute_summary(method: Method) -> MethodSummary:
 
 def summary_of(method: Method) -> MethodSummary:
     """Return the summary of a method; that of a method in the catalogue is stored."""
-    stored = _stored().get(method.name) if find_method(method.name) == method else None
-    return stored or compute_summary(method)
+    stored = stored_summaries().get(method.name) if find_method(method.name) == method else None
+    return MethodSummary(**stored) if stored else compute_summary(method)
 
 
 def write_summaries(path: Any) -> None:
     """Write the summaries of all methods in the catalogue to a JSON file."""
-    entries = [compute_summary(method).as_dict() for method in methods.values()]
+    entries = [compute_summary(methods.read_again(name)).as_dict() for name in methods]
     lines = ",\n".join(json.dumps(entry, ensure_ascii=False) for entry in entries)
     write_file(path, f"[\n{lines}\n]\n")
-
-
-@cache
-def _stored() -> dict[str, MethodSummary]:
-    entries = json.loads(_FILE.read_text(encoding="utf-8")) if _FILE.is_file() else []
-    return {entry["name"]: MethodSummary(**entry) for entry in entries}
 
 
 def _kind(method: Method) -> str:

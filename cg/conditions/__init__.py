@@ -162,7 +162,7 @@ def residuals(
     --------
     The midpoint rule has order two, and not three.
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> residuals([[0, 0], [0.5, 0]], [0, 1], 2)
     array([0., 0., 0.])
     >>> residuals([[0, 0], [0.5, 0]], [0, 1], 3).round(3)

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flint import arb, arb_mat
-
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import Condition, reciprocal_density
 from cg.structure.layout import Layout
+from cg.support import flint
 from cg.support.balls import to_flint
 
 
@@ -25,7 +24,7 @@ class EquationSystem:
         """Return the residuals, for coefficients that are all ``arb`` or all ``fmpq``."""
         return self._evaluate(z)[0]
 
-    def linearise(self, z: Sequence[arb]) -> tuple[list[arb], arb_mat]:
+    def linearise(self, z: Sequence[flint.arb]) -> tuple[list[flint.arb], flint.arb_mat]:
         """Return the residuals and their derivatives by all coefficients."""
         values, weights = self._evaluate(z)
         return values, weights.jacobian()

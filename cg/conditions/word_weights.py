@@ -12,11 +12,10 @@ from collections.abc import Iterable, Sequence
 from math import comb
 from typing import Any, NamedTuple
 
-from flint import arb_mat
-
 from cg.conditions.words import Word, closure, nodes
 from cg.structure.layout import Layout
 from cg.structure.points import START
+from cg.support import flint
 
 Vector = list[Any]
 
@@ -207,7 +206,7 @@ class Weights:
             self._rights[end] = self._right(self._outer.get(end, self._stage_words), path)[0]
         return self._rights[end]
 
-    def jacobian(self) -> arb_mat:
+    def jacobian(self) -> flint.arb_mat:
         """Return the derivatives of the quantities, shape (quantities, unknowns), after `evaluate`.
 
         The coefficients must be balls. Adjoints of weights at the ends of segments are carried from
@@ -218,7 +217,7 @@ class Weights:
         # by stage: the segment at whose end it is
         self._segment_of = [end_of.get(at, START) for at in layout.stage_points]
         self._branched = any(segment.origin != START for segment in segments)
-        self._steps: dict[Word, list[tuple[Word, arb_mat]]] = {}
+        self._steps: dict[Word, list[tuple[Word, flint.arb_mat]]] = {}
         self._direct: dict[Word, list[Vector]] = {}
         products = [self._right(self._stage_words, segment.points) for segment in segments]
         self._wholes_ = [whole for _, whole in products]
@@ -230,13 +229,13 @@ class Weights:
         blocks: list[Vector] = []
         for begin in range(0, len(self.quantities), _CHUNK):
             blocks += self._derive(range(len(self.quantities))[begin : begin + _CHUNK])
-        return arb_mat(blocks)
+        return flint.arb_mat(blocks)
 
     def _add_steps(self, word: Word, rights: Sequence[dict[Word, Vector]]) -> None:
         """Store the derivatives of a word by weights, by its letters, and by its prefixes."""
         segments, size = self._segments, len(self._segments)
         direct = [[self._zero] * len(self._unknowns(segment.points)) for segment in segments]
-        steps: list[tuple[Word, arb_mat]] = []
+        steps: list[tuple[Word, flint.arb_mat]] = []
         for m, letter in enumerate(word):
             phi = self._phi[letter]
             table = [[self._zero] * size for _ in segments]
@@ -251,14 +250,14 @@ class Weights:
                         if at != START:
                             table[s][at] = table[s][at] + y * self._x[k]
             if letter:
-                steps.append((letter, arb_mat(table) if size else arb_mat(0, 0)))
+                steps.append((letter, flint.arb_mat(table) if size else flint.arb_mat(0, 0)))
         if self._branched:
             for cut in range(1, len(word)):
                 table = [[self._zero] * size for _ in segments]
                 for s, segment in enumerate(segments):
                     if segment.origin != START:
                         table[s][segment.origin] = self._wholes_[s][word[cut:]]
-                steps.append((word[:cut], arb_mat(table)))
+                steps.append((word[:cut], flint.arb_mat(table)))
         self._direct[word], self._steps[word] = direct, steps
 
     def _point_unknowns(self, point: int) -> Iterable[tuple[int, int]]:
@@ -292,8 +291,8 @@ class Weights:
         """Carry derivatives by the weights of words down to words with fewer nodes."""
         count, size = len(slopes), len(self._segments)
         empty = [self._zero] * size
-        adjoints: dict[Word, arb_mat] = {
-            word: arb_mat([rows.get(c, empty) for c in range(count)])
+        adjoints: dict[Word, flint.arb_mat] = {
+            word: flint.arb_mat([rows.get(c, empty) for c in range(count)])
             for word, rows in seeds.items()
         }
         columns: dict[Word, Vector] = {}
@@ -310,15 +309,15 @@ class Weights:
             if not words:
                 break
             unknowns = self._unknowns(segment.points)
-            by_weight = arb_mat([columns[word][s::size] for word in words]).transpose()
-            block = (by_weight * arb_mat([self._direct[word][s] for word in words])).entries()
+            by_weight = flint.arb_mat([columns[word][s::size] for word in words]).transpose()
+            block = (by_weight * flint.arb_mat([self._direct[word][s] for word in words])).entries()
             for c in range(count):
                 changes = block[c * len(unknowns) : (c + 1) * len(unknowns)]
                 for k, y in zip(unknowns, changes, strict=True):
                     slopes[c][k] = slopes[c][k] + y
         return slopes
 
-    def _to_origins(self, adjoint: arb_mat) -> arb_mat:
+    def _to_origins(self, adjoint: flint.arb_mat) -> flint.arb_mat:
         """Add the adjoints of segments that begin at the end of each segment."""
         if not self._branched:
             return adjoint
@@ -328,4 +327,4 @@ class Weights:
             if origin != START:
                 for row in rows:
                     row[origin] = row[origin] + row[s]
-        return arb_mat(rows)
+        return flint.arb_mat(rows)

@@ -97,7 +97,7 @@ def optimise(
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> from cg.construction import Goals, optimise, pack_method, to_method
     >>> candidate = pack_method(cg.methods["CF4b"])
     >>> smaller = optimise(candidate, Goals(principal_error=0, coefficients=1))

@@ -90,7 +90,7 @@ def export(
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> cg.catalogue.loads(export("CG2", "toml")) == cg.methods["CG2"]
     True
     >>> "static inline int cg2_step(" in export("CG2", "c")

@@ -194,7 +194,7 @@ class AdjointSolution(Solution):
     The derivative of the first coordinate of an oscillator after one second, with respect to its
     initial point and its stiffness:
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_variational(
     ...     lambda t, y, p: [y[1], -p[0] * y[0]], (0, 1), [1.0, 0.0], frame=cg.frames.Euclidean(2),
     ...     parameters=[1.0], derivatives="adjoint", rtol=1e-10, atol=1e-10,

@@ -127,7 +127,7 @@ def solve_ensemble(
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> rates = np.linspace(0.5, 1.5, 5)[:, None]
     >>> run = cg.solve_ensemble(
     ...     lambda t, y, rate: [0.0, np.sin(t), rate[0]], (0, 5), np.eye(3),

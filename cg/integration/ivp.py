@@ -153,7 +153,7 @@ def solve_ivp(
     A body rotates faster and faster about its z axis. The event is its first full turn.
 
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> turned = cg.Event(lambda t, y: y[1, 0], terminal=True, direction=1)
     >>> solution = cg.solve_ivp(
     ...     lambda t, y: [0.0, 0.0, t], (0, 10), np.eye(3), frame=cg.frames.SO3(),

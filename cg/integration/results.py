@@ -77,7 +77,7 @@ class Solution(_Labelled):
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_ivp(
     ...     lambda t, y: [0.0, np.sin(t), y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
     ...     method="CF4(3)", rtol=1e-6, atol=1e-6, t_eval=[0, 2.5, 5],
@@ -149,7 +149,7 @@ class EnsembleSolution(_Labelled):
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_ensemble(
     ...     lambda t, y, rate: [0.0, np.sin(t), rate[0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
     ...     parameters=[[0.5], [1.0]], t_eval=[0, 2.5, 5],

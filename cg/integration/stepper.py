@@ -122,7 +122,7 @@ class Stepper:
     A control law with a sampling time of a tenth of a second:
 
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
     >>> def f(t, y, torque):
     ...     return np.concatenate([y[4:], torque])

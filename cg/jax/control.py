@@ -91,7 +91,7 @@ def controller(
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> steps = cg.jax.controller(cg.frames.SO3(), rtol=1e-5, atol=1e-6)
     """
     rules = rules_of(frame)

@@ -49,7 +49,7 @@ def from_jaxlie(frame: Frame, pose: Any) -> JaxArray:
     Examples
     --------
     >>> from types import SimpleNamespace
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> turned = SimpleNamespace(wxyz=jnp.array([0.0, 0.0, 0.0, 1.0]))
     >>> cg.jax.from_jaxlie(cg.frames.UnitQuaternion(), turned).tolist()
     [0.0, 0.0, 1.0, 0.0]
@@ -105,7 +105,7 @@ def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> cg.jax.to_jaxlie(cg.frames.SE3(), jnp.eye(4), list)[0].tolist()
     1.0
     """

@@ -50,7 +50,7 @@ def divergence(
     --------
     The solution on a sphere and the logarithm of a density, which is uniform at the start:
 
-    >>> import cg, diffrax, jax.numpy as jnp
+    >>> import crouch_grossman as cg, diffrax, jax.numpy as jnp
     >>> sphere = cg.frames.Sphere(2)
     >>> def f(t, y, args):  # the gradient of the height
     ...     return jnp.cross(y, jnp.array([0.0, 0.0, 1.0]))

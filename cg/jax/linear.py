@@ -39,7 +39,7 @@ class LinearTerm(FrameTerm):
 
     Examples
     --------
-    >>> import cg, diffrax, jax.numpy as jnp
+    >>> import crouch_grossman as cg, diffrax, jax.numpy as jnp
     >>> frame = cg.frames.SO3()
     >>> term = cg.jax.LinearTerm(lambda t, rate: jnp.array([0.0, 0.0, rate * t]), frame)
     >>> solution = diffrax.diffeqsolve(

@@ -45,7 +45,7 @@ class NoiseTerm(diffrax.ControlTerm):
 
     Examples
     --------
-    >>> import cg, diffrax, jax, jax.numpy as jnp
+    >>> import crouch_grossman as cg, diffrax, jax, jax.numpy as jnp
     >>> frame = cg.frames.SO3()
     >>> path = diffrax.VirtualBrownianTree(0.0, 1.0, tol=1e-3, shape=(3,), key=jax.random.key(0))
     >>> terms = diffrax.MultiTerm(

@@ -51,7 +51,7 @@ def flow(frame: Frame, v: JaxArray, y: JaxArray) -> JaxArray:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> frame = cg.frames.Sphere(2)
     >>> cg.jax.flow(frame, jnp.zeros(3), jnp.array([0.0, 0.0, 1.0])).tolist()
     [0.0, 0.0, 1.0]
@@ -90,7 +90,7 @@ def log(frame: Frame, y0: JaxArray, y1: JaxArray) -> JaxArray:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> frame = cg.frames.UnitQuaternion()
     >>> start = jnp.array([0.0, 0.0, 0.0, 1.0])
     >>> turned = cg.jax.flow(frame, jnp.array([0.0, 0.0, 0.5]), start)
@@ -133,7 +133,7 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> frame = cg.frames.Sphere(2)
     >>> north, g = jnp.array([0.0, 0.0, 1.0]), jnp.array([1.0, 0.0, 5.0])
     >>> [float(x) for x in cg.jax.cotangent(frame, north, g)]

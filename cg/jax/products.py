@@ -69,7 +69,7 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
     >>> [part.shape for part in cg.jax.split(frame, jnp.arange(7.0))]
     [(4,), (3,)]
@@ -110,7 +110,7 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
     >>> join(frame, jnp.ones(4), jnp.zeros(3)).tolist()
     [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]

@@ -134,7 +134,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> cg.jax.Solver("CF7(6)")
     Solver("CF7(6)")
     """

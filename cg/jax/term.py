@@ -44,7 +44,7 @@ class FrameTerm(diffrax.AbstractTerm):
 
     Examples
     --------
-    >>> import cg, diffrax, jax.numpy as jnp
+    >>> import crouch_grossman as cg, diffrax, jax.numpy as jnp
     >>> frame = cg.frames.SO3()
     >>> term = cg.jax.FrameTerm(lambda t, y, args: args * y[2], frame)
     >>> solution = diffrax.diffeqsolve(

@@ -18,7 +18,7 @@ from cg.support.balls import to_flint, to_fraction
 from cg.trees.rooted import RootedTree, density, rooted_trees, rooted_trees_through
 
 if TYPE_CHECKING:
-    from flint import fmpq
+    from cg.support.flint import fmpq
 
 
 def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
@@ -74,24 +74,22 @@ def flat_residuals(
 def _weights(
     a: Sequence[Sequence[Fraction]], b: Sequence[Fraction], trees: Sequence[RootedTree]
 ) -> list[Fraction]:
-    from flint import fmpq, fmpq_mat
-
-    matrix = fmpq_mat([list(map(to_flint, row)) for row in a])
-    row = list(map(to_flint, b))
+    matrix = [[(j, to_flint(x)) for j, x in enumerate(row) if x] for row in a]
+    row, zero, one = list(map(to_flint, b)), to_flint(0), to_flint(1)
     known: dict[RootedTree, list[fmpq]] = {}
 
     def at_stages(tree: RootedTree) -> list[fmpq]:
         if tree not in known:
-            product = [fmpq(1)] * len(row)
+            product = [one] * len(row)
             for child in tree:
-                column = fmpq_mat([[v] for v in at_stages(child)])
-                sums = (matrix * column).entries()
+                values = at_stages(child)
+                sums = [sum((x * values[j] for j, x in entries), zero) for entries in matrix]
                 product = [p * s for p, s in zip(product, sums, strict=True)]
             known[tree] = product
         return known[tree]
 
     totals = [
-        sum((w * v for w, v in zip(row, at_stages(tree), strict=True)), fmpq(0)) for tree in trees
+        sum((w * v for w, v in zip(row, at_stages(tree), strict=True)), zero) for tree in trees
     ]
     return list(map(to_fraction, totals))
 

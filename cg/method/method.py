@@ -54,7 +54,7 @@ class Method(ABC):
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> method = cg.methods["CF4"]
     >>> isinstance(method, cg.Method), method.order, method.stages, method.exponentials
     (True, 4, 4, 5)
@@ -122,7 +122,7 @@ class Method(ABC):
 
         Examples
         --------
-        >>> import cg
+        >>> import crouch_grossman as cg
         >>> cg.methods["CG2"].with_coefficients(["2/3", "1/4", "3/4"], name="Ralston")
         <Tableau Ralston: order 2, 2 evaluations, 3 flows>
         """
@@ -167,7 +167,7 @@ class Method(ABC):
 
         Examples
         --------
-        >>> import cg
+        >>> import crouch_grossman as cg
         >>> cg.methods["CF5(4)"].description()
         'order 5(4), 7 evaluations, 9 flows'
         """
@@ -314,10 +314,17 @@ class Method(ABC):
         orders = range(1, conditions.MAX_ORDER + 1)
         return next((q - 1 for q in orders if not self.satisfies(q)), orders[-1])
 
-    @property
+    @cached_property
     def embedded_order(self) -> int | None:
         """Order of the embedded method, computed like `exact_order`; None without."""
         return None if self.embedded is None else self.embedded.exact_order
+
+    def set_orders(self, order: int, embedded_order: int | None) -> None:
+        """Store orders that were computed before, unless `order` is only nominal."""
+        if not self.approximate:
+            vars(self).update(exact_order=order, embedded_order=embedded_order)
+            if self.embedded is not None:
+                vars(self.embedded)["exact_order"] = embedded_order
 
     def residuals(self, order: int) -> Sequence[Any]:
         """Return the exact residuals ``Φ(t) - 1/γ(t)`` of all trees through an order.
@@ -331,7 +338,7 @@ class Method(ABC):
 
         Examples
         --------
-        >>> import cg
+        >>> import crouch_grossman as cg
         >>> trees = map(cg.trees.forest(5).tree, cg.conditions.condition_trees(4))
         >>> residuals = cg.methods["CG3"].residuals(4)
         >>> [str(t) for t, r in zip(trees, residuals, strict=True) if abs(r) > 0.05]

@@ -28,7 +28,7 @@ from cg.support.balls import to_flint, to_fraction
 from cg.support.checks import check_integer
 
 if TYPE_CHECKING:
-    from flint import fmpq
+    from cg.support.flint import fmpq
 
 Values = Callable[[Sequence[Any], Sequence[Any], int], list[Any]]
 

@@ -13,7 +13,7 @@ from cg.method.method import Method
 from cg.support.balls import to_flint, to_fraction
 
 if TYPE_CHECKING:
-    from flint import acb, fmpq, fmpq_poly
+    from cg.support.flint import acb, fmpq, fmpq_poly
 
 Polynomial = tuple[Fraction, ...]
 """Coefficients, the constant first."""
@@ -44,7 +44,7 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
     One step of ``y' = λ y`` multiplies y by R(hλ). With the flat tableau, ``R(z) = det(I - z A + z
     1 bᵀ) / det(I - z A)``.
     """
-    from flint import fmpq_mat
+    from cg.support.flint import fmpq_mat
 
     _check(method)
     a, b = method.exact
@@ -131,7 +131,7 @@ def _of_order(numerator: Polynomial, denominator: Polynomial, order: int) -> Pol
 
 
 def _reduced(numerator: Polynomial, denominator: Polynomial) -> tuple[fmpq_poly, fmpq_poly]:
-    from flint import fmpq_poly
+    from cg.support.flint import fmpq_poly
 
     n, d = fmpq_poly(list(map(to_flint, numerator))), fmpq_poly(list(map(to_flint, denominator)))
     common = n.gcd(d)
@@ -203,4 +203,4 @@ def _roots(p: fmpq_poly) -> list[acb]:
 
 
 def _sign(number: fmpq) -> int:
-    return (number > 0) - (number < 0)
+    return int(number > 0) - int(number < 0)

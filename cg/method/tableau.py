@@ -24,7 +24,7 @@ class TableauError(MethodError):
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> try:
     ...     cg.Tableau([[0, 1], ["1/2", 0]], ["1/2", "1/2"], explicit=True)
     ... except cg.TableauError as error:

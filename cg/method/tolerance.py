@@ -17,6 +17,7 @@ from cg import conditions
 from cg.method.coefficients import Coefficient
 from cg.structure.layout import Layout
 from cg.structure.points import PointTree
+from cg.support.balls import have_flint
 
 TOLERANCE_FACTOR = 2
 """Factor on the first-order effect of rounded coefficients, in the tolerance of residuals."""
@@ -41,7 +42,7 @@ def satisfies(
         return False
     if (rough > allowed + rounding).any():
         return False  # rejected without exact arithmetic
-    if (allowed > 0).all():
+    if (allowed > 0).all() and have_flint():
         balls = conditions.residuals(tree, order, independent=True, arithmetic="balls")
         pairs = [(abs(r), float(t)) for r, t in zip(balls, allowed, strict=True)]
         if all(r <= t for r, t in pairs) or any(r > t for r, t in pairs):

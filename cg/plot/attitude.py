@@ -79,7 +79,7 @@ def attitude(
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_ivp(
     ...     lambda t, y: [0.4, 0.2 * y[3], 1.0], (0, 3), [0.0, 0.0, 0.0, 1.0],
     ...     frame=cg.frames.UnitQuaternion(), dense_output=True,

@@ -50,7 +50,7 @@ def convergence(
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> h = np.array([0.4, 0.2, 0.1, 0.05])
     >>> ax = cg.plot.convergence(h, 3 * h**4, label="CG4a", order=4)
     >>> ax.get_xlabel(), ax.get_xscale()
@@ -110,7 +110,7 @@ def work_precision(
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> ax = cg.plot.work_precision([100, 200, 400], [1e-3, 6e-5, 4e-6], label="CG4a")
     >>> ax = cg.plot.work_precision([100, 200, 400], [1e-2, 1e-3, 2e-4], ax, label="CG3")
     >>> ax.get_xlabel(), len(ax.lines)

@@ -43,7 +43,7 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> ax = cg.plot.tableau("CG3", digits=3)
     >>> sorted({text.get_text() for text in ax.texts})[:4]
     ['0', '0.551', '13/51', '17/108']
@@ -117,7 +117,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> ax = cg.plot.points("CF4")
     >>> ax.get_title()
     'CF4: order 4, 4 evaluations, 5 flows'

@@ -46,7 +46,7 @@ def invariants(
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> top = cg.problems.HeavyTop()
     >>> run = cg.solve_ivp(top.f, (0, 5), top.y0, frame=top.frame)
     >>> ax = cg.plot.invariants(run, top.invariants)
@@ -109,7 +109,7 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> t = np.linspace(0, 1, 20)
     >>> ax = cg.plot.bands(t, np.outer(t, np.arange(50)), label="angle")
     >>> len(ax.collections), len(ax.lines)

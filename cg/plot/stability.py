@@ -50,7 +50,7 @@ def stability_region(
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> ax = cg.plot.stability_region(["CG2", "CF4"])
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['CG2', 'CF4']

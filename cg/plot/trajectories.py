@@ -44,7 +44,7 @@ def trajectory_on_sphere(
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.integrate(
     ...     lambda t, y: [0.2, 0.0, 1.0], (0, 3), [1.0, 0.0, 0.0], frame=cg.frames.Sphere(2),
     ...     method="CG3", h=0.1,
@@ -104,7 +104,7 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_linear(
     ...     lambda t: [np.cos(t), 0.0, 1.0], (0, 3), np.eye(2), frame=cg.frames.SU(2)
     ... )
@@ -158,7 +158,7 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.integrate(
     ...     lambda t, y: [0.2, 0.0, 1.0], (0, 3), np.eye(3), frame=cg.frames.SO3(),
     ...     method="CG3", h=0.1,

@@ -36,7 +36,7 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> ax = cg.plot.tree("[[][[]]]")
     >>> ax.get_xlabel()
     '[[][[]]]   γ = 3'

@@ -8,12 +8,12 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import Frame
 from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem
+from cg.support import flint
 from cg.support.balls import to_ball
 from cg.support.checks import check_integer
 from cg.support.copies import ReadOnly
@@ -117,8 +117,8 @@ class AffineField(ReadOnly, QuadraticProblem):
         units = np.eye(self.y0.size)
         return np.stack([self._fields(unit) - self._origin for unit in units], axis=-1)
 
-    def _initial(self) -> list[arb]:
-        return [*map(to_ball, self.y0.ravel()), arb(0)]
+    def _initial(self) -> list[flint.arb]:
+        return [*map(to_ball, self.y0.ravel()), flint.arb(0)]
 
     def _derivatives(self, y: Any) -> Any:
         # Unknowns: the entries of the point, and time

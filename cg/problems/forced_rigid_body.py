@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
 from cg.frames.arrays import Array
 from cg.problems.checks import moments, number, vector
 from cg.problems.quadratic import QuadraticProblem, balls, identity
+from cg.support import flint
 from cg.support.balls import to_ball
 
 _FRAME = Product(SO3(), Euclidean(3))
@@ -51,7 +51,7 @@ class ForcedRigidBody(QuadraticProblem):
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> problem = ForcedRigidBody(frequency=2.0)
     >>> problem.torque(0.0)
     array([ 0.5  , -0.25 ,  0.125])
@@ -116,8 +116,8 @@ class ForcedRigidBody(QuadraticProblem):
         """Return the determinant of the rotation, shape ``(...)``, which is one."""
         return {"determinant": np.asarray(np.linalg.det(self.frame.split(y)[0]))}
 
-    def _initial(self) -> list[arb]:
-        return [*identity(), *map(to_ball, self.velocity), arb(1), arb(0)]
+    def _initial(self) -> list[flint.arb]:
+        return [*identity(), *map(to_ball, self.velocity), flint.arb(1), flint.arb(0)]
 
     def _derivatives(self, y: Any) -> Any:
         # Unknowns: R, omega, cos(nu t), sin(nu t)

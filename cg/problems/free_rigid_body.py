@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Product, Sphere
 from cg.frames.arrays import Array
 from cg.problems.checks import moments, vector
 from cg.problems.quadratic import QuadraticProblem, balls, identity
+from cg.support import flint
 from cg.support.balls import to_ball
 
 _FRAME = Product(SO3(), Sphere(2))
@@ -50,7 +50,7 @@ class FreeRigidBody(QuadraticProblem):
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> problem = FreeRigidBody()
     >>> run = cg.integrate(
     ...     problem.f, (0, 5), problem.y0, frame=problem.frame, method="CG5a", h=0.05
@@ -101,7 +101,7 @@ class FreeRigidBody(QuadraticProblem):
             "spatial momentum": np.asarray((rotation @ m[..., None])[..., 0]),
         }
 
-    def _initial(self) -> list[arb]:
+    def _initial(self) -> list[flint.arb]:
         return [*identity(), *(balls(self.momentum) / self._exact_size())]
 
     def _derivatives(self, y: Any) -> Any:
@@ -109,5 +109,5 @@ class FreeRigidBody(QuadraticProblem):
         omega = self._exact_size() / balls(self.inertia) * y[9:]
         return np.cross(y.reshape(4, 3), omega).ravel()
 
-    def _exact_size(self) -> arb:
-        return sum((to_ball(x) ** 2 for x in self.momentum), arb(0)).sqrt()
+    def _exact_size(self) -> flint.arb:
+        return sum((to_ball(x) ** 2 for x in self.momentum), flint.arb(0)).sqrt()

@@ -7,12 +7,12 @@ from fractions import Fraction
 from typing import Any, Literal
 
 import numpy as np
-from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
 from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem
+from cg.support import flint
 from cg.support.balls import exact_midpoint, to_ball, to_flint, working_precision
 from cg.support.parsing import read_fraction
 
@@ -60,7 +60,7 @@ class HeavyTop(QuadraticProblem):
     --------
     The problem of [1]_, with a method of order five:
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> problem = HeavyTop()
     >>> run = cg.integrate(
     ...     problem.f, (0, 1), problem.y0, frame=problem.frame, method="CG5a", h=0.01
@@ -148,13 +148,13 @@ class HeavyTop(QuadraticProblem):
             "axial momentum": m[..., 2],
         }
 
-    def _mgl(self) -> arb:
-        return to_ball(self.mass * self.gravity) * arb(3).sqrt() / 2
+    def _mgl(self) -> flint.arb:
+        return to_ball(self.mass * self.gravity) * flint.arb(3).sqrt() / 2
 
-    def _initial(self) -> tuple[arb, ...]:
+    def _initial(self) -> tuple[flint.arb, ...]:
         angle = to_flint(self.phi_over_pi)
-        sine, cosine = arb.sin_cos_pi_fmpq(angle)
-        zero, one = arb(0), arb(1)
+        sine, cosine = flint.arb.sin_cos_pi_fmpq(angle)
+        zero, one = flint.arb(0), flint.arb(1)
         spin = one if self.reading == "momentum" else to_ball(self.inertia[2])
         return (one, zero, zero, zero, cosine, sine, zero, -sine, cosine, zero, zero, spin)
 

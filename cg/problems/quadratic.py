@@ -8,9 +8,9 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from flint import arb
 
 from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
+from cg.support import flint
 from cg.support.balls import to_ball
 
 
@@ -21,40 +21,40 @@ class Polynomial:
     the coefficient of each product of unknowns, given by their indices in increasing order.
     """
 
-    def __init__(self, terms: dict[tuple[int, ...], arb]) -> None:
+    def __init__(self, terms: dict[tuple[int, ...], flint.arb]) -> None:
         self.terms = terms
 
     @classmethod
-    def of(cls, value: Polynomial | arb | float) -> Polynomial:
+    def of(cls, value: Polynomial | flint.arb | float) -> Polynomial:
         """Return a polynomial or a constant as a polynomial."""
         if isinstance(value, Polynomial):
             return value
         return cls({(): to_ball(value)})
 
-    def __add__(self, other: Polynomial | arb | float) -> Polynomial:
+    def __add__(self, other: Polynomial | flint.arb | float) -> Polynomial:
         if isinstance(other, np.ndarray):
             return NotImplemented
         terms = dict(self.terms)
         for indices, coefficient in Polynomial.of(other).terms.items():
-            terms[indices] = terms.get(indices, arb()) + coefficient
+            terms[indices] = terms.get(indices, flint.arb()) + coefficient
         return Polynomial(terms)
 
-    def __mul__(self, other: Polynomial | arb | float) -> Polynomial:
+    def __mul__(self, other: Polynomial | flint.arb | float) -> Polynomial:
         if isinstance(other, np.ndarray):
             return NotImplemented
-        terms: dict[tuple[int, ...], arb] = {}
+        terms: dict[tuple[int, ...], flint.arb] = {}
         for (p, a), (q, b) in product(self.terms.items(), Polynomial.of(other).terms.items()):
             indices = tuple(sorted((*p, *q)))
-            terms[indices] = terms.get(indices, arb()) + a * b
+            terms[indices] = terms.get(indices, flint.arb()) + a * b
         return Polynomial(terms)
 
     def __neg__(self) -> Polynomial:
         return self * -1.0
 
-    def __sub__(self, other: Polynomial | arb | float) -> Polynomial:
+    def __sub__(self, other: Polynomial | flint.arb | float) -> Polynomial:
         return self + -Polynomial.of(other)
 
-    def __rsub__(self, other: arb | float) -> Polynomial:
+    def __rsub__(self, other: flint.arb | float) -> Polynomial:
         return -self + other
 
     __radd__ = __add__
@@ -65,7 +65,7 @@ class QuadraticProblem(ABC):
     """A problem with quadratic equations, which Taylor series solve to any precision."""
 
     @abstractmethod
-    def _initial(self) -> Sequence[arb]:
+    def _initial(self) -> Sequence[flint.arb]:
         """Return the unknowns at time zero, computed with the working precision."""
 
     @abstractmethod
@@ -74,7 +74,7 @@ class QuadraticProblem(ABC):
 
     def _system(self) -> QuadraticSystem:
         initial = tuple(self._initial())
-        unknowns = np.array([Polynomial({(i,): arb(1)}) for i in range(len(initial))])
+        unknowns = np.array([Polynomial({(i,): flint.arb(1)}) for i in range(len(initial))])
         equations = [
             tuple((c, indices) for indices, c in Polynomial.of(derivative).terms.items() if c != 0)
             for derivative in self._derivatives(unknowns)
@@ -115,6 +115,6 @@ def balls(values: Sequence[float]) -> Any:
     return np.array([to_ball(x) for x in values])
 
 
-def identity() -> list[arb]:
+def identity() -> list[flint.arb]:
     """Return the entries of the identity matrix of three rows."""
-    return [arb(int(i == j)) for i in range(3) for j in range(3)]
+    return [flint.arb(int(i == j)) for i in range(3) for j in range(3)]

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from flint import arb
 
 from cg.frames import SO3
 from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem, identity
+from cg.support import flint
 
 # Four times the coefficients, which have no symmetry
 _CONSTANT = (2, -3, 1)
@@ -46,7 +46,7 @@ class StateDependentRotation(QuadraticProblem):
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> from cg.analysis.convergence import final_errors, observed_order
     >>> problem = StateDependentRotation()
     >>> exact = cg.integrate(
@@ -80,8 +80,8 @@ class StateDependentRotation(QuadraticProblem):
         linear = np.array(_LINEAR) @ y.reshape(9)
         return np.asarray((np.array(_CONSTANT) + linear + t * np.array(_TIME)) / _UNIT)
 
-    def _initial(self) -> list[arb]:
-        return [*identity(), arb(0)]
+    def _initial(self) -> list[flint.arb]:
+        return [*identity(), flint.arb(0)]
 
     def _derivatives(self, y: Any) -> Any:
         # Unknowns: the matrix, and time

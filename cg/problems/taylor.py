@@ -9,11 +9,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
-from flint import arb
 
 from cg.frames.arrays import Array
+from cg.support import flint
 from cg.support.balls import exact_midpoint, to_ball, working_precision
 from cg.support.checks import check_integer
 from cg.support.parsing import read_fraction
@@ -21,7 +22,7 @@ from cg.support.parsing import read_fraction
 Time = Fraction | float | int | str
 
 # (coefficient, indices of at most two unknowns that it multiplies)
-Term = tuple[arb, tuple[int, ...]]
+Term = tuple[Any, tuple[int, ...]]
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class QuadraticSystem:
     """
 
     equations: tuple[tuple[Term, ...], ...]
-    initial: tuple[arb, ...]
+    initial: tuple[flint.arb, ...]
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,8 @@ def decimal_string(x: Fraction, digits: int) -> str:
 
 def _solve(
     system: QuadraticSystem, times: tuple[Fraction, ...], step: Fraction, order: int
-) -> list[list[arb]]:
-    solutions: dict[Fraction, list[arb]] = {}
+) -> list[list[flint.arb]]:
+    solutions: dict[Fraction, list[flint.arb]] = {}
     for direction in (1, -1):
         remaining = {t for t in times if t * direction >= 0} - solutions.keys()
         start, point = Fraction(0), list(system.initial)
@@ -152,18 +153,20 @@ def _solve(
     return [solutions[t] for t in times]
 
 
-def _taylor(system: QuadraticSystem, point: list[arb], order: int) -> list[list[arb]]:
+def _taylor(system: QuadraticSystem, point: list[flint.arb], order: int) -> list[list[flint.arb]]:
     """Return the Taylor coefficients of every unknown, by Cauchy products."""
     series = [[x] for x in point]
     pairs = {indices for terms in system.equations for _, indices in terms if len(indices) == 2}
     for n in range(order):
         products = {
-            (i, j): sum((x * y for x, y in zip(series[i], reversed(series[j]), strict=True)), arb())
+            (i, j): sum(
+                (x * y for x, y in zip(series[i], reversed(series[j]), strict=True)), flint.arb()
+            )
             for i, j in pairs
         }
         following = []
         for terms in system.equations:
-            total = arb()
+            total = flint.arb()
             for coefficient, indices in terms:
                 if len(indices) == 2:
                     total += coefficient * products[indices[0], indices[1]]
@@ -177,8 +180,8 @@ def _taylor(system: QuadraticSystem, point: list[arb], order: int) -> list[list[
     return series
 
 
-def _horner(coefficients: list[arb], t: Fraction) -> arb:
-    time, total = to_ball(t), arb()
+def _horner(coefficients: list[flint.arb], t: Fraction) -> flint.arb:
+    time, total = to_ball(t), flint.arb()
     for coefficient in reversed(coefficients):
         total = total * time + coefficient
     return total

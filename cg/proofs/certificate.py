@@ -33,7 +33,7 @@ class CertificationError(ArithmeticError):
     --------
     The paper's example of order six satisfies the conditions only approximately.
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> try:
     ...     cg.certify("CG6a")
     ... except cg.CertificationError as error:
@@ -119,7 +119,7 @@ class Certificate:
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> proof = cg.certify("CG4a")
     >>> proof.order, proof.complete, proof.beyond.tree
     (4, True, '[[[[][[]]]]]')

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from flint import arb
-
 from cg.catalogue import resolve_method
 from cg.method.method import Method
 from cg.proofs.certificate import Certificate, CertificationError
 from cg.proofs.files import certificate_of
 from cg.proofs.statement import fitting
 from cg.proofs.zero import check_left_out, check_rational, precise, prove_zero, zero_of
+from cg.support import flint
 from cg.support.balls import exact_midpoint
 from cg.support.balls import working_precision as precision
 from cg.support.checks import check_flag, check_integer
@@ -117,7 +116,7 @@ def digits(
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> cg.digits("CG4b", 40)[1][0]
     '0.1733158389077557335176411113901044187491'
     """
@@ -133,7 +132,7 @@ def digits(
     return rows[: method.stages], rows[method.stages + embedded]
 
 
-def _rounded(ball: arb, digits: int) -> str | None:
+def _rounded(ball: flint.arb, digits: int) -> str | None:
     """Return a ball's digits; None if both of its ends don't round to the same ones."""
     ends = {to_decimal(exact_midpoint(end), digits) for end in (ball.lower(), ball.upper())}
     return ends.pop() if len(ends) == 1 else None

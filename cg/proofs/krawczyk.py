@@ -17,12 +17,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from flint import arb, arb_mat
 from numpy.typing import NDArray
 from scipy import linalg
 
 from cg.conditions.systems import EquationSystem
 from cg.proofs.certificate import CertificationError
+from cg.support import flint
 
 RANK_THRESHOLD = 1e-12
 """Singular values below this fraction of the largest count as zero."""
@@ -37,11 +37,11 @@ class KrawczykTest:
     of the maximum norm of ``I - A J(X)``; `inverse` is A.
     """
 
-    radius: arb
+    radius: flint.arb
     ratio: float
     correction: float
     contraction: float
-    inverse: arb_mat | None = None
+    inverse: flint.arb_mat | None = None
 
     @property
     def proved(self) -> bool:
@@ -59,7 +59,7 @@ class KrawczykTest:
         }
 
 
-def to_double(matrix: arb_mat) -> NDArray[np.float64]:
+def to_double(matrix: flint.arb_mat) -> NDArray[np.float64]:
     """Return the midpoints of a matrix of balls."""
     entries = np.array([float(entry.mid()) for entry in matrix.entries()])
     return entries.reshape(matrix.nrows(), matrix.ncols())
@@ -79,7 +79,10 @@ def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> lis
 
 
 def krawczyk(
-    system: EquationSystem, y: Sequence[arb], free: Sequence[int], radius: arb | None = None
+    system: EquationSystem,
+    y: Sequence[flint.arb],
+    free: Sequence[int],
+    radius: flint.arb | None = None,
 ) -> KrawczykTest:
     """Try to prove that a system of m equations has a zero near y.
 
@@ -90,26 +93,26 @@ def krawczyk(
     values, at_point = system.linearise(y)
     columns = list(free)
     inverse = _approximate_inverse(_take(at_point, columns))
-    unknown = arb("inf") if radius is None else radius
+    unknown = flint.arb("inf") if radius is None else radius
     infinite = KrawczykTest(unknown, float("inf"), float("inf"), float("inf"))
     if inverse is None:
         return infinite
-    changes = (inverse * arb_mat([[v] for v in values])).entries()
+    changes = (inverse * flint.arb_mat([[v] for v in values])).entries()
     steps = [abs(entry).upper() for entry in changes]
     correction = max_abs(steps)
     if not correction.is_finite():
         return infinite
     if radius is None:
         # of two decimal digits, so that certificates state it exactly
-        radius = arb(f"{2.2 * float(correction) or 1e-300:.1e}")
+        radius = flint.arb(f"{2.2 * float(correction) or 1e-300:.1e}")
     box = list(y)
     for k in columns:
-        box[k] = y[k] + arb(0, radius.upper())
+        box[k] = y[k] + flint.arb(0, radius.upper())
     enclosure = _take(system.linearise(box)[1], columns)
     size = len(columns)
-    identity = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+    identity = flint.arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
     rows = (identity - inverse * enclosure).tolist()
-    sums = [sum((abs(entry).upper() for entry in row), arb(0)).upper() for row in rows]
+    sums = [sum((abs(entry).upper() for entry in row), flint.arb(0)).upper() for row in rows]
     images = [
         (step / radius.lower() + total).upper() for step, total in zip(steps, sums, strict=True)
     ]
@@ -118,8 +121,12 @@ def krawczyk(
 
 
 def enclose_zero(
-    system: EquationSystem, y: Sequence[arb], free: Sequence[int], test: KrawczykTest, places: int
-) -> list[arb]:
+    system: EquationSystem,
+    y: Sequence[flint.arb],
+    free: Sequence[int],
+    test: KrawczykTest,
+    places: int,
+) -> list[flint.arb]:
     """Return balls with radii below ``10**-places`` around the zero that a test at y proved.
 
     Repeats ``z ↦ z - A f(z)``. Each step gains as many digits as A has, so that no further
@@ -130,14 +137,14 @@ def enclose_zero(
     z = list(y)
     for k in free:
         z[k] = y[k].mid()
-    target = arb(10) ** -places
-    last = arb("inf")
+    target = flint.arb(10) ** -places
+    last = flint.arb("inf")
     while True:
-        changes = (test.inverse * arb_mat([[v] for v in system.residuals(z)])).entries()
-        distance = max_abs(changes) / (1 - arb(test.contraction))
+        changes = (test.inverse * flint.arb_mat([[v] for v in system.residuals(z)])).entries()
+        distance = max_abs(changes) / (1 - flint.arb(test.contraction))
         if distance < target:
             for k in free:
-                z[k] = z[k] + arb(0, distance.upper())
+                z[k] = z[k] + flint.arb(0, distance.upper())
             return z
         if not 2 * distance < last:
             raise CertificationError(f"{places} places aren't proved", **test.quantities)
@@ -148,30 +155,30 @@ def enclose_zero(
                 raise CertificationError("the box doesn't contain its image", **test.quantities)
 
 
-def max_abs(values: Sequence[arb]) -> arb:
+def max_abs(values: Sequence[flint.arb]) -> flint.arb:
     """Return an upper bound of the magnitudes of balls, infinity if one isn't finite."""
-    largest = arb(0)
+    largest = flint.arb(0)
     for value in values:
         bound = abs(value).upper()
         if not bound.is_finite():
-            return arb("inf")
+            return flint.arb("inf")
         largest = bound if bound > largest else largest
     return largest
 
 
-def _up(value: arb) -> float:
+def _up(value: flint.arb) -> float:
     """Round a bound up to a double."""
     return float(np.nextafter(float(value), np.inf))
 
 
-def _take(matrix: arb_mat, columns: Sequence[int]) -> arb_mat:
-    return arb_mat([[row[k] for k in columns] for row in matrix.tolist()])
+def _take(matrix: flint.arb_mat, columns: Sequence[int]) -> flint.arb_mat:
+    return flint.arb_mat([[row[k] for k in columns] for row in matrix.tolist()])
 
 
-def _approximate_inverse(matrix: arb_mat) -> arb_mat | None:
+def _approximate_inverse(matrix: flint.arb_mat) -> flint.arb_mat | None:
     midpoints = matrix.mid()
     size = matrix.nrows()
-    identity = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+    identity = flint.arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
     try:
         return midpoints.solve(identity, algorithm="approx").mid()
     except ZeroDivisionError:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from flint import arb
 from numpy.typing import NDArray
 
 from cg.conditions import MAX_ORDER
@@ -18,6 +17,7 @@ from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.proofs.certificate import Box, Certificate, CertificationError
 from cg.structure.layout import Layout
+from cg.support import flint
 from cg.support.balls import to_ball
 
 _MAX_BITS = 1 << 14
@@ -58,7 +58,7 @@ class Packed:
         kept = tuple(one for one in self.conditions if one not in omitted)
         return EquationSystem(self.layout, kept)
 
-    def balls(self) -> list[arb]:
+    def balls(self) -> list[flint.arb]:
         """Return balls, as small as the precision allows, that hold the values."""
         return [to_ball(v) for v in self.values]
 
@@ -67,12 +67,12 @@ class Packed:
         held = set(box.fixed)
         return [k for k, name in enumerate(self.layout.names) if name not in held]
 
-    def enclosure(self, box: Box) -> list[arb]:
+    def enclosure(self, box: Box) -> list[flint.arb]:
         """Return balls that hold the exact solution."""
         y = self.balls()
         radius = to_ball(Fraction(box.radius)).upper()
         for k in self.free(box):
-            y[k] = y[k] + arb(0, radius)
+            y[k] = y[k] + flint.arb(0, radius)
         return y
 
 

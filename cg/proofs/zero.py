@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
-from flint import arb, arb_mat
 
 from cg.conditions.systems import EquationSystem
 from cg.conditions.words import Condition, text
@@ -16,6 +15,7 @@ from cg.proofs.certificate import Box, CertificationError
 from cg.proofs.dependent.orthogonality import follow
 from cg.proofs.krawczyk import KrawczykTest, enclose_zero, krawczyk, max_abs, to_double
 from cg.proofs.statement import Packed
+from cg.support import flint
 from cg.support.balls import to_ball, to_flint, to_fraction
 from cg.support.balls import working_precision as precision
 
@@ -67,7 +67,7 @@ def check_left_out(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -
         )
 
 
-def zero_of(packed: Packed, box: Box, attempt: KrawczykTest, places: int) -> list[arb]:
+def zero_of(packed: Packed, box: Box, attempt: KrawczykTest, places: int) -> list[flint.arb]:
     """Return balls with radii below ``10**-places`` around the zero that a test proved."""
     system, free = packed.system(box.left_out), packed.free(box)
     return enclose_zero(system, packed.balls(), free, attempt, places)
@@ -75,7 +75,7 @@ def zero_of(packed: Packed, box: Box, attempt: KrawczykTest, places: int) -> lis
 
 def largest_residual(
     packed: Packed, box: Box, attempt: KrawczykTest, places: int, bits: int
-) -> arb:
+) -> flint.arb:
     """Return an upper bound of the residuals that are left out, at the zero of the others."""
     places += _GUARD_PLACES
     with precision(precise(places, bits)):
@@ -89,7 +89,7 @@ def precise(places: int, bits: int) -> int:
     return math.ceil(math.log2(10) * places) + bits
 
 
-def check_places(packed: Packed, values: Sequence[arb], jacobian: arb_mat) -> None:
+def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.arb_mat) -> None:
     """Refuse coefficients that are further off than their last places can explain.
 
     Otherwise a solution close to wrong coefficients would pass as theirs. `values` and `jacobian`

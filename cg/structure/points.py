@@ -21,7 +21,7 @@ class MethodError(ValueError):
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> try:
     ...     cg.CommutatorFree([(0, {0: 1})], [-1], 0)
     ... except cg.MethodError as error:

@@ -8,10 +8,11 @@ from contextlib import contextmanager
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from cg.support import flint
 from cg.support.forks import in_children
 
 if TYPE_CHECKING:
-    from flint import arb, fmpq
+    from cg.support.flint import arb, fmpq
 
 _lock = threading.RLock()
 _holders: list[tuple[int, int]] = []  # threads and their previous precisions, the outermost first
@@ -24,9 +25,7 @@ def _take_over() -> None:
         return
     _lock = threading.RLock()
     if _holders:
-        from flint import ctx
-
-        ctx.prec = _holders[0][1]
+        flint.ctx.prec = _holders[0][1]
         _holders.clear()
 
 
@@ -36,8 +35,7 @@ in_children(_take_over)
 @contextmanager
 def working_precision(bits: int) -> Iterator[None]:
     """Set the precision of balls, in bits, for a ``with`` block; other threads that set it wait."""
-    from flint import ctx
-
+    ctx = flint.ctx
     with _lock:
         before = ctx.prec
         _holders.append((threading.get_ident(), before))
@@ -49,23 +47,33 @@ def working_precision(bits: int) -> Iterator[None]:
             _holders.pop()
 
 
-def to_flint(value: Fraction | float) -> fmpq:
-    """Return a rational of python-flint, many times faster than Fractions with many digits."""
-    from flint import fmpq
+def have_flint() -> bool:
+    """Return whether python-flint is installed."""
+    try:
+        import flint as _  # noqa: F401
+    except ModuleNotFoundError:
+        return False
+    return True
 
-    return fmpq(*value.as_integer_ratio())
+
+def to_flint(value: Fraction | float) -> fmpq:
+    """Return a rational of python-flint, many times faster than Fractions with many digits.
+
+    Without python-flint it is a Fraction.
+    """
+    if not have_flint():
+        return Fraction(value)
+    return flint.fmpq(*value.as_integer_ratio())
 
 
 def to_ball(value: Fraction | float | arb) -> arb:
     """Return a ball around a finite number, in the current precision; a ball as it is."""
-    from flint import arb
-
-    return value if isinstance(value, arb) else arb(to_flint(value))
+    return value if isinstance(value, flint.arb) else flint.arb(to_flint(value))
 
 
 def to_fraction(value: fmpq) -> Fraction:
     """Return a rational of python-flint as a Fraction."""
-    return Fraction(int(value.p), int(value.q))
+    return value if isinstance(value, Fraction) else Fraction(int(value.p), int(value.q))
 
 
 def exact_midpoint(ball: arb) -> Fraction:

@@ -41,7 +41,7 @@ class MissingQuadsError(RuntimeError):
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> from cg.support import quads
     >>> try:
     ...     core = quads.core("refinement")

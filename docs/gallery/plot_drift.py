@@ -9,7 +9,7 @@ numbers taken for a vector, and by ``CF4``, of the same order and with the same 
 import matplotlib.pyplot as plt
 import numpy as np
 
-import cg
+import crouch_grossman as cg
 
 body = cg.problems.FreeRigidBody()
 h, steps = 0.25, 400

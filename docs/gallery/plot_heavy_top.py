@@ -9,7 +9,7 @@ its spin.
 import matplotlib.pyplot as plt
 import numpy as np
 
-import cg
+import crouch_grossman as cg
 
 ax = plt.figure(figsize=(5, 4.8), layout="constrained").add_subplot(projection="3d")
 inertia, moment = np.array([1.0, 1.0, 0.4]), 2.0  # kg m²; mass times gravity times length (N m)

@@ -9,7 +9,7 @@ periodic lattice with 16 sites: 64 matrices, a point of a manifold of dimension 
 import matplotlib.pyplot as plt
 from gradient_flow import GradientFlow
 
-import cg
+import crouch_grossman as cg
 
 fig, ax = plt.subplots(figsize=(6, 3.6), layout="constrained")
 for roughness, style in zip((0.25, 0.5, 1.0), ("-", "--", "-."), strict=True):

@@ -9,7 +9,7 @@ point after 0, 4, 8 and 12 seconds. One call of `cg.solve_ensemble` integrates a
 import matplotlib.pyplot as plt
 import numpy as np
 
-import cg
+import crouch_grossman as cg
 
 rng = np.random.default_rng(5)
 members = 300

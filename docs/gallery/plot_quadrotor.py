@@ -9,7 +9,7 @@ of Lee, Leok and McClamroch (2010). The state is a pose with a twist; no attitud
 import matplotlib.pyplot as plt
 import numpy as np
 
-import cg
+import crouch_grossman as cg
 
 inertia, mass, gravity = np.array([0.082, 0.0845, 0.1377]), 4.34, 9.81
 up = np.array([0.0, 0.0, 1.0])

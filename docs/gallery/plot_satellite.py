@@ -10,7 +10,7 @@ numbers.
 import matplotlib.pyplot as plt
 import numpy as np
 
-import cg
+import crouch_grossman as cg
 
 inertia = np.array([[60.0, 0.0, 5.0], [0.0, 80.0, 0.0], [5.0, 0.0, 45.0]])  # kg m²
 orbit_rate = 1.1e-3  # rad/s, about the third orbit axis

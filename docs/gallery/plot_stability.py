@@ -8,7 +8,7 @@ If flows commute, a step multiplies a solution of ``y' = λ y`` by R(hλ). The c
 
 import matplotlib.pyplot as plt
 
-import cg
+import crouch_grossman as cg
 
 cg.plot.stability_region(["CG2", "CG3", "CF4", "DP5(4)"])
 plt.show()

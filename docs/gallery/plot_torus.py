@@ -9,7 +9,7 @@ point. Two starts that differ by a ten-thousandth of a radian separate within so
 import matplotlib.pyplot as plt
 import numpy as np
 
-import cg
+import crouch_grossman as cg
 
 frame = cg.frames.Product(cg.frames.SO(2), cg.frames.SO(2), cg.frames.Euclidean(2))
 

@@ -9,7 +9,7 @@ condition.
 
 import matplotlib.pyplot as plt
 
-import cg
+import crouch_grossman as cg
 
 shown = ["[[]]", "[[][]]", "[[[]]]", "[[][][]]", "[[][[]]]", "[[[]][]]", "[[[][]]]", "[[[[]]]]"]
 fig, axes = plt.subplots(2, 4, figsize=(8, 4), layout="constrained")

@@ -8,7 +8,7 @@ Four vortices, one of them of the opposite sign. A point of `Power(Sphere(2), 4)
 import matplotlib.pyplot as plt
 import numpy as np
 
-import cg
+import crouch_grossman as cg
 
 strength = np.array([1.0, 1.0, -0.5, 0.8])
 frame = cg.frames.Power(cg.frames.Sphere(2), 4)

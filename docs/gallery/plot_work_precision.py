@@ -8,7 +8,7 @@ number of evaluations.
 
 import matplotlib.pyplot as plt
 
-import cg
+import crouch_grossman as cg
 
 top = cg.problems.HeavyTop()
 exact = top.reference([2]).y[-1]

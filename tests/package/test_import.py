@@ -93,6 +93,35 @@ def test_missing_jax_error_names_the_package():
     )
 
 
+WITHOUT_FLINT = """
+import sys; sys.modules["flint"] = None
+import numpy as np
+import cg
+from cg.command import main
+f, frame = lambda t, y: np.array([t, 0, 1.0]), cg.frames.SO3()
+for method in ("auto", "CF5(4)", "CG4", "RadauIIA5", "RKMK5(4)"):
+    options = {"h": 0.1} if method == "CG4" else {}
+    assert cg.solve_ivp(f, (0, 1), np.eye(3), frame=frame, method=method, **options).success
+cg.solve_linear(lambda t: np.array([t, 0, 1.0]), (0, 1), np.eye(3), frame=frame)
+cg.solve_variational(f, (0, 1), np.eye(3), frame=frame, method="CF4", h=0.1)
+assert main(["list", "--order", "4", "--json"]) == 0
+for name in ("CG4", "CF4(3)", "RKMK5(4)", "CFM4", "BlanesMoan4", "DICG4"):
+    again = cg.methods.read_again(name)
+    assert again.order == cg.methods[name].order, name
+for call in (lambda: cg.certify("CG3"), lambda: cg.problems.HeavyTop()):
+    try:
+        call()
+    except ImportError as error:
+        assert str(error).endswith("the extra [proofs]: python -m pip install python-flint")
+    else:
+        raise AssertionError
+"""
+
+
+def test_only_proofs_and_references_need_flint():
+    loaded_after(WITHOUT_FLINT)
+
+
 def test_star_import_gives_the_public_names():
     names = {}
     exec("from cg import *", names)

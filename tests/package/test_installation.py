@@ -111,7 +111,7 @@ def test_conda_recipe_has_the_requirements_of_the_project():
     listed = {line.strip("- ").replace(" ", "") for line in run.splitlines()}
     needed = {
         text.replace("matplotlib", "matplotlib-base") for text in project["project"]["dependencies"]
-    }
+    } | set(project["project"]["optional-dependencies"]["proofs"])
     assert listed == needed | {f"python{project['project']['requires-python']}"}
     built_with = {line.strip("- ").replace(" ", "") for line in host.splitlines()}
     assert built_with == {"python", "pip", *project["build-system"]["requires"]}

@@ -42,7 +42,7 @@ class Diagnosis:
     --------
     The midpoint rule, with the wrong weights:
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> diagnosis = cg.diagnose(cg.Tableau([[], ["1/2"]], ["1/2", "1/2"], name="mine"))
     >>> diagnosis.order, str(diagnosis.failing.tree)
     (1, '[[[]]]')
@@ -143,7 +143,7 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> heun = cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"], name="Heun's third")
     >>> diagnosis = cg.diagnose(heun)
     >>> diagnosis.order, diagnosis.flat_order, [mistake.kind for mistake in diagnosis.mistakes]

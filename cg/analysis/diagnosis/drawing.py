@@ -26,7 +26,7 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     Each line is one flow: the number of the point, the combination of frozen fields, and the role
     of the point.
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> print(draw_points(cg.methods["CF3"]))
     start: stage 1
     ├── point 1: 0.333333 F1; stage 2

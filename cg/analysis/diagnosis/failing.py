@@ -17,7 +17,7 @@ from cg.trees.ordered import OrderedTree, forest
 from cg.trees.rooted import planted, rooted_trees
 
 if TYPE_CHECKING:
-    from flint import arb
+    from cg.support.flint import arb
 
 
 @dataclass(frozen=True)

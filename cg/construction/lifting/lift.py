@@ -43,7 +43,7 @@ class LiftError(ArithmeticError):
     --------
     One flow to each stage and one to the result are too few:
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> heun = cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"])
     >>> try:
     ...     cg.lift(heun, chains=[1, 1, 1], tries=2)
@@ -81,7 +81,7 @@ class Lifted:
     --------
     Heun's method of order three, which has order two on manifolds as it stands:
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> lifted = cg.lift(cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"]))
     >>> lifted.method.order, lifted.flows, lifted.largest_residual < 1e-30
     (3, 4, True)

@@ -13,7 +13,6 @@ from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
-from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
 
 from cg.conditions import condition_trees, core_calls
@@ -21,6 +20,7 @@ from cg.construction.search.shapes import merge_point
 from cg.construction.solvers.system import next_trees
 from cg.structure.layout import Layout
 from cg.structure.points import START
+from cg.support import flint
 from cg.support.balls import to_flint, to_fraction
 from cg.trees.ordered import forest
 
@@ -163,13 +163,13 @@ def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Rem
     """
     rows = []
     for indices, value in sums:
-        row = [fmpq(0)] * size + [to_flint(value)]
+        row = [flint.fmpq(0)] * size + [to_flint(value)]
         for k in indices:
-            row[size - 1 - k] = fmpq(1)
+            row[size - 1 - k] = flint.fmpq(1)
         rows.append(row)
     if not rows:
         return {}
-    echelon, rank = fmpq_mat(rows).rref()
+    echelon, rank = flint.fmpq_mat(rows).rref()
     remainders: Remainders = {}
     for row in echelon.tolist()[:rank]:
         numbers = {j: to_fraction(entry) for j, entry in enumerate(row) if entry}

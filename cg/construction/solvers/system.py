@@ -42,7 +42,7 @@ class Structure(IntEnum):
 
     Examples
     --------
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> result = cg.construct(order=4, stages=6, seed=1, structure=cg.Structure.STAGE_ORDER_TWO)
     >>> c = result.method.c
     >>> bool(abs(result.method.a[2:] @ c - c[2:] ** 2 / 2).max() < 1e-15)

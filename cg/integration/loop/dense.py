@@ -73,7 +73,7 @@ class DenseOutput(ReadOnly):
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> frame = cg.frames.UnitQuaternion()
     >>> run = cg.solve_ivp(
     ...     lambda t, q: [np.cos(t), 0.5, np.sin(t)], (0, 10), [0.0, 0.0, 0.0, 1.0],

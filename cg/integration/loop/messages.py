@@ -54,7 +54,7 @@ class StepTooLongError(ArithmeticError):
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> try:
     ...     cg.integrate(
     ...         lambda t, y: [0.0, 9.0, 9.0 * y[0, 0]], (0, 2), np.eye(3), frame=cg.frames.SO3(),

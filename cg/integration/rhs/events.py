@@ -61,7 +61,7 @@ class Event:
     --------
     A ball that bounces three times, losing a tenth of its speed each time:
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> floor = cg.Event(
     ...     lambda t, y: y[0], direction=-1, terminal=4,
     ...     jump=lambda t, y: [0.0, -0.9 * y[1]],

@@ -34,7 +34,7 @@ class ConvergenceError(RuntimeError):
     --------
     A step so long that its stage equations have no solution:
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> try:
     ...     cg.integrate(
     ...         lambda t, y: 1.0 + y**2, (0, 4), [0.0], frame=cg.frames.Euclidean(1),

@@ -57,7 +57,7 @@ class VariationalOutput(DenseOutput):
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_variational(
     ...     lambda t, y: [np.sin(t), 0.0, y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
     ...     dense_output=True,
@@ -155,7 +155,7 @@ class VariationalSolution(Solution):
     direction.
 
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_variational(
     ...     lambda t, y, rate: [0.0, 0.0, rate[0]], (0, np.pi), np.eye(3), frame=cg.frames.SO3(),
     ...     parameters=[1.0], P0=np.diag([1e-4, 4e-4, 1e-4]), rtol=1e-9, atol=1e-9,
@@ -193,7 +193,7 @@ class EnsembleVariationalSolution(EnsembleSolution):
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_variational_ensemble(
     ...     lambda t, y, rate: [0.0, np.sin(t), rate[0]], (0, 5), np.eye(3),
     ...     frame=cg.frames.SO3(), parameters=[[0.5], [1.0]], t_eval=[0, 2.5, 5],

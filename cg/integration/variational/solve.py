@@ -142,7 +142,7 @@ def solve_variational(
     --------
     The derivative of the solution of a linear equation is the matrix exponential.
 
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_variational(
     ...     lambda t, y: [y[1], -y[0]], (0, 1), [1.0, 0.0], frame=cg.frames.Euclidean(2),
     ...     jac=lambda t, y: [[0.0, 1.0], [-1.0, 0.0]], rtol=1e-10, atol=1e-10,
@@ -230,7 +230,7 @@ def solve_variational_ensemble(
     Examples
     --------
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> run = cg.solve_variational_ensemble(
     ...     lambda t, y, rate: [rate[0] * y[0]], (0, 1), [1.0], frame=cg.frames.Euclidean(1),
     ...     parameters=[[0.5], [1.0]], rtol=1e-9, atol=1e-9,

@@ -22,7 +22,6 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from flint import arb, arb_mat
 from numpy.typing import NDArray
 
 from cg.conditions.word_weights import Quantity, Weights
@@ -38,6 +37,7 @@ from cg.proofs.dependent.pairings import Pairing, pairings
 from cg.proofs.dependent.reduction import Reduction
 from cg.proofs.dependent.spanned import Spanned, doubles, independent_rows
 from cg.structure.layout import Layout
+from cg.support import flint
 from cg.support.balls import to_ball, working_precision
 
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
@@ -50,7 +50,7 @@ _Doubles = NDArray[np.float64]
 def follow(
     layout: Layout,
     orders: Sequence[int],
-    y: Sequence[arb],
+    y: Sequence[flint.arb],
     left_out: Sequence[Condition],
 ) -> bool:
     """Return whether conditions left out hold wherever all others do, for coefficients in y."""
@@ -62,10 +62,14 @@ def follow(
         rows = relations.in_balls(chosen)
     except ZeroDivisionError:
         return False
-    return _regular(arb_mat([[row.get(one, arb(0)) for one in left_out] for row in rows]))
+    return _regular(
+        flint.arb_mat([[row.get(one, flint.arb(0)) for one in left_out] for row in rows])
+    )
 
 
-def find_relations(layout: Layout, orders: Sequence[int], y: Sequence[arb], most: int) -> _Doubles:
+def find_relations(
+    layout: Layout, orders: Sequence[int], y: Sequence[flint.arb], most: int
+) -> _Doubles:
     """Return linear relations between residuals, in double precision; arguments as of `follow`.
 
     They are orthonormal rows, at most `most`, shape (relations, conditions), with the conditions as
@@ -76,7 +80,7 @@ def find_relations(layout: Layout, orders: Sequence[int], y: Sequence[arb], most
     return relations.span
 
 
-def _regular(matrix: arb_mat) -> bool:
+def _regular(matrix: flint.arb_mat) -> bool:
     """Return whether all matrices in a square ball matrix are regular."""
     size = matrix.nrows()
     try:
@@ -87,9 +91,9 @@ def _regular(matrix: arb_mat) -> bool:
         return False
     with working_precision(_REGULARITY_BITS):
         # close to the identity in the maximum norm, so regular
-        rows = (arb_mat(inverse.tolist()) * matrix).tolist()
+        rows = (flint.arb_mat(inverse.tolist()) * matrix).tolist()
         return all(
-            sum((abs(x - int(i == j)) for j, x in enumerate(row)), arb(0)) < 1
+            sum((abs(x - int(i == j)) for j, x in enumerate(row)), flint.arb(0)) < 1
             for i, row in enumerate(rows)
         )
 
@@ -105,7 +109,7 @@ class _Choice(NamedTuple):
 class _Relations:
     """Relations between residuals, for coefficients in balls."""
 
-    def __init__(self, layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> None:
+    def __init__(self, layout: Layout, orders: Sequence[int], y: Sequence[flint.arb]) -> None:
         self._layout, self._orders, self._y = layout, orders, y
         self.conditions = conditions_of(orders, layout.of_time)
         self.position = {one: k for k, one in enumerate(self.conditions)}
@@ -255,7 +259,7 @@ class _Relations:
             self._products[key] = vector
         return self._products[key]
 
-    def in_balls(self, chosen: Sequence[_Choice]) -> list[dict[Condition, arb]]:
+    def in_balls(self, chosen: Sequence[_Choice]) -> list[dict[Condition, flint.arb]]:
         """Return the relations in ball arithmetic; ZeroDivisionError if vectors are dependent."""
         by_frame: dict[int, list[_Choice]] = {}
         relations = []
@@ -273,11 +277,11 @@ class _Relations:
             )
             for one in group:
                 left: dict[int, Any] = {}
-                shares = [arb(1), *(-share for share in delta[us.index(one.context)])]
+                shares = [flint.arb(1), *(-share for share in delta[us.index(one.context)])]
                 for i, share in zip([one.context, *frame.first], shares, strict=True):
                     for k, factor in frame.raw(i).items():
-                        left[k] = left.get(k, arb(0)) + share * arb(factor)
-                right = {one.column: arb(1)}
+                        left[k] = left.get(k, flint.arb(0)) + share * flint.arb(factor)
+                right = {one.column: flint.arb(1)}
                 for k, j in enumerate(frame.second):
                     right[j] = -beta[vs.index(one.column)][k]
                 relations.append(self._combined(frame.pairing, left, right))
@@ -296,9 +300,9 @@ class _Relations:
         return reductions
 
     def _combined(
-        self, pairing: Pairing, left: dict[int, arb], right: dict[int, arb]
-    ) -> dict[Condition, arb]:
-        combination: dict[Condition, arb] = {}
+        self, pairing: Pairing, left: dict[int, flint.arb], right: dict[int, flint.arb]
+    ) -> dict[Condition, flint.arb]:
+        combination: dict[Condition, flint.arb] = {}
         for i, a in left.items():
             for j, b in right.items():
                 product = a * b
@@ -306,9 +310,9 @@ class _Relations:
                     add_multiple(combination, key, product * multiplicity)
         return self._reduced(combination)
 
-    def _reduced(self, combination: dict[Condition, arb]) -> dict[Condition, arb]:
+    def _reduced(self, combination: dict[Condition, flint.arb]) -> dict[Condition, flint.arb]:
         """Return a combination of residuals of words as one of those of conditions."""
-        reduced: dict[Condition, arb] = {}
+        reduced: dict[Condition, flint.arb] = {}
         for row, reduction in enumerate(self._reductions):
             terms = [(word, value) for (r, word), value in combination.items() if r == row]
             for word, value in reduction.total(terms).items():
@@ -317,15 +321,18 @@ class _Relations:
 
 
 def _projections(
-    first: list[list[arb]], second: list[list[arb]], us: list[list[arb]], vs: list[list[arb]]
-) -> tuple[list[list[arb]], list[list[arb]]]:
+    first: list[list[flint.arb]],
+    second: list[list[flint.arb]],
+    us: list[list[flint.arb]],
+    vs: list[list[flint.arb]],
+) -> tuple[list[list[flint.arb]], list[list[flint.arb]]]:
     """Return by which combinations of the first two other vectors are to be reduced."""
-    both = arb_mat([*second, *first]).transpose()
-    beta = both.solve(arb_mat(vs).transpose()).transpose().tolist()
+    both = flint.arb_mat([*second, *first]).transpose()
+    beta = both.solve(flint.arb_mat(vs).transpose()).transpose().tolist()
     if not first:
         return [[] for _ in us], beta
-    rows = arb_mat(first)
-    products = rows * arb_mat(us).transpose()
+    rows = flint.arb_mat(first)
+    products = rows * flint.arb_mat(us).transpose()
     return (rows * rows.transpose()).solve(products).transpose().tolist(), beta
 
 
@@ -335,7 +342,7 @@ def _coefficients(basis: Sequence[_Doubles], vectors: Sequence[_Doubles]) -> _Do
     return np.asarray(np.linalg.lstsq(np.array(basis).T, np.array(vectors).T, rcond=None)[0].T)
 
 
-def _nonzero(vectors: Sequence[Sequence[arb]]) -> NDArray[np.bool_]:
+def _nonzero(vectors: Sequence[Sequence[flint.arb]]) -> NDArray[np.bool_]:
     return np.array([[not x.is_zero() for x in vector] for vector in vectors])
 
 

@@ -10,15 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from flint import arb
-
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import Word, add_multiple, condition_words, extend, nodes, shuffle
 from cg.proofs.dependent.contexts import SLOT, basis, depth, fill, has_slot, moments, outer_nodes
 from cg.structure.layout import Layout
 from cg.structure.points import START
+from cg.support import flint
 
-Vector = list[arb]
+Vector = list[Any]
 _Around = dict[tuple[int, Word], Vector]  # of rows of weights and contexts, over the flows
 _Values = dict[Word, Vector]  # of letters, over the stages
 
@@ -82,7 +81,9 @@ class Pairing:
         return weights
 
 
-def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[Pairing, Pairing]:
+def pairings(
+    layout: Layout, orders: Sequence[int], y: Sequence[flint.arb]
+) -> tuple[Pairing, Pairing]:
     """Return the vectors over the stages, and those over the flows, for coefficients in balls.
 
     `orders` are those of the rows of weights; words have no more nodes. The vectors hold those of
@@ -107,7 +108,7 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
             # a slot at the root comes last, so that the shared flows cancel
             cancelled = shared if depth(h) == 0 else set()
             around[DIFFERENCE, h] = [
-                arb(0) if m in cancelled else a - b for m, (a, b) in enumerate(both)
+                flint.arb(0) if m in cancelled else a - b for m, (a, b) in enumerate(both)
             ]
     return (
         _over_stages(layout, orders, y, around, values),
@@ -116,7 +117,7 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
 
 
 def _over_stages(
-    layout: Layout, orders: Sequence[int], y: Sequence[arb], around: _Around, values: _Values
+    layout: Layout, orders: Sequence[int], y: Sequence[flint.arb], around: _Around, values: _Values
 ) -> Pairing:
     """Return the vectors over the stages, from those over the flows and letters' values."""
     contexts = [
@@ -135,14 +136,14 @@ def _over_stages(
 
 
 def _over_flows(
-    layout: Layout, most: int, y: Sequence[arb], around: _Around, values: _Values
+    layout: Layout, most: int, y: Sequence[flint.arb], around: _Around, values: _Values
 ) -> Pairing:
     """Return the vectors over the flows, those of letters with their moments."""
     contexts = sorted((Context(row, h) for row, h in around), key=lambda u: u.degree)
     right: dict[Column, Vector] = {}
     for w, at_stages in values.items():
         vector: Vector = [
-            sum((y[k] * at_stages[s] for k, s in _terms(layout, m)), arb(0))
+            sum((y[k] * at_stages[s] for k, s in _terms(layout, m)), flint.arb(0))
             for m in range(len(layout.parents))
         ]
         for k in range(most - nodes(w) + 1):
@@ -157,7 +158,7 @@ def _over_flows(
 class _Adjoints:
     """Words with a slot as vectors over the flows: derivatives by the letter in the slot."""
 
-    def __init__(self, layout: Layout, y: Sequence[arb], weights: Weights) -> None:
+    def __init__(self, layout: Layout, y: Sequence[flint.arb], weights: Weights) -> None:
         self._layout, self._y, self._weights = layout, y, weights
         self._known: dict[tuple[int, Word], Vector] = {}
         self._slopes: dict[tuple[int, Word], Vector] = {}
@@ -177,7 +178,7 @@ class _Adjoints:
     def _of_stages(self, factors: Vector, context: Word) -> Vector:
         """Return the derivatives of a sum of weights at stages, with these factors."""
         outer, inner = _cut(context)
-        total: Vector = [arb(0)] * len(self._layout.parents)
+        total: Vector = [flint.arb(0)] * len(self._layout.parents)
         for stage, factor in enumerate(factors):
             if not factor.is_zero():
                 for m in self._layout.path(self._layout.stage_points[stage]):
@@ -208,15 +209,15 @@ def _terms(layout: Layout, point: int) -> list[tuple[int, int]]:
     return list(enumerate(layout.weights[point], layout.starts[point]))
 
 
-def _to_stages(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
-    vector: list[Any] = [arb(0)] * layout.stages
+def _to_stages(layout: Layout, y: Sequence[flint.arb], flows: Vector) -> Vector:
+    vector: list[Any] = [flint.arb(0)] * layout.stages
     for m, value in enumerate(flows):
         for k, stage in _terms(layout, m):
             vector[stage] = vector[stage] + y[k] * value
     return vector
 
 
-def _moments_of(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
+def _moments_of(layout: Layout, y: Sequence[flint.arb], flows: Vector) -> Vector:
     """Return the vector whose products are those of the moments of contexts with this one.
 
     On a path, let f be a context, F its integral from a point to the end, and s the weight of
@@ -227,11 +228,11 @@ def _moments_of(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
     after: list[Any] = []  # of each flow: the sum of v on the way to its end
     moments_of_flows: list[Any] = []
     for m, parent in enumerate(layout.parents):
-        step = sum((y[k] for k, _ in _terms(layout, m)), arb(0))
+        step = sum((y[k] for k, _ in _terms(layout, m)), flint.arb(0))
         if parent == START:
             ends.append(step)
             after.append(flows[m])
-            moments_of_flows.append(arb(0))  # exactly: both terms are the same there
+            moments_of_flows.append(flint.arb(0))  # exactly: both terms are the same there
         else:
             moments_of_flows.append(ends[parent] * flows[m] - step * after[parent])
             ends.append(ends[parent] + step)

@@ -9,11 +9,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from flint import arb, fmpq, fmpq_mat
 from numpy.typing import NDArray
 
 from cg.conditions.words import Word, reciprocal_density
 from cg.proofs.dependent.pairings import Pairing
+from cg.support import flint
 from cg.support.balls import to_flint
 
 _DEPENDENT = 1e-9  # largest remainder of a unit vector that depends on others
@@ -38,8 +38,8 @@ class Spanned:
     second: list[int]
 
     @cached_property
-    def _reduction(self) -> tuple[list[int], dict[int, list[fmpq]]]:
-        products = fmpq_mat(
+    def _reduction(self) -> tuple[list[int], dict[int, list[flint.fmpq]]]:
+        products = flint.fmpq_mat(
             [[_exact(self.pairing.words(i, j)) for i in self.contexts] for j in self.columns]
         )
         reduced, rank = products.rref()
@@ -56,7 +56,7 @@ class Spanned:
         return self._reduction[0]
 
     @property
-    def shares(self) -> dict[int, list[fmpq]]:
+    def shares(self) -> dict[int, list[flint.fmpq]]:
         """The multiples of the reference in each other context."""
         return self._reduction[1]
 
@@ -70,38 +70,39 @@ class Spanned:
         """Whether the independent contexts and columns fill all places."""
         return len(self.first) + len(self.second) == len(self.places)
 
-    def right(self, column: int) -> list[arb]:
+    def right(self, column: int) -> list[flint.arb]:
         """Return a letter's vector."""
         vector = self.pairing.right[column]
         return [vector[j] for j in self.places]
 
-    def left(self, context: int) -> list[arb]:
+    def left(self, context: int) -> list[flint.arb]:
         """Return a context's vector, in U_0."""
         vector = [self.pairing.left[context][j] for j in self.places]
         for other, share in zip(self.reference, self.shares[context], strict=True):
             if share != 0:
                 reference = self.pairing.left[other]
                 vector = [
-                    x - arb(share) * reference[j] for x, j in zip(vector, self.places, strict=True)
+                    x - flint.arb(share) * reference[j]
+                    for x, j in zip(vector, self.places, strict=True)
                 ]
         return vector
 
     def raw(self, context: int) -> dict[int, Any]:
         """Return a context, in U_0, as a combination of those of the pairing."""
-        combination: dict[int, Any] = {context: fmpq(1)}
+        combination: dict[int, Any] = {context: flint.fmpq(1)}
         for other, share in zip(self.reference, self.shares[context], strict=True):
             if share != 0:
-                combination[other] = combination.get(other, fmpq(0)) - share
+                combination[other] = combination.get(other, flint.fmpq(0)) - share
         return combination
 
 
-def _exact(words: dict[tuple[int, Word], int]) -> fmpq:
+def _exact(words: dict[tuple[int, Word], int]) -> flint.fmpq:
     terms = (reciprocal_density(word) * m for (_, word), m in words.items())
     total = sum(terms, start=Fraction(0))
     return to_flint(total)
 
 
-def _independent(vectors: dict[int, list[arb]]) -> list[int]:
+def _independent(vectors: dict[int, list[flint.arb]]) -> list[int]:
     keys = list(vectors)
     if not keys:
         return []
@@ -127,6 +128,6 @@ def independent_rows(rows: _Doubles) -> list[int]:
     return chosen
 
 
-def doubles(vectors: Sequence[Sequence[arb]]) -> _Doubles:
+def doubles(vectors: Sequence[Sequence[flint.arb]]) -> _Doubles:
     """Return the midpoints of vectors of balls."""
     return np.array([[float(x) for x in vector] for vector in vectors])

@@ -1,0 +1,23 @@
+"""The types of python-flint, which is imported when one of them is first used.
+
+Without python-flint proofs, digits, order conditions in balls, limits of stability and reference
+solutions raise an ImportError that says what to install. Rationals are then Fractions, which are
+slower; see `cg.support.balls.to_flint`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def __getattr__(name: str) -> Any:
+    try:
+        import flint
+    except ModuleNotFoundError as error:
+        raise ImportError(
+            "proofs, digits, order conditions in balls, limits of stability and reference "
+            "solutions need python-flint, the extra [proofs]: python -m pip install python-flint",
+            name="flint",
+        ) from error
+    value = globals()[name] = getattr(flint, name)
+    return value
