@@ -132,7 +132,7 @@ class PointTree:
         return merged
 
 
-class FlatSums(NDArray[np.float64]):
+class FlatSums(np.ndarray[Any, np.dtype[np.float64]]):
     """Sums of the weights of several flows, which the arrays of a method are views of."""
 
 
