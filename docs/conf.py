@@ -26,7 +26,6 @@ extensions = [
     "method_pages",
     "myst_parser",
     "numpydoc",
-    "pictures",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
@@ -37,7 +36,6 @@ extensions = [
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = [
     "gallery",
-    "methods/claims.md",
     "examples_built/sg_execution_times.rst",
 ]
 suppress_warnings = ["myst.xref_missing.outside", "config.cache"]

@@ -310,25 +310,8 @@ def index(methods: list[Method]) -> str:
     )
 
 
-def claims() -> str:
-    """Return a table of the paper's claims with verdicts and interpretations."""
-    from cg.reproduce.sections.claims import CLAIMS, VERDICTS
-
-    lines = ["| section | claim, in our words | verdict |", "|---|---|---|"]
-    for claim in CLAIMS:
-        verdict = (
-            claim.default_verdict
-            if claim.default_verdict == VERDICTS[0]
-            else f"**{claim.default_verdict}**"
-        )
-        reading = f" *{claim.interpretation}*" if claim.interpretation else ""
-        lines.append(f"| {claim.section} | {claim.text}{reading} | {verdict} |")
-    return "\n".join(lines) + "\n"
-
-
 def generate(app: Any) -> None:
     """Write all pages; Sphinx calls this before it reads the sources."""
-    write(FOLDER / "claims.md", claims())
     methods = sorted(cg.methods.values(), key=lambda m: (m.order, m.exponentials, m.name))
     for method in methods:
         path, stamp = FOLDER / f"{slug(method.name)}.md", stamp_of(method)
@@ -337,7 +320,7 @@ def generate(app: Any) -> None:
             write(path, page(method))
             write(mark, stamp)
     write(FOLDER / "index.md", index(methods))
-    current = {f"{slug(method.name)}.md" for method in methods} | {"index.md", "claims.md"}
+    current = {f"{slug(method.name)}.md" for method in methods} | {"index.md"}
     for old in FOLDER.glob("*.md"):
         if old.name not in current:
             old.unlink()

@@ -1,9 +1,10 @@
-"""Pictures of the pages on `cg.plot` and `cg.problems` that the gallery does not have."""
+"""Pictures of the pages, stored beside them: ``python docs/pictures.py`` draws them again."""
 
 from __future__ import annotations
 
 import runpy
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,6 +26,13 @@ from cg.problems import ForcedRigidBody, FreeRigidBody, StateDependentRotation
 
 FOLDER = Path(__file__).parent / "pictures"
 GALLERY = Path(__file__).parent / "gallery"
+SHOWN_OF_GALLERY = (
+    "plot_drift",
+    "plot_stability",
+    "plot_trees",
+    "plot_vortices",
+    "plot_work_precision",
+)
 STYLE: dict[Any, Any] = {
     "axes.prop_cycle": cycler(color=COLOURS[:4]) + cycler(linestyle=["-", "--", "-.", ":"]),
     "axes.spines.top": False,
@@ -48,6 +56,13 @@ def new_panels() -> tuple[Axes, Axes]:
 def gallery(name: str) -> SimpleNamespace:
     """Return the names that a script of the gallery defines."""
     return SimpleNamespace(**runpy.run_path(str(GALLERY / f"{name}.py")))
+
+
+def of_gallery(name: str) -> Figure:
+    """Return the figure that a script of the gallery draws."""
+    with mpl.rc_context(mpl.rcParamsDefault):
+        gallery(name)
+        return plt.gcf()
 
 
 def integrate(problem: Any, stop: float, h: float, method: str = "CG4a") -> cg.Solution:
@@ -204,6 +219,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "trees": trees,
     "tableau": lambda: cg.plot.tableau("CG4a", new_axes(4.2, 2.6)).figure,
     "points": lambda: cg.plot.points("CF4", new_axes(5.0, 3.0)).figure,
+    **{name: partial(of_gallery, name) for name in SHOWN_OF_GALLERY},
     "points_of_a_pair": lambda: cg.plot.points("DP5(4)", new_axes(6.0, 3.6)).figure,
     "convergence": convergence,
     "axes": lambda: (
@@ -217,21 +233,15 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-def draw_pictures(app: Any = None) -> None:
-    """Draw the pictures that are missing or older than the code that draws them."""
+def draw_pictures() -> None:
+    """Draw all pictures."""
     FOLDER.mkdir(exist_ok=True)
-    sources = [Path(__file__), *Path(cg.plot.__file__).parent.glob("*.py")]
-    changed = max(source.stat().st_mtime for source in sources)
     for name, draw in PICTURES.items():
-        path = FOLDER / f"{name}.png"
-        if not path.exists() or path.stat().st_mtime < changed:
-            with mpl.rc_context(STYLE):
-                figure = draw()
-                figure.savefig(path, dpi=110)
-            plt.close(figure)
+        with mpl.rc_context(STYLE):
+            figure = draw()
+            figure.savefig(FOLDER / f"{name}.png", dpi=110)
+        plt.close("all")
 
 
-def setup(app: Any) -> dict[str, bool]:
-    """Register with Sphinx."""
-    app.connect("builder-inited", draw_pictures)
-    return {"parallel_read_safe": True, "parallel_write_safe": True}
+if __name__ == "__main__":
+    draw_pictures()

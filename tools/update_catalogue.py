@@ -1,9 +1,9 @@
 """Prove new methods of the catalogue and write its table: ``python tools/update_catalogue.py``.
 
 Proves each method whose certificate is missing or out of date, completely or else in part, and
-writes the certificate. Then writes the table of docs/catalogue.md and the data that
-`crouch-grossman list` prints. The last line of output names the methods that are proved in part,
-or not at all.
+writes the certificate. Then writes the table of docs/catalogue.md, that of the claims in
+docs/reproduction.md, and the data that `crouch-grossman list` prints. The last line of output
+names the methods that are proved in part, or not at all.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from cg.proofs.statement import fitting
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.markdown import replace_between
 from cg.reproduce.sections.beyond_catalogue import compute, markdown, table
+from cg.reproduce.sections.claims import CLAIMS, VERDICTS
 
 ROOT = Path(__file__).parent.parent
 CERTIFICATES = ROOT / "cg" / "catalogue" / "certificates"
@@ -49,9 +50,24 @@ def main() -> int:
         names.append(method.name)
     shown = markdown(table(compute(Context(Settings(), Path()))))
     replace_between(ROOT / "docs" / "catalogue.md", BEGIN, END, shown)
+    replace_between(ROOT / "docs" / "reproduction.md", BEGIN, END, claims())
     write_summaries(ROOT / "cg" / "catalogue" / "summaries.json")
     print(f"{len(whole)} methods are proved; in part {_listed(partly)}; not {_listed(without)}")
     return 1 if failed else 0
+
+
+def claims() -> str:
+    """Return a table of the paper's claims with verdicts and interpretations."""
+    lines = ["| section | claim, in our words | verdict |", "|---|---|---|"]
+    for claim in CLAIMS:
+        verdict = (
+            claim.default_verdict
+            if claim.default_verdict == VERDICTS[0]
+            else f"**{claim.default_verdict}**"
+        )
+        reading = f" *{claim.interpretation}*" if claim.interpretation else ""
+        lines.append(f"| {claim.section} | {claim.text}{reading} | {verdict} |")
+    return "\n".join(lines) + "\n"
 
 
 def _listed(names: list[str]) -> str:

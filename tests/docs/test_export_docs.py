@@ -45,8 +45,6 @@ def test_plots_page(tmp_path, monkeypatch):
 
 def test_pages_show_the_pictures_that_are_drawn():
     drawn = runpy.run_path(str(ROOT / "docs/pictures.py"))["PICTURES"]
-    pages = [
-        (ROOT / f"docs/{name}.md").read_text(encoding="utf-8") for name in ("plots", "problems")
-    ]
-    shown = re.findall(r"\(pictures/(\w+)\.png\)", "".join(pages))
-    assert sorted(shown) == sorted(drawn)
+    pages = [page.read_text(encoding="utf-8") for page in ROOT.glob("docs/**/*.md")]
+    shown = re.findall(r"\((?:\.\./)?pictures/(\w+)\.png\)", "".join(pages))
+    assert set(shown) == set(drawn)
