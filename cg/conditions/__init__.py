@@ -34,6 +34,7 @@ from cg.conditions.counts import (
     table_rows,
 )
 from cg.conditions.exact import exact_tree, result_tree, tree_residuals
+from cg.conditions.symbolic import equations
 from cg.structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
 from cg.structure.points import PointTree, check_not_sums
 from cg.support.checks import check_flag
@@ -44,6 +45,7 @@ __all__ = [
     "check_rows",
     "condition_trees",
     "count",
+    "equations",
     "jacobian",
     "pack",
     "residuals",

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from refusals import refuses
 from strategies import dyadics, rationals, tableaux
 
+import cg
 from cg import conditions
 from cg.conditions import Rows
 from cg.structure.layout import Layout
@@ -224,3 +225,18 @@ class TestBadInput:
         refuses(ValueError, f"stages must be at least 1, got {stages}", conditions.unknowns, stages)
         with pytest.raises(ValueError, match=f"stages must be at least 1, got {stages}"):
             conditions.unpack([], stages)
+
+
+@pytest.mark.parametrize("name", ["CG4", "CG3(2)", "DICG3", "CF4"])
+def test_equations_at_random_coefficients_have_the_exact_residuals(name):
+    sympy = pytest.importorskip("sympy")
+    layout = cg.methods[name].layout
+    rng = np.random.default_rng(layout.size)
+    x = [Fraction(int(n), 7) for n in rng.integers(-9, 9, layout.size)]
+    numbers = [sympy.Rational(v.numerator, v.denominator) for v in x]
+    values = dict(zip(layout.names, numbers, strict=True))
+    for independent in (True, False):
+        equations = conditions.equations(cg.methods[name], 3, independent)
+        found = [(e.lhs - e.rhs).subs(values) for e in equations]
+        exact = exactly(layout, x, order=3, independent=independent)
+        assert list(map(str, found)) == list(map(str, exact))

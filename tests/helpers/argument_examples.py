@@ -159,6 +159,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(conditions.jacobian, **EULER),
     call(conditions.pack, a=EULER["a"], b=EULER["b"]),
     call(conditions.unpack, x=[0.5, 0.0, 1.0], stages=2),
+    call(conditions.equations, method=2, order=2),
     call(conditions.count, order=4, independent=True),
     call(conditions.condition_trees, order=4, independent=True),
     call(conditions.right_sides, order=4, independent=True),
