@@ -284,7 +284,10 @@ def make_problem(
     dense = check_flag("dense_output", options["dense_output"])
     events = None
     if options["events"] is not None:
-        events = EventTable(options["events"], frame, inputs is not None)
+        in_python = isinstance(rhs, PythonRhs)
+        events = EventTable(options["events"], frame, inputs is not None, in_python)
+        if in_python and (inputs is not None or numbers is not None):
+            events.check_data()
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan, in_algebra, rhs, points, start, stops, control, events, t_eval,
