@@ -86,17 +86,10 @@ class Problem:
 
     def data(self, members: list[int]) -> tuple[int, Points, Array | None, Inputs | None]:
         """Return what `select` needs for members that follow each other."""
-        part, numbers, inputs = (
-            slice(members[0], members[-1] + 1),
-            self.rhs.parameters,
-            self.rhs.inputs,
-        )
-        return (
-            part.start,
-            self.points[part],
-            None if numbers is None else numbers[part],
-            None if inputs is None else inputs.part(part),
-        )
+        part = slice(members[0], members[-1] + 1)
+        numbers, inputs = self.rhs.parameters, self.rhs.inputs
+        numbers = None if numbers is None else numbers[part]
+        return part.start, self.points[part], numbers, inputs and inputs.part(part)
 
     def part(self, members: slice) -> Problem:
         """Return the problem of some members."""

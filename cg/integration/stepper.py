@@ -81,16 +81,10 @@ class Stepper(OpenRun):
 
     Notes
     -----
-    ``step()`` takes one step, ``advance(t)`` as many as lead to a time; the last one is shortened
-    to end there, and the next one has the size that it would have had. Both return None, or a
-    message if the error estimate could not be met; then ``status`` is ``"failed"``. After that, or
-    an exception or interrupt of ``f``, ``t`` and ``y`` are those of the last complete step, or of
-    an ensemble those before the call. After an exception further steps may be tried.
-
-    ``restart(t=, y=, args=, parameters=, inputs=)`` changes what it is given, also after a failure,
-    and keeps the rest, the counts included; only terminal events are counted anew. It calls ``f``
-    at no time, but the next step starts anew: it calls ``f`` at the present point, and without
-    ``h`` it chooses its size anew, which takes another call, unless ``first_step`` is given.
+    If the error estimate can't be met, ``step`` and ``advance`` return a message, and ``status`` is
+    ``"failed"``. After that, or an exception or interrupt of ``f``, ``t`` and ``y`` are those of
+    the last complete step, or of an ensemble those before the call. After an exception further
+    steps may be tried, and after a failure ``restart`` may be called.
 
     A pickle contains the present state and ``f``, which has to be a function of a module or a
     `CompiledFunction`; the copy goes on bit for bit. ``copy.copy`` takes any ``f``.
@@ -270,8 +264,9 @@ class Stepper(OpenRun):
     ) -> None:
         """Continue from another time or point, or with other arguments of ``f``.
 
-        Arguments that are None stay as they are, and so do the counts. ``f`` isn't called before
-        the next step, which uses no slope of earlier ones.
+        Arguments that are None stay as they are, and so do the counts, except that terminal events
+        are counted anew. ``f`` isn't called before the next step, which uses no slope of earlier
+        ones.
 
         Parameters
         ----------

@@ -27,17 +27,10 @@ def address(array: Any) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The inputs of an integration: samples of one or of several rates.
-
-    Attributes
-    ----------
-    curves
-    together
-        Whether functions get a tuple of values, as the user passed a tuple.
-    """
+    """The inputs of an integration: samples of one or of several rates."""
 
     curves: tuple[Samples, ...]
-    together: bool
+    together: bool  # whether functions get a tuple of values, as the user passed a tuple
 
     @property
     def members(self) -> int | None:
