@@ -54,7 +54,7 @@ class OpenRun:
         self.t_old: float | None = None
         self.step_size: float | None = None
         self.status = "running" if start != bound else "finished"
-        self._run = self._make_run()
+        self._make_run()
 
     def _end_from(self, t: float, h: float | None) -> float:
         """Return the final time of a run that starts at a time."""
@@ -74,16 +74,11 @@ class OpenRun:
             stops = np.append(stops[sign * stops < sign * end], end)
         return inputs.add_stops(stops, t)
 
-    def _make_run(self) -> Run:
-        problem = self._problem
-        run = Run(problem, keep_last=True, lanes=len(problem.points))
-        self._core = run._core
-        self._target = np.empty(1)
-        first = self._first_step or 0.0
-        self._core.loop_restart(run.address, run.t0, run.end.T, first, run.rhs.data_address)
+    def _make_run(self) -> None:
+        self._run = run = Run(self._problem, keep_last=True, lanes=len(self._problem.points))
+        self._core, self._target, self.t = run._core, np.empty(1), run.t0
+        self._begin(run.t0, run.end, self._first_step)
         self._stops_are_set = True  # whether compiled code uses `_stops`
-        self.t = run.t0
-        return run
 
     def _begin(self, t: float, rows: Points, first_step: float | None) -> None:
         """Start all trajectories anew at a time, from points ``(members, width)``."""

@@ -45,7 +45,8 @@ def restored(kind: type, state: dict[str, Any]) -> Any:
     counts, status, flag = state.pop("counts")
     matrices = state.pop("matrices")
     vars(stepper).update(state)
-    stepper._run = run = stepper._make_run()
+    stepper._make_run()
+    run = stepper._run
     if run.callbacks.jacobian is not None:
         run.callbacks.jacobian.kept.update((k, [matrix]) for k, matrix in matrices.items())
     stepper._core.loop_state(
