@@ -29,7 +29,7 @@ from cg.integration.problem import Problem, make_problem
 from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.inputs import Inputs
-from cg.integration.rhs.python import Coefficients, PythonRhs
+from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.support.checks import check_flag
 from cg.support.parallel import single_threads
@@ -158,8 +158,6 @@ def solve_members(
     members, steps = len(problem.points), 0
     if problem.common and problem.events is not None and problem.events.has_jumps:
         raise ValueError("events must have no jumps with common_steps, which all members share")
-    if problem.events is not None and isinstance(problem.rhs, PythonRhs):
-        problem.events.check_data(problem.rhs.inputs is not None)
     if (h := problem.control.h) is not None:
         steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
         every = problem.every * problem.keeps_points

@@ -86,17 +86,10 @@ class Problem:
 
     def data(self, members: list[int]) -> tuple[int, Points, Array | None, Inputs | None]:
         """Return what `select` needs for members that follow each other."""
-        part, numbers, inputs = (
-            slice(members[0], members[-1] + 1),
-            self.rhs.parameters,
-            self.rhs.inputs,
-        )
-        return (
-            part.start,
-            self.points[part],
-            None if numbers is None else numbers[part],
-            None if inputs is None else inputs.part(part),
-        )
+        part = slice(members[0], members[-1] + 1)
+        numbers, inputs = self.rhs.parameters, self.rhs.inputs
+        numbers = None if numbers is None else numbers[part]
+        return part.start, self.points[part], numbers, inputs and inputs.part(part)
 
     def part(self, members: slice) -> Problem:
         """Return the problem of some members."""
@@ -284,7 +277,10 @@ def make_problem(
     dense = check_flag("dense_output", options["dense_output"])
     events = None
     if options["events"] is not None:
-        events = EventTable(options["events"], frame, inputs is not None)
+        in_python = isinstance(rhs, PythonRhs)
+        events = EventTable(options["events"], frame, inputs is not None, in_python)
+        if in_python and (inputs is not None or numbers is not None):
+            events.check_data()
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan, in_algebra, rhs, points, start, stops, control, events, t_eval,

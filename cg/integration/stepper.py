@@ -6,51 +6,29 @@ import copy
 import math
 import pickle
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any, Never, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.frames.arrays import Array, Points
+from cg.frames.arrays import Points
 from cg.frames.base import Frame
-from cg.integration.arguments import (
-    check_real_time,
-    check_resolution,
-    check_step,
-    check_stops,
-    is_many,
-)
-from cg.integration.loop.dense import DenseOutput, EnsembleOutput
-from cg.integration.loop.failures import explain_failure
-from cg.integration.loop.messages import TERMINAL_EVENT, failed_members
-from cg.integration.loop.run import Run
-from cg.integration.loop.step_budget import StepBudget
+from cg.integration.arguments import check_real_time, check_resolution, check_step, is_many
+from cg.integration.loop.dense import DenseOutput
+from cg.integration.open_run import OpenRun
 from cg.integration.options import StepOptions, complete_options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
-from cg.integration.rhs.inputs import Inputs
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.stepper_state import (
-    FoundEvents,
-    check_points,
-    collect_events,
-    event_lists,
-    get_state,
-    replace_rhs,
-    set_state,
-)
+from cg.integration.stepper_events import event_lists
+from cg.integration.stepper_state import check_points, get_state, replace_rhs, restored
 from cg.support.checks import check_flag
-from cg.support.shared_numbers import Stop
-
-_FAR = 2.0**40  # fixed steps without a final time
-_NO_LIMIT = 2**62
 
 
-class Stepper:
+class Stepper(OpenRun):
     """An integration that advances step by step, or to given times.
 
     Parameters
@@ -103,16 +81,10 @@ class Stepper:
 
     Notes
     -----
-    ``step()`` takes one step, ``advance(t)`` as many as lead to a time; the last one is shortened
-    to end there, and the next one has the size that it would have had. Both return None, or a
-    message if the error estimate could not be met; then ``status`` is ``"failed"``. After that, or
-    an exception or interrupt of ``f``, ``t`` and ``y`` are those of the last complete step, or of
-    an ensemble those before the call. After an exception further steps may be tried.
-
-    ``restart(t=, y=, args=, parameters=, inputs=)`` changes what it is given, also after a failure,
-    and keeps the rest, the counts included; only terminal events are counted anew. It calls ``f``
-    at no time, but the next step starts anew: it calls ``f`` at the present point, and without
-    ``h`` it chooses its size anew, which takes another call, unless ``first_step`` is given.
+    If the error estimate can't be met, ``step`` and ``advance`` return a message, and ``status`` is
+    ``"failed"``. After that, or an exception or interrupt of ``f``, ``t`` and ``y`` are those of
+    the last complete step, or of an ensemble those before the call. After an exception further
+    steps may be tried, and after a failure ``restart`` may be called.
 
     A pickle contains the present state and ``f``, which has to be a function of a module or a
     `CompiledFunction`; the copy goes on bit for bit. ``copy.copy`` takes any ``f``.
@@ -165,56 +137,17 @@ class Stepper:
         if many and events is not None:
             raise ValueError("events must be None for an ensemble, whose members stop apart")
         given["events"] = events
-        h, first_step, breakpoints = given["h"], given["first_step"], given["breakpoints"]
-        given["first_step"] = None if h is None else first_step  # may be longer than the span below
+        first_step, breakpoints = given["first_step"], given["breakpoints"]
         given["breakpoints"] = None
+        given["first_step"] = None if given["h"] is None else first_step  # may exceed the span here
         problem = make_problem(
             f, (start, start), y0, frame=frame, options=given, many=many,
             vectorized=vectorized, common=common, stage_solver=stage_solver, jac=jac,
         )  # fmt: skip
         check_resolution(problem.control.h, start)
-        self.f, self.frame, self.method = f, frame, problem.plan.method
-        self.t_bound, self._many, self._common = bound, many, common
-        self._first_step = None if first_step is None else check_step(first_step, "first_step")
-        end = bound
-        if math.isinf(bound) and h is not None:
-            end = start + self.direction * _FAR * float(h)
-        self._breakpoints = check_stops(breakpoints, start, end)
-        self._stops = self._with_corners(problem.rhs.inputs, start)
-        self._budget = StepBudget()
-        self._failure = ""
-        self._found: list[FoundEvents] = []
-        self._cut_output: DenseOutput | None = None
-        control = problem.control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
-        self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
-        self.t_old: float | None = None
-        self.step_size: float | None = None
-        self.status = "running" if start != bound else "finished"
-        self._run = self._make_run()
-
-    def _with_corners(self, inputs: Inputs | None, t: float) -> Array:
-        """Return the ends of segments: breakpoints, corners of inputs from a time on, and the end.
-
-        If inputs end before, that is their end.
-        """
-        stops = self._breakpoints
-        if inputs is None:
-            return stops
-        end, sign = inputs.reach(t, self.direction), self.direction
-        if sign * end < sign * stops[-1]:
-            stops = np.append(stops[sign * stops < sign * end], end)
-        return inputs.add_stops(stops, t)
-
-    def _make_run(self) -> Run:
-        problem = self._problem
-        run = Run(problem, keep_last=True, lanes=len(problem.points))
-        self._core = run._core
-        self._target = np.empty(1)
-        first = self._first_step or 0.0
-        self._core.loop_restart(run.address, run.t0, run.end.T, first, run.rhs.data_address)
-        self._stops_are_set = True  # whether compiled code uses `_stops`
-        self.t = run.t0
-        return run
+        self.f = f
+        first = None if first_step is None else check_step(first_step, "first_step")
+        self._open(problem, bound, breakpoints, first)
 
     @property
     def y(self) -> Points:
@@ -233,15 +166,9 @@ class Stepper:
     def __repr__(self) -> str:
         return f"Stepper(t={self.t:g}, status={self.status!r}, method={self.method.name!r})"
 
-    t_events = property(
-        lambda self: event_lists(self, "t"), doc="Times of each event, None without events."
-    )
-    y_events = property(
-        lambda self: event_lists(self, "before"), doc="Points of each event before its jumps."
-    )
-    y_after = property(
-        lambda self: event_lists(self, "after"), doc="Points of each event after its jumps."
-    )
+    t_events = property(lambda self: event_lists(self, "t"), doc="Times of each event.")
+    y_events = property(lambda self: event_lists(self, "before"), doc="Points before jumps.")
+    y_after = property(lambda self: event_lists(self, "after"), doc="Points after jumps.")
 
     def _count(self, k: int) -> int:
         return int(self._run.counts[:, k].sum())
@@ -270,12 +197,12 @@ class Stepper:
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
-        if self.t == self._stops[-1]:
+        if self.t == self._stops.item(-1):
             raise RuntimeError(
                 f"inputs must lead beyond t = {self.t:.17g} for another step; restart with others"
             )
         if not self._stops_are_set:
-            self._continue(self._ahead(self._stops))
+            self._continue(self._stops)
             self._stops_are_set = True
         return self._drive(None)
 
@@ -320,83 +247,10 @@ class Stepper:
         else:
             # a breakpoint at the target is repeated, so that the step up to it ends before it
             reached = self._stops[self.direction * (self._stops - target) <= 0.0]
-            stops = self._ahead(np.append(reached, target))
+            stops = np.append(reached, target)
         self._continue(stops)
         self._stops_are_set = False
         return self._drive(target)
-
-    def _ahead(self, stops: Array) -> Array:
-        """Return the stops that aren't behind; one at `t` tells on which side of it ``f`` is."""
-        return stops[self.direction * (stops - self.t) >= 0.0]
-
-    def _drive(self, target: float | None) -> str | None:
-        """Take steps up to a time or, if it is None, one step; return a message if that failed."""
-        run, budget, begin = self._run, self._budget, self.t
-        self._cut_output = None
-        self.status = "running"
-        record = run.record
-        start = run.end.copy() if self._many else None
-        counts = run.counts[0]
-        steps, message, is_complete = counts[4], None, False
-        try:
-            while message is None and (
-                counts[4] == steps or run.status[0] == Stop.BUFFER_FULL
-                if target is None
-                else record.ended < run.members
-            ):
-                given = run.members if counts[4] == steps else 0  # only to empty a buffer
-                given = given if target is None else budget.start()
-                record.budget = given
-                run.call()
-                if target is not None:
-                    budget.stop(max(given - record.budget, 1))
-                message = self._check_failures() if record.failed else None
-            is_complete = message is None
-        finally:
-            cut = self._run.problem.events is not None and collect_events(self)
-            if not is_complete:
-                self._end_early(start, steps)
-        if is_complete:
-            stopped = run.status[0] == Stop.TERMINAL_EVENT
-            self.t = float(run.reached[0]) if target is None or stopped else target
-            self.step_size = abs(self.t - begin if target is None else record.step_size)
-            self.t_old = begin if target is None else target - self.direction * self.step_size
-            if cut:
-                self.t_old = float(run.state()[0][0, 3])
-                self.step_size = abs(self.t - self.t_old)
-                self._cut_output = self._interpolate()
-            if self.t == self.t_bound:
-                self.status = "finished"
-            elif stopped:
-                self.status = "event"
-            if stopped and self.t != target is not None:
-                return TERMINAL_EVENT
-        return message
-
-    def _end_early(self, start: Points | None, steps: int) -> None:
-        """Return an ensemble to its points ``start``; set the time of the last step of one point.
-
-        Of the members some are ahead of others. ``steps`` is the count before the call.
-        """
-        run = self._run
-        run.record.ended = run.record.failed = run.record.raised = 0
-        self._stops_are_set = False
-        if start is not None:
-            self.t_old = None
-            run.end[...], run.reached[...] = start, self.t
-            self._set_points(start, self._first_step)
-            return
-        self.t = float(run.reached[0])
-        if run.counts[0, 4] > steps:
-            self.t_old = float(run.state()[0][0, 3])
-            self.step_size = abs(self.t - self.t_old)
-
-    def _set_points(self, rows: Points, first_step: float | None) -> None:
-        """Let all trajectories start anew at `t`."""
-        run = self._run
-        self._core.loop_restart(
-            run.address, self.t, rows.T, first_step or 0.0, run.rhs.data_address
-        )
 
     def restart(
         self,
@@ -410,8 +264,9 @@ class Stepper:
     ) -> None:
         """Continue from another time or point, or with other arguments of ``f``.
 
-        Arguments that are None stay as they are, and so do the counts. ``f`` isn't called before
-        the next step, which uses no slope of earlier ones.
+        Arguments that are None stay as they are, and so do the counts, except that terminal events
+        are counted anew. ``f`` isn't called before the next step, which uses no slope of earlier
+        ones.
 
         Parameters
         ----------
@@ -442,16 +297,11 @@ class Stepper:
         replace_rhs(self, time, args, parameters, inputs)
         self.t, self.t_old, self._cut_output = time, None, None
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):
-            far = time + self.direction * _FAR * run.control.h
+            far = self._end_from(time, run.control.h)
             self._breakpoints = self._stops = np.append(self._breakpoints[:-1], far)
-        if run.rhs.inputs is not None:
+        if run.rhs.inputs is not None and (t is not None or inputs is not None):
             self._stops = self._with_corners(run.rhs.inputs, time)
-        self._set_points(rows, first)
-        if rows is not run.end:
-            run.end[...] = rows
-        run.reached[...] = self.t
-        run.record.ended = run.record.failed = run.record.raised = 0
-        self._stops_are_set = False
+        self._begin(time, rows, first)
         self.status = "running" if self.t != self.t_bound else "finished"
 
     def dense_output(self) -> DenseOutput:
@@ -469,53 +319,12 @@ class Stepper:
             raise RuntimeError("dense_output must come after a step that all members share")
         return self._cut_output or self._interpolate()
 
-    def _interpolate(self) -> DenseOutput:
-        run = self._run
-        # f is evaluated before a breakpoint at the end of the step
-        at_breakpoint = bool((self._stops[:-1] == self.t).any())
-        beyond = self.t + self.direction
-        self._continue(np.array([self.t, beyond] if at_breakpoint else [beyond]))
-        self._stops_are_set = False
-        run.allocate_interpolants(run.members)
-        self._core.loop_set_output(run.address)
-        self._core.loop_interpolate(run.address)
-        run.record.budget = 0
-        try:
-            run.call()
-            steps = run.interpolants()
-        finally:
-            run.stop_interpolants()
-        begin = float(steps.t[0, 0])
-        outputs = [
-            DenseOutput(steps.of(k), begin, run.plan.points(steps.of(k).y[:1, 0], (1,))[0])
-            for k in range(run.members)
-        ]
-        return EnsembleOutput(outputs) if self._many else outputs[0]
-
     def _check_running(self) -> None:
         if self.status not in ("running", "event"):
             why = f": {self._failure}" if self.status == "failed" else ""
             raise RuntimeError(
                 f"the integration has {self.status} at t = {self.t:.17g}{why}; restart it"
             )
-
-    def _continue(self, stops: Array) -> None:
-        record = self._run.record
-        self._core.loop_continue(self._run.address, stops)
-        record.ended = record.failed = record.raised = 0
-
-    def _check_failures(self) -> str:
-        """Return the message for failed steps; raise other errors."""
-        run = self._run
-        bad = np.flatnonzero((run.status != Stop.PAUSED) & (run.status != Stop.FINISHED)).tolist()
-        self.status = "failed"
-        failure = explain_failure(run, bad[0])
-        self._failure = str(failure)
-        if isinstance(failure, Exception):
-            raise failure
-        if not self._many:
-            return f"Failure: {failure}."
-        return failed_members(dict.fromkeys(bad, self._failure), run.members)
 
     def __reduce__(self) -> tuple[Any, ...]:
         try:
@@ -525,17 +334,10 @@ class Stepper:
                 "f must be such that it can be pickled, a function of a module or a compiled one "
                 f"as cg.CompiledFunction(path, symbol), got {self.f!r}: {error}"
             ) from error
-        return _restored, (get_state(self),)
+        return restored, (Stepper, get_state(self))
 
-    def __copy__(self) -> Stepper:
-        return _restored(get_state(self))
+    def __copy__(self) -> Any:
+        return restored(Stepper, get_state(self))
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Stepper:
-        return _restored(copy.deepcopy(get_state(self), memo))
-
-
-def _restored(state: dict[str, Any]) -> Stepper:
-    """Return the stepper with a state."""
-    stepper = object.__new__(Stepper)
-    set_state(stepper, state)
-    return stepper
+    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
+        return restored(Stepper, copy.deepcopy(get_state(self), memo))

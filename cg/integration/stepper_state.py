@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,16 +12,6 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Points, real_array
 from cg.integration.arguments import check_args
 from cg.integration.rhs.inputs import check_inputs
-from cg.support.shared_numbers import Stop
-
-
-class FoundEvents(NamedTuple):
-    """Events: which ones, their times, and the points before and after jumps."""
-
-    of: Any
-    t: Array
-    before: Points
-    after: Points
 
 
 def get_state(stepper: Any) -> dict[str, Any]:
@@ -36,7 +26,9 @@ def get_state(stepper: Any) -> dict[str, Any]:
     state["_found"] = list(stepper._found)
     reals, integers, points, slopes = run.state()
     current = run.plan.points(np.ascontiguousarray(points[:, 0]), (len(points),))
-    state["problem"] = replace(stepper._problem, rhs=run.rhs, points=current, t0=stepper.t)
+    rhs = run.rhs  # with memory of its own for inputs, as copies may run in two threads
+    rhs = rhs.with_data(rhs.args, rhs.parameters, rhs.inputs, rhs.first)
+    state["problem"] = replace(stepper._problem, rhs=rhs, points=current, t0=stepper.t)
     state["trajectories"] = reals, integers, points, slopes
     state["counts"] = run.counts.copy(), run.status.copy(), run.flag.copy()
     kept = {} if jacobian is None else jacobian.kept
@@ -44,15 +36,17 @@ def get_state(stepper: Any) -> dict[str, Any]:
     return state
 
 
-def set_state(stepper: Any, state: dict[str, Any]) -> None:
-    """Give a new stepper a state from `get_state`."""
+def restored(kind: type, state: dict[str, Any]) -> Any:
+    """Return a stepper with a state from `get_state`."""
+    stepper: Any = object.__new__(kind)
     state = dict(state)
     stepper._problem = state.pop("problem")
     reals, integers, points, slopes = state.pop("trajectories")
     counts, status, flag = state.pop("counts")
     matrices = state.pop("matrices")
     vars(stepper).update(state)
-    stepper._run = run = stepper._make_run()
+    stepper._make_run()
+    run = stepper._run
     if run.callbacks.jacobian is not None:
         run.callbacks.jacobian.kept.update((k, [matrix]) for k, matrix in matrices.items())
     stepper._core.loop_state(
@@ -61,31 +55,7 @@ def set_state(stepper: Any, state: dict[str, Any]) -> None:
     run.counts[...], run.status[...], run.flag[...] = counts, status, flag
     run.reached[...] = stepper.t
     stepper._stops_are_set = False
-
-
-def collect_events(stepper: Any) -> bool:
-    """Move the events of a run to its stepper; return whether the last one ended a step."""
-    run = stepper._run
-    if not run._events:
-        return False
-    of, t, y = run.events()
-    run._events.clear()
-    stepper._found.append(FoundEvents(of[:, 1], t, y[:, 0], y[:, 1]))
-    ends = run.status[0] == Stop.TERMINAL_EVENT or run.problem.events.rows[of[:, 1], 4].any()
-    return bool(ends and t[-1] == run.reached[0])
-
-
-def event_lists(stepper: Any, name: str) -> list[Array] | None:
-    """Return an array for each event of a stepper, None without events."""
-    table = stepper._problem.events
-    if table is None:
-        return None
-    frame, found = stepper.frame, stepper._found
-    shape, kind = ((0,), np.float64) if name == "t" else ((0, *frame.point_shape), frame.dtype)
-    return [
-        np.concatenate([np.empty(shape, kind), *(getattr(f, name)[f.of == i] for f in found)])
-        for i in range(len(table))
-    ]
+    return stepper
 
 
 def check_points(stepper: Any, y: ArrayLike) -> Points:
@@ -119,7 +89,7 @@ def replace_rhs(
         if curves is None:
             raise ValueError(f"inputs must be None, since the constructor got none, got {inputs!r}")
         members = run.members if stepper._many else None
-        curves = check_inputs(inputs, t, t, members, run.plan.method)
+        curves = check_inputs(inputs, t, t, members, None)
         assert curves is not None
         curves.check_like(rhs.inputs)
     if extra is not rhs.args or numbers is not rhs.parameters or curves is not rhs.inputs:

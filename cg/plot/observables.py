@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import check_finite, real_array
 from cg.frames.base import Frame
-from cg.plot.style import axes_for, check_label, curve_style, plain
+from cg.plot.style import axes_for, check_label, check_points, curve_style, plain
 
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 
@@ -55,6 +55,7 @@ def invariants(
     """
     if not isinstance(getattr(solution, "frame", None), Frame):
         raise TypeError(f"solution must be a Solution, got {solution!r}")
+    check_points(solution, "solution")
     if callable(functions):
         values = dict(functions(solution.y))
     elif isinstance(functions, Mapping) and all(map(callable, functions.values())):

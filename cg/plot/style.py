@@ -62,6 +62,12 @@ def curve_style(ax: Any) -> dict[str, Any]:
     }
 
 
+def check_points(solution: Any, name: str) -> None:
+    """Raise ValueError if a solution stores no points."""
+    if getattr(solution, "y", 0) is None:
+        raise ValueError(f'{name} must have points, got a solution with store="observed"')
+
+
 def plain(text: str) -> str:
     """Return a text with dollar signs escaped for matplotlib."""
     return visible(text).replace("$", r"\$")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cg.frames.arrays import check_finite, complex_array, real_array
 from cg.plot.drawn_rotations import drawn_rotations
-from cg.plot.style import COLOURS, check_label, spatial_axes_for
+from cg.plot.style import COLOURS, check_label, check_points, spatial_axes_for
 from cg.support.checks import check_integer
 
 _NAMES = "xyz"
@@ -53,6 +53,7 @@ def trajectory_on_sphere(
     >>> ax.name
     '3d'
     """
+    check_points(y, "y")
     points = real_array(getattr(y, "y", y), "y")
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise ValueError(f"y must have shape (n, 3), got {points.shape}")
@@ -111,6 +112,7 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
     >>> cg.plot.bloch(run).get_zlabel()
     'z'
     """
+    check_points(y, "y")
     states = complex_array(getattr(y, "y", y), "y")
     if states.ndim not in (2, 3) or states.shape[1:] not in ((2,), (2, 2)) or len(states) == 0:
         raise ValueError(f"y must have shape (n, 2) or (n, 2, 2), got {states.shape}")

@@ -62,6 +62,7 @@ contains
       data = self%data(event)
       member_data = self%member_data + int(member - 1, c_intptr_t) * self%stride
       if (data == 0) data = member_data
+      if (data == -1) data = 0               ! a null pointer
       if (associated(self%inputs%table)) call self%inputs%write(t, member, member_data)
       user_data = transfer(data, user_data)
       g = function(t, y, user_data)

@@ -133,27 +133,6 @@ def test_long_steps_are_divided():
     assert gradient.parameters is None
 
 
-def test_breakpoints_and_many_parameters():
-    """A torque of twenty pieces, one parameter each."""
-    edges = np.linspace(0, 2, 21)
-
-    def f(t, y, p):
-        return [y[1], p[min(np.searchsorted(edges, t, "right") - 1, 19)] - np.sin(y[0])]
-
-    p = np.random.default_rng(0).standard_normal(20)
-    options = {"frame": Euclidean(2), "parameters": p, "breakpoints": edges[1:-1]}
-    forward = cg.solve_variational(
-        f, (0, 2), [0.3, 0.0], control_derivatives=True, **options, **TIGHT
-    )
-    adjoint = cg.solve_variational(
-        f, (0, 2), [0.3, 0.0], derivatives="adjoint", rtol=1e-9, atol=1e-9, **options
-    )
-    gradient = adjoint.gradient([1.0, -2.0])
-    np.testing.assert_allclose(
-        gradient.parameters, forward.sensitivity[-1].T @ [1.0, -2.0], rtol=0, atol=1e-7
-    )
-
-
 class TestLinear:
     RNG = np.random.default_rng(4)
     FACTORS = RNG.standard_normal((3, 3))

@@ -330,15 +330,6 @@ def test_members_of_ensembles_are_single_solutions(kind, vectorized, common):
         assert common or many[k].nfev == one.nfev
 
 
-def test_arguments_are_passed_on():
-    frame = UnitQuaternion()
-    run = cg.solve_linear(
-        lambda t, rate: [0.0, 0.0, rate], (0, 1), [1, 0, 0, 0], frame=frame, h=0.5, args=(2.0,)
-    )
-    turned = frame.flow([0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
-    np.testing.assert_allclose(run.y[-1], turned, rtol=0, atol=1e-14)
-
-
 class Qobj:
     """Not convertible to an array."""
 

@@ -104,15 +104,6 @@ def test_a_terminal_event_without_a_jump_is_passed():
         assert stepper.status == "finished"
 
 
-def test_every_third_time():
-    third = cg.Event(ground, direction=-1, jump=bounce, terminal=3)
-    stepper = cg.Stepper(fall, 0, UP, 4.0, events=third, **OPTIONS)
-    times = cg.solve_ivp(fall, (0, 4), UP, events=FLOOR, **OPTIONS).t_events[0]
-    for k in (2, 5):
-        stepper.advance(4.0)
-        np.testing.assert_allclose(stepper.t, times[k], atol=1e-7)
-
-
 def fall_and_turn(t, y):
     return [np.sin(t), y[0, 0], 1.0]
 

@@ -8,7 +8,7 @@ from scipy.linalg import solve_continuous_lyapunov
 from test_variational import SPAN, TIGHT, Wave
 
 import cg
-from cg.frames import SE3, SO3, SU, Euclidean, Product, UnitQuaternion
+from cg.frames import SE3, SO3, SU, Euclidean, PhaseSpace, Product, UnitQuaternion
 
 FRAMES = [SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), SE3(), SU(2), Euclidean(4)]
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
@@ -33,6 +33,17 @@ def quadrature(sol, density, start, end, p0):
         move = sol.transition(end) @ np.linalg.inv(phi)
         total += weight * (end - start) / 2 * move @ density(t, y) @ move.T
     return total
+
+
+def test_noise_on_a_phase_space():
+    frame = PhaseSpace(SO3(), inertia=[1.0, 1.6, 2.3])
+    y0, q = frame.join(np.eye(3), [0.1, 0.2, 0.3]), density_of(frame)(0.0, np.zeros(1))
+    run = cg.solve_variational(
+        lambda t, y: [np.sin(t), 0.1 * y[0], 0.2], (0, 1), y0, frame=frame, noise=q,
+        control_derivatives=True, dense_output=True, **TIGHT,
+    )  # fmt: skip
+    expected = quadrature(run.sol, lambda t, y: q, 0.0, 1.0, np.zeros((6, 6)))
+    np.testing.assert_allclose(run.covariance[-1], expected, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)

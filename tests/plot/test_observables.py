@@ -83,3 +83,16 @@ def test_invariants_of_other_shapes_are_refused():
         cg.plot.invariants(run, {"energy": lambda y: 1.0})
     with pytest.raises(TypeError, match="functions"):
         cg.plot.invariants(run, ["energy"])
+
+
+@pytest.mark.parametrize(
+    "draw", ["attitude", "bloch", "trajectory_of_axes", "trajectory_on_sphere", "invariants"]
+)
+def test_solutions_without_points_are_refused(draw):
+    run = cg.solve_ivp(
+        lambda t, y: [1.0, 0.0, 0.0], (0, 1), np.eye(3), frame=cg.frames.SO3(),
+        observe=lambda t, y: y[0, 0], store="observed",
+    )  # fmt: skip
+    further = [{"entry": lambda y: y[:, 0, 0]}] if draw == "invariants" else []
+    with pytest.raises(ValueError, match=r"must have points, .* store="):
+        getattr(cg.plot, draw)(run, *further)

@@ -160,9 +160,10 @@ class Run:
         """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
         states = self._share("states", np.empty((members, width + 2)))
-        counters = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
+        self.counters = self._share("counters", np.empty((members, len(COUNTERS)), dtype=np.int64))
         self.end, self.reached, self.failed_at = states[:, :width], states[:, -2], states[:, -1]
-        self.status, self.flag, self.counts = counters[:, 0], counters[:, 1], counters[:, 2:]
+        rows = self.counters
+        self.status, self.flag, self.counts = rows[:, 0], rows[:, 1], rows[:, 2:]
         self.end[...] = doubles
 
     def _share(self, name: str, array: Any) -> Any:

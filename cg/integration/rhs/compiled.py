@@ -14,7 +14,7 @@ from scipy import LowLevelCallable
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
-from cg.integration.rhs.inputs import Inputs, arguments_of
+from cg.integration.rhs.inputs import Inputs, address, arguments_of
 from cg.support.capsules import address_in, context_of
 
 SIGNATURE = "int (double, double *, double *, void *)"
@@ -103,7 +103,7 @@ class CompiledRhs:
     @property
     def data_address(self) -> int:
         """Address of the data of the first member."""
-        return self.user_data if self.data is None else int(self.data.ctypes.data)
+        return self.user_data if self.data is None else address(self.data)
 
     @property
     def failed_name(self) -> str:

@@ -115,14 +115,17 @@ def _is_count(number: float | np.integer[Any]) -> bool:
 class EventTable:
     """The events of one integration, after checking.
 
-    With ``inputs`` functions in Python get those of a `Reader`.
+    With ``inputs`` functions in Python get those of a `Reader`. If ``f`` is ``in_python``, compiled
+    functions don't get its data.
 
     ``rows`` is the table that compiled code reads: of each event the addresses of the function and
     of its data, the sign of its direction, its limit, and whether it jumps.
     """
 
-    def __init__(self, events: Any, frame: Frame, inputs: bool = False) -> None:
-        self.given, self.inputs = events, inputs
+    def __init__(
+        self, events: Any, frame: Frame, inputs: bool = False, in_python: bool = False
+    ) -> None:
+        self.given, self.inputs, self.in_python = events, inputs, in_python
         if isinstance(events, Event) or callable(events) or compiled_event(events) is not None:
             given: Sequence[Any] = (events,)
         elif isinstance(events, Sequence) and not isinstance(events, str):
@@ -138,7 +141,7 @@ class EventTable:
             most, sign = event._check(f"events[{i}]")
             row = {
                 "function": 0 if source is None else source.address,
-                "data": 0 if source is None else source.user_data,
+                "data": 0 if source is None else source.user_data or -in_python,
                 "direction": sign,
                 "most": most,
                 "jumps": event.jump is not None,
@@ -149,7 +152,7 @@ class EventTable:
         self.rows: NDArray[np.int64] = np.array(rows, dtype=np.int64).reshape(-1, len(EVENT))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.given, self.frame, self.inputs)
+        return type(self), (self.given, self.frame, self.inputs, self.in_python)
 
     def __len__(self) -> int:
         return len(self.events)
@@ -159,13 +162,13 @@ class EventTable:
         """Whether an event has a jump."""
         return bool(self.rows[:, 4].any())
 
-    def check_data(self, needed: bool) -> None:
-        """Raise ValueError if compiled functions need inputs, for an ``f`` in Python."""
+    def check_data(self) -> None:
+        """Raise ValueError if compiled functions have no data, for inputs or parameters."""
         for i, source in enumerate(self.compiled):
-            if needed and source is not None and not source.user_data:
+            if source is not None and not source.user_data:
                 raise ValueError(
-                    f"events[{i}] must be in Python with inputs and an f in Python, got "
-                    f"{self.events[i].function!r}, which is compiled and has no user_data"
+                    f"events[{i}] must be in Python with inputs or parameters and an f in Python, "
+                    f"got {self.events[i].function!r}, which is compiled and has no user_data"
                 )
 
     def value(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,19 +18,19 @@ from cg.method.method import Method
 _ROUNDING = 1e-15  # of abscissae
 
 
+def address(array: Any) -> int:
+    """Return the address of an array, in less time than its ``ctypes`` takes if it is writeable."""
+    if array.flags.writeable and array.size:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))
+    return int(array.ctypes.data)
+
+
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The inputs of an integration: samples of one or of several rates.
-
-    Attributes
-    ----------
-    curves
-    together
-        Whether functions get a tuple of values, as the user passed a tuple.
-    """
+    """The inputs of an integration: samples of one or of several rates."""
 
     curves: tuple[Samples, ...]
-    together: bool
+    together: bool  # whether functions get a tuple of values, as the user passed a tuple
 
     @property
     def members(self) -> int | None:
@@ -39,7 +40,7 @@ class Inputs:
     @property
     def width(self) -> int:
         """Number of values at one time."""
-        return sum(int(np.prod(curve.shape)) for curve in self.curves)
+        return sum(math.prod(curve.shape) for curve in self.curves)
 
     def part(self, members: slice) -> Inputs:
         """Return the inputs of some members."""
@@ -58,25 +59,28 @@ class Inputs:
 
         The values are written from number ``first`` of a member's data on.
         """
-        rows = []
-        for curve in self.curves:
+        rows: NDArray[np.int64] = np.empty((len(self.curves), 7), dtype=np.int64)
+        for k, curve in enumerate(self.curves):
             starts, numbers, stride = curve.numbers()
             powers, pieces, width = numbers.shape[-3:]
-            address = starts.ctypes.data, numbers.ctypes.data
-            rows.append((powers, pieces, width, first, *address, stride))
+            rows[k] = powers, pieces, width, first, address(starts), address(numbers), stride
             first += width
-        return np.array(rows, dtype=np.int64)
+        return rows
 
     def corners(self) -> Array:
         """Return the times at which a curve or its derivative jumps."""
-        return np.unique(np.concatenate([curve.corners for curve in self.curves]))
+        first, *others = [curve.corners for curve in self.curves]
+        return np.unique(np.concatenate([first, *others])) if others else first
 
     def add_stops(self, stops: Array, start: float) -> Array:
         """Return the ends of segments from a start, with those at corners.
 
         A corner at an end appears there once more, so that functions are called within the span.
         """
-        stop, corners = float(stops[-1]), self.corners()
+        corners = self.corners()
+        if not len(corners):
+            return stops
+        stop = float(stops[-1])
         low, high = min(start, stop), max(start, stop)
         inside = np.union1d(corners[(corners >= low) & (corners <= high)], stops[:-1])
         return np.append(inside if start <= stop else inside[::-1], stop)
@@ -89,13 +93,12 @@ class Inputs:
 
     def check_like(self, before: Inputs) -> None:
         """Raise ValueError unless functions get values of the same shapes as before."""
-
-        def layout(inputs: Inputs) -> tuple[Any, ...]:
-            shapes = tuple((curve.members or (), *curve.shape) for curve in inputs.curves)
-            return shapes if inputs.together else shapes[0]
-
-        if layout(self) != layout(before):
+        if self.together != before.together or self._layout != before._layout:
             raise ValueError(f"inputs must be like {before.curves}, got {self.curves}")
+
+    @property
+    def _layout(self) -> list[tuple[Any, ...]]:
+        return [(curve.members, curve.shape) for curve in self.curves]
 
     def check_span(self, start: float, stop: float, name: str) -> None:
         """Raise ValueError unless all curves cover a span."""
@@ -202,9 +205,12 @@ def data_at(t: float, arguments: tuple[Any, ...], has_parameters: bool) -> Array
 
 
 def check_inputs(
-    inputs: Any, start: float, stop: float, members: int | None, method: Method
+    inputs: Any, start: float, stop: float, members: int | None, method: Method | None
 ) -> Inputs | None:
-    """Return the inputs of an integration, None without any, after checking them."""
+    """Return the inputs of an integration, None without any, after checking them.
+
+    Without a method its abscissae aren't checked.
+    """
     if inputs is None:
         return None
     together = isinstance(inputs, tuple)
@@ -219,10 +225,11 @@ def check_inputs(
         if curve.members is not None and curve.members != members:
             expected = "no members" if members is None else f"{members} members"
             raise ValueError(f"{name} must have {expected}, got {curve.members}")
-    low, high = float(method.c.min()), float(method.c.max())
-    if low < -_ROUNDING or high > 1.0 + _ROUNDING:
-        raise ValueError(
-            f"method must evaluate f within the step with inputs, got {method!r}, whose abscissae "
-            f"lie between {low:g} and {high:g}"
-        )
+    if method is not None:
+        low, high = float(method.c.min()), float(method.c.max())
+        if low < -_ROUNDING or high > 1.0 + _ROUNDING:
+            raise ValueError(
+                f"method must evaluate f within the step with inputs, got {method!r}, whose "
+                f"abscissae lie between {low:g} and {high:g}"
+            )
     return Inputs(tuple(curves), together)

@@ -21,24 +21,12 @@ STORED = "all", "observed"
 
 @dataclass(frozen=True, eq=False)
 class Observer:
-    """What is evaluated at output times, after checking.
+    """What is evaluated at output times, after checking."""
 
-    Attributes
-    ----------
-    function
-        A function in Python, or a list of compiled ones.
-    frame
-        That of the points that it is given.
-    shape
-        Of its value at one time.
-    keeps_points
-        Whether the points are stored as well.
-    """
-
-    function: Any
-    frame: Frame
-    shape: tuple[int, ...]
-    keeps_points: bool
+    function: Any  # in Python, or a list of compiled ones
+    frame: Frame  # that of the points that it is given
+    shape: tuple[int, ...]  # of its value at one time
+    keeps_points: bool  # whether the points are stored as well
 
     def check(self, value: Any, t: float, _: Points) -> Array:
         """Return a value as an array, after checking it."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import math
 from bisect import bisect_right
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -87,31 +89,30 @@ class Samples(ReadOnly):
         self.times = _read_times(times)
         self.values = _read_values(values, len(self.times), kind, check_flag("members", members))
         self.members = len(self.values) if members else None
-        self.end = np.inf if kind == "hold" else float(self.times[-1])
+        self.end = math.inf if kind == "hold" else float(self.times[-1])
         if end is not None:
             self.end = self._read_end(end)
         by_time = np.moveaxis(self.values, 1, 0) if members else self.values
         self._edges, self._pieces = _curve(self.times, by_time, kind, self.causal)
-        self._starts = self._edges.tolist()
-        self._search = [-np.inf, *self._starts[1:]]
-        beyond = _ENDS * float(np.spacing(np.abs(self.times).max()))
-        self._span = float(self.times[0]) - beyond, self.end + beyond
+        first, last = float(self.times[0]), float(self.times[-1])
+        beyond = _ENDS * math.ulp(max(abs(first), abs(last)))
+        self._span = first - beyond, self.end + beyond
         flat = self._pieces.reshape(*self._pieces.shape[: 3 if members else 2], -1)
-        self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0) if members else flat)
+        self._numbers = np.ascontiguousarray(np.moveaxis(flat, 2, 0)) if members else flat
         self._pieces.flags.writeable = False
-        self._rows = self._make_rows()
 
     def __getstate__(self) -> dict[str, Any]:
-        return super().__getstate__() | {"_rows": None}
+        state = super().__getstate__()
+        state.pop("_rows", None)
+        return state
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        super().__setstate__(state)
-        self._rows = self._make_rows()
-
-    def _make_rows(self) -> list[list[Any]]:
-        """Return the polynomials of each piece, as floats if they are numbers."""
+    @cached_property
+    def _rows(self) -> tuple[list[float], list[float], list[list[Any]]]:
+        """What a search needs, the starts of the pieces, and their polynomials."""
         by_piece = np.moveaxis(self._pieces, 0, 1)
-        return by_piece.tolist() if by_piece.ndim == 2 else list(map(list, by_piece))
+        rows = by_piece.tolist() if by_piece.ndim == 2 else list(map(list, by_piece))
+        starts = self._edges.tolist()
+        return [-math.inf, *starts[1:]], starts, rows
 
     def _read_end(self, end: Any) -> float:
         value = real_array(end, "end")
@@ -142,9 +143,10 @@ class Samples(ReadOnly):
     @property
     def corners(self) -> Array:
         """Times at which the curve or its derivative jumps."""
-        inner, pieces = self._edges[1:], self._pieces.reshape(*self._pieces.shape[:2], -1)
-        if self.kind in ("cubic", "averages") and not self.causal:
+        inner = self._edges[1:]
+        if not len(inner) or (self.kind in ("cubic", "averages") and not self.causal):
             return inner[:0]
+        pieces = self._pieces.reshape(*self._pieces.shape[:2], -1)
         lengths = np.diff(self._edges)[:, None]
         jumps = pieces[0, 1:] != pieces[0, :-1]
         if len(pieces) > 1:
@@ -171,7 +173,7 @@ class Samples(ReadOnly):
 
     def reader(self, member: int | None = None) -> Callable[[float], Any]:
         """Return the curve, or that of a member, as a function that takes little time."""
-        rows, search, starts, outside = self._rows, self._search, self._starts, self.check_span
+        (search, starts, rows), outside = self._rows, self.check_span
         low, high = self._span
         own = None if self.members is None else member
 
@@ -212,7 +214,6 @@ class Samples(ReadOnly):
         part = copy.copy(self)
         part.values, part._numbers = self.values[members], self._numbers[members]
         part._pieces = self._pieces[:, :, members]
-        part._rows = part._make_rows()
         part.members = len(part.values)
         return part
 
@@ -232,10 +233,11 @@ def _read_times(times: ArrayLike) -> Array:
     array = real_array(times, "times")
     if array.ndim != 1 or not array.size:
         raise ValueError(f"times must have shape (n,), got {array.shape}")
-    check_finite(array, "times")
-    steps = np.diff(array)
-    if not (steps > 0).all():
-        place = int(np.argmax(~(steps > 0)))
+    growing = array[1:] > array[:-1]
+    bounded = math.isfinite(array.item(0)) and math.isfinite(array.item(-1))
+    if not bounded or np.count_nonzero(growing) < len(growing):  # faster than all()
+        check_finite(array, "times")
+        place = int(np.argmin(growing))
         raise ValueError(
             f"times must increase, got {array[place + 1]:g} after {array[place]:g} at [{place + 1}]"
         )
@@ -264,11 +266,11 @@ def _curve(times: Array, values: Array, kind: str, causal: bool) -> tuple[Array,
 
     The first power is the zeroth, and times count from the start of the piece.
     """
+    if kind == "hold":
+        return times, values[None]
     from scipy.interpolate import CubicSpline
 
     steps = np.diff(times).reshape(-1, *[1] * (values.ndim - 1))
-    if kind == "hold":
-        return times, values[None]
     if kind == "linear":
         return times[:-1], np.stack([values[:-1], np.diff(values, axis=0) / steps])
     if kind == "cubic":

@@ -127,7 +127,9 @@ class VariationalEvents(EventTable):
             return self.table.value(index, t, y, arguments)
         point = np.ascontiguousarray(y)
         numbers = data_at(t, arguments, self.field.count > 0)
-        data = int(self.rows[index, 1]) or (None if numbers is None else numbers.ctypes.data)
+        data = max(int(self.rows[index, 1]), 0) or (
+            None if numbers is None else numbers.ctypes.data
+        )
         return float(function(t, point.ctypes.data, data))
 
     def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:

@@ -1,0 +1,104 @@
+"""Derivatives of solutions with respect to the values of their inputs."""
+
+import numpy as np
+import pytest
+from test_inputs import FRAME, GAIN, GUST, GUSTS, HELD, LINE, START, TIGHT, TIMES, TORQUE, driven
+
+import cg
+
+
+@pytest.mark.parametrize("in_c", [False, True])
+@pytest.mark.parametrize("kind", ["hold", "linear"])
+@pytest.mark.parametrize("span", [(0.0, 2.2), (2.0, 0.1)])
+def test_derivatives_with_respect_to_values(in_c, kind, span, function):
+    f = function("blown") if in_c else driven
+    options = {"frame": FRAME, "parameters": GAIN, "rtol": 1e-11, "atol": 1e-11}
+
+    def end(values, gusts=GUSTS[1]):
+        inputs = cg.Samples(TIMES, values, kind), cg.Samples(GUSTS[0], gusts, "linear")
+        return cg.solve_ivp(f, span, START, inputs=inputs, **options).y[-1]
+
+    inputs = cg.Samples(TIMES, TORQUE, kind), GUST
+    run = cg.solve_variational(
+        f, span, START, inputs=inputs, input_derivatives=True, control_derivatives=True, **options
+    )
+    plain = cg.solve_variational(f, span, START, inputs=inputs, control_derivatives=True, **options)
+    for name in ("y", "transition", "sensitivity"):
+        got, expected = getattr(run, name)[-1], getattr(plain, name)[-1]
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
+    assert run.t[0] == span[0]
+    assert np.isin([0.3, 0.45, 1.0, 1.4], run.t).all()
+    of_torque, of_gust = run.input_sensitivity
+    assert of_torque.shape == (6, *TORQUE.shape)
+    assert of_gust.shape == (6, 11)
+    for k in range(8):
+        change, gust = 1e-4 * np.eye(24)[3 * k + k % 3].reshape(8, 3), 1e-4 * np.eye(11)[k]
+        for derivative, one, other in (
+            (of_torque[:, k, k % 3], end(TORQUE + change), end(TORQUE - change)),
+            (of_gust[:, k], end(TORQUE, GUSTS[1] + gust), end(TORQUE, GUSTS[1] - gust)),
+        ):
+            moved = [FRAME.local_coordinates(run.y[-1], y) for y in (one, other)]
+            difference = np.subtract(*moved) / 2e-4
+            np.testing.assert_allclose(derivative, difference, rtol=0, atol=1e-7)
+
+
+def test_derivatives_with_respect_to_pulses_that_vanish():
+    """All amplitudes are equal, so that the curve has no corners; the frame is in Python."""
+    frame = cg.frames.Sp(2)
+    times = np.linspace(0, 1, 11)[:-1]
+    pulse = cg.Samples(times, np.zeros((10, 2)))
+    f = lambda t, y, u: [u[0], 1.0, u[1]]  # noqa: E731
+    mixed = lambda t, y, u: [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]  # noqa: E731
+    runs = [
+        cg.solve_variational(
+            f, (0, 1), np.eye(2), frame=frame, inputs=pulse, input_derivatives=True, df_dp=df_dp,
+            **TIGHT,
+        )
+        for df_dp in (None, mixed)
+    ]  # fmt: skip
+    sensitivity = runs[0].input_sensitivity
+    np.testing.assert_allclose(sensitivity, runs[1].input_sensitivity, rtol=0, atol=1e-8)
+    assert runs[0].sensitivity is None
+    for k in (0, 9):
+        change = 1e-5 * np.eye(20)[2 * k].reshape(10, 2)
+        ends = [
+            cg.solve_ivp(
+                f, (0, 1), np.eye(2), frame=frame, inputs=cg.Samples(times, values), **TIGHT
+            ).y[-1]
+            for values in (change, -change)
+        ]
+        moved = [frame.local_coordinates(runs[0].y[-1], y) for y in ends]
+        difference = np.subtract(*moved) / 2e-5
+        np.testing.assert_allclose(sensitivity[:, k, 0], difference, rtol=0, atol=1e-5)
+
+
+def test_input_derivatives_with_equal_steps_and_without_any():
+    f = lambda t, y, u: [u * y[0]]  # noqa: E731
+    held = cg.Samples([0.0, 1.0, 2.0], [0.5, -1.0, 0.25])
+    options = {"frame": LINE, "inputs": held, "input_derivatives": True, "method": "CG4a"}
+    run = cg.solve_variational(f, (0, 3), [1.0], h=0.02, **options)
+    expected = np.exp(-0.25)  # each value acts for one unit of time
+    np.testing.assert_allclose(run.input_sensitivity, [[expected] * 3], rtol=1e-7)
+    assert run.steps == 150
+    nothing = cg.solve_variational(f, (1, 1), [1.0], h=0.02, **options)
+    np.testing.assert_array_equal(nothing.input_sensitivity, np.zeros((1, 3)))
+    np.testing.assert_array_equal(nothing.t, [1.0])
+
+
+def test_refused_with_input_derivatives():
+    options = {"frame": LINE, "input_derivatives": True}
+    f = lambda t, y, u: [u * y[0]]  # noqa: E731
+    with pytest.raises(ValueError, match="inputs must be given with input_derivatives"):
+        cg.solve_variational(f, (0, 1), [1.0], **options)
+    with pytest.raises(ValueError, match='"hold" or "linear"'):
+        cg.solve_variational(
+            f, (0, 1), [1.0], inputs=cg.Samples([0, 1], [1, 2], "cubic"), **options
+        )
+    for name, value in (("events", []), ("t_eval", [0.5]), ("dense_output", True)):
+        with pytest.raises(ValueError, match=f"{name} must not be given"):
+            cg.solve_variational(f, (0, 1), [1.0], inputs=HELD, **{name: value}, **options)
+    failed = cg.solve_variational(
+        lambda t, y, u: [u * y[0] ** 2], (0, 1.5), [1.0], inputs=HELD, **options
+    )
+    assert failed.status == -1
+    assert failed.input_sensitivity is None

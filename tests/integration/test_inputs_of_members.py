@@ -1,0 +1,91 @@
+"""Samples that each member of an ensemble has for itself."""
+
+import numpy as np
+import pytest
+from test_inputs import FRAME, GUST, LINE, RNG, START, TIGHT, TIMES, driven
+
+import cg
+
+MEMBERS = 7
+OF_EACH = RNG.standard_normal((MEMBERS, 8, 3))
+OWN = cg.Samples(TIMES, OF_EACH, members=True)
+GAINS = np.linspace(0.5, 2.0, MEMBERS)[:, None]
+EACH = {"frame": FRAME, "parameters": GAINS, "inputs": (OWN, GUST), **TIGHT}
+ALONE = {"frame": FRAME, **TIGHT}
+
+
+def driven_rows(t, y, u, p):
+    moment, gust = u
+    slope = p[:, :1] * moment - y[:, 9:]
+    slope[:, 0] += gust
+    return np.concatenate([y[:, 9:], slope], axis=1)
+
+
+def alone(k, **options):
+    own = cg.Samples(TIMES, OF_EACH[k])
+    return cg.solve_ivp(
+        driven, (0, 2.4), START, parameters=GAINS[k], inputs=(own, GUST), **ALONE | options
+    )
+
+
+@pytest.mark.parametrize("workers", [{}, {"workers": 2}, {"executor": "processes", "workers": 2}])
+@pytest.mark.parametrize("kind", ["python", "vectorized", "compiled"])
+def test_members_have_inputs_of_their_own(workers, kind, library):
+    f = {
+        "python": driven,
+        "vectorized": driven_rows,
+        "compiled": cg.CompiledFunction(library._name, "blown"),
+    }[kind]
+    run = cg.solve_ensemble(
+        f, (0, 2.4), START, vectorized=kind == "vectorized", t_eval=[0.0, 1.1, 2.4], **workers,
+        **EACH,
+    )  # fmt: skip
+    for k in range(MEMBERS):
+        expected = alone(k, t_eval=[0.0, 1.1, 2.4]).y
+        atol = 0.0 if kind == "python" else 1e-13
+        np.testing.assert_allclose(run.y[:, k], expected, rtol=0, atol=atol)
+
+
+def test_members_without_parameters_and_those_that_fail():
+    held = cg.Samples([0.0, 1.0], [[0.5, 0.5], [0.5, -1.0], [0.5, 9.0]], members=True)
+    f = lambda t, y, u: [u * y[0] ** 2]  # noqa: E731
+    with pytest.warns(UserWarning, match="1 of 3 trajectories"):
+        run = cg.solve_ensemble(
+            f, (0, 1.5), np.ones((3, 1)), frame=LINE, inputs=held, t_eval=[1.0, 1.5], **TIGHT
+        )
+    assert run.status.tolist() == [0, 0, -1]
+    np.testing.assert_allclose(run.y[0], 2.0, rtol=1e-7)
+    np.testing.assert_allclose(run.y[1, :2, 0], [4.0, 1.0], rtol=1e-7)
+    events = lambda t, y, u: u  # noqa: E731
+    signs = cg.solve_ensemble(
+        f, (0, 1.5), np.ones((2, 1)), frame=LINE, events=events, workers=2,
+        inputs=cg.Samples([0.0, 1.0], [[0.1, 0.2], [0.1, -1.0]], members=True),
+    )  # fmt: skip
+    assert [len(t) for t in signs.t_events[0]] == [0, 1]
+    assert signs.t_events[0][1][0] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_vectorized_members_with_common_steps():
+    held = cg.Samples([0.0, 1.0], RNG.standard_normal((4, 2)), members=True)
+    run = cg.solve_ensemble(
+        lambda t, y, u: u[:, None] * y, (0, 2), np.ones((4, 1)), frame=LINE, inputs=held,
+        vectorized=True, common_steps=True, **TIGHT,
+    )  # fmt: skip
+    np.testing.assert_allclose(run.y[-1, :, 0], np.exp(held.values.sum(axis=1)), rtol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["python", "vectorized", "compiled"])
+def test_derivatives_of_members(kind, function):
+    f = {"python": driven, "vectorized": driven_rows, "compiled": function("blown")}[kind]
+    run = cg.solve_variational_ensemble(
+        f, (0, 1.5), START, vectorized=kind == "vectorized", workers=2,
+        events=lambda t, y, u, p: y[9] - u[1], **EACH,
+    )  # fmt: skip
+    for k in (0, MEMBERS - 1):
+        expected = cg.solve_variational(
+            driven, (0, 1.5), START, parameters=GAINS[k],
+            inputs=(cg.Samples(TIMES, OF_EACH[k]), GUST), **ALONE,
+        )  # fmt: skip
+        for name in ("transition", "sensitivity"):
+            got, want = getattr(run[k], name)[-1], getattr(expected, name)[-1]
+            np.testing.assert_allclose(got, want, rtol=0, atol=1e-9)

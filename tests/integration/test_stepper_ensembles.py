@@ -1,0 +1,84 @@
+"""Steppers of ensembles."""
+
+import copy
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from test_stepper import OPTIONS, turning
+
+import cg
+from cg.frames import SO3, Euclidean
+
+
+@pytest.mark.parametrize("common", [False, True])
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("fails", ["message", "value", "exception"])
+def test_an_ensemble_of_which_a_member_fails_stays_where_it_was(fails, vectorized, common):
+    def f(t, y, rate):
+        late = np.asarray(t)[..., None] > 1.0
+        if fails == "exception" and np.any(late & (rate > 2.0)):
+            raise KeyError("third")
+        bad = {"message": rate[..., :1] * y**2, "value": np.where(late, np.nan, y)}
+        return np.where(rate[..., :1] > 2.0, bad.get(fails, y), y)
+
+    y0, rates = np.full((3, 1), 0.5), np.array([[1.0], [2.0], [3.0]])
+    stepper = cg.Stepper(
+        f, 0.0, y0, frame=Euclidean(1), parameters=rates, vectorized=vectorized,
+        common_steps=common, method="DP5(4)", **OPTIONS,
+    )  # fmt: skip
+    assert stepper.advance(0.25) is None
+    before = stepper.y
+    if fails == "message":
+        message = stepper.advance(2.0)
+        assert message.startswith("Failure of ")
+        assert "of 3 trajectories" in message
+        assert "the step size fell below" in message
+        with pytest.raises(RuntimeError, match=r"has failed at t = 0.25: the step"):
+            stepper.advance(2.0)
+    else:
+        with pytest.raises((ValueError, KeyError), match=r"third|finite"):
+            stepper.advance(2.0)
+    assert stepper.t == 0.25
+    assert_array_equal(stepper.y, before)
+    stepper.restart()
+    assert stepper.advance(0.5) is None
+    np.testing.assert_allclose(stepper.y[:2], 0.5 * np.exp(0.5), rtol=1e-5)
+
+
+def turning_together(t, y):
+    return np.stack([0.1 + y[:, 0, 0], np.cos(t), np.sin(t) * y[:, 1, 2]], axis=1)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_ensembles_advance(together):
+    y0 = SO3().random_point(np.random.default_rng(3), 4)
+    f = turning_together if together else turning
+    stepper = cg.Stepper(f, 0.0, y0, frame=SO3(), vectorized=together, **OPTIONS)
+    stepper.advance(0.7)
+    stepper = copy.copy(stepper)
+    stepper.advance(1.5)
+    for k, point in enumerate(y0):
+        alone = cg.Stepper(turning, 0.0, point, frame=SO3(), **OPTIONS)
+        alone.advance(0.7)
+        alone.advance(1.5)
+        np.testing.assert_allclose(stepper.y[k], alone.y, atol=1e-9 if together else 0, rtol=0)
+    with pytest.raises(RuntimeError, match="common_steps"):
+        stepper.step()
+
+
+@pytest.mark.parametrize("control", [OPTIONS, {"method": "CF4", "h": 0.1}])
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_members_with_common_steps_take_them_together(vectorized, control):
+    y0 = SO3().random_point(np.random.default_rng(3), 4)
+    options = {"frame": SO3(), "vectorized": vectorized, "common_steps": True} | control
+    f = turning_together if vectorized else turning
+    stepper = cg.Stepper(f, 0.0, y0, 1.0, **options)
+    whole = cg.solve_ensemble(f, (0, 1), y0, dense_output=True, **options)
+    steps = 0
+    while stepper.status == "running":
+        assert stepper.step() is None
+        steps += 1
+        for within in (whole.sol, stepper.dense_output()):
+            np.testing.assert_allclose(within(stepper.t), stepper.y, atol=1e-13, rtol=0)
+    assert steps == whole.steps[0]
