@@ -160,8 +160,9 @@ def methods() -> list[Tableau]:
         4,
         name="DICG4c",
         source="Five implicit midpoint steps of lengths g, g, 1 - 4g, g, g with g = "
-        "1/(4 - 4^(1/3)), by M. Suzuki: Fractal decomposition of exponential operators with applications to "
-        "many-body theories and Monte Carlo simulations. Phys. Lett. A 146 (1990) 319–323",
+        "1/(4 - 4^(1/3)), by M. Suzuki: Fractal decomposition of exponential operators with "
+        "applications to many-body theories and Monte Carlo simulations. Phys. Lett. A 146 (1990) "
+        "319–323",
     )
     seven = midpoints(
         [Fraction(gamma) for gamma in YOSHIDA],
