@@ -3,7 +3,7 @@ r"""A satellite that librates in the gravity gradient of a circular orbit.
 The direction :math:`r = q^T (\cos a, \sin a, 0)` of the planet in body axes depends on the attitude
 q and on the orbit's angle a. The potential :math:`V = \tfrac32 r \cdot J r` has the torque
 :math:`3\, r \times J r` on the body, and its component about the normal is taken from the orbit,
-whose moment of inertia is that of the whole satellite about the planet.
+whose moment of inertia about the planet is much larger.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 
 from cg.frames import SO3, Euclidean, PhaseSpace, Product
 
-INERTIA, ORBIT = (1.0, 1.6, 2.3), 1e4
-TURN = 2 * pi  # of the orbit
+INERTIA, ORBIT = (1.0, 1.6, 2.3), 100.0
+TURN = pi  # half an orbit, about the fastest libration
 
 frame = PhaseSpace(Product(SO3(), Euclidean(1)), inertia=(INERTIA, ORBIT))
 _attitude = SO3().flow([0.3, 0.2, 0.4], np.eye(3))

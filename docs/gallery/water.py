@@ -52,17 +52,19 @@ def pairs(q: Any) -> tuple[Any, Any, Any]:
     """Return the energy, the forces on atoms in space, and the arms; q has shape ``(n, 7)``."""
     n, arm = len(q), rotated(q[:, None], SITES)
     atoms = (q[:, None, :3] + arm).reshape(-1, 3)
-    apart = atoms[:, None] - atoms
-    other = np.kron(1.0 - np.eye(n), np.ones((3, 3)))
-    square = np.sum(apart**2, axis=-1) + (1.0 - other)
-    charges = COULOMB * np.outer(np.tile(CHARGES, n), np.tile(CHARGES, n)) * other
-    electric = charges / np.sqrt(square)
-    oxygens = other * np.kron(np.ones((n, n)), np.diag([1.0, 0.0, 0.0]))
-    near = (SIGMA**2 / square) ** 3
-    energy = electric + 4.0 * EPSILON * oxygens * (near**2 - near)
-    slope = electric + 24.0 * EPSILON * oxygens * (2.0 * near**2 - near)
-    forces = np.einsum("ij,ijk->ik", slope / square, apart)
-    return 0.5 * energy.sum(), forces.reshape(arm.shape), arm
+    square = sum((x[:, None] - x) ** 2 for x in atoms.T)
+    for k in range(3):  # atoms of one molecule don't act on each other
+        for m in range(3):
+            square[k::3, m::3][np.diag_indices(n)] = np.inf
+    charges = np.tile(CHARGES, n)
+    electric = COULOMB * np.outer(charges, charges) / np.sqrt(square)
+    near = (SIGMA**2 / square[::3, ::3]) ** 3
+    energy = 0.5 * electric.sum() + 2.0 * EPSILON * (near**2 - near).sum()
+    slope = electric
+    slope[::3, ::3] += 24.0 * EPSILON * (2.0 * near**2 - near)
+    slope /= square
+    forces = slope.sum(axis=1)[:, None] * atoms - slope @ atoms
+    return energy, forces.reshape(arm.shape), arm
 
 
 def f(t: float, y: Any) -> Any:
