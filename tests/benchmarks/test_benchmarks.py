@@ -224,22 +224,10 @@ def test_pages_are_rendered_from_the_stored_results(tmp_path):
             assert (ROOT / "docs" / f"{figure.name}.png").is_file()
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        *(
-            "bodies",
-            "calls",
-            "ensemble",
-            "linear",
-            "long_times",
-            "rivals",
-            "steps",
-            "stiff",
-            "variational",
-        )
-    ],
-)
+@pytest.mark.parametrize("name", [
+    "bodies", "calls", "ensemble", "linear", "long_times", "rivals", "steps", "stiff",
+    "variational",
+])  # fmt: skip
 def test_stored_titles_and_methods_are_those_of_the_module(name):
     from importlib import import_module
 
