@@ -57,7 +57,7 @@ def run(quick: bool, figures: Path | None) -> Result:
             axes.plot(np.arange(1, turns + 1), np.maximum.accumulate(change)[1:], label=method)
             if name in NAMES[:2] and method in ("BlanesMoan6", "the default"):
                 far.append([title, method, *_errors(problem, method, more)[0]])
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
     if figures is not None:
         save_figure(drawing, figures / "long_times.png", dpi=90)
     notes = table(HEADS, rows), f"In {more:,} turns:", table(HEADS[:6], far)
