@@ -29,6 +29,7 @@ NAMES = (
     "estimates",
     "search",
     "linear",
+    "long_times",
 )
 """All benchmarks in the order of the page, each a module with ``run(quick, figures)``."""
 
@@ -75,8 +76,9 @@ def main(arguments: list[str] | None = None) -> int:
     ordered = {name: results[name] for name in NAMES if name in results}
     if storing:
         page.write(ordered, environments, file)
-        if "estimates" in modules:
-            modules["estimates"].write_table(results["estimates"], DOCS / "catalogue.md")
+        for name, place in (("estimates", "catalogue.md"), ("long_times", "howto/long_times.md")):
+            if name in modules:
+                modules[name].write_table(results[name], DOCS / place)
         page.write_pages(ordered, environments, DOCS)
     return 0
 

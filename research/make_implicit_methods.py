@@ -152,6 +152,18 @@ def methods() -> list[Tableau]:
         source="Three implicit midpoint steps of lengths 1/(2 - 2^(1/3)), 1 - 2/(2 - 2^(1/3)), "
         "1/(2 - 2^(1/3)); the one diagonally implicit method of three stages that a search finds",
     )
+    with localcontext() as context:
+        context.prec = 50  # one of a family, along which an error isn't corrected
+        inner = Fraction(1 / (4 - Decimal(4) ** (1 / Decimal(3))))
+    five = midpoints(
+        [inner, inner],
+        4,
+        name="DICG4c",
+        source="Five implicit midpoint steps of lengths g, g, 1 - 4g, g, g with g = "
+        "1/(4 - 4^(1/3)), by M. Suzuki: Fractal decomposition of exponential operators with "
+        "applications to many-body theories and Monte Carlo simulations. Phys. Lett. A 146 (1990) "
+        "319–323",
+    )
     seven = midpoints(
         [Fraction(gamma) for gamma in YOSHIDA],
         6,
@@ -160,7 +172,7 @@ def methods() -> list[Tableau]:
         "order symplectic integrators. Phys. Lett. A 150 (1990) 262–268, solution A; refined to "
         "36 digits",
     )
-    return [midpoint, l_stable(), damped_pair(), triple, rational(), seven]
+    return [midpoint, l_stable(), damped_pair(), triple, rational(), five, seven]
 
 
 if __name__ == "__main__":

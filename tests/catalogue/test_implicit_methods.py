@@ -21,9 +21,10 @@ KNOWN = {
     "DICG3(2)": (3, 4, 14),
     "DICG4": (4, 3, 9),
     "DICG4b": (4, 5, 20),
+    "DICG4c": (4, 5, 20),
     "DICG6": (6, 7, 35),
 }
-SELF_ADJOINT = ["ImplicitMidpoint", "DICG4", "DICG4b", "DICG6"]
+SELF_ADJOINT = ["ImplicitMidpoint", "DICG4", "DICG4b", "DICG4c", "DICG6"]
 
 
 def on_path(b, diagonal):

@@ -122,7 +122,7 @@ def test_an_order_that_needs_the_kinetic_energy_has_words_that_fail():
     assert cg.Splitting(method.kicks, method.drifts[1:-1]).order == 4  # T and V exchanged
 
 
-@pytest.mark.parametrize(("name", "order"), [("DICG4", 4), ("DICG6", 6)])
+@pytest.mark.parametrize(("name", "order"), [("DICG4", 4), ("DICG4c", 4), ("DICG6", 6)])
 def test_composed_leapfrogs_have_their_order_for_all_flows(name, order):
     gammas = cg.methods[name].b  # of midpoint steps
     kicks = (np.append(gammas, 0) + np.append(0, gammas)) / 2

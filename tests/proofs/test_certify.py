@@ -38,8 +38,8 @@ CERTIFIED = certificate_names()
 ALL = {**FROZEN, **MAGNUS}
 PARTLY = {
     "CG4", "CG4c", "CG5a", "CG5b", "CG5c", "CG5d", "CG5e", "CG6c", "CG6d", "CG6e", "CG6f", "CG6g",
-    "CG6(5)", "CG7b", "CF5r", "CF6(5)", "CF7b", "CF7(6)", "CF8a", "DICG4", "DICG6", "DP5(4)",
-    "CooperVerner8", "Verner7(6)", "DOP853", "CFM8(4)",
+    "CG6(5)", "CG7b", "CF5r", "CF6(5)", "CF7b", "CF7(6)", "CF8a", "DICG4", "DICG4c", "DICG6",
+    "DP5(4)", "CooperVerner8", "Verner7(6)", "DOP853", "CFM8(4)",
 }  # fmt: skip
 PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4", "CG4a", "CG5a", *MAGNUS]
 
