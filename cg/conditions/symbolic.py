@@ -17,8 +17,8 @@ def equations(method: Any, order: int, independent: bool = True) -> list[Any]:
     Parameters
     ----------
     method
-        The number of stages of an explicit tableau, or a method, of which only the pattern of
-        coefficients is used.
+        The number of stages of an explicit tableau, at most 100, or a method, of which only the
+        pattern of coefficients is used.
     order
         Conditions through this order.
     independent
@@ -45,7 +45,7 @@ def equations(method: Any, order: int, independent: bool = True) -> list[Any]:
     import sympy
 
     if isinstance(method, int) and not isinstance(method, bool):
-        layout: Any = Layout.tableau(check_integer("method", method, 1), Rows.EXPLICIT)
+        layout: Any = Layout.tableau(check_integer("method", method, 1, 100), Rows.EXPLICIT)
     else:
         layout = getattr(method, "layout", None)
     if not isinstance(layout, Layout) or layout.of_time:
