@@ -97,6 +97,14 @@ def same(y: JaxArray) -> JaxArray:
     return y
 
 
+def held(restore: Callable[[JaxArray], JaxArray]) -> Callable[[JaxArray], JaxArray]:
+    """Return a function with the derivative of the identity, that of `restore` along a manifold.
+
+    Derivatives of the decompositions in it don't exist where eigenvalues are equal.
+    """
+    return lambda y: y + jax.lax.stop_gradient(restore(y) - y)
+
+
 def linear(v: JaxArray, basis: NDArray[Any]) -> JaxArray:
     """Return the combination of matrices with real coefficients, in their precision."""
     dtype = v.dtype if basis.dtype.kind == "f" else jnp.result_type(v.dtype, np.complex64)

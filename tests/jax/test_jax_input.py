@@ -10,7 +10,23 @@ from jax_setup import diffrax, jax
 from refusals import refuses
 
 import cg
-from cg.frames import SE3, SO3, SU, Euclidean, Power, Product, Sphere, Stiefel, UnitQuaternion
+from cg.frames import (
+    SE3,
+    SL,
+    SO3,
+    SPD,
+    SU,
+    Euclidean,
+    Grassmann,
+    Hyperbolic,
+    IsospectralOrbit,
+    Power,
+    Product,
+    Sp,
+    Sphere,
+    Stiefel,
+    UnitQuaternion,
+)
 from cg.jax.frames import _MAKERS
 from cg.jax.points import membership_error
 
@@ -20,7 +36,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax
 
 FRAMES = [
     *(SO3(), SE3(), SU(2), Sphere(2), UnitQuaternion(), Stiefel(3, 2), Power(Sphere(2), 2)),
-    Product(SE3(), Euclidean(6)),
+    *(Product(SE3(), Euclidean(6)), Grassmann(3, 2), IsospectralOrbit((1.0, 2.0, 4.0))),
 ]
 
 
@@ -30,8 +46,25 @@ def test_membership_errors(frame):
     assert membership_error(frame, jnp.asarray(y)) < 1e-14
     for wrong in (2.0 * y, 0.0 * y):
         assert membership_error(frame, jnp.asarray(wrong)) >= 0.5
+    check_near(frame, y)
+
+
+@pytest.mark.parametrize("frame", [SL(3), Sp(4), SPD(2)], ids=repr)
+def test_relative_membership_errors(frame):
+    y = point(frame)
+    for exact in (y, frame.flow(np.full(frame.dim, 4.0), y)):  # entries up to 1e7
+        assert membership_error(frame, jnp.asarray(exact)) < 1e-13
+    check_near(frame, y)
+
+
+def test_half_space():
+    assert membership_error(Hyperbolic(2), jnp.array([3.0, 1.0])) == 0.0
+    assert membership_error(Hyperbolic(2), jnp.array([3.0, -1.0])) == 2.0
+
+
+def check_near(frame, y):
     near = y + 1e-6 * np.random.default_rng(0).standard_normal(y.shape)
-    exact = frame.membership_error(near)
+    exact = frame.relative_error(near)
     assert 0.3 * exact < membership_error(frame, jnp.asarray(near)) < 3.0 * exact
 
 

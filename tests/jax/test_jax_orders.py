@@ -1,0 +1,59 @@
+"""Orders, gradients and batches of solutions on frames whose points are matrices or vectors."""
+
+import numpy as np
+import pytest
+from jax_problems import point, solve, term
+from jax_setup import diffrax, jax
+from slow_cases import slow
+
+import cg
+from cg.frames import SL, SPD, Grassmann, Hyperbolic, IsospectralOrbit, Sp
+
+jnp = jax.numpy
+CASES = [
+    (Hyperbolic(2), "RKMK4"),
+    (Grassmann(3, 1), "CF4"),
+    *slow(
+        (SPD(2), "CF4"),
+        (SL(2), "RKMK4"),
+        (Sp(2, "body"), "CG4"),
+        (IsospectralOrbit((0.0, 0.0, 1.0)), "CF4"),
+        (IsospectralOrbit((-1.0, 1.0), hermitian=True), "CG4"),
+    ),
+]
+
+pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
+
+
+@pytest.mark.parametrize(("frame", "name"), CASES, ids=repr)
+def test_solutions(frame, name):
+    """The order is four, points stay on the manifold, and gradients are those of both modes."""
+    ours, f = term(frame)
+    y0, factors = point(frame), np.array([0.4, 0.7])
+    solver = cg.jax.Solver(name, dense="steps")
+
+    def end(h, factor, adjoint):
+        return solve(ours, solver, y0, h=h, args=factor, max_steps=64, adjoint=adjoint).ys[-1]
+
+    @jax.jit
+    def batch(h):
+        return jax.vmap(lambda factor: end(h, factor, diffrax.DirectAdjoint()))(factors)
+
+    exact = [
+        cg.solve_ivp(
+            f, (0.0, 1.0), y0, frame=frame, rtol=1e-12, atol=1e-12, args=(factor,), method="CF5(4)"
+        ).y[-1]
+        for factor in factors
+    ]
+    ends = [batch(1 / steps) for steps in (16, 32)]
+    errors = [np.abs(y - np.stack(exact)).max() for y in ends]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
+    assert np.asarray(frame.relative_error(np.asarray(ends[1]))).max() < 1e-13
+
+    def cost(factor, adjoint):
+        return jnp.abs(end(0.1, factor, adjoint)[..., 0]).sum()
+
+    reverse = jax.jit(jax.grad(lambda s: cost(s, diffrax.RecursiveCheckpointAdjoint())))(0.7)
+    shifted = jax.jit(lambda s: cost(s, diffrax.DirectAdjoint()))
+    slope = (shifted(0.7 + 1e-5) - shifted(0.7 - 1e-5)) / 2e-5
+    assert float(reverse) == pytest.approx(float(slope), abs=1e-8)
