@@ -186,18 +186,25 @@ class TestRefusals:
         else:
             np.testing.assert_allclose(jax.jacobian(end)(jnp.ones(2)), np.eye(2), atol=1e-12)
 
+    def test_too_many_steps(self):
+        with pytest.raises(RuntimeError, match="Try increasing `max_steps`"):
+            solve(self.ours(), cg.jax.Solver("CF4"), point(UnitQuaternion()), h=0.1, max_steps=3)
+
     def test_functions_that_are_not_finite(self):
         frame = UnitQuaternion()
 
-        def run(bad, **options):
+        def run(bad, name="CF4(3)", **options):
             ours = cg.jax.FrameTerm(lambda t, y, args: jnp.where(bad(t), jnp.nan, y[:3]), frame)
-            return solve(ours, cg.jax.Solver("CF4(3)", dense="steps"), point(frame), **options)
+            return solve(ours, cg.jax.Solver(name, dense="steps"), point(frame), **options)
 
+        for options in ({}, {"name": "CF4", "h": 0.1}):
+            with pytest.raises(RuntimeError, match=r"Nonfinite .* values detected"):
+                jax.block_until_ready(run(lambda t: t > 0.5, **options).ys)
         with pytest.raises(RuntimeError, match="f must"):
             jax.block_until_ready(run(lambda t: t >= 0.0).ys)
         for begin in (0.0, 0.5):
             solution = run(lambda t, begin=begin: t > begin, throw=False)
-            assert solution.result == diffrax.RESULTS.dt_min_reached
+            assert solution.result == diffrax.RESULTS.nonfinite
             assert solution.stats["num_steps"] < 100
             assert np.isfinite(solution.ys).all()
 
@@ -205,7 +212,7 @@ class TestRefusals:
     @pytest.mark.parametrize("solver", [diffrax.Dopri5(), diffrax.Euler()])
     def test_solvers_of_diffrax(self, solver, frame):
         """On a sphere coefficients and points have the same shape, and adding them is possible."""
-        with pytest.raises(NotImplementedError, match="solver must"):
+        with pytest.raises(NotImplementedError, match=r'solver must be .* cg.jax.Solver\("CF4"\)'):
             solve(term(frame)[0], solver, point(frame), h=0.1)
 
     def test_controllers(self):
