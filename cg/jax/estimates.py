@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from cg.frames import SO, SU, Frame, Power, Product, U, UnitQuaternion
+from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
 from cg.jax.entire import JaxArray
 from cg.jax.linear import Before, magnus_error, node_difference
 from cg.jax.rules import linear
@@ -46,11 +46,11 @@ def _turning(frame: Frame, v: JaxArray) -> JaxArray:
         return jnp.stack([_turning(factor, v[place]) for factor, place in parts]).max()
     if isinstance(frame, Power):
         return jax.vmap(lambda part: _turning(frame.factor, part))(v.reshape(frame.n, -1)).max()
-    group = SU(2) if isinstance(frame, UnitQuaternion) else getattr(frame, "group", frame)
-    if not isinstance(group, SO | SU | U):
+    group = SO3() if isinstance(frame, UnitQuaternion) else getattr(frame, "group", frame)
+    if not isinstance(group, SO | SO3 | SU | U):
         return jnp.zeros((), v.dtype)
     square = (jnp.abs(linear(v[: group.dim], group.basis)) ** 2).sum()
-    factor = 2.0 if not isinstance(group, SO) else 1.0 if group.n > 3 else 0.5
+    factor = 2.0 if isinstance(group, SU | U) else 1.0 if group.size > 3 else 0.5
     return jnp.sqrt(factor * square)
 
 

@@ -112,6 +112,16 @@ def linear(v: JaxArray, basis: NDArray[Any]) -> JaxArray:
     return (v.astype(dtype) @ flat).reshape(basis.shape[1:])
 
 
+def turned(v: JaxArray, basis: NDArray[np.float64], y: JaxArray) -> JaxArray:
+    """Return the combination of real matrices times a vector.
+
+    The products with the vector come first, since stages of a step share them. `XLA` makes sums
+    part of other kernels, unlike products of small matrices.
+    """
+    fields = (jnp.asarray(basis, y.dtype) * y).sum(axis=2)
+    return (v[:, None] * fields).sum(axis=0)
+
+
 def bilinear(tensor: NDArray[Any], x: Scalars, y: Scalars) -> list[JaxArray]:
     """Return the sums over i, j of ``tensor[k, i, j] * x[i] * y[j]``, without terms that are zero.
 
