@@ -60,7 +60,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         rounds = 3 if quick else 5
         with tempfile.TemporaryDirectory() as folder:
             case = tumbling(Path(folder))
-            rows = (*_equal_errors(case, rounds), *_gradients(case, rounds))
+            rows = (*_equal_errors(case, rounds), _forced(rounds), *_gradients(case, rounds))
         rows = (*rows, *_batches(rounds), *_ensembles(3, quick), *_memory(), *_compiling(3))
         try:
             rows = (*rows, *_against_georax(rounds))
@@ -69,7 +69,9 @@ def run(quick: bool, figures: Path | None) -> Result:
     return Result(TITLE, METHOD, rows, notes)
 
 
-def _solvers(normalised: bool = False, unroll: bool = False) -> dict[str, tuple[Solve, bool]]:
+def _solvers(
+    normalised: bool = False, unroll: bool = False, torque: float = 0.0
+) -> dict[str, tuple[Solve, bool]]:
     """Return functions of tolerance, start, inertia and end, each with whether it uses `cg.jax`."""
     import diffrax
     import jax
@@ -79,15 +81,16 @@ def _solvers(normalised: bool = False, unroll: bool = False) -> dict[str, tuple[
     frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
     generators = cg.frames.UnitQuaternion().field(np.eye(3), np.eye(4)[:, None])
 
-    def euler(velocity: Any, inertia: Any) -> Any:
-        return jnp.cross(inertia * velocity, velocity) / inertia
+    def euler(t: Any, y: Any, inertia: Any) -> Any:
+        free = jnp.cross(inertia * y[4:], y[4:])
+        return (free + torque * (y[:3] + jnp.sin(t)) if torque else free) / inertia
 
     def coefficients(t: Any, y: Any, inertia: Any) -> Any:
-        return jnp.concatenate([y[4:], euler(y[4:], inertia)])
+        return jnp.concatenate([y[4:], euler(t, y, inertia)])
 
     def derivative(t: Any, y: Any, inertia: Any) -> Any:
         matrix = jnp.tensordot(y[4:], jnp.asarray(generators), (0, 1))
-        return jnp.concatenate([y[:4] @ matrix, euler(y[4:], inertia)])
+        return jnp.concatenate([y[:4] @ matrix, euler(t, y, inertia)])
 
     class Normalised(diffrax.AbstractAdaptiveSolver):  # type: ignore[misc]
         solver: Any
@@ -212,6 +215,21 @@ def _compare(
         f"{title}, error {error:g}, {own}", own, "ms" if pieces == 1 else "µs", rival, rival,
         pieces=(pieces, pieces), aim=Aim(aim, above=True),
     )  # fmt: skip
+
+
+def _forced(rounds: int) -> Row:
+    """Compare times for a body whose torques depend on its attitude and on time."""
+    import diffrax
+    import jax
+
+    functions = {
+        name: jax.jit(lambda tolerance, solve=solve: solve(
+            tolerance, _start(), _INERTIA, 10.0, diffrax.ForwardMode()
+        ))
+        for name, (solve, _) in _solvers(unroll=True, torque=0.1).items()
+    }  # fmt: skip
+    title = "torques of attitude and time, to t = 10"
+    return _compare(title, functions, functions["Dopri8"](1e-13), rounds, error=1e-8)
 
 
 def _gradients(case: Case, rounds: int) -> list[Row]:

@@ -271,8 +271,9 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         too_small = ~keep & (size < _MIN_STEP * _spacing(t0)) | (failures >= _MAX_FAILURES)
         size = jnp.where(keep, jnp.maximum(size, _MIN_STEP * _spacing(start)), size)
         result = diffrax.RESULTS.where(
-            too_small, diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.successful
+            jnp.isfinite(error), diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.nonfinite
         )
+        result = diffrax.RESULTS.where(too_small, result, diffrax.RESULTS.successful)
         last_error = jnp.where(keep, jnp.maximum(error, _MIN_LAST_ERROR), last_error)
         raised = jnp.minimum(suspicion + _RAISED_BY_REJECTION, _MAX_SUSPICION)
         suspicion = jnp.where(keep, jnp.maximum(suspicion - 1, 0), raised)

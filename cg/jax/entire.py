@@ -74,7 +74,8 @@ def dexpinv_factor(q: JaxArray) -> JaxArray:
     series = jnp.full_like(q, _FACTOR_TERMS[-1])
     for term in _FACTOR_TERMS[-2::-1]:
         series = term + q * series
-    return 2.0 / (_POLES[0] - q) + (2.0 / (_POLES[1] - q) + series)
+    near, far = _POLES[0] - q, _POLES[1] - q
+    return 2.0 * (near + far) / (near * far) + series
 
 
 def motion_factors(q: JaxArray) -> tuple[JaxArray, JaxArray]:

@@ -14,24 +14,37 @@ from typing import Any
 from cg.frames import (
     GL,
     SE3,
+    SL,
     SO,
     SO3,
+    SPD,
     SU,
     Euclidean,
     FieldFrame,
     Frame,
+    Grassmann,
+    Hyperbolic,
+    IsospectralOrbit,
     LinearAction,
     MatrixFrame,
     Power,
     Product,
     Semidirect,
+    Sp,
     Sphere,
     Stiefel,
     U,
     UnitQuaternion,
 )
 from cg.jax.groups import group_rules, semidirect_rules
-from cg.jax.manifolds import euclidean_rules, own_rules, sphere_rules, stiefel_rules
+from cg.jax.manifolds import (
+    conjugation_rules,
+    euclidean_rules,
+    hyperbolic_rules,
+    own_rules,
+    sphere_rules,
+    stiefel_rules,
+)
 from cg.jax.products import power_rules, product_rules
 from cg.jax.rotation_rules import quaternion_rules
 from cg.jax.rules import Rules
@@ -64,10 +77,16 @@ _MAKERS: dict[type[Frame], Callable[[Any], Rules]] = {
     SU: group_rules,
     U: group_rules,
     GL: group_rules,
+    SL: group_rules,
+    Sp: group_rules,
     Semidirect: semidirect_rules,
     Euclidean: euclidean_rules,
     Sphere: sphere_rules,
     Stiefel: stiefel_rules,
+    Grassmann: conjugation_rules,
+    SPD: conjugation_rules,
+    IsospectralOrbit: conjugation_rules,
+    Hyperbolic: hyperbolic_rules,
     Product: lambda frame: product_rules(frame, [rules_of(part) for part in frame.factors]),
     Power: lambda frame: power_rules(frame, rules_of(frame.factor)),
     FieldFrame: own_rules,

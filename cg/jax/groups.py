@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 
-from cg.frames import SO, SU, Frame, MatrixGroup, Semidirect, U
+from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U
 from cg.jax.dexpinv import motion_dexpinv, series_dexpinv, turning_dexpinv
 from cg.jax.entire import JaxArray, dexpinv_factor, rotation_vector, stumpff
 from cg.jax.matrices import expm, logarithm_of, projection
 from cg.jax.rotation_rules import rotation_logarithm, rotation_matrix
-from cg.jax.rules import Rules, adjoint, linear, newton_schulz, real_dtype, same
+from cg.jax.rules import Rules, adjoint, held, linear, newton_schulz, real_dtype, same
 
 
 def group_rules(frame: MatrixGroup) -> Rules:
@@ -122,7 +123,29 @@ def _inverse_and_restore(
         return adjoint, restore
     if isinstance(frame, SO | U):
         return adjoint, newton_schulz
+    if isinstance(frame, SL):
+        return jnp.linalg.inv, held(_with_determinant_one)
+    if isinstance(frame, Sp):
+        return jnp.linalg.inv, held(lambda y: y + _symplectic_correction(frame, y))
     return jnp.linalg.inv, same
+
+
+def _with_determinant_one(y: JaxArray) -> JaxArray:
+    """Return a matrix after the Newton step of least norm, along the cofactors."""
+    determinant, cofactors = jax.value_and_grad(jnp.linalg.det)(y)
+    change = (1.0 - determinant) / (cofactors**2).sum() * cofactors
+    return y + jnp.where(jnp.isfinite(change).all(), change, 0.0)
+
+
+def _symplectic_correction(frame: Sp, y: JaxArray) -> JaxArray:
+    """Return the change of `cg.frames.matrix_functions.symplectic_correction`."""
+    form = jnp.asarray(frame._form, y.dtype)
+    left, singular, right = jnp.linalg.svd(y)
+    preserved = singular[:, None] * (left.T @ form @ left) * singular
+    defect = preserved - right @ form @ right.T
+    positive = jnp.maximum(singular, jnp.finfo(y.dtype).eps * singular[0])
+    length = jnp.hypot(positive[:, None], positive)
+    return form.T @ left @ (-singular[:, None] / length * (defect / length)) @ right
 
 
 def _log1p(

@@ -1,17 +1,43 @@
-"""Vector spaces, spheres, Stiefel manifolds, and frames that users have written."""
+"""Vector spaces, manifolds on which groups act, and frames that users have written."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 
-from cg.frames import Euclidean, FieldFrame, LinearAction, MatrixFrame, Sphere, Stiefel
+from cg.frames import (
+    SPD,
+    Euclidean,
+    FieldFrame,
+    Frame,
+    Grassmann,
+    Hyperbolic,
+    IsospectralOrbit,
+    LinearAction,
+    MatrixFrame,
+    Sphere,
+    Stiefel,
+)
 from cg.integration.step.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine
 from cg.jax.groups import exponential_of, group_dexpinv
 from cg.jax.matrices import expm, projection
-from cg.jax.rules import Rules, linear, newton_schulz, ones, real_dtype, same, unit_step
+from cg.jax.rules import (
+    Rules,
+    adjoint,
+    held,
+    linear,
+    newton_schulz,
+    ones,
+    real_dtype,
+    same,
+    unit_step,
+)
+
+_SERIES_TERMS = 18
 
 
 def euclidean_rules(frame: Euclidean) -> Rules:
@@ -76,6 +102,85 @@ def stiefel_rules(frame: Stiefel) -> Rules:
     )
 
 
+def conjugation_rules(frame: Grassmann | SPD | IsospectralOrbit) -> Rules:
+    """Return the rules of matrices on which a group acts from both sides."""
+    exponential = exponential_of(frame.group)
+
+    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
+        x = exponential(v)
+        return x @ y @ adjoint(x)
+
+    def restore(y: JaxArray) -> JaxArray:
+        y = 0.5 * (y + adjoint(y))
+        if isinstance(frame, Grassmann):
+            return 3.0 * (y @ y) - 2.0 * (y @ y @ y)
+        if isinstance(frame, SPD):
+            return y
+        vectors = jnp.linalg.eigh(y)[1]
+        return (vectors * jnp.asarray(frame.spectrum, real_dtype(y))) @ adjoint(vectors)
+
+    exact = isinstance(frame, IsospectralOrbit)
+    return Rules(
+        frame,
+        flow,
+        held(restore) if exact else restore,
+        None,
+        group_dexpinv(frame.group),
+        _least_coefficients(frame, flow),
+        ones(frame),
+        free=False,
+    )
+
+
+def hyperbolic_rules(frame: Hyperbolic) -> Rules:
+    """Return the rules of the half-space with dilations and translations."""
+
+    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
+        shift = jnp.append(_expm1_quotient(v[0]) * v[1:], 0.0)
+        return jnp.exp(v[0]) * y + shift.astype(y.dtype)
+
+    def log(y0: JaxArray, y1: JaxArray) -> JaxArray:
+        change = y1 - y0
+        growth = change[-1] / y0[-1]
+        a = jnp.log1p(growth)
+        return jnp.append(a, (change[:-1] - growth * y0[:-1]) / _expm1_quotient(a))
+
+    def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
+        a = tangent[-1] / y[-1]
+        return jnp.append(a, tangent[:-1] - a * y[:-1])
+
+    def sizes(y: JaxArray) -> JaxArray:
+        return jnp.full(frame.n, jnp.sqrt(y @ y)).at[0].set(1.0)
+
+    return Rules(frame, flow, same, log, series_dexpinv(frame), coefficients, sizes)
+
+
+def _expm1_quotient(a: JaxArray) -> JaxArray:
+    """Return (exp(a) - 1) / a."""
+    near = jnp.abs(a) < 1.0
+    small, large = jnp.where(near, a, 0.0), jnp.where(near, 1.0, a)
+    series = jnp.ones_like(a)
+    for k in range(_SERIES_TERMS, 1, -1):
+        series = 1.0 + small / k * series
+    return jnp.where(near, series, jnp.expm1(large) / large)
+
+
+def _least_coefficients(
+    frame: Frame, flow: Callable[[JaxArray, JaxArray], JaxArray]
+) -> Callable[[JaxArray, JaxArray], JaxArray]:
+    """Return the shortest coefficients whose field is nearest to a tangent, for any frame."""
+
+    def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
+        columns = jax.jacfwd(lambda v: flow(v, y))(jnp.zeros(frame.dim, real_dtype(y)))
+        columns, flat = columns.reshape(-1, frame.dim), tangent.reshape(-1)
+        if jnp.iscomplexobj(columns):
+            columns = jnp.concatenate([columns.real, columns.imag])
+            flat = jnp.concatenate([flat.real, flat.imag])
+        return jnp.linalg.pinv(columns) @ flat
+
+    return coefficients
+
+
 def own_rules(frame: FieldFrame | MatrixFrame | LinearAction) -> Rules:
     """Return the rules of a frame whose functions the user has written in jax.numpy."""
     functions = frame._functions
@@ -87,23 +192,13 @@ def own_rules(frame: FieldFrame | MatrixFrame | LinearAction) -> Rules:
         def flow(v: JaxArray, y: JaxArray) -> JaxArray:
             return expm(linear(v, matrices)) @ y
 
-    def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
-        eye = jnp.eye(frame.dim, dtype=real_dtype(y))
-        columns = jax.vmap(lambda v: rules.field(v, y).reshape(-1))(eye)
-        flat = tangent.reshape(-1)
-        if jnp.iscomplexobj(columns):
-            columns = jnp.concatenate([columns.real, columns.imag], axis=1)
-            flat = jnp.concatenate([flat.real, flat.imag])
-        return flat @ jnp.linalg.pinv(columns)
-
-    rules = Rules(
+    return Rules(
         frame,
         flow,
         functions.get("restore", same),
         functions.get("exp_coordinates"),
         series_dexpinv(frame) if has_brackets(frame) else None,
-        coefficients,
+        _least_coefficients(frame, flow),
         ones(frame),
         free=False,
     )
-    return rules

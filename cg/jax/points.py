@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from cg.frames import (
+    SL,
     SO,
+    SPD,
     SU,
     Frame,
+    Grassmann,
+    Hyperbolic,
+    IsospectralOrbit,
     Power,
     Product,
     Semidirect,
+    Sp,
     Sphere,
     Stiefel,
     U,
@@ -147,7 +154,7 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
 
 
 def membership_error(frame: Frame, y: JaxArray) -> JaxArray:
-    """Return the residuals of a manifold's equations, to first order its `membership_error`."""
+    """Return the residuals of a manifold's equations, to first order its `relative_error`."""
     if isinstance(frame, Product):
         parts = zip(frame.factors, split(frame, y), strict=True)
         return jnp.stack([membership_error(factor, part) for factor, part in parts]).max()
@@ -159,9 +166,28 @@ def membership_error(frame: Frame, y: JaxArray) -> JaxArray:
         return jnp.maximum(membership_error(frame.group, y[:n, :n]), lower)
     if isinstance(frame, UnitQuaternion | Sphere):
         return jnp.abs(jnp.sqrt(y @ y) - 1.0)
+    if isinstance(frame, Hyperbolic):
+        return jnp.where(y[-1] > 0.0, 0.0, 1.0 - y[-1])
+    return _matrix_error(frame, y)
+
+
+def _matrix_error(frame: Frame, y: JaxArray) -> JaxArray:
+    """Return the relative distance of a matrix from its manifold, zero where all are on it."""
     if isinstance(frame, SO | SU | U | Stiefel):
         error = 0.5 * jnp.abs(adjoint(y) @ y - jnp.eye(y.shape[1])).max()
         if isinstance(frame, SO | SU):
             error = jnp.maximum(error, jnp.abs(jnp.linalg.det(y) - 1.0))
         return error
-    return jnp.zeros((), real_dtype(y))
+    if isinstance(frame, SL | Sp):
+        return jnp.linalg.norm(rules_of(frame).restore(y) - y, 2) / jnp.linalg.norm(y, 2)
+    if not isinstance(frame, Grassmann | SPD | IsospectralOrbit):
+        return jnp.zeros((), real_dtype(y))
+    values, asymmetry = jnp.linalg.eigvalsh(y), jnp.abs(y - adjoint(y)).max()
+    if isinstance(frame, SPD):
+        return jnp.maximum(asymmetry, -values[0]) / jnp.abs(y).max()
+    if isinstance(frame, Grassmann):
+        spectrum = np.repeat([0.0, 1.0], [frame.n - frame.k, frame.k])
+    else:
+        spectrum = np.array(frame.spectrum)
+    error = jnp.maximum(0.5 * asymmetry, jnp.abs(values - spectrum).max())
+    return error / (np.abs(spectrum).max() or 1.0)

@@ -8,7 +8,7 @@ from cg.frames import UnitQuaternion
 from cg.frames.quaternion import _generators
 from cg.jax.dexpinv import turning_dexpinv
 from cg.jax.entire import JaxArray, rotation_vector, stumpff
-from cg.jax.rules import Rules, bilinear, linear, ones, unit_step
+from cg.jax.rules import Rules, bilinear, ones, turned, unit_step
 
 
 def quaternion_rules(frame: UnitQuaternion) -> Rules:
@@ -18,7 +18,7 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
         # By scalars, as in `sines`, steps that an adjoint repeats differ by rounding.
         x2 = 0.25 * (v @ v)
-        return stumpff(0, x2) * y + stumpff(1, x2) * (linear(v, generators) @ y)
+        return stumpff(0, x2) * y + stumpff(1, x2) * turned(v, generators, y)
 
     def sines(y: JaxArray, end: JaxArray) -> JaxArray:
         return jnp.stack(bilinear(2.0 * generators, list(end), list(y)))

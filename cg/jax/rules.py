@@ -97,11 +97,29 @@ def same(y: JaxArray) -> JaxArray:
     return y
 
 
+def held(restore: Callable[[JaxArray], JaxArray]) -> Callable[[JaxArray], JaxArray]:
+    """Return a function with the derivative of the identity, that of `restore` along a manifold.
+
+    Derivatives of the decompositions in it don't exist where eigenvalues are equal.
+    """
+    return lambda y: y + jax.lax.stop_gradient(restore(y) - y)
+
+
 def linear(v: JaxArray, basis: NDArray[Any]) -> JaxArray:
     """Return the combination of matrices with real coefficients, in their precision."""
     dtype = v.dtype if basis.dtype.kind == "f" else jnp.result_type(v.dtype, np.complex64)
     flat = jnp.asarray(basis.reshape(len(basis), -1), dtype)
     return (v.astype(dtype) @ flat).reshape(basis.shape[1:])
+
+
+def turned(v: JaxArray, basis: NDArray[np.float64], y: JaxArray) -> JaxArray:
+    """Return the combination of real matrices times a vector.
+
+    The products with the vector come first, since stages of a step share them. `XLA` makes sums
+    part of other kernels, unlike products of small matrices.
+    """
+    fields = (jnp.asarray(basis, y.dtype) * y).sum(axis=2)
+    return (v[:, None] * fields).sum(axis=0)
 
 
 def bilinear(tensor: NDArray[Any], x: Scalars, y: Scalars) -> list[JaxArray]:

@@ -90,9 +90,9 @@ class FrameTerm(diffrax.AbstractTerm):
     def prod(self, vf: JaxArray, control: JaxArray) -> JaxArray:
         """Refuse solvers and adjoints that add tangents to points instead of following flows."""
         raise NotImplementedError(
-            "solver must be a cg.jax.Solver for a FrameTerm, and adjoint must not be "
-            "BacksolveAdjoint, whose state is no point of the frame; RecursiveCheckpointAdjoint "
-            "gives the gradient without the error of solving backwards"
+            'solver must be one of this package for a FrameTerm, such as cg.jax.Solver("CF4"), and '
+            "adjoint must not be BacksolveAdjoint, whose state is no point of the frame, but "
+            "RecursiveCheckpointAdjoint"
         )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +25,7 @@ from cg.integration.step.interpolant import (
 from cg.integration.step.paths import paths_of
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
+from cg.jax.stages import Stages, Start
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 
@@ -88,31 +88,19 @@ class Within(diffrax.AbstractLocalInterpolation):
 
 
 def interpolant(
-    method: Method,
-    rules: Rules,
-    f: Callable[[Any, JaxArray], JaxArray],
-    h: JaxArray,
-    y0: JaxArray,
-    y1: JaxArray,
-    first: JaxArray,
-    last: JaxArray,
-    stages: JaxArray,
-    *,
-    accurate: bool,
+    method: Method, start: Start, stages: Stages, last: JaxArray, *, accurate: bool
 ) -> _Interpolant:
-    """Return the interpolant of a step.
+    """Return the interpolant of a step, with the coefficients at its end.
 
-    ``f(theta, y)`` returns coefficients at a fraction of the step; ``first`` and ``last`` are those
-    at both ends, ``stages`` those at stages, of a method of Munthe-Kaas the derivatives of
-    coordinates. If not ``accurate``, it consists of the flows of the step, with weights
-    proportional to time.
+    If not ``accurate``, it consists of the flows of the step, with weights proportional to time.
     """
+    rules = start.rules
     if not accurate:
-        return _Interpolant(y0, h * stages, rules, _straight(method))
+        return _Interpolant(start.y0, start.h * stages.values, rules, _straight(method))
     flat = isinstance(method, MuntheKaas)
     if flat or (rules.free and rules.dexpinv is not None and rules.log is not None):
-        return _on_algebra(method, rules, f, h, y0, y1, first, last, stages)
-    return _by_flows(method, rules, f, h, y0, y1, first, last)
+        return _on_algebra(method, start, stages, last)
+    return _by_flows(method, start, stages.result, last)
 
 
 @cached
@@ -125,29 +113,20 @@ def _straight(method: Method) -> _Scheme:
     return _Scheme(weights, accurate=False)
 
 
-def _on_algebra(
-    method: Method,
-    rules: Rules,
-    f: Callable[[Any, JaxArray], JaxArray],
-    h: JaxArray,
-    y0: JaxArray,
-    y1: JaxArray,
-    first: JaxArray,
-    last: JaxArray,
-    stages: JaxArray,
-) -> _Interpolant:
+def _on_algebra(method: Method, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
+    rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     extension, series = extension_of(method), series_order(method)
     dexpinv = rules.dexpinv
     assert dexpinv is not None
     # all derivatives are times h, which may be zero
     if isinstance(method, MuntheKaas):
-        known = h * stages
+        known = h * stages.values
         if extension.final == len(known):
             u = jnp.asarray(extension.basis[0, : len(known)], h.dtype) @ known
             known = jnp.concatenate([known, dexpinv(u, h * last, series)[None]])
     else:
-        u = _coordinates(rules, 0.5 * h * (first + last), y0, y1, series)
-        known = jnp.stack([h * first, u, dexpinv(u, h * last, series)])
+        u = _coordinates(rules, 0.5 * h * (start.first + last), y0, stages.result, series)
+        known = jnp.stack([h * start.first, u, dexpinv(u, h * last, series)])
     count, width = len(known), extension.basis.shape[1]
     derivatives = jnp.pad(known, ((0, width - count), (0, 0)))
     if len(extension.theta):
@@ -191,16 +170,8 @@ def _algebra_scheme(method: Method) -> _Scheme:
     return _Scheme(weights)
 
 
-def _by_flows(
-    method: Method,
-    rules: Rules,
-    f: Callable[[Any, JaxArray], JaxArray],
-    h: JaxArray,
-    y0: JaxArray,
-    y1: JaxArray,
-    first: JaxArray,
-    last: JaxArray,
-) -> _Interpolant:
+def _by_flows(method: Method, start: Start, y1: JaxArray, last: JaxArray) -> _Interpolant:
+    rules, f, h, y0 = start.rules, start.f, start.h, start.y0
     schemes = _flow_schemes(method)
 
     def close(fields: JaxArray, scheme: _Scheme) -> _Interpolant:
@@ -209,7 +180,7 @@ def _by_flows(
         left = rules.nearby(before(jnp.ones((), h.dtype)), y1)
         return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)
 
-    ends = h * jnp.stack([first, last])
+    ends = h * jnp.stack([start.first, last])
     level = close(ends, schemes[0])
     for count, scheme in enumerate(schemes[1:], 3):
         theta = jnp.asarray(nodes_of(count).nodes[1:-1], h.dtype)

@@ -11,15 +11,21 @@ import cg
 from cg.frames import (
     GL,
     SE3,
+    SL,
     SO,
     SO3,
+    SPD,
     SU,
     Euclidean,
     FieldFrame,
+    Grassmann,
+    Hyperbolic,
+    IsospectralOrbit,
     MatrixFrame,
     Power,
     Product,
     Semidirect,
+    Sp,
     Sphere,
     Stiefel,
     U,
@@ -43,10 +49,15 @@ def squeeze(xp):
 
 
 QUICK = [UnitQuaternion(), Euclidean(3)]
-FRAMES = [SE3(), SU(2), Sphere(2), Stiefel(3, 2), Product(SU(2), Euclidean(2)), squeeze(jnp)]
+FRAMES = [
+    *(SE3(), SU(2), Sphere(2), Stiefel(3, 2), Product(SU(2), Euclidean(2)), squeeze(jnp)),
+    *(SPD(2), Hyperbolic(3)),
+]
 OTHERS = [
     *(UnitQuaternion("space", scalar_first=True), SO3("space"), SO3(), SE3("space"), SO(2), SO(4)),
     *(Semidirect(SO3(), 2), SU(3), SU(2, "body"), U(2), GL(2), Sphere(1), Sphere(3)),
+    *(Grassmann(4, 2), SL(3, "body"), Sp(4), IsospectralOrbit((1.0, 2.0, 4.0))),
+    IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
     *(Stiefel(4, 2), Power(Sphere(2), 3), MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]])),
 ]
 EPS = np.finfo(float).eps
@@ -355,5 +366,10 @@ class TestPoints:
         refuses(ValueError, "parts must", cg.jax.join, self.FRAME, np.zeros(4))
         with pytest.raises(ValueError, match=r"parts\[1\] must"):
             cg.jax.join(self.FRAME, np.eye(2), np.zeros(3), np.zeros(2))
-        refuses(TypeError, r"FieldFrame takes a flow in jax.numpy", rules_of, cg.frames.Sp(4))
+        refuses(
+            TypeError,
+            r"FieldFrame takes a flow in jax.numpy",
+            rules_of,
+            cg.frames.CoadjointOrbit(SO3(), [1.0, 0.0, 0.0]),
+        )
         refuses(TypeError, "frame must", rules_of, 3)

@@ -10,7 +10,23 @@ from jax_setup import diffrax, jax
 from refusals import refuses
 
 import cg
-from cg.frames import SE3, SO3, SU, Euclidean, Power, Product, Sphere, Stiefel, UnitQuaternion
+from cg.frames import (
+    SE3,
+    SL,
+    SO3,
+    SPD,
+    SU,
+    Euclidean,
+    Grassmann,
+    Hyperbolic,
+    IsospectralOrbit,
+    Power,
+    Product,
+    Sp,
+    Sphere,
+    Stiefel,
+    UnitQuaternion,
+)
 from cg.jax.frames import _MAKERS
 from cg.jax.points import membership_error
 
@@ -20,7 +36,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax
 
 FRAMES = [
     *(SO3(), SE3(), SU(2), Sphere(2), UnitQuaternion(), Stiefel(3, 2), Power(Sphere(2), 2)),
-    Product(SE3(), Euclidean(6)),
+    *(Product(SE3(), Euclidean(6)), Grassmann(3, 2), IsospectralOrbit((1.0, 2.0, 4.0))),
 ]
 
 
@@ -30,8 +46,25 @@ def test_membership_errors(frame):
     assert membership_error(frame, jnp.asarray(y)) < 1e-14
     for wrong in (2.0 * y, 0.0 * y):
         assert membership_error(frame, jnp.asarray(wrong)) >= 0.5
+    check_near(frame, y)
+
+
+@pytest.mark.parametrize("frame", [SL(3), Sp(4), SPD(2)], ids=repr)
+def test_relative_membership_errors(frame):
+    y = point(frame)
+    for exact in (y, frame.flow(np.full(frame.dim, 4.0), y)):  # entries up to 1e7
+        assert membership_error(frame, jnp.asarray(exact)) < 1e-13
+    check_near(frame, y)
+
+
+def test_half_space():
+    assert membership_error(Hyperbolic(2), jnp.array([3.0, 1.0])) == 0.0
+    assert membership_error(Hyperbolic(2), jnp.array([3.0, -1.0])) == 2.0
+
+
+def check_near(frame, y):
     near = y + 1e-6 * np.random.default_rng(0).standard_normal(y.shape)
-    exact = frame.membership_error(near)
+    exact = frame.relative_error(near)
     assert 0.3 * exact < membership_error(frame, jnp.asarray(near)) < 3.0 * exact
 
 
@@ -153,18 +186,25 @@ class TestRefusals:
         else:
             np.testing.assert_allclose(jax.jacobian(end)(jnp.ones(2)), np.eye(2), atol=1e-12)
 
+    def test_too_many_steps(self):
+        with pytest.raises(RuntimeError, match="Try increasing `max_steps`"):
+            solve(self.ours(), cg.jax.Solver("CF4"), point(UnitQuaternion()), h=0.1, max_steps=3)
+
     def test_functions_that_are_not_finite(self):
         frame = UnitQuaternion()
 
-        def run(bad, **options):
+        def run(bad, name="CF4(3)", **options):
             ours = cg.jax.FrameTerm(lambda t, y, args: jnp.where(bad(t), jnp.nan, y[:3]), frame)
-            return solve(ours, cg.jax.Solver("CF4(3)", dense="steps"), point(frame), **options)
+            return solve(ours, cg.jax.Solver(name, dense="steps"), point(frame), **options)
 
+        for options in ({}, {"name": "CF4", "h": 0.1}):
+            with pytest.raises(RuntimeError, match=r"Nonfinite .* values detected"):
+                jax.block_until_ready(run(lambda t: t > 0.5, **options).ys)
         with pytest.raises(RuntimeError, match="f must"):
             jax.block_until_ready(run(lambda t: t >= 0.0).ys)
         for begin in (0.0, 0.5):
             solution = run(lambda t, begin=begin: t > begin, throw=False)
-            assert solution.result == diffrax.RESULTS.dt_min_reached
+            assert solution.result == diffrax.RESULTS.nonfinite
             assert solution.stats["num_steps"] < 100
             assert np.isfinite(solution.ys).all()
 
@@ -172,7 +212,7 @@ class TestRefusals:
     @pytest.mark.parametrize("solver", [diffrax.Dopri5(), diffrax.Euler()])
     def test_solvers_of_diffrax(self, solver, frame):
         """On a sphere coefficients and points have the same shape, and adding them is possible."""
-        with pytest.raises(NotImplementedError, match="solver must"):
+        with pytest.raises(NotImplementedError, match=r'solver must be .* cg.jax.Solver\("CF4"\)'):
             solve(term(frame)[0], solver, point(frame), h=0.1)
 
     def test_controllers(self):

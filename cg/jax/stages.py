@@ -1,0 +1,207 @@
+"""Stages of a step: coefficients along the paths of a method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.integration.step.paths import MethodPaths, paths_of
+from cg.jax.entire import JaxArray
+from cg.jax.linear import values_at_nodes
+from cg.jax.rules import Rules
+from cg.method.magnus import MagnusMethod
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """The steps of a method; there is one for equal methods, compared by identity."""
+
+    method: Method
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return steps_of, (self.method,)
+
+    @cached_property
+    def paths(self) -> MethodPaths:
+        """The paths of the method."""
+        return paths_of(self.method)
+
+    @cached_property
+    def flows(self) -> list[list[NDArray[np.float64]]]:
+        """The weights of the flows of each path, on the stages that are known by then."""
+        return [[_row(dict(flow)) for flow in path.flows] for path in self.paths.paths]
+
+    @cached_property
+    def weights(self) -> NDArray[np.float64]:
+        """Of a method of Munthe-Kaas, the weights of stages in paths and in error estimates.
+
+        Shape ``(1 + paths + estimates, stages)``; the first row is zero and stands for the start of
+        the step.
+        """
+        table = np.zeros((1 + len(self.flows), len(self.paths.stages)))
+        for row, (flow,) in zip(table[1:], self.flows, strict=True):
+            row[: len(flow)] = flow
+        return np.concatenate([table, self.errors])
+
+    @cached_property
+    def on_algebra(self) -> bool:
+        """Whether the method is one of Munthe-Kaas."""
+        return isinstance(self.method, MuntheKaas)
+
+    @cached_property
+    def of_time(self) -> bool:
+        """Whether the method is one of Magnus."""
+        return isinstance(self.method, MagnusMethod)
+
+    @cached_property
+    def errors(self) -> NDArray[np.float64]:
+        """The weights of the error estimates, shape ``(0, 1 or 2, stages)``."""
+        return np.array(self.paths.errors, dtype=np.float64).reshape(-1, len(self.paths.stages))
+
+
+def _row(flow: dict[int, Any]) -> NDArray[np.float64]:
+    row = np.zeros(max(flow, default=0) + 1)
+    for stage, weight in flow.items():
+        row[stage] = float(weight)
+    return row
+
+
+@lru_cache(maxsize=256)
+def steps_of(method: Method) -> Steps:
+    """Return the steps of a method, one object for equal methods."""
+    return Steps(method)
+
+
+@dataclass(frozen=True)
+class Start:
+    """The start of a step: its point, the coefficients there, its size.
+
+    ``f(c, y)`` returns the coefficients at a point and a fraction of the step.
+    """
+
+    rules: Rules
+    f: Callable[[Any, JaxArray], JaxArray]
+    h: JaxArray
+    y0: JaxArray
+    first: JaxArray
+
+
+@dataclass(frozen=True)
+class Stages:
+    """What a step has computed at its stages.
+
+    ``values`` are the coefficients at the stages, shape ``(stages, dim)``, of a method of
+    Munthe-Kaas the derivatives of coordinates; ``last`` those at the result, None if no stage is
+    there. ``embedded`` and ``third`` are further results, None where no pair compares points.
+    ``errors`` are weighted sums of the values, further error estimates divided by the step, shape
+    ``(0, 1 or 2, dim)``.
+    """
+
+    values: JaxArray
+    result: JaxArray
+    embedded: JaxArray | None
+    errors: JaxArray
+    last: JaxArray | None
+    third: JaxArray | None = None
+
+
+def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
+    """Return the stages and results of a method."""
+    if steps.on_algebra:
+        return _take_stages_on_algebra(steps, start, unroll)
+    rules, f, h, y0, first = start.rules, start.f, start.h, start.y0, start.first
+    paths = steps.paths
+    last = None
+    stages: list[JaxArray] = []
+    ends = [y0]
+    results = {paths.result, paths.embedded, paths.third}
+
+    def follow(last: int) -> None:
+        for k in range(len(ends), last + 1):
+            y = ends[paths.paths[k - 1].origin]
+            for row in steps.flows[k - 1]:
+                # Without the barrier XLA compiles a flow once for each of its consumers. Then
+                # rounding errors, and with them sizes of steps, differ between the forward pass
+                # and its repetition by an adjoint.
+                y = jax.lax.optimization_barrier(rules.flow(_combined(h, row, stages), y))
+            ends.append(rules.restore(y) if k in results else y)
+
+    if steps.of_time:
+        stages = list(values_at_nodes(paths, f, y0, h.dtype))
+        last = stages[-1] if paths.abscissae[-1] == 1.0 else None
+    for c, k in zip(paths.abscissae.tolist()[len(stages) :], paths.stages, strict=False):
+        follow(k)
+        value = first if k == 0 and c == 0.0 and not stages else f(c, ends[k])
+        if len(stages) + 1 == paths.final_stage:
+            last = value
+        stages.append(value)
+    follow(len(paths.paths))
+    embedded = ends[paths.embedded] if paths.embedded else None
+    values = jnp.stack(stages)
+    errors = jnp.asarray(steps.errors, h.dtype) @ values
+    third = ends[paths.third] if paths.third else None
+    return Stages(values, ends[paths.result], embedded, errors, last, third)
+
+
+def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
+    """Return the stages and the result of a method of Munthe-Kaas.
+
+    Each path is one flow from the start, whose coordinates are a weighted sum of stages. The
+    value at a stage is added to the sums of all paths at once, which is one kernel of XLA in
+    either mode of differentiation. JAX traces and differentiates one stage of the loop, also
+    where XLA compiles it unrolled. Reverse mode computes flows and dexpinv again, in fewer
+    kernels than it takes to store what their derivatives need.
+    """
+    paths, rules, f, h, y0 = steps.paths, start.rules, start.f, start.h, start.y0
+    weights = jnp.asarray(steps.weights, h.dtype)
+    nodes = jnp.asarray(paths.abscissae, h.dtype)
+    numbers = jnp.asarray(paths.stages)
+    assert rules.dexpinv is not None
+    flow = jax.checkpoint(rules.flow, prevent_cse=False)
+    dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
+
+    def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, JaxArray]:
+        path, c, column = stage
+        u = h * sums[path]
+        value = dexpinv(u, f(c, flow(u, y0)), paths.series)
+        return sums + column[:, None] * value, value
+
+    def loop(sums: JaxArray, begin: int, end: int) -> tuple[JaxArray, JaxArray]:
+        rows = numbers[begin:end], nodes[begin:end], weights.T[begin:end]
+        scanned: tuple[JaxArray, JaxArray] = jax.lax.scan(take, sums, rows, unroll=unroll)
+        return scanned
+
+    count = len(paths.stages)
+    final = paths.final_stage - 1 if paths.final_stage else count
+    sums, values = loop(weights[:, :1] * start.first, 1, final)
+    values = [start.first[None], values]
+    u = h * sums[paths.result]
+    result = rules.restore(rules.flow(u, y0))
+    last = None
+    if final < count:
+        last = f(1.0, result)
+        value = dexpinv(u, last, paths.series)
+        sums = sums + weights[:, final, None] * value
+        values.append(value[None])
+    if final + 1 < count:
+        sums, after = loop(sums, final + 1, count)
+        values.append(after)
+    errors = sums[len(steps.flows) + 1 :]
+    return Stages(jnp.concatenate(values), result, None, errors, last)
+
+
+def _combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
+    """Return h times a weighted sum of coefficients at stages, as one product."""
+    used = np.flatnonzero(row)
+    if len(used) == 1:
+        return (h * float(row[used[0]])) * stages[used[0]]
+    return (h * jnp.asarray(row[used], h.dtype)) @ jnp.stack([stages[k] for k in used])
