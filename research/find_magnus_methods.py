@@ -246,7 +246,7 @@ def lobatto(count: int) -> tuple[list[mpmath.mpf], list[mpmath.mpf]]:
     )
     inner = [
         mpmath.findroot(derivative, mpmath.mpf(float(root)))
-        for root in np.polynomial.Legendre.basis(count - 1).deriv().roots()
+        for root in np.real(np.polynomial.Legendre.basis(count - 1).deriv().roots())
     ]
     nodes = [mpmath.mpf(-1), *sorted(inner), mpmath.mpf(1)]
     weights = [1 / (count * (count - 1) * mpmath.legendre(count - 1, x) ** 2) for x in nodes]

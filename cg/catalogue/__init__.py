@@ -74,7 +74,7 @@ class Catalogue(Mapping[str, Method]):
         self._loaded: dict[str, Method] = {}
 
     def __getitem__(self, name: str) -> Method:
-        if not isinstance(name, Hashable):
+        if not isinstance(name, Hashable) or isinstance(name, slice):
             raise TypeError(f"the name of a method must be a str, got {name!r}")
         if name not in self._files:
             raise KeyError(f"no method is named {name!r}{similar_names(name)}; {_ALL}")

@@ -206,7 +206,7 @@ def make_linear_problem(
 def _lobatto() -> MagnusMethod:
     """Return the method whose only flow has the nodes and weights of Lobatto's formula."""
     legendre = Legendre.basis(_NODES - 1)
-    x = np.array([-1.0, *legendre.deriv().roots(), 1.0])
+    x = np.array([-1.0, *np.real(legendre.deriv().roots()), 1.0])
     weights = 1 / (_NODES * (_NODES - 1) * legendre(x) ** 2)
     nodes, flow = ([f"{number:.16f}" for number in row] for row in ((x + 1) / 2, weights))
     return MagnusMethod(nodes, [flow], name="Lobatto's formula")

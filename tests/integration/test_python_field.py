@@ -1,5 +1,7 @@
 """Arguments and results of Python functions called by compiled code."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -144,7 +146,8 @@ def test_changes_of_the_point_by_f_have_no_effect(frame):
         y[...] = 7.0
         y.flags.writeable = False
         if len(points) % 2:
-            y.shape = (y.size,)
+            with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
+                y.shape = (y.size,)
         return v
 
     actual = run(spoil, y0, frame=frame)

@@ -6,6 +6,7 @@ The environment variable ``CG_FUZZ`` multiplies the number of examples.
 import json
 import os
 import sqlite3
+from contextlib import closing
 
 import pytest
 from hypothesis import example, given, settings
@@ -128,7 +129,7 @@ def test_trees(text):
 def filled(tmp_path_factory):
     path = tmp_path_factory.mktemp("store") / "runs.db"
     cg.search(3, 3, 4, seed=5, store=path)
-    with sqlite3.connect(path) as connection:
+    with closing(sqlite3.connect(path)) as connection:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     return path.read_bytes()
 
