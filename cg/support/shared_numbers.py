@@ -58,6 +58,7 @@ class BlockKind(IntEnum):
     U = 9  # likewise, of any determinant
     ISOSPECTRAL = 10  # symmetric matrices with given eigenvalues, moved by SO(n)
     LINEAR_ACTION = 12  # vectors on which sparse matrices act
+    STIEFEL = 13  # orthonormal columns, with fields for derivatives of them
     CALLBACK = 11  # any manifold, by functions outside of compiled code
 
 

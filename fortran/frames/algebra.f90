@@ -7,7 +7,8 @@ module algebra_m
   use blocks_m, only: block_t
   use frames_m, only: frame_t
   use shared_numbers, only: callback_block, dexpinv_operation, euclidean_block, isospectral_block, &
-                            linear_action_block, se3_block, shortest_operation, so_block, sphere_block, su_block, u_block
+                            linear_action_block, se3_block, shortest_operation, so_block, &
+                            sphere_block, stiefel_block, su_block, u_block
   use orthogonal_m, only: skew_bracket
   use unitary_m, only: multiply, times_real
   implicit none
@@ -342,6 +343,8 @@ contains
           cycle
         case (linear_action_block)
           angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
+        case (stiefel_block)
+          angle = norm2(v(k + 1:k + block%dimension))
         case (so_block, isospectral_block)
           angle = norm2(v(k + 1:k + block%dimension))
           if (block%n > 3) angle = sqrt(2.0_wp) * angle

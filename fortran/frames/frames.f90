@@ -5,8 +5,8 @@ module frames_m
   use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
                             linear_action_block, polynomial, quaternion_block, &
                             restore_operation, scalar_first, se3_block, &
-                            so3_block, so_block, space_axes, sphere_block, su2_block, su_block, &
-                            u_block
+                            so3_block, so_block, space_axes, sphere_block, stiefel_block, su2_block, &
+                            su_block, u_block
   use blocks_m, only: block_t, body_t, flow_sequence_t
   use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
@@ -15,10 +15,11 @@ module frames_m
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion
+  use stiefel_m, only: make_intrinsic, move_stiefel, restore_stiefel
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, make_frame, apply_flows, flow_along, move_block, restore, distance_bound, turn
+  public :: frame_t, make_frame, apply_flows, complete_coefficients, flow_along, move_block, restore, distance_bound, turn
 
   type :: frame_t
     integer :: dimension = 0
@@ -85,6 +86,11 @@ contains
           block%point_size = block%n**2
           block%constants = used
           used = used + block%n
+        case (stiefel_block)
+          block%k = nint(constants(used + 1))
+          used = used + 1
+          block%dimension = block%n * block%k
+          block%point_size = block%dimension
         case (linear_action_block)
           call make_linear_action(constants(used + 1:), block%action, length)
           block%dimension = block%action%generators
@@ -127,6 +133,17 @@ contains
       end associate
     end do
   end function turn
+
+  ! Replaces a derivative of the point, which right-hand sides give on a frame of columns, by its
+  ! coefficients.
+  subroutine complete_coefficients(frame, y, f)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
+
+    if (size(frame%blocks) > 1 .or. frame%blocks(1)%kind /= stiefel_block) return
+    call make_intrinsic(frame%blocks(1)%k, frame%blocks(1)%n, y, f)
+  end subroutine complete_coefficients
 
   ! Moves y along the time-1 flow of the field with coefficients v.
   subroutine flow_along(frame, v, y)
@@ -171,7 +188,8 @@ contains
                        frame%dimension, f(v + 1, 1), y(p + 1))
       case (se3_block)
         call move_rigid_body(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
-      case (so_block, isospectral_block, su_block, u_block, linear_action_block, callback_block)
+      case (so_block, isospectral_block, su_block, u_block, stiefel_block, linear_action_block, &
+            callback_block)
         call move_matrix(frame, block, flows, begin, last, f(v + 1, 1), y(p + 1))
       case default
         call rotate(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
@@ -225,6 +243,8 @@ contains
       call move_isospectral(block%n, v, y)
     case (su_block, u_block)
       call move_unitary(block%kind, block%n, block%space, v, y)
+    case (stiefel_block)
+      call move_stiefel(block%k, block%n, v, y)
     case (linear_action_block)
       if (block%polynomial) then
         call move_polynomially(block%action, v, y)
@@ -262,6 +282,8 @@ contains
           associate (m => frame%blocks(i)%n, k => frame%blocks(i)%constants)
             call restore_isospectral(m, frame%constants(k + 1:k + m), y(p + 1:p + n))
           end associate
+        case (stiefel_block)
+          call restore_stiefel(frame%blocks(i)%k, frame%blocks(i)%n, y(p + 1:p + n))
         case (su_block, u_block)
           call restore_unitary(frame%blocks(i)%kind, frame%blocks(i)%n, y(p + 1:p + n))
         case (callback_block)
