@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
-from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
+from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries, entries_of
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
@@ -103,8 +103,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         return self._side if self.n == 3 else 0.0
 
     def _blocks(self) -> Blocks | None:
-        if self.n > MAX_MATRIX:
-            return None
         kind = BlockKind.SO3 if self.n == 3 else BlockKind.SO
         return ((kind, self.n, convention_option(self.convention)),)
 

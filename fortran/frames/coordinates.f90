@@ -44,7 +44,7 @@ contains
   end subroutine difference
 
   ! Computes the difference in one block.
-  pure subroutine difference_in_block(block, x, y, v)
+  subroutine difference_in_block(block, x, y, v)
     type(block_t), intent(in) :: block
     real(wp), contiguous, intent(in) :: x(:), y(:)
     real(wp), contiguous, intent(out) :: v(:)
