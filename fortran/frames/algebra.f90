@@ -76,7 +76,8 @@ contains
           call frame%callback%apply(dexpinv_operation, u, (v), v)
           exists = all(abs(v) <= huge(v))
         case (se3_block)
-          call dexpinv_motion(sign, u(k + 1:k + 6), v(k + 1:k + 6), exists)
+          call dexpinv_motion(block%k, sign, u(k + 1:k + block%dimension), &
+                              v(k + 1:k + block%dimension), exists)
         case (so_block, isospectral_block)
           if (block%n == 3) then                   ! SO(3) acts on the matrix
             call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
@@ -261,14 +262,16 @@ contains
 
   ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
   ! with the value and the derivative of the series at the eigenvalues of ad
-  pure subroutine dexpinv_motion(sign, u, v, exists)
+  pure subroutine dexpinv_motion(vectors, sign, u, v, exists)
+    integer, intent(in) :: vectors
     real(wp), intent(in) :: sign
-    real(wp), intent(in) :: u(6)
-    real(wp), intent(inout) :: v(6)
+    real(wp), intent(in) :: u(3, 0:vectors)  ! a rotation and velocities
+    real(wp), intent(inout) :: v(3, 0:vectors)
     logical, intent(inout) :: exists
-    real(wp) :: a, b, square, power(6), sum(6)
+    real(wp) :: a, b, square
+    real(wp), dimension(3, 0:vectors) :: power, sum
 
-    square = dot_product(u(1:3), u(1:3))
+    square = dot_product(u(:, 0), u(:, 0))
     power = bracket(u, v)
     if (square >= radius**2) then
       if (.not. norm2(power) <= commute * norm2(u) * norm2(v)) exists = .false.
@@ -310,11 +313,14 @@ contains
 
   ! The bracket of two rigid motions
   pure function bracket(u, v)
-    real(wp), intent(in) :: u(6), v(6)       ! a rotation and a velocity
-    real(wp) :: bracket(6)
+    real(wp), intent(in) :: u(:, 0:), v(:, 0:)       ! a rotation and velocities
+    real(wp) :: bracket(3, 0:ubound(u, 2))
+    integer :: i
 
-    bracket(1:3) = cross(u(1:3), v(1:3))
-    bracket(4:6) = cross(u(1:3), v(4:6)) - cross(v(1:3), u(4:6))
+    bracket(:, 0) = cross(u(:, 0), v(:, 0))
+    do i = 1, ubound(u, 2)
+      bracket(:, i) = cross(u(:, 0), v(:, i)) - cross(v(:, 0), u(:, i))
+    end do
   end function bracket
 
   ! The cross product

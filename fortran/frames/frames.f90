@@ -66,8 +66,9 @@ contains
         case (quaternion_block)
           block%point_size = 4
         case (se3_block)
-          block%dimension = 6
-          block%point_size = 16
+          block%k = block%n
+          block%dimension = 3 + 3 * block%k
+          block%point_size = (3 + block%k)**2
         case (sphere_block)
           block%point_size = 3
         case (su2_block)
@@ -272,7 +273,10 @@ contains
         case (so3_block)
           call orthogonalise(y(p + 1:p + 3), y(p + 4:p + 6), y(p + 7:p + 9))
         case (se3_block)
-          call orthogonalise(y(p + 1:p + 3), y(p + 5:p + 7), y(p + 9:p + 11))
+          associate (m => 3 + frame%blocks(i)%k)             ! entries of a row
+            call orthogonalise(y(p + 1:p + 3), y(p + m + 1:p + m + 3), &
+                               y(p + 2 * m + 1:p + 2 * m + 3))
+          end associate
         case (quaternion_block, sphere_block)
           y(p + 1:p + n) = (1.5_wp - 0.5_wp * dot_product(y(p + 1:p + n), y(p + 1:p + n))) &
                            * y(p + 1:p + n)
@@ -302,8 +306,8 @@ contains
   pure real(wp) function distance_bound(frame, y)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)       ! (point_size)
-    real(wp) :: last(4), q(4)
-    integer :: i
+    real(wp) :: off, q(4)
+    integer :: i, j
 
     distance_bound = huge(distance_bound)
     if (.not. all(abs(y) <= huge(y))) return       ! max leaves out NaN
@@ -317,9 +321,16 @@ contains
           distance_bound = max(distance_bound, rotation_bound(y(p + 1:p + 3), y(p + 4:p + 6), &
                                                               y(p + 7:p + 9)))
         case (se3_block)
-          last = abs(y(p + 13:p + 16) - [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp])
-          distance_bound = max(distance_bound, sum(last) &
-                               + rotation_bound(y(p + 1:p + 3), y(p + 5:p + 7), y(p + 9:p + 11)))
+          associate (m => 3 + frame%blocks(i)%k)
+            off = 0.0_wp                                     ! of the constant rows
+            do j = 4, m
+              off = off + sum(abs(y(p + (j - 1) * m + 1:p + j * m))) - abs(y(p + (j - 1) * m + j)) &
+                    + abs(y(p + (j - 1) * m + j) - 1)
+            end do
+            distance_bound = max(distance_bound, off &
+                                 + rotation_bound(y(p + 1:p + 3), y(p + m + 1:p + m + 3), &
+                                                  y(p + 2 * m + 1:p + 2 * m + 3)))
+          end associate
         case (quaternion_block, sphere_block)
           distance_bound = max(distance_bound, &
                                abs(dot_product(y(p + 1:p + n), y(p + 1:p + n)) - 1))

@@ -5,7 +5,19 @@ import pytest
 from compiled_examples import FRAMES as STARTS
 from compiled_examples import ORBITS
 
-from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
+from cg.frames import (
+    SE3,
+    SO,
+    SO3,
+    SU,
+    AmbientStiefel,
+    Euclidean,
+    Product,
+    Semidirect,
+    Sphere,
+    U,
+    UnitQuaternion,
+)
 from cg.integration.step.flows import _CompiledFlows, _Flows, difference_of, flows_of
 
 pytestmark = pytest.mark.sanitize
@@ -18,6 +30,8 @@ FRAMES = [
     UnitQuaternion(scalar_first=True, convention="space"),
     SE3(),
     SE3("space"),
+    Semidirect(SO3(), 2),
+    Semidirect(SO(3, "space"), 3),
     Sphere(2),
     SU(2),
     SU(2, "body"),
@@ -26,17 +40,20 @@ FRAMES = [
     SO(5, "space"),
     SU(3),
     SU(4, "body"),
+    SO(13),
+    SU(13, "body"),
     U(1),
     U(3, "body"),
     Product(SU(3), Euclidean(1), SO(4)),
     Euclidean(4),
     Product(SO3(), Euclidean(3), Product(Sphere(2), SU(2), SE3())),
 ]
+COLUMNS = [AmbientStiefel(4, 2), AmbientStiefel(20, 5)]
 WEIGHTS = 0.75 * np.array([0.5, -1.25, 0.0625])[:, None]
 
 
 @pytest.mark.parametrize("batch", [(), (5,), (2, 3)], ids=repr)
-@pytest.mark.parametrize("frame", [*FRAMES, *ORBITS], ids=repr)
+@pytest.mark.parametrize("frame", [*FRAMES, *COLUMNS, *ORBITS], ids=repr)
 def test_compiled_flows_match_frames(frame, batch):
     rng = np.random.default_rng(5)
     points = frame.random_point(rng, batch)
