@@ -147,8 +147,9 @@ class AmbientStiefel(_OrthonormalColumns):
     Notes
     -----
     The coefficients are the entries of a matrix v, row by row, with the fields :math:`y' = v - y
-    v^T y`. Those of X are :math:`v = X - \tfrac12 y\,y^T X` [1]_. The flow is that of a matrix of
-    rank 2k, which acts by linear fractional transformations: :math:`y \mapsto x z^{-1}` with
+    v^T y`; as a factor of a `Product`, ``f`` returns them. Those of X are :math:`v = X - \tfrac12
+    y\,y^T X` [1]_. The flow is that of a matrix of rank 2k, which acts by linear fractional
+    transformations: :math:`y \mapsto x z^{-1}` with
 
     .. math::
 
