@@ -9,7 +9,7 @@ module algebra_m
   use shared_numbers, only: callback_block, dexpinv_operation, euclidean_block, isospectral_block, &
                             linear_action_block, se3_block, shortest_operation, so_block, &
                             sphere_block, stiefel_block, su_block, u_block
-  use orthogonal_m, only: skew_bracket
+  use orthogonal_m, only: largest_own, skew_bracket
   use unitary_m, only: multiply, times_real
   implicit none
   private
@@ -202,6 +202,7 @@ contains
     call skew_matrix(n, sign * u, x)
     call skew_matrix(n, v, power)
     bound = norm2(x)                                 ! no sum of two angles is larger
+    if (n > largest_own) bound = min(bound, 2 * maxval(sum(abs(x), dim=1)))
     if (bound >= radius) then
       total = power / max(norm2(power), smallest)
       call apply_bracket(total)
