@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, check_random
-from cg.frames.base import FlowOverflowError, Frame
+from cg.frames.base import Frame
 from cg.frames.block_kinds import Blocks
+from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import (
     distance_from_unitary,
-    eigh_where_finite,
     nearest_unitary,
     newton_schulz,
     random_unitary,
@@ -24,9 +23,6 @@ from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
-
-MAX_LENGTH = 1e4
-"""The largest norm of coefficients of `AmbientStiefel` whose flow is computed, in parts."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -121,7 +117,7 @@ class Stiefel(_OrthonormalColumns, HomogeneousSpace):
 
 
 @dataclass(frozen=True, repr=False)
-class AmbientStiefel(_OrthonormalColumns):
+class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
     r"""Matrices of k orthonormal columns, for right-hand sides that return the derivative.
 
     ``f`` returns the derivative X of the columns, shape ``(n, k)``. Of a matrix that is not tangent
@@ -201,31 +197,6 @@ class AmbientStiefel(_OrthonormalColumns):
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         r"""Return :math:`v - y v^T y`, shape ``(..., n, k)``."""
-        matrix, point = self._matrices(v, y)
-        return np.asarray(matrix - point @ (matrix.mT @ point))
-
-    def _matrices(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         vector, point = self._arguments(v, y)
-        return vector.reshape(*vector.shape[:-1], *self.point_shape), point
-
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return the time-1 flow of the field, shape ``(..., n, k)``."""
-        matrix, point = self._matrices(v, y)
-        lengths = np.linalg.norm(matrix, axis=(-2, -1))
-        longest = float(np.max(lengths, where=np.isfinite(lengths), initial=0.0))
-        if longest > MAX_LENGTH:
-            raise FlowOverflowError(
-                f"the flow of v with |v| = {longest:.3g} can't be computed in double precision"
-            )
-        # parts short enough that the last matrix is regular to rounding
-        parts = max(1, math.ceil(longest))
-        matrix = matrix / parts
-        squares, vectors = eigh_where_finite(matrix.mT @ matrix)
-        roots = np.sqrt(np.maximum(squares, np.finfo(np.float64).tiny))
-        means = np.sinh(roots) / roots, 2.0 * (np.sinh(0.5 * roots) / roots) ** 2, np.cosh(roots)
-        s, d, c = ((vectors * mean[..., None, :]) @ vectors.mT for mean in means)
-        for _ in range(parts):
-            along = matrix.mT @ point
-            moved = point + matrix @ (s + d @ along)
-            point = np.linalg.solve((c + s @ along).mT, moved.mT).mT
-        return self.restore(point)
+        matrix = vector.reshape(*vector.shape[:-1], *self.point_shape)
+        return np.asarray(matrix - point @ (matrix.mT @ point))

@@ -9,7 +9,7 @@ module stiefel_m
   private
   public :: make_intrinsic, move_stiefel, restore_stiefel, stiefel_tangent
 
-  real(wp), parameter :: max_length = 1e4_wp       ! as in cg/frames/stiefel.py
+  real(wp), parameter :: max_length = 1e4_wp
 
 contains
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import cg
 from cg.analysis.convergence import observed_order
@@ -49,6 +50,21 @@ def test_axioms_and_solutions(n, k):
         y = cg.solve_ivp(problem, (0, 2), problem.y0, frame=problem.frame, rtol=1e-10, atol=1e-10)
         assert problem.frame.membership_error(y.y).max() < 1e-15 * n
         np.testing.assert_allclose(y.y[-1], problem.exact(2.0), rtol=0, atol=3e-9)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-200, 1e-9, 1.0, 5.0])
+@pytest.mark.parametrize(("n", "k"), [*SIZES, (20, 5)])
+def test_flows_are_linear_fractional(n, k, size):
+    frame, rng = AmbientStiefel(n, k), np.random.default_rng((n, k))
+    v, y = frame.random_vector(rng, 4), frame.random_point(rng, 4)
+    v *= size / np.linalg.norm(v, axis=-1, keepdims=True)
+    moved = frame.flow(v, y)
+    for matrix, start, end in zip(v.reshape(4, n, k), y, moved, strict=True):
+        generator = np.block([[np.zeros((n, n)), matrix], [matrix.T, np.zeros((k, k))]])
+        pair = expm(generator) @ np.concatenate([start, np.eye(k)])
+        expected = np.linalg.solve(pair[n:].T, pair[:n].T).T
+        np.testing.assert_allclose(end, expected, rtol=0, atol=1e-14 * np.exp(2.0 * size))
+    assert frame.membership_error(moved).max() < 2e-15
 
 
 @pytest.mark.parametrize("key", ["CG3", "CF4", "CG4a", "CF5(4)", "DOP853"])
