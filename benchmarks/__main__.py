@@ -24,6 +24,7 @@ NAMES = (
     "steps",
     "calls",
     "ensemble",
+    "large",
     "variational",
     "stiff",
     "estimates",

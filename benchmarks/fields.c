@@ -1,3 +1,5 @@
+#include <math.h>
+
 // Right-hand sides in C, and the function of an event.
 
 // The heavy top, on SO(3) x R^3: attitude and momentum in body axes. The data are the inverses of the
@@ -55,4 +57,13 @@ double level(double t, const double *y, void *user_data)
 {
     (void)t, (void)user_data;
     return y[3] * y[3] + y[2] * y[2] - y[0] * y[0] - y[1] * y[1];
+}
+
+// Nine rates that depend on time alone, for rotations with two vectors
+int motion(double t, const double *y, double *f, void *user_data)
+{
+    (void)y, (void)user_data;
+    for (int i = 0; i < 9; i++)
+        f[i] = sin((1.0 + 0.5 * i) * t) + 0.2;
+    return 0;
 }

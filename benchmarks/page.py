@@ -110,6 +110,8 @@ def _cells(row: Row) -> tuple[str, ...]:
     if row.other is not None:
         other = f"{_number(row.other)} {row.unit}"
     ratio = "" if row.ratio is None else ("> " * row.ratio_is_bound + _number(row.ratio))
+    if row.spread is not None:
+        ratio += " ({} to {})".format(*map(_number, row.spread))
     here = "none found" if math.isnan(row.value) else f"{_number(row.value)} {row.unit}".rstrip()
     return row.quantity, here, row.against, other, ratio, _aim(row.aim, row.met)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,18 +51,29 @@ def integrate(
         Whether points are projected.
     """
     tangent = _tangent(frame)
+
+    def derivative(t: float, y: Points) -> Points:
+        return tangent(np.asarray(f(t, y), dtype=np.float64), y)
+
+    nearest = partial(project, frame) if projected else None
+    return integrate_entries(derivative, end, y0, nearest, tolerance)
+
+
+def integrate_entries(
+    f: Tangent, end: float, y0: Points, nearest: Callable[[Points], Points] | None, tolerance: float
+) -> tuple[Points, int]:
+    """Return the same for a function that returns derivatives, and one that projects."""
     shape = y0.shape
 
     def derivatives(t: float, y: Points) -> Points:
-        point = y.reshape(shape)
-        return tangent(np.asarray(f(t, point), dtype=np.float64), point).ravel()
+        return f(t, y.reshape(shape)).ravel()
 
     solver = DOP853(derivatives, 0.0, y0.ravel(), end, rtol=tolerance, atol=tolerance)
     points = [y0]
     while solver.status == "running":
         solver.step()
-        if projected:
-            solver.y = project(frame, solver.y.reshape(shape)).ravel()
+        if nearest is not None:
+            solver.y = nearest(solver.y.reshape(shape)).ravel()
         points.append(solver.y.reshape(shape))
     if solver.status == "failed":
         raise RuntimeError("DOP853 failed")

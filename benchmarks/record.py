@@ -48,6 +48,8 @@ class Row:
     ratio_is_bound : bool
         Whether the competitor found nothing, so that the ratio is a lower bound.
     aim : Aim or None
+    spread : pair of float or None
+        The quartiles of the quotient.
     """
 
     quantity: str
@@ -58,6 +60,7 @@ class Row:
     ratio: float | None = None
     ratio_is_bound: bool = False
     aim: Aim | None = None
+    spread: tuple[float, float] | None = None
 
     @property
     def met(self) -> bool | None:

@@ -48,10 +48,14 @@ class Times:
         """
         scale = {"ms": 1e3, "µs": 1e6}[unit.split(maxsplit=1)[0]]
         here, there = (scale / count for count in pieces)
-        ratio = self.ratio(other, name) * there / here
+        pairs = zip(self.rounds[name], self.rounds[other], strict=True)
+        ratios = [here * a / (there * b) for a, b in pairs]
+        if above:
+            ratios = [1.0 / ratio for ratio in ratios]
+        low, ratio, high = statistics.quantiles(ratios, n=4, method="inclusive")
         return Row(
-            quantity, here * self.median(name), unit, against, there * self.median(other),
-            ratio if above else 1.0 / ratio, aim=aim,
+            quantity, here * self.median(name), unit, against, there * self.median(other), ratio,
+            aim=aim, spread=(low, high),
         )  # fmt: skip
 
 

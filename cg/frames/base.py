@@ -233,6 +233,11 @@ class Frame(Manifold, FieldAlgebra):
         """Number of coefficients that right-hand sides return: ``dim``, of `PhaseSpace` fewer."""
         return self.dim
 
+    @property
+    def rhs_shape(self) -> tuple[int, ...]:
+        """The shape ``(rhs_dim,)`` of what they return; of `AmbientStiefel` that of a point."""
+        return (self.rhs_dim,)
+
     def complete_rhs(self, f: Array, y: Points) -> Array:
         """Return all coefficients, shape ``(..., dim)``, of what a right-hand side returns."""
         return f

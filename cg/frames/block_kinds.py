@@ -8,17 +8,27 @@ from cg.support.shared_numbers import BlockKind, BlockOption
 SPACE_AXES = int(BlockOption.SPACE_AXES)
 """Block option: coefficients are in space axes."""
 
+_WITHOUT_COORDINATES = BlockKind.ISOSPECTRAL, BlockKind.LINEAR_ACTION, BlockKind.STIEFEL
+
 SCALAR_FIRST = int(BlockOption.SCALAR_FIRST)
 """Block option: the scalar part of a quaternion comes first."""
 
 Blocks = tuple[tuple[int, int, int, *tuple[float | Array, ...]], ...]
 """For each block: its `BlockKind`; its size n (of R^n, SO(n), SU(n) and U(n), the number of rows of
-isospectral matrices, entries of the vector of a linear action, 3 for other kinds); the sum of its
+isospectral matrices, entries of the vector of a linear action, translations of SE(3), rows of
+columns, 3 for other kinds); the sum of its
 options; and its constants, which are the increasing eigenvalues of isospectral matrices, or the
 sparse matrices of a linear action."""
 
+_MATRICES = BlockKind.SO, BlockKind.SU, BlockKind.U, BlockKind.ISOSPECTRAL
+
 MAX_MATRIX = 12
-"""Largest number of rows of compiled matrix groups; LAPACK is faster for larger ones."""
+"""Largest number of rows of matrices that compiled code multiplies without BLAS."""
+
+
+def needs_lapack(block: tuple[int, int, int, *tuple[float | Array, ...]]) -> bool:
+    """Return whether compiled code calls BLAS and LAPACK for a block."""
+    return block[0] == BlockKind.STIEFEL or (block[0] in _MATRICES and block[1] > MAX_MATRIX)
 
 
 def convention_option(convention: str) -> int:
@@ -28,4 +38,4 @@ def convention_option(convention: str) -> int:
 
 def compared_by_entries(blocks: Blocks) -> bool:
     """Return whether a block has no coordinates, so that errors are measured in its entries."""
-    return any(block[0] in (BlockKind.ISOSPECTRAL, BlockKind.LINEAR_ACTION) for block in blocks)
+    return any(block[0] in _WITHOUT_COORDINATES for block in blocks)

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, check_random
+from cg.frames.block_kinds import Blocks
 from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 from cg.support.checks import check_integer
+from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
@@ -75,6 +77,10 @@ class Grassmann(ConjugationSpace):
     def point_shape(self) -> tuple[int, ...]:
         """The shape ``(n, n)``."""
         return (self.n, self.n)
+
+    def _blocks(self) -> Blocks | None:
+        spectrum = np.repeat([0.0, 1.0], [self.n - self.k, self.k])
+        return ((BlockKind.ISOSPECTRAL, self.n, 0, spectrum),)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a step towards the projectors."""

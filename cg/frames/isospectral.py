@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, complex_array, is_complex_array, real_array
-from cg.frames.block_kinds import MAX_MATRIX, Blocks
+from cg.frames.block_kinds import Blocks
 from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import eigh_where_finite, two_norm
@@ -106,10 +106,9 @@ class IsospectralOrbit(ConjugationSpace):
         return self.group.dtype
 
     def _blocks(self) -> Blocks | None:
-        n = len(self.spectrum)
-        if self.hermitian or n > MAX_MATRIX:
+        if self.hermitian:
             return None
-        return ((BlockKind.ISOSPECTRAL, n, 0, *self.spectrum),)
+        return ((BlockKind.ISOSPECTRAL, len(self.spectrum), 0, *self.spectrum),)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` with the eigenvalues replaced by ``spectrum``."""

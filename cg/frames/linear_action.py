@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, conversion_hint, is_qobj
-from cg.frames.base import FlowOverflowError
 from cg.frames.block_kinds import Blocks
+from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.user import Function, UserFrame
 from cg.support.checks import check_flag, check_integer
 from cg.support.shared_numbers import BlockKind
@@ -34,7 +34,7 @@ class _Entries(IntEnum):
     COMPLEX = 2
 
 
-class LinearAction(UserFrame):
+class LinearAction(CompiledFlow, UserFrame):
     r"""The vector fields :math:`E_i(y) = G_i y` for given sparse matrices.
 
     For large state vectors, such as those of spin chains. The flow
@@ -205,37 +205,6 @@ class LinearAction(UserFrame):
         pairs = zip(vectors.reshape(-1, self.dim), flat, strict=True)
         rows = [self._matrix(u) @ x for u, x in pairs]
         return np.array(rows, dtype=self.dtype).reshape(points.shape)
-
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\exp(\sum_i v_i G_i)\, y`, shape ``(..., *point_shape)``."""
-        import cg._core_r64 as core
-
-        vectors, points = self._rows(v, y)
-        moved = points.copy()
-        if moved.size:
-            n = math.prod(self.point_shape)
-            block = np.array([[BlockKind.LINEAR_ACTION], [n], [0]], dtype=np.int32)
-            flat = moved.reshape(-1).view(np.float64)
-            core.frame_move(block, self._numbers, 1, vectors.reshape(-1), False, flat)
-        axes = tuple(range(vectors.ndim - 1, points.ndim))
-        lost = ~np.isfinite(moved).all(axis=axes) & np.isfinite(points).all(axis=axes)
-        lost &= np.isfinite(vectors).all(axis=-1)
-        if lost.any():
-            largest = np.abs(vectors[lost]).max()
-            raise FlowOverflowError(
-                f"the flow of v with |v| = {largest:.3g} can't be computed in double precision"
-            )
-        return moved
-
-    def _rows(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
-        """Return contiguous coefficients and points with the same leading axes."""
-        vectors, points = self._arguments(v, y)
-        axes = points.ndim - len(self.point_shape)
-        lead = np.broadcast_shapes(vectors.shape[:-1], points.shape[:axes])
-        return (
-            np.ascontiguousarray(np.broadcast_to(vectors, (*lead, self.dim))),
-            np.ascontiguousarray(np.broadcast_to(points, (*lead, *self.point_shape)), self.dtype),
-        )
 
 
 def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:

@@ -40,9 +40,9 @@ from cg.frames.matrix_functions import (
 )
 from cg.support.checks import check_integer, total_memory
 
-# Largest number of rows for which products with all matrices of the fields, of n^4 operations, take
-# less time than those with their few entries.
-_MAX_DENSE = 16
+MAX_DENSE = 16
+"""Largest number of rows for which products with all matrices of the fields, of n^4 operations,
+take less time than those with their few entries."""
 # Absolute tolerance for the distance of a matrix from the algebra: at equilibria the matrix that f
 # computes is rounding error, which is large relative to the matrix itself.
 _ALGEBRA_ROUNDING = 1e-12
@@ -114,8 +114,8 @@ class MatrixGroup(Frame):
 
     @cached_property
     def _sparse_dual(self) -> scipy.sparse.csr_array:
-        """The matrices of `_dual` in rows."""
-        return dual_of(self._sparse_basis)
+        """The conjugates of the matrices of `_dual` in rows."""
+        return dual_of(self._sparse_basis).conj()
 
     def _entries(self) -> Entries:
         self._check_memory(2 * self.dim * (self.dtype.itemsize + 16))
@@ -149,7 +149,7 @@ class MatrixGroup(Frame):
         return self._combine(self._vectors(v))
 
     def _combine(self, v: Array) -> Points:
-        if self.size <= _MAX_DENSE:
+        if self.size <= MAX_DENSE:
             return combine(v, self.basis)
         flat = v.reshape(math.prod(v.shape[:-1]), self.dim) @ self._sparse_basis
         return np.asarray(flat).reshape(*v.shape[:-1], *self.point_shape)
@@ -188,10 +188,10 @@ class MatrixGroup(Frame):
     def _algebra_projection(self, matrices: Points) -> Array:
         """Return the coefficients of the orthogonal projections of matrices onto the algebra."""
         lead, entries = matrices.shape[:-2], math.prod(matrices.shape[-2:])
-        if self.size <= _MAX_DENSE:
+        if self.size <= MAX_DENSE:
             return np.asarray((matrices.reshape(*lead, entries) @ self._dual.conj().T).real)
         flat = matrices.reshape(math.prod(lead), entries)
-        moments = np.asarray((self._sparse_dual.conj() @ flat.T).real)
+        moments = np.asarray((self._sparse_dual @ flat.T).real)
         return np.ascontiguousarray(moments.T).reshape(*lead, self.dim)
 
     @cached_property

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Convention, Points
-from cg.frames.block_kinds import Blocks, convention_option
+from cg.frames.block_kinds import Blocks
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.semidirect import Semidirect
 from cg.frames.so3 import SO3
-from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
@@ -70,7 +69,7 @@ class SE3(Semidirect):
         object.__setattr__(self, "group", SO3(self.convention))
 
     def _blocks(self) -> Blocks | None:
-        return ((BlockKind.SE3, 3, convention_option(self.convention)),)
+        return super()._blocks()
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and the matrices of ``RigidTransform`` of SciPy."""

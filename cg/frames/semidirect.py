@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points, Size, check_random
+from cg.frames.block_kinds import Blocks
 from cg.frames.dexpinv import motion_bracket, motion_dexpinv
 from cg.frames.entries import Entries
 from cg.frames.matrix_group import MatrixGroup
 from cg.support.checks import check_integer
+from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
@@ -80,6 +82,12 @@ class Semidirect(MatrixGroup):
     def dim(self) -> int:
         """The dimension of the group, and the number of entries of the columns."""
         return self.group.dim + self.group.size * self.copies
+
+    def _blocks(self) -> Blocks | None:
+        match self.group.compiled_blocks():
+            case ((BlockKind.SO3, _, option),):
+                return ((BlockKind.SE3, self.copies, option),)
+        return None
 
     def _make_basis(self) -> Entries:
         n, size = self.group.size, self.size

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
-from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
+from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries, entries_of
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
-from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
+from cg.frames.matrix_group import MAX_DENSE, SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
 from cg.support.shared_numbers import BlockKind
 
@@ -77,6 +78,29 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         sign = np.where((i + j) % 2, 1.0, -1.0)
         return entries_of(self.n, (j, i, sign), (i, j, -sign))
 
+    @cached_property
+    def _places(self) -> tuple[Any, Any, Array]:
+        """The places of the entries of all coefficients below and above the diagonal, and signs."""
+        entries = self._make_basis()
+        below, above = entries.places.reshape(2, -1)
+        return below, above, entries.values[: self.dim]
+
+    def _combine(self, v: Array) -> Points:
+        if self.n <= MAX_DENSE:
+            return super()._combine(v)
+        below, above, signs = self._places
+        flat = np.zeros((*v.shape[:-1], self.n**2))
+        flat[..., below] = signs * v
+        flat[..., above] = -signs * v
+        return flat.reshape(*v.shape[:-1], *self.point_shape)
+
+    def _algebra_projection(self, matrices: Points) -> Array:
+        if self.n <= MAX_DENSE:
+            return super()._algebra_projection(matrices)
+        below, above, signs = self._places
+        flat = matrices.reshape(*matrices.shape[:-2], self.n**2)
+        return np.asarray(0.5 * signs * (flat.take(below, -1) - flat.take(above, -1)))
+
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return the rotations :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
         if self.n == 2:
@@ -103,8 +127,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         return self._side if self.n == 3 else 0.0
 
     def _blocks(self) -> Blocks | None:
-        if self.n > MAX_MATRIX:
-            return None
         kind = BlockKind.SO3 if self.n == 3 else BlockKind.SO
         return ((kind, self.n, convention_option(self.convention)),)
 

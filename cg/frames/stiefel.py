@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, check_random
+from cg.frames.base import Frame
+from cg.frames.block_kinds import Blocks
+from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import (
     distance_from_unitary,
@@ -19,10 +22,44 @@ from cg.frames.matrix_functions import (
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 from cg.support.checks import check_integer
+from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class Stiefel(HomogeneousSpace):
+class _OrthonormalColumns(Frame):
+    """Matrices of k orthonormal columns of n entries; a subclass defines the fields."""
+
+    n: int
+    k: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+        object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n))
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """The shape ``(n, k)``."""
+        return (self.n, self.k)
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after a Newton-Schulz step towards orthonormal columns."""
+        return newton_schulz(y, y.mT)
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the 2-norm distance to the nearest orthonormal columns, shape ``(...)``."""
+        return distance_from_unitary(self._points(y), special=False)
+
+    def _project(self, y: Points) -> Points:
+        return nearest_unitary(y, special=False)
+
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
+        """Return points uniform under rotations, shape ``(*size, n, k)``."""
+        size = check_random(rng, size)
+        return self.restore(random_unitary(rng, (*size, *self.point_shape)))
+
+
+@dataclass(frozen=True, repr=False)
+class Stiefel(_OrthonormalColumns, HomogeneousSpace):
     r"""Matrices of k orthonormal columns, with the action of SO(n): :math:`y' = \Omega(v)\,y`.
 
     The coefficients are those of `SO`.
@@ -58,32 +95,16 @@ class Stiefel(HomogeneousSpace):
     True
     """
 
-    n: int
-    k: int
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, 2))
-        object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n))
-
     @cached_property
     def group(self) -> MatrixGroup:
         """The rotations of the ambient space."""
         return SO(self.n, "space")
-
-    @property
-    def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n, k)``."""
-        return (self.n, self.k)
 
     def _act(self, x: Points, y: Points) -> Points:
         return np.asarray(x @ y)
 
     def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
         return np.asarray(omega @ y)
-
-    def restore(self, y: Points) -> Points:
-        """Return ``y`` after a Newton-Schulz step towards orthonormal columns."""
-        return newton_schulz(y, y.mT)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         # The skew matrix of least norm whose product with y is X = tangent, since y^T X is skew:
@@ -94,14 +115,88 @@ class Stiefel(HomogeneousSpace):
         left = (across + 0.5 * (y @ along)) @ y.mT
         return self.group._algebra_projection(left - left.mT)
 
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the 2-norm distance to the nearest orthonormal columns, shape ``(...)``."""
-        return distance_from_unitary(self._points(y), special=False)
 
-    def _project(self, y: Points) -> Points:
-        return nearest_unitary(y, special=False)
+@dataclass(frozen=True, repr=False)
+class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
+    r"""Matrices of k orthonormal columns, for right-hand sides that return the derivative.
 
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
-        """Return points uniform under rotations, shape ``(*size, n, k)``."""
-        size = check_random(rng, size)
-        return self.restore(random_unitary(rng, (*size, *self.point_shape)))
+    ``f`` returns the derivative X of the columns, shape ``(n, k)``. Of a matrix that is not tangent
+    the orthogonal projection counts, so that the gradient of a function on all matrices gives the
+    gradient flow. Steps take memory in proportion to :math:`n k`, and :math:`n k^2` operations for
+    each flow, those of `Stiefel` :math:`n^3`.
+
+    Subspaces are points up to rotations among their columns: with :math:`y^T X = 0` the columns
+    follow the subspace without such rotations, and :math:`y\,y^T` is a point of `Grassmann`.
+
+    Parameters
+    ----------
+    n
+        Number of rows, at least 2.
+    k
+        Number of columns, from 1 to ``n``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If ``n`` or ``k`` isn't an integer or is out of range.
+
+    Notes
+    -----
+    The coefficients are the entries of a matrix v, row by row, with the fields :math:`y' = v - y
+    v^T y`; as a factor of a `Product`, ``f`` returns them. Those of X are :math:`v = X - \tfrac12
+    y\,y^T X` [1]_. The flow is that of a matrix of rank 2k, which acts by linear fractional
+    transformations: :math:`y \mapsto x z^{-1}` with
+
+    .. math::
+
+        z = \cosh\sqrt m + s\,a, \quad x = y + v\,(s + d\,a), \quad a = v^T y,\ m = v^T v,
+        \quad s = \frac{\sinh\sqrt m}{\sqrt m},\ d = \frac{\cosh\sqrt m - 1}{m} .
+
+    The fields do not span a Lie algebra, so that there are no brackets: methods of Munthe-Kaas need
+    `Stiefel`.
+
+    References
+    ----------
+    .. [1] E. Celledoni, B. Owren, "On the implementation of Lie group methods on the Stiefel
+       manifold", Numer. Algorithms 32 (2003), 163-183.
+
+    Examples
+    --------
+    Oja's flow, to the eigenvectors of the largest eigenvalues:
+
+    >>> import numpy as np
+    >>> import cg
+    >>> matrix = np.diag([3.0, 2.0, 1.0, 0.5])
+    >>> frame = AmbientStiefel(4, 1)
+    >>> y0 = np.full((4, 1), 0.5)
+    >>> flow = cg.solve_ivp(lambda t, y: matrix @ y, (0, 40), y0, frame=frame, t_eval=[40])
+    >>> flow.y[-1].ravel().round(3)
+    array([1., 0., 0., 0.])
+    """
+
+    @property
+    def dim(self) -> int:
+        """``n k``."""
+        return self.n * self.k
+
+    @property
+    def rhs_shape(self) -> tuple[int, ...]:
+        """The shape of a derivative, ``(n, k)``."""
+        return self.point_shape
+
+    def _blocks(self) -> Blocks | None:
+        return ((BlockKind.STIEFEL, self.n, 0, self.k),)
+
+    def complete_rhs(self, f: Array, y: Points) -> Array:
+        """Return the coefficients, shape ``(..., dim)``, of derivatives at ``y``."""
+        return self._coefficients_at(y, f.reshape(y.shape))
+
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        v = np.asarray(tangent - 0.5 * (y @ (y.mT @ tangent)))
+        return v.reshape(*v.shape[:-2], self.dim)
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
+        r"""Return :math:`v - y v^T y`, shape ``(..., n, k)``."""
+        vector, point = self._arguments(v, y)
+        matrix = vector.reshape(*vector.shape[:-1], *self.point_shape)
+        return np.asarray(matrix - point @ (matrix.mT @ point))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
+from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
@@ -81,8 +81,6 @@ class SU(U):
         return self._side if self.n == 2 else 0.0
 
     def _blocks(self) -> Blocks | None:
-        if self.n > MAX_MATRIX:
-            return None
         kind, size = (BlockKind.SU2, 3) if self.n == 2 else (BlockKind.SU, self.n)
         return ((kind, size, convention_option(self.convention)),)
 

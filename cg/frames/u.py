@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import MAX_MATRIX, Blocks, convention_option
+from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -84,8 +84,6 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         return unitary_exponential(self.algebra(v), special=self._special)
 
     def _blocks(self) -> Blocks | None:
-        if self.n > MAX_MATRIX:
-            return None
         return ((BlockKind.U, self.n, convention_option(self.convention)),)
 
     def _log1p(self, difference: Points) -> Array:

@@ -110,7 +110,9 @@ def solve_ivp(
         Numbers, shape ``(k,)``, passed to ``f`` and the events as last argument; a compiled
         ``f`` receives their address.
     stage_solver
-        Iteration for the stages of an implicit method: ``"newton"`` or ``"fixed-point"``.
+        Iteration for the stages of an implicit method: ``"newton"``, whose matrices take ``dim``
+        evaluations and :math:`dim^3` operations, or ``"fixed-point"``, which is faster for more
+        than some 30 coefficients, unless an equation is stiff.
     jac
         Function, for ``"RadauIIA5"`` only: ``jac(t, y, *args)`` returns the derivatives of the
         coefficients along the frame's fields, shape ``(dim, dim)``, as for

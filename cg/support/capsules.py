@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any
 
 # as in fortran/support/lapack.f90
-_ROUTINES = "dsyrk dpotrf dpotrs dgeqrf dgetrf zgetrf dgetrs zgetrs dgemm"
+_ROUTINES = "dsyrk dpotrf dpotrs dgeqrf dgetrf zgetrf dgetrs zgetrs dgemm zgemm dsyevd"
 
 
 def address_in(capsule: Any) -> int:

@@ -50,7 +50,7 @@ class BlockKind(IntEnum):
     EUCLIDEAN = 1  # R^n with the fields d/dx_i
     SO3 = 2  # rotation matrices, row by row
     QUATERNION = 3  # unit quaternions that turn by v
-    SE3 = 4  # 4 x 4 matrices of rigid motions, row by row
+    SE3 = 4  # matrices of rotations of space and n translations, row by row
     SPHERE = 5  # the sphere in R^3: y' = v x y
     SU2 = 6  # complex 2 x 2 matrices, row by row
     SO = 7  # rotation matrices of any size, row by row
@@ -58,6 +58,7 @@ class BlockKind(IntEnum):
     U = 9  # likewise, of any determinant
     ISOSPECTRAL = 10  # symmetric matrices with given eigenvalues, moved by SO(n)
     LINEAR_ACTION = 12  # vectors on which sparse matrices act
+    STIEFEL = 13  # orthonormal columns, with fields for derivatives of them
     CALLBACK = 11  # any manifold, by functions outside of compiled code
 
 

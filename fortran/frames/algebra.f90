@@ -7,8 +7,9 @@ module algebra_m
   use blocks_m, only: block_t
   use frames_m, only: frame_t
   use shared_numbers, only: callback_block, dexpinv_operation, euclidean_block, isospectral_block, &
-                            linear_action_block, se3_block, shortest_operation, so_block, sphere_block, su_block, u_block
-  use orthogonal_m, only: skew_bracket
+                            linear_action_block, se3_block, shortest_operation, so_block, &
+                            sphere_block, stiefel_block, su_block, u_block
+  use orthogonal_m, only: largest_own, skew_bracket
   use unitary_m, only: multiply, times_real
   implicit none
   private
@@ -75,7 +76,8 @@ contains
           call frame%callback%apply(dexpinv_operation, u, (v), v)
           exists = all(abs(v) <= huge(v))
         case (se3_block)
-          call dexpinv_motion(sign, u(k + 1:k + 6), v(k + 1:k + 6), exists)
+          call dexpinv_motion(block%k, sign, u(k + 1:k + block%dimension), &
+                              v(k + 1:k + block%dimension), exists)
         case (so_block, isospectral_block)
           if (block%n == 3) then                   ! SO(3) acts on the matrix
             call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
@@ -200,6 +202,7 @@ contains
     call skew_matrix(n, sign * u, x)
     call skew_matrix(n, v, power)
     bound = norm2(x)                                 ! no sum of two angles is larger
+    if (n > largest_own) bound = min(bound, 2 * maxval(sum(abs(x), dim=1)))
     if (bound >= radius) then
       total = power / max(norm2(power), smallest)
       call apply_bracket(total)
@@ -260,14 +263,16 @@ contains
 
   ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
   ! with the value and the derivative of the series at the eigenvalues of ad
-  pure subroutine dexpinv_motion(sign, u, v, exists)
+  pure subroutine dexpinv_motion(vectors, sign, u, v, exists)
+    integer, intent(in) :: vectors
     real(wp), intent(in) :: sign
-    real(wp), intent(in) :: u(6)
-    real(wp), intent(inout) :: v(6)
+    real(wp), intent(in) :: u(3, 0:vectors)  ! a rotation and velocities
+    real(wp), intent(inout) :: v(3, 0:vectors)
     logical, intent(inout) :: exists
-    real(wp) :: a, b, square, power(6), sum(6)
+    real(wp) :: a, b, square
+    real(wp), dimension(3, 0:vectors) :: power, sum
 
-    square = dot_product(u(1:3), u(1:3))
+    square = dot_product(u(:, 0), u(:, 0))
     power = bracket(u, v)
     if (square >= radius**2) then
       if (.not. norm2(power) <= commute * norm2(u) * norm2(v)) exists = .false.
@@ -309,11 +314,14 @@ contains
 
   ! The bracket of two rigid motions
   pure function bracket(u, v)
-    real(wp), intent(in) :: u(6), v(6)       ! a rotation and a velocity
-    real(wp) :: bracket(6)
+    real(wp), intent(in) :: u(:, 0:), v(:, 0:)       ! a rotation and velocities
+    real(wp) :: bracket(3, 0:ubound(u, 2))
+    integer :: i
 
-    bracket(1:3) = cross(u(1:3), v(1:3))
-    bracket(4:6) = cross(u(1:3), v(4:6)) - cross(v(1:3), u(4:6))
+    bracket(:, 0) = cross(u(:, 0), v(:, 0))
+    do i = 1, ubound(u, 2)
+      bracket(:, i) = cross(u(:, 0), v(:, i)) - cross(v(:, 0), u(:, i))
+    end do
   end function bracket
 
   ! The cross product
@@ -342,6 +350,8 @@ contains
           cycle
         case (linear_action_block)
           angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
+        case (stiefel_block)
+          angle = norm2(v(k + 1:k + block%dimension))
         case (so_block, isospectral_block)
           angle = norm2(v(k + 1:k + block%dimension))
           if (block%n > 3) angle = sqrt(2.0_wp) * angle

@@ -12,7 +12,8 @@ module blocks_m
     logical :: space = .false.
     logical :: scalar_first = .false.
     logical :: polynomial = .false.
-    integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of isospectral matrices
+    integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of matrices
+    integer :: k = 0            ! their columns, where they aren't square
     integer :: constants = 0    ! constants of the blocks before
     integer :: vectors = 0      ! coefficients of the blocks before
     integer :: points = 0       ! entries of the points of the blocks before

@@ -44,7 +44,7 @@ contains
   end subroutine difference
 
   ! Computes the difference in one block.
-  pure subroutine difference_in_block(block, x, y, v)
+  subroutine difference_in_block(block, x, y, v)
     type(block_t), intent(in) :: block
     real(wp), contiguous, intent(in) :: x(:), y(:)
     real(wp), contiguous, intent(out) :: v(:)
@@ -54,13 +54,13 @@ contains
     case (euclidean_block)
       v = y - x
     case (so3_block)
-      v = logarithm(quaternion_of(quotient(block, rotation(x, 3), rotation(y, 3))))
+      v = logarithm(quaternion_of(quotient(block, rotation(x), rotation(y))))
     case (quaternion_block, su2_block)
       p = get_quaternion(block, x)
       q = get_quaternion(block, y)
       v = logarithm(quaternion_quotient(p, q, block%space))
     case (se3_block)
-      v = twist(block, x, y)
+      call find_twist(block, x, y, v)
     case (sphere_block)
       v = smallest_rotation(x, y)
     case (so_block, su_block, u_block)
@@ -76,7 +76,7 @@ contains
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)     ! (point_size)
     real(wp), contiguous, intent(out) :: s(:)    ! (dimension)
-    integer :: i
+    integer :: i, j
 
     s = 1.0_wp
     do i = 1, size(frame%blocks)
@@ -86,7 +86,11 @@ contains
         case (euclidean_block)
           s(v + 1:v + n) = abs(y(p + 1:p + n))
         case (se3_block)
-          s(v + 4:v + 6) = sqrt(y(p + 4)**2 + y(p + 8)**2 + y(p + 12)**2)
+          associate (m => 3 + frame%blocks(i)%k)             ! entries of a row
+            do j = 4, m
+              s(v + 3 * j - 8:v + 3 * j - 6) = norm2(y([p + j, p + m + j, p + 2 * m + j]))
+            end do
+          end associate
         case (callback_block)
           call frame%callback%apply(sizes_operation, y, y, s)
         end select
@@ -94,15 +98,12 @@ contains
     end do
   end subroutine sizes
 
-  ! The rotation in a matrix with n columns that is stored row by row
-  pure function rotation(y, n)
+  ! The rotation in a matrix that is stored row by row
+  pure function rotation(y)
     real(wp), contiguous, intent(in) :: y(:)
-    integer, intent(in) :: n
     real(wp) :: rotation(3, 3)
 
-    rotation(1, :) = y(1:3)
-    rotation(2, :) = y(n + 1:n + 3)
-    rotation(3, :) = y(2 * n + 1:2 * n + 3)
+    rotation = transpose(reshape(y, [3, 3]))
   end function rotation
 
   ! The rotation from x to y, x^T y in body axes and y x^T in space axes
@@ -158,31 +159,32 @@ contains
     end if
   end function logarithm
 
-  ! The coefficients (v, u) of the rigid motion from x to y. Its translation is
+  ! Computes the coefficients (v, u, ...) of the rigid motion from x to y. A translation is
   ! a u + (1 - a) n (n . u) + b n x u, as in frames; across the axis n that is a turn and a
   ! stretch by the sinc of half the angle.
-  pure function twist(block, x, y)
+  pure subroutine find_twist(block, x, y, twist)
     type(block_t), intent(in) :: block
-    real(wp), contiguous, intent(in) :: x(:), y(:)     ! (16)
-    real(wp) :: twist(6)
+    real(wp), intent(in), dimension(3 + block%k, 3) :: x, y    ! rows
+    real(wp), intent(out) :: twist(3, 0:block%k)
     real(wp) :: r(3, 3), u(3), v(3), n(3), half, a, b
+    integer :: i
 
-    r = quotient(block, rotation(x, 4), rotation(y, 4))
+    r = quotient(block, transpose(x(1:3, :)), transpose(y(1:3, :)))
     v = logarithm(quaternion_of(r))
-    u = [y(4), y(8), y(12)]
-    if (block%space) then
-      u = u - matmul(r, [x(4), x(8), x(12)])
-    else
-      u = u - [x(4), x(8), x(12)]
-      u = matmul(transpose(rotation(x, 4)), u)
-    end if
     half = max(sqrt(dot_product(v, v)) / 2, smallest)
     n = v / (2 * half)
     a = half * cos(half) / sin(half)
     b = half
-    twist(1:3) = v
-    twist(4:6) = a * u + (1 - a) * dot_product(n, u) * n - b * cross(n, u)
-  end function twist
+    twist(:, 0) = v
+    do i = 1, block%k
+      if (block%space) then
+        u = y(3 + i, :) - matmul(r, x(3 + i, :))
+      else
+        u = matmul(x(1:3, :), y(3 + i, :) - x(3 + i, :))
+      end if
+      twist(:, i) = a * u + (1 - a) * dot_product(n, u) * n - b * cross(n, u)
+    end do
+  end subroutine find_twist
 
   ! p^-1 q, or q p^-1
   pure function quaternion_quotient(p, q, space) result(r)

@@ -6,7 +6,8 @@ module error_norm_m
   use frames_m, only: frame_t
   use isospectral_m, only: isospectral_tangent
   use linear_action_m, only: linear_tangent
-  use shared_numbers, only: callback_block, linear_action_block, tangent_operation
+  use shared_numbers, only: callback_block, linear_action_block, stiefel_block, tangent_operation
+  use stiefel_m, only: stiefel_tangent
   implicit none
   private
   public :: tolerances_t, norm, point_difference, point_sizes, scales, tangent, width
@@ -47,7 +48,7 @@ contains
   end subroutine point_difference
 
   ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
-  ! isospectral, linear actions, or outside of compiled code.
+  ! isospectral, of columns, linear actions, or outside of compiled code.
   subroutine tangent(frame, tolerances, v, y, found)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
@@ -69,6 +70,9 @@ contains
         case (linear_action_block)
           call linear_tangent(frame%blocks(i)%action, v(k + 1:k + m), y(p + 1:p + n), &
                               found(p + 1:p + n))
+        case (stiefel_block)
+          call stiefel_tangent(frame%blocks(i)%k, frame%blocks(i)%n, v(k + 1:k + m), &
+                               y(p + 1:p + n), found(p + 1:p + n))
         case default
           call isospectral_tangent(frame%blocks(i)%n, v(k + 1:k + m), y(p + 1:p + n), &
                                    found(p + 1:p + n))

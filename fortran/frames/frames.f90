@@ -5,8 +5,8 @@ module frames_m
   use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
                             linear_action_block, polynomial, quaternion_block, &
                             restore_operation, scalar_first, se3_block, &
-                            so3_block, so_block, space_axes, sphere_block, su2_block, su_block, &
-                            u_block
+                            so3_block, so_block, space_axes, sphere_block, stiefel_block, su2_block, &
+                            su_block, u_block
   use blocks_m, only: block_t, body_t, flow_sequence_t
   use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
@@ -15,10 +15,11 @@ module frames_m
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use rotations_m, only: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
                          set_quaternion
+  use stiefel_m, only: make_intrinsic, move_stiefel, restore_stiefel
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, make_frame, apply_flows, flow_along, move_block, restore, distance_bound, turn
+  public :: frame_t, make_frame, apply_flows, complete_coefficients, flow_along, move_block, restore, distance_bound, turn
 
   type :: frame_t
     integer :: dimension = 0
@@ -65,8 +66,9 @@ contains
         case (quaternion_block)
           block%point_size = 4
         case (se3_block)
-          block%dimension = 6
-          block%point_size = 16
+          block%k = block%n
+          block%dimension = 3 + 3 * block%k
+          block%point_size = (3 + block%k)**2
         case (sphere_block)
           block%point_size = 3
         case (su2_block)
@@ -85,6 +87,11 @@ contains
           block%point_size = block%n**2
           block%constants = used
           used = used + block%n
+        case (stiefel_block)
+          block%k = nint(constants(used + 1))
+          used = used + 1
+          block%dimension = block%n * block%k
+          block%point_size = block%dimension
         case (linear_action_block)
           call make_linear_action(constants(used + 1:), block%action, length)
           block%dimension = block%action%generators
@@ -127,6 +134,17 @@ contains
       end associate
     end do
   end function turn
+
+  ! Replaces a derivative of the point, which right-hand sides give on a frame of columns, by its
+  ! coefficients.
+  subroutine complete_coefficients(frame, y, f)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
+
+    if (size(frame%blocks) > 1 .or. frame%blocks(1)%kind /= stiefel_block) return
+    call make_intrinsic(frame%blocks(1)%k, frame%blocks(1)%n, y, f)
+  end subroutine complete_coefficients
 
   ! Moves y along the time-1 flow of the field with coefficients v.
   subroutine flow_along(frame, v, y)
@@ -171,7 +189,8 @@ contains
                        frame%dimension, f(v + 1, 1), y(p + 1))
       case (se3_block)
         call move_rigid_body(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
-      case (so_block, isospectral_block, su_block, u_block, linear_action_block, callback_block)
+      case (so_block, isospectral_block, su_block, u_block, stiefel_block, linear_action_block, &
+            callback_block)
         call move_matrix(frame, block, flows, begin, last, f(v + 1, 1), y(p + 1))
       case default
         call rotate(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
@@ -225,6 +244,8 @@ contains
       call move_isospectral(block%n, v, y)
     case (su_block, u_block)
       call move_unitary(block%kind, block%n, block%space, v, y)
+    case (stiefel_block)
+      call move_stiefel(block%k, block%n, v, y)
     case (linear_action_block)
       if (block%polynomial) then
         call move_polynomially(block%action, v, y)
@@ -252,7 +273,10 @@ contains
         case (so3_block)
           call orthogonalise(y(p + 1:p + 3), y(p + 4:p + 6), y(p + 7:p + 9))
         case (se3_block)
-          call orthogonalise(y(p + 1:p + 3), y(p + 5:p + 7), y(p + 9:p + 11))
+          associate (m => 3 + frame%blocks(i)%k)             ! entries of a row
+            call orthogonalise(y(p + 1:p + 3), y(p + m + 1:p + m + 3), &
+                               y(p + 2 * m + 1:p + 2 * m + 3))
+          end associate
         case (quaternion_block, sphere_block)
           y(p + 1:p + n) = (1.5_wp - 0.5_wp * dot_product(y(p + 1:p + n), y(p + 1:p + n))) &
                            * y(p + 1:p + n)
@@ -262,6 +286,8 @@ contains
           associate (m => frame%blocks(i)%n, k => frame%blocks(i)%constants)
             call restore_isospectral(m, frame%constants(k + 1:k + m), y(p + 1:p + n))
           end associate
+        case (stiefel_block)
+          call restore_stiefel(frame%blocks(i)%k, frame%blocks(i)%n, y(p + 1:p + n))
         case (su_block, u_block)
           call restore_unitary(frame%blocks(i)%kind, frame%blocks(i)%n, y(p + 1:p + n))
         case (callback_block)
@@ -280,8 +306,8 @@ contains
   pure real(wp) function distance_bound(frame, y)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)       ! (point_size)
-    real(wp) :: last(4), q(4)
-    integer :: i
+    real(wp) :: off, q(4)
+    integer :: i, j
 
     distance_bound = huge(distance_bound)
     if (.not. all(abs(y) <= huge(y))) return       ! max leaves out NaN
@@ -295,9 +321,16 @@ contains
           distance_bound = max(distance_bound, rotation_bound(y(p + 1:p + 3), y(p + 4:p + 6), &
                                                               y(p + 7:p + 9)))
         case (se3_block)
-          last = abs(y(p + 13:p + 16) - [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp])
-          distance_bound = max(distance_bound, sum(last) &
-                               + rotation_bound(y(p + 1:p + 3), y(p + 5:p + 7), y(p + 9:p + 11)))
+          associate (m => 3 + frame%blocks(i)%k)
+            off = 0.0_wp                                     ! of the constant rows
+            do j = 4, m
+              off = off + sum(abs(y(p + (j - 1) * m + 1:p + j * m))) - abs(y(p + (j - 1) * m + j)) &
+                    + abs(y(p + (j - 1) * m + j) - 1)
+            end do
+            distance_bound = max(distance_bound, off &
+                                 + rotation_bound(y(p + 1:p + 3), y(p + m + 1:p + m + 3), &
+                                                  y(p + 2 * m + 1:p + 2 * m + 3)))
+          end associate
         case (quaternion_block, sphere_block)
           distance_bound = max(distance_bound, &
                                abs(dot_product(y(p + 1:p + n), y(p + 1:p + n)) - 1))

@@ -3,7 +3,8 @@
 module isospectral_m
   use kinds, only: wp
   use bases_m, only: skew_matrix
-  use orthogonal_m, only: move_orthogonal, multiply, to_orthogonal
+  use lapack_m, only: dsyevd
+  use orthogonal_m, only: largest_own, move_orthogonal, multiply, to_orthogonal
   implicit none
   private
   public :: move_isospectral, isospectral_tangent, restore_isospectral
@@ -13,12 +14,12 @@ module isospectral_m
 contains
 
   ! Moves a point by the product of the rotations of all flows.
-  pure subroutine move_isospectral(n, f, y)
+  subroutine move_isospectral(n, f, y)
     integer, intent(in) :: n
     real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
     real(wp), intent(inout) :: y(n, n)
     real(wp) :: g(n, n), product(n, n)           ! g is the transpose of the rotation
-    integer :: i, j
+    integer :: i
 
     g = 0.0_wp
     do i = 1, n
@@ -26,16 +27,32 @@ contains
     end do
     call move_orthogonal(n, .true., f, g)
     call multiply(n, y, g, product)
+    call multiply_symmetric(n, g, product, y)
+  end subroutine move_isospectral
+
+  ! The product a^T b, which is symmetric
+  subroutine multiply_symmetric(n, a, b, y)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: a(n, n), b(n, n)
+    real(wp), intent(out) :: y(n, n)
+    real(wp) :: product(n, n)
+    integer :: i, j
+
+    if (n > largest_own) then
+      call multiply(n, transpose(a), b, product)
+      y = (product + transpose(product)) / 2
+      return
+    end if
     do j = 1, n
       do i = 1, j
-        y(i, j) = dot_product(g(:, i), product(:, j))
+        y(i, j) = dot_product(a(:, i), b(:, j))
         y(j, i) = y(i, j)
       end do
     end do
-  end subroutine move_isospectral
+  end subroutine multiply_symmetric
 
   ! x y - y x for the skew matrix x with coefficients v, which is x y and its transpose
-  pure subroutine isospectral_tangent(n, v, y, tangent)
+  subroutine isospectral_tangent(n, v, y, tangent)
     integer, intent(in) :: n
     real(wp), intent(in) :: v(:)                 ! (dimension)
     real(wp), intent(in) :: y(n, n)
@@ -48,15 +65,19 @@ contains
   end subroutine isospectral_tangent
 
   ! Replaces the eigenvalues, which rounding has changed, by the given ones.
-  pure subroutine restore_isospectral(n, spectrum, y)
+  subroutine restore_isospectral(n, spectrum, y)
     integer, intent(in) :: n
     real(wp), intent(in) :: spectrum(n)          ! increasing
     real(wp), intent(inout) :: y(n, n)
     real(wp) :: vectors(n, n), scaled(n, n), values(n)
-    integer :: i, j, k, place
+    integer :: j, k, place
 
     if (.not. all(abs(y) <= huge(y))) return     ! no eigenvalues
-    call diagonalise(n, y, values, vectors)
+    if (n > largest_own) then
+      call diagonalise_by_lapack(n, y, values, vectors)
+    else
+      call diagonalise(n, y, values, vectors)
+    end if
     call to_orthogonal(n, vectors)
     do k = 1, n
       place = 1
@@ -66,17 +87,24 @@ contains
       scaled(k, :) = spectrum(place) * vectors(:, k)
     end do
     vectors = transpose(vectors)
-    do j = 1, n
-      do i = 1, j
-        y(i, j) = dot_product(vectors(:, i), scaled(:, j))
-        y(j, i) = y(i, j)
-      end do
-    end do
+    call multiply_symmetric(n, vectors, scaled, y)
   end subroutine restore_isospectral
+
+  ! Eigenvalues and eigenvectors of matrices of many rows
+  subroutine diagonalise_by_lapack(n, matrix, values, vectors)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: matrix(n, n)
+    real(wp), intent(out) :: values(n), vectors(n, n)
+    real(wp) :: work(1 + 6 * n + 2 * n**2)
+    integer :: iwork(3 + 5 * n), info
+
+    vectors = matrix
+    call dsyevd('V', 'U', n, vectors, n, values, work, size(work), iwork, size(iwork), info)
+  end subroutine diagonalise_by_lapack
 
   ! Eigenvalues and eigenvectors by cyclic Jacobi rotations, until all entries off the diagonal are
   ! rounding
-  pure subroutine diagonalise(n, matrix, values, vectors)
+  subroutine diagonalise(n, matrix, values, vectors)
     integer, intent(in) :: n
     real(wp), intent(in) :: matrix(n, n)
     real(wp), intent(out) :: values(n)           ! relative to the largest entry

@@ -3,6 +3,7 @@
 module orthogonal_m
   use kinds, only: wp
   use bases_m, only: skew_matrix
+  use lapack_m, only: dgemm
   implicit none
   private
   public :: move_orthogonal, multiply, skew_bracket, to_orthogonal
@@ -11,11 +12,12 @@ module orthogonal_m
   ! the characteristic polynomial, and in matrices
   real(wp), parameter :: longest_reduced = 2.0_wp, longest = 0.85_wp
   integer, parameter :: largest_reduced = 5        ! rows of matrices with at most two angles
+  integer, parameter, public :: largest_own = 12   ! rows of matrices that are multiplied here
 
 contains
 
   ! Moves a point by flows one after the other, from the left or the right.
-  pure subroutine move_orthogonal(n, left, f, y)
+  subroutine move_orthogonal(n, left, f, y)
     integer, intent(in) :: n
     logical, intent(in) :: left
     real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
@@ -37,7 +39,7 @@ contains
   end subroutine move_orthogonal
 
   ! x y - y x, for skew matrices
-  pure subroutine skew_bracket(n, x, y, z)
+  subroutine skew_bracket(n, x, y, z)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n), y(n, n)
     real(wp), intent(out) :: z(n, n)
@@ -54,15 +56,16 @@ contains
 
   ! The exponential by scaling and squaring of the series. If there are many squarings, rounding off
   ! the group is removed after each.
-  pure subroutine exponential(n, x, e)
+  subroutine exponential(n, x, e)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n)
     real(wp), intent(out) :: e(n, n)
     real(wp) :: scaled(n, n), length, max_terms
     integer :: k, squarings
 
-    ! the largest angle: each counts twice
+    ! bounds of the largest angle, of which each counts twice
     length = sqrt(sum(x**2) / 2)
+    if (n > largest_own) length = min(length, maxval(sum(abs(x), dim=1)))
     max_terms = merge(longest_reduced, longest, n <= largest_reduced)
     squarings = 0
     if (.not. length <= huge(length)) length = 0.0_wp     ! the result is NaN
@@ -82,7 +85,7 @@ contains
 
   ! The series of a matrix with at most two angles, for which X^5 = -a X^3 - b X. All odd powers are
   ! p X^3 + q X, where the next odd power has q - a p and -b p.
-  pure subroutine reduced_series(n, x, length, e)
+  subroutine reduced_series(n, x, length, e)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n), length
     real(wp), intent(out) :: e(n, n)
@@ -127,7 +130,7 @@ contains
 
   ! The series by the scheme of M. S. Paterson and L. J. Stockmeyer (SIAM J. Comput. 2 (1973)), in
   ! powers of the square: 1 + x^2 / 2! + ... and x (1 + x^2 / 3! + ...).
-  pure subroutine series(n, x, length, e)
+  subroutine series(n, x, length, e)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n), length
     real(wp), intent(out) :: e(n, n)
@@ -187,18 +190,22 @@ contains
   end subroutine series
 
   ! One Newton-Schulz step
-  pure subroutine to_orthogonal(n, y)
+  subroutine to_orthogonal(n, y)
     integer, intent(in) :: n
     real(wp), intent(inout) :: y(n, n)
     real(wp) :: square(n, n), product(n, n)
     integer :: i, j
 
-    do j = 1, n
-      do i = 1, j
-        square(i, j) = dot_product(y(:, i), y(:, j))
-        square(j, i) = square(i, j)
+    if (n > largest_own) then
+      call dgemm('T', 'N', n, n, n, 1.0_wp, y, n, y, n, 0.0_wp, square, n)
+    else
+      do j = 1, n
+        do i = 1, j
+          square(i, j) = dot_product(y(:, i), y(:, j))
+          square(j, i) = square(i, j)
+        end do
       end do
-    end do
+    end if
     call multiply(n, y, square, product)
     y = 1.5_wp * y - 0.5_wp * product
   end subroutine to_orthogonal
@@ -214,8 +221,8 @@ contains
     end do
   end subroutine multiply_4x4
 
-  ! The product of small matrices; a call of matmul takes longer.
-  pure subroutine multiply(n, a, b, c)
+  ! The product of matrices; for small ones a call of matmul takes longer.
+  subroutine multiply(n, a, b, c)
     integer, intent(in) :: n
     real(wp), intent(in) :: a(n, n), b(n, n)
     real(wp), intent(out) :: c(n, n)
@@ -223,6 +230,9 @@ contains
 
     if (n == 4) then
       call multiply_4x4(a, b, c)
+      return
+    else if (n > largest_own) then
+      call dgemm('N', 'N', n, n, n, 1.0_wp, a, n, b, n, 0.0_wp, c, n)
       return
     end if
     do j = 1, n

@@ -86,8 +86,8 @@ contains
     end do
   end function combined
 
-  ! Moves a rigid motion (R, x), y -> R y + x; the coefficients are a rotation vector and a
-  ! velocity. One flow's motion is (exp hat v, V u), V the mean of exp(s hat v) over s from 0 to 1:
+  ! Moves a rigid motion (R, x), y -> R y + x, or one with several vectors x; the coefficients are a
+  ! rotation vector and as many velocities. One flow's motion is (exp hat v, V u), V the mean of exp(s hat v) over s from 0 to 1:
   ! V u = a u + (1 - a) n (n . u) + b n x u, where v = angle n, a = sin(angle) / angle and b = (1 -
   ! cos(angle)) / angle. Along the unit vector n nothing cancels that isn't small beside u.
   subroutine move_rigid_body(block, flows, begin, last, m, f, y)
@@ -96,43 +96,44 @@ contains
     integer, intent(in) :: begin, last
     integer, intent(in) :: m                 ! coefficients of the frame
     real(wp), intent(in) :: f(m, *)
-    real(wp), intent(inout) :: y(16)
-    real(wp) :: q(4), e(4), x(3), u(3), v(3), n(3), half, sinc, a, b
-    integer :: j, k
+    real(wp), intent(inout) :: y(3 + block%k, 3)     ! rows, of R and of x
+    real(wp) :: q(4), e(4), x(3, block%k), u(3), v(3), n(3), half, sinc, a, b
+    integer :: i, j, k
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
     x = 0.0_wp
     do j = begin, last
       k = flows%first(j)
       v = combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f)
-      u = combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f(4, 1))
       call exponential(v, e, half, sinc)
       n = v / (2 * half)
       a = sinc * e(4)
       b = half * sinc**2
-      u = a * u + (1 - a) * dot_product(n, u) * n + b * cross(n, u)
-      if (block%space) then
-        call rotate_vector(e, x)
-        x = x + u
-      else
-        call rotate_vector(q, u)
-        x = x + u
-      end if
+      do i = 1, block%k
+        u = combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f(3 * i + 1, 1))
+        u = a * u + (1 - a) * dot_product(n, u) * n + b * cross(n, u)
+        if (block%space) then
+          call rotate_vector(e, x(:, i))
+        else
+          call rotate_vector(q, u)
+        end if
+        x(:, i) = x(:, i) + u
+      end do
       call multiply(merge(1.0_wp, -1.0_wp, block%space), e, q(1), q(2), q(3), q(4))
     end do
 
-    if (block%space) then
-      u = [y(4), y(8), y(12)]
-      call rotate_vector(q, u)
-      u = u + x
-    else
-      u = [y(4) + dot_product(y(1:3), x), y(8) + dot_product(y(5:7), x), &
-           y(12) + dot_product(y(9:11), x)]
-    end if
-    call rotate_matrix(q, block%space, y(1:3), y(5:7), y(9:11))
-    y(4) = u(1)
-    y(8) = u(2)
-    y(12) = u(3)
+    do i = 1, block%k
+      if (block%space) then
+        u = y(3 + i, :)
+        call rotate_vector(q, u)
+        y(3 + i, :) = u + x(:, i)
+      else
+        do j = 1, 3
+          y(3 + i, j) = y(3 + i, j) + dot_product(y(1:3, j), x(:, i))
+        end do
+      end if
+    end do
+    call rotate_matrix(q, block%space, y(1:3, 1), y(1:3, 2), y(1:3, 3))
   end subroutine move_rigid_body
 
   ! The quaternion (vector part, scalar part) of a point. For SU(2) it is the nearest one to the

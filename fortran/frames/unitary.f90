@@ -4,6 +4,8 @@ module unitary_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
   use bases_m, only: algebra_coefficients, algebra_matrix
+  use lapack_m, only: zgemm
+  use orthogonal_m, only: largest_own
   use shared_numbers, only: so_block, su_block
   implicit none
   private
@@ -41,7 +43,7 @@ contains
 
   ! The exponential of a skew-Hermitian matrix by scaling and squaring of the series. If there are
   ! many squarings, rounding off the group is removed after each.
-  pure subroutine exponential(n, x, e)
+  subroutine exponential(n, x, e)
     integer, intent(in) :: n
     complex(wp), intent(in) :: x(n, n)
     complex(wp), intent(out) :: e(n, n)
@@ -88,7 +90,7 @@ contains
 
   ! The exponential of a matrix of three rows. Without its trace it is i Q with Q^3 = c Q + d, so
   ! that all powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
-  pure subroutine exponential_of_three(x, e)
+  subroutine exponential_of_three(x, e)
     complex(wp), intent(in) :: x(3, 3)
     complex(wp), intent(out) :: e(3, 3)
     complex(wp), dimension(3, 3) :: q1, q2
@@ -149,7 +151,7 @@ contains
   end subroutine exponential_of_three
 
   ! One Newton-Schulz step, and for SU(n) one towards determinant 1
-  pure subroutine restore_unitary(kind, n, y)
+  subroutine restore_unitary(kind, n, y)
     integer, intent(in) :: kind, n
     real(wp), intent(inout) :: y(:)              ! (point_size)
     complex(wp) :: point(n, n), excess
@@ -168,7 +170,7 @@ contains
   end subroutine restore_unitary
 
   ! One Newton-Schulz step
-  pure subroutine orthogonalise(n, y)
+  subroutine orthogonalise(n, y)
     integer, intent(in) :: n
     complex(wp), intent(inout) :: y(n, n)
     complex(wp), dimension(n, n) :: adjoint, square, product
@@ -213,7 +215,7 @@ contains
   ! The coefficients of the flow from x to y, NaN if they are half a turn or more apart. The
   ! iteration X -> X + skew part of exp(-X) W, with the quotient W, changes each angle by the sine
   ! of its error.
-  pure subroutine unitary_difference(kind, n, left, x, y, v)
+  subroutine unitary_difference(kind, n, left, x, y, v)
     integer, intent(in) :: kind, n
     logical, intent(in) :: left
     real(wp), intent(in) :: x(:), y(:)           ! (point_size)
@@ -322,8 +324,8 @@ contains
     end do
   end subroutine multiply_3x3
 
-  ! The product of small matrices; a call of matmul takes longer.
-  pure subroutine multiply(n, a, b, c)
+  ! The product of matrices; for small ones a call of matmul takes longer.
+  subroutine multiply(n, a, b, c)
     integer, intent(in) :: n
     complex(wp), intent(in) :: a(n, n), b(n, n)
     complex(wp), intent(out) :: c(n, n)
@@ -331,6 +333,9 @@ contains
 
     if (n == 3) then
       call multiply_3x3(a, b, c)
+      return
+    else if (n > largest_own) then
+      call zgemm('N', 'N', n, n, n, (1.0_wp, 0.0_wp), a, n, b, n, zero, c, n)
       return
     end if
     do j = 1, n

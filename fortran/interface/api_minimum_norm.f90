@@ -5,7 +5,7 @@ subroutine core_set_lapack(addresses)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use lapack_m, only: set_lapack
   implicit none
-  integer(c_intptr_t), intent(in) :: addresses(9)
+  integer(c_intptr_t), intent(in) :: addresses(11)
 
   call set_lapack(addresses)
 end subroutine core_set_lapack

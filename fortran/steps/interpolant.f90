@@ -30,6 +30,7 @@ module interpolant_m
   use frames_m, only: apply_flows, flow_along, frame_t
   use linear_action_m, only: inner_points_t
   use shared_numbers, only: nearby_operation
+  use vectors_m, only: combine
   implicit none
   private
   public :: scheme_t, interpolant_t, add_node, begin_interpolant, evaluate_inner, &
@@ -243,19 +244,6 @@ contains
       end do
     end associate
   end subroutine sum_terms
-
-  ! A weighted sum of vectors. Shapes are explicit, since array descriptors take as long as the sum.
-  pure subroutine combine(m, n, weight, k, sum)
-    integer, intent(in) :: m, n
-    real(wp), intent(in) :: weight(n), k(m, n)
-    real(wp), intent(out) :: sum(m)
-    integer :: j
-
-    sum = 0.0_wp
-    do j = 1, n
-      if (abs(weight(j)) > 0) sum = sum + weight(j) * k(:, j)
-    end do
-  end subroutine combine
 
   ! Computes the point of the next node.
   subroutine next_node(frame, scheme, interpolant, theta)

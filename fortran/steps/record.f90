@@ -34,8 +34,6 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     type(output_t), intent(in) :: output
-    real(wp) :: values(size(trajectory%events%before))
-    logical :: stopped
 
     associate (x => trajectory)
       x%counts%steps = x%counts%steps + 1
@@ -45,19 +43,32 @@ contains
         if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) &
           x%needs_interpolant = .true.
       end if
-      x%seeks_events = size(values) > 0
-      call evaluate_events(problem, trajectory, x%t_end, x%y(:, x%result), values, stopped)
-      if (stopped) return
-      x%events%after = values
-      if (x%seeks_events) x%needs_interpolant = x%needs_interpolant &
-          .or. any(x%events%came_from /= 0) &
-          .or. any(crosses(x%events%before, values, problem%events%direction) &
-                   .and. (abs(values) > 0 .or. x%last%kept))
+      x%seeks_events = size(x%events%before) > 0
       x%phase = phase_record_step
+      if (x%seeks_events) call examine_events(problem, trajectory)
+      if (x%status /= finished) return
       if (.not. (x%needs_interpolant .or. x%seeks_events)) return
       call request_ends(problem, trajectory)
     end associate
   end subroutine examine_step
+
+  ! Evaluates the functions of events at the end of the step. In a procedure of its own, arrays of
+  ! their size are made for steps with events only.
+  subroutine examine_events(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: values(size(trajectory%events%before))
+    logical :: stopped
+
+    associate (x => trajectory)
+      call evaluate_events(problem, trajectory, x%t_end, x%y(:, x%result), values, stopped)
+      if (stopped) return
+      x%events%after = values
+      x%needs_interpolant = x%needs_interpolant .or. any(x%events%came_from /= 0) &
+        .or. any(crosses(x%events%before, values, problem%events%direction) &
+                 .and. (abs(values) > 0 .or. x%last%kept))
+    end associate
+  end subroutine examine_events
 
   ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just at
   ! the end of the step don't need it.
@@ -172,8 +183,7 @@ contains
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
-    logical :: ends, stopped, terminal
-    real(wp), dimension(size(trajectory%events%before)) :: sizes, values
+    logical :: ends
 
     associate (x => trajectory)
       ends = .not. abs(t - problem%stops(x%segment)) > 0
@@ -189,7 +199,21 @@ contains
       if (x%slope_known) x%slope(:) = x%end_slope
       if (ended .or. (ends .and. x%segment < size(problem%stops))) call forget_step(trajectory)
       if (ends) x%phase = phase_begin_segment
-      if (size(values) == 0) return
+      if (size(x%events%before) > 0) call begin_after_events(problem, trajectory, t, y, ended)
+    end associate
+  end subroutine begin_next_step
+
+  ! Prepares the functions of events for the next step.
+  subroutine begin_after_events(problem, trajectory, t, y, ended)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)
+    logical, intent(in) :: ended                       ! whether an event ended the step
+    logical :: stopped, terminal
+    real(wp), dimension(size(trajectory%events%before)) :: sizes, values
+
+    associate (x => trajectory)
       sizes = max(abs(x%events%before), abs(x%events%after))
       x%events%before(:) = x%events%after
       if (.not. ended) return
@@ -221,7 +245,7 @@ contains
       x%status = terminal_event                        ! from which a stepper goes on
       where (x%events%count >= problem%events%most) x%events%count = 0
     end associate
-  end subroutine begin_next_step
+  end subroutine begin_after_events
 
   ! Records the points at the output times up to t, where the solution is y.
   subroutine record_outputs(problem, trajectory, t, y, output, failed)

@@ -4,6 +4,7 @@
 module requests_m
   use kinds, only: wp
   use controller_m, only: rejected_size
+  use frames_m, only: complete_coefficients
   use free_motion_m, only: add_free_motion, take_forces
   use shared_numbers, only: field_not_finite, finished, needs_field, needs_maximum, raised, &
                             raised_in_python, stage_not_finite, stopped_by_field
@@ -70,6 +71,7 @@ contains
         if (.not. problem%method%splitting) &
           call add_free_motion(problem%frame, y, trajectory%request%received)
       end if
+      call complete_coefficients(problem%frame, y, trajectory%request%received)
       if (finite(trajectory%request%received)) then
         trajectory%status = finished
         return

@@ -64,14 +64,25 @@ module lapack_m
     end subroutine getrs_i
 
     subroutine gemm_i(transa, transb, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc) bind(c)
-      import :: c_char, c_double, c_int
+      import :: c_char, c_int
       character(kind=c_char), intent(in) :: transa, transb
       integer(c_int), intent(in) :: m, n, k, lda, ldb, ldc
-      real(c_double), intent(in) :: alpha, beta
+      type(*), intent(in) :: alpha, beta
       type(*), intent(in) :: a(lda, *)             ! (lda, k)
       type(*), intent(in) :: b(ldb, *)             ! (ldb, n)
       type(*), intent(inout) :: c(ldc, *)          ! (ldc, n)
     end subroutine gemm_i
+
+    subroutine syevd_i(jobz, uplo, n, a, lda, w, work, lwork, iwork, liwork, info) bind(c)
+      import :: c_char, c_double, c_int
+      character(kind=c_char), intent(in) :: jobz, uplo
+      integer(c_int), intent(in) :: n, lda, lwork, liwork
+      real(c_double), intent(inout) :: a(lda, *)   ! (lda, n)
+      real(c_double), intent(inout) :: w(*)        ! (n)
+      real(c_double), intent(inout) :: work(*)     ! (lwork)
+      integer(c_int), intent(inout) :: iwork(*)    ! (liwork)
+      integer(c_int), intent(out) :: info
+    end subroutine syevd_i
   end interface
 
   procedure(syrk_i), pointer, protected, public :: dsyrk => null()
@@ -80,13 +91,14 @@ module lapack_m
   procedure(geqrf_i), pointer, protected, public :: dgeqrf => null()
   procedure(getrf_i), pointer, protected, public :: dgetrf => null(), zgetrf => null()
   procedure(getrs_i), pointer, protected, public :: dgetrs => null(), zgetrs => null()
-  procedure(gemm_i), pointer, protected, public :: dgemm => null()
+  procedure(gemm_i), pointer, protected, public :: dgemm => null(), zgemm => null()
+  procedure(syevd_i), pointer, protected, public :: dsyevd => null()
 
 contains
 
   ! Sets the addresses of the routines.
   subroutine set_lapack(addresses)
-    integer(c_intptr_t), intent(in) :: addresses(9)  ! in the order of the pointers
+    integer(c_intptr_t), intent(in) :: addresses(11)  ! in the order of the pointers
 
     call c_f_procpointer(transfer(addresses(1), c_null_funptr), dsyrk)
     call c_f_procpointer(transfer(addresses(2), c_null_funptr), dpotrf)
@@ -97,6 +109,8 @@ contains
     call c_f_procpointer(transfer(addresses(7), c_null_funptr), dgetrs)
     call c_f_procpointer(transfer(addresses(8), c_null_funptr), zgetrs)
     call c_f_procpointer(transfer(addresses(9), c_null_funptr), dgemm)
+    call c_f_procpointer(transfer(addresses(10), c_null_funptr), zgemm)
+    call c_f_procpointer(transfer(addresses(11), c_null_funptr), dsyevd)
   end subroutine set_lapack
 
 end module lapack_m

@@ -3,7 +3,7 @@ module vectors_m
   use kinds, only: wp
   implicit none
   private
-  public :: copy, finite
+  public :: combine, copy, finite
 
 contains
 
@@ -14,6 +14,29 @@ contains
 
     finite = all(abs(x) <= huge(x))
   end function finite
+
+  ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, since array
+  ! descriptors take as long as the sum. The compiler knows the most frequent size.
+  pure subroutine combine(m, n, weight, k, sum)
+    integer, intent(in) :: m, n
+    real(wp), intent(in) :: weight(n), k(m, n)
+    real(wp), intent(out) :: sum(m)
+    real(wp) :: six(6)
+    integer :: j
+
+    if (m == 6) then
+      six = 0.0_wp
+      do j = 1, n
+        if (abs(weight(j)) > 0) six = six + weight(j) * k(1:6, j)
+      end do
+      sum(1:6) = six
+      return
+    end if
+    sum = 0.0_wp
+    do j = 1, n
+      if (abs(weight(j)) > 0) sum = sum + weight(j) * k(:, j)
+    end do
+  end subroutine combine
 
   ! Copies a vector. In a procedure of its own the compiler knows that two columns of an array don't
   ! overlap.

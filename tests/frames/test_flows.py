@@ -5,7 +5,18 @@ import pytest
 from compiled_examples import FRAMES as STARTS
 from compiled_examples import ORBITS
 
-from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
+from cg.frames import (
+    SE3,
+    SO,
+    SO3,
+    SU,
+    Euclidean,
+    Product,
+    Semidirect,
+    Sphere,
+    U,
+    UnitQuaternion,
+)
 from cg.integration.step.flows import _CompiledFlows, _Flows, difference_of, flows_of
 
 pytestmark = pytest.mark.sanitize
@@ -18,6 +29,8 @@ FRAMES = [
     UnitQuaternion(scalar_first=True, convention="space"),
     SE3(),
     SE3("space"),
+    Semidirect(SO3(), 2),
+    Semidirect(SO(3, "space"), 3),
     Sphere(2),
     SU(2),
     SU(2, "body"),
@@ -26,6 +39,8 @@ FRAMES = [
     SO(5, "space"),
     SU(3),
     SU(4, "body"),
+    SO(13),
+    SU(13, "body"),
     U(1),
     U(3, "body"),
     Product(SU(3), Euclidean(1), SO(4)),

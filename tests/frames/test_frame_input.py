@@ -206,7 +206,7 @@ def test_coefficients_of_large_matrices_need_no_basis(kind, monkeypatch):
         matrix = frame.algebra(v) + rng.standard_normal((3, *frame.point_shape))
         projected = frame._algebra_projection(matrix)
         with monkeypatch.context() as patch:
-            patch.setattr("cg.frames.matrix_group._MAX_DENSE", 0)
+            patch.setattr("cg.frames.matrix_group.MAX_DENSE", 0)
             again = frame.algebra(v)
             found = frame._algebra_projection(matrix)
         np.testing.assert_allclose(again, np.tensordot(v, frame.basis, 1), rtol=0.0, atol=1e-14)

@@ -12,9 +12,11 @@ from cg.frames import (
     SO3,
     SU,
     Euclidean,
+    Grassmann,
     IsospectralOrbit,
     Power,
     Product,
+    Semidirect,
     Sphere,
     UnitQuaternion,
 )
@@ -36,6 +38,8 @@ FRAMES = {
     "quaternion space, scalar first": (UnitQuaternion("space", scalar_first=True), ONE),
     "SE3 body": (SE3(), np.eye(4)),
     "SE3 space": (SE3("space"), np.eye(4)),
+    "SE3 with two translations": (Semidirect(SO3(), 2), np.eye(5)),
+    "SE3 space with three translations": (Semidirect(SO(3, "space"), 3), np.eye(6)),
     "sphere": (Sphere(2), [0.0, 0.6, 0.8]),
     "SU2 space": (Product(SU(2)), SU2_POINT),
     "SU2 body": (Product(SU(2, "body")), SU2_POINT),
@@ -55,6 +59,9 @@ ORBITS = [
     IsospectralOrbit(tuple(range(12))),
     Power(IsospectralOrbit((-1.0, 0.5, 2.0, 2.5)), 3),
     Product(IsospectralOrbit((0.0, 3.0)), IsospectralOrbit((-1.0, 0.25, 1.5))),
+    IsospectralOrbit(tuple(np.arange(14) / 7)),
+    Grassmann(4, 1),
+    Grassmann(13, 5),
 ]
 PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
 

@@ -22,6 +22,7 @@ FRAMES = {
     "Semidirect": frames.Semidirect(frames.SO(2), 2),
     "Sphere": frames.Sphere(2),
     "Stiefel": frames.Stiefel(3, 2),
+    "AmbientStiefel": frames.AmbientStiefel(3, 2),
     "Grassmann": frames.Grassmann(3, 2),
     "Hyperbolic": frames.Hyperbolic(2),
     "SPD": frames.SPD(2),
@@ -64,7 +65,7 @@ def of_frame(name, frame):
         "exponential": {"v": v},
         "inverse": {"x": near},
     }
-    if name == "FieldFrame":  # it was given no bracket
+    if name in ("FieldFrame", "AmbientStiefel"):  # there is no bracket
         del arguments["bracket"], arguments["dexpinv"]
     for method, values in arguments.items():
         if callable(getattr(frame, method, None)):
@@ -75,13 +76,14 @@ def of_frame(name, frame):
 
 
 GROUPS = [frames.GL, frames.SL, frames.SO, frames.SU, frames.U, frames.Sp]
+_COLUMNS = frames.Stiefel, frames.AmbientStiefel, frames.Grassmann
 FRAME_EXAMPLES = by_name(
     [
         *(call(group, n=2, convention="space") for group in GROUPS),
         *(call(group, convention="space") for group in (frames.SO3, frames.SE3)),
         call(frames.UnitQuaternion, convention="space", scalar_first=True),
         *(call(space, n=2) for space in (frames.Sphere, frames.Euclidean, frames.SPD)),
-        *(call(space, n=3, k=2) for space in (frames.Stiefel, frames.Grassmann)),
+        *(call(space, n=3, k=2) for space in _COLUMNS),
         call(frames.Hyperbolic, n=3),
         call(frames.IsospectralOrbit, spectrum=(0.0, 1.0)),
         call(frames.IsospectralOrbit.through, y0=[[1.0, 0.5], [0.5, 2.0]]),

@@ -9,7 +9,7 @@ from compiled_examples import DOUBLES, PROBLEMS
 from scipy import LowLevelCallable
 
 import cg
-from cg.frames import GL, SO3, SU, Euclidean, Product, Sphere
+from cg.frames import GL, SL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
@@ -152,7 +152,7 @@ def test_solutions_that_overflow(method, message, function):
     ("frame", "y0"),
     [
         (Sphere(3), [0.0, 0.0, 0.0, 1.0]),
-        (SU(13), np.eye(13)),
+        (SL(3), np.eye(3)),
         (Product(SO3(), GL(2)), np.concatenate([np.eye(3).ravel(), np.eye(2).ravel()])),
     ],
 )

@@ -18,7 +18,8 @@ from cg.integration.step.flows import (
 pytestmark = pytest.mark.sanitize
 
 GROUPS = [
-    *(SO(2), SO(4), SO(5), SO(6), SO(8, "space"), SO(12), SU(3), SU(4), U(2), U(3), U(3, "body"))
+    *(SO(2), SO(4), SO(5), SO(6), SO(8, "space"), SO(12), SU(3), SU(4), U(2), U(3), U(3, "body")),
+    *(SO(13), SO(20, "space"), SU(14, "body"), U(13)),  # by BLAS
 ]
 SIZES = [0.0, 1e-200, 1e-9, 1e-3, 0.05, 0.5, 0.86, 1.9, 2.1, 7.0, 90.0]
 
@@ -71,6 +72,6 @@ def test_spaces_are_moved_by_their_compiled_group(frame, lead):
     np.testing.assert_allclose(dexpinv(u, w), frame.dexpinv(u, w, order=8), rtol=0, atol=1e-13)
 
 
-def test_spaces_that_are_compiled_or_too_large_are_not_among_them():
+def test_compiled_spaces_are_not_among_them():
     assert isinstance(flows_of(Sphere(2)), _CompiledFlows)
-    assert isinstance(flows_of(Sphere(12)), _Flows)
+    assert isinstance(flows_of(Sphere(12)), _GroupFlows)

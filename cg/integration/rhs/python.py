@@ -39,14 +39,15 @@ class Check:
         compiled code detects points that aren't finite. ``members`` of a vectorized function are
         named in errors.
         """
-        n = self.frame.rhs_dim
-        shape = (len(t), n) if self.vectorized else (n,)
+        n, shape = self.frame.rhs_dim, self.frame.rhs_shape
+        if self.vectorized:
+            shape = (len(t), *shape)
         try:
             # a copy, since f may return the same buffer each time
             coefficients = real_array(value, self.name)
         except ValueError as error:
             expected = (
-                f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
+                f"an array of shape {shape}" if len(shape) > 1 else f"{shape[0]} real numbers"
             )
             join = isinstance(value, list | tuple) and any(map(np.ndim, value))
             hint = _JOIN if join else conversion_hint(value, error)
@@ -60,7 +61,7 @@ class Check:
             together = f", a row for each {each}, since vectorized=True" if self.vectorized else ""
             raise ValueError(
                 f"{self.name} must return an array of shape {shape}{together}, got {got} at "
-                f"{when(t)}{self._hint(coefficients.shape[len(shape) - 1 :])}"
+                f"{when(t)}{self._hint(coefficients.shape[self.vectorized :])}"
             )
         # a finite sum means that all terms are finite, and takes a fraction of the time
         if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
@@ -116,7 +117,7 @@ class PythonRhs:
         self.check = Check(f, frame, vectorized, first)
         self.name = self.failed_name = self.check.name
         function = f.a if isinstance(f, TimeFunction) else f
-        rest = frame, (frame.rhs_dim,), self.check, self.check.of_time
+        rest = frame, frame.rhs_shape, self.check, self.check.of_time
         own = None if inputs is None else inputs.members
         if parameters is not None:
             own = len(parameters)

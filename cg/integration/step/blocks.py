@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
-from cg.frames.block_kinds import compared_by_entries
+from cg.frames.block_kinds import compared_by_entries, needs_lapack
+from cg.support.capsules import provide_lapack
 
 _KNOWN = (
     "SO, SU, U, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them, real "
@@ -19,6 +20,8 @@ def describe_blocks(frame: Frame) -> NDArray[np.int32]:
     blocks = frame.compiled_blocks()
     if blocks is None:
         raise ValueError(f"frame must be one that is compiled, {_KNOWN}; {frame!r} is not")
+    if any(needs_lapack(block) for block in blocks):
+        provide_lapack()
     return np.array([block[:3] for block in blocks], dtype=np.int32, order="C").T
 
 

@@ -1,0 +1,155 @@
+"""Orthonormal columns whose right-hand sides return derivatives."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import cg
+from cg.analysis.convergence import observed_order
+from cg.frames import AmbientStiefel, Grassmann, Product, Stiefel, check
+
+SIZES = [(5, 1), (4, 2), (3, 3), (9, 4)]
+H = np.array([1 / 8, 1 / 16, 1 / 32])
+
+
+class Family:
+    """Derivatives S(t, y) y of columns with a random skew matrix S, which turn them too."""
+
+    def __init__(self, n, k, seed):
+        rng = np.random.default_rng((n, k, seed))
+        self.frame = AmbientStiefel(n, k)
+        self.skew, self.driven = (x - x.T for x in rng.standard_normal((2, n, n)) / np.sqrt(n))
+        self.metric = rng.standard_normal((n, n)) / np.sqrt(n)
+        self.y0 = self.frame.random_point(rng)
+
+    def generator(self, t, y):
+        """Return S."""
+        product = self.metric @ y @ y.mT
+        return self.skew + np.cos(t) * self.driven + product - product.mT
+
+    def __call__(self, t, y):
+        """Return the derivative."""
+        return self.generator(t, y) @ y
+
+    def exact(self, end):
+        """Return the solution of the equation of the entries."""
+
+        def f(t, y):
+            return self(t, y.reshape(self.y0.shape)).ravel()
+
+        run = solve_ivp(f, (0, end), self.y0.ravel(), method="DOP853", rtol=1e-13, atol=1e-13)
+        return run.y[:, -1].reshape(self.y0.shape)
+
+
+@pytest.mark.parametrize(("n", "k"), SIZES)
+def test_axioms_and_solutions(n, k):
+    for seed in range(3):
+        problem = Family(n, k, seed)
+        check(problem.frame, rng=np.random.default_rng(seed))
+        y = cg.solve_ivp(problem, (0, 2), problem.y0, frame=problem.frame, rtol=1e-10, atol=1e-10)
+        assert problem.frame.membership_error(y.y).max() < 1e-15 * n
+        np.testing.assert_allclose(y.y[-1], problem.exact(2.0), rtol=0, atol=3e-9)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-200, 1e-9, 1.0, 5.0])
+@pytest.mark.parametrize(("n", "k"), [*SIZES, (20, 5)])
+def test_flows_are_linear_fractional(n, k, size):
+    frame, rng = AmbientStiefel(n, k), np.random.default_rng((n, k))
+    v, y = frame.random_vector(rng, 4), frame.random_point(rng, 4)
+    v *= size / np.linalg.norm(v, axis=-1, keepdims=True)
+    moved = frame.flow(v, y)
+    for matrix, start, end in zip(v.reshape(4, n, k), y, moved, strict=True):
+        generator = np.block([[np.zeros((n, n)), matrix], [matrix.T, np.zeros((k, k))]])
+        pair = expm(generator) @ np.concatenate([start, np.eye(k)])
+        expected = np.linalg.solve(pair[n:].T, pair[:n].T).T
+        np.testing.assert_allclose(end, expected, rtol=0, atol=1e-14 * np.exp(2.0 * size))
+    assert frame.membership_error(moved).max() < 2e-15
+
+
+@pytest.mark.parametrize("key", ["CG3", "CF4", "CG4a", "CF5(4)", "DOP853"])
+@pytest.mark.parametrize(("n", "k"), [(4, 2), (6, 3)])
+def test_orders(n, k, key):
+    method, problem = cg.methods[key], Family(n, k, 7)
+    steps = H if method.order < 8 else 4 * H
+    exact = problem.exact(1.0)
+    ends = [
+        cg.integrate(problem, (0, 1), problem.y0, frame=problem.frame, method=key, h=h).y[-1]
+        for h in steps
+    ]
+    errors = [np.linalg.norm(end - exact) for end in ends]
+    assert observed_order(steps, errors).order > method.order - 0.3
+
+
+@pytest.mark.parametrize(("n", "k"), SIZES)
+def test_agrees_with_coefficients_of_rotations(n, k):
+    problem, frame = Family(n, k, 3), Stiefel(n, k)
+
+    def f(t, y):
+        return frame.group.coefficients(problem.generator(t, y))
+
+    options = {"rtol": 1e-9, "atol": 1e-9, "t_eval": np.linspace(0.0, 1.5, 7)}
+    ours = cg.solve_ivp(problem, (0, 1.5), problem.y0, frame=problem.frame, **options)
+    there = cg.solve_ivp(f, (0, 1.5), problem.y0, frame=frame, **options)
+    np.testing.assert_allclose(ours.y, there.y, rtol=0, atol=3e-8)
+
+
+def test_only_the_projection_onto_tangents_counts():
+    rng = np.random.default_rng(5)
+    frame, gradient = AmbientStiefel(7, 3), rng.standard_normal((7, 3))
+    y = frame.random_point(rng)
+    symmetric = y.T @ gradient + gradient.T @ y
+    tangent = frame.field(frame.complete_rhs(gradient, y), y)
+    np.testing.assert_allclose(tangent, gradient - 0.5 * y @ symmetric, rtol=0, atol=1e-14)
+    run = cg.solve_ivp(lambda t, y: gradient, (0, 60), y, frame=frame, rtol=1e-10, atol=1e-10)
+    left, _, right = np.linalg.svd(gradient, full_matrices=False)
+    np.testing.assert_allclose(run.y[-1], left @ right, rtol=0, atol=1e-9)  # the polar factor
+
+
+def test_subspaces_move_as_projectors_do():
+    rng = np.random.default_rng(6)
+    frame, there, matrix = AmbientStiefel(8, 3), Grassmann(8, 3), rng.standard_normal((8, 8))
+    y = frame.random_point(rng)
+
+    def f(t, p):
+        product = matrix @ p - p @ matrix @ p
+        return there.group.coefficients(product - product.T)
+
+    options = {"rtol": 1e-10, "atol": 1e-10, "t_eval": [1.0]}
+    columns = cg.solve_ivp(
+        lambda t, y: matrix @ y - y @ (y.T @ matrix @ y), (0, 1), y, frame=frame, **options
+    ).y[-1]
+    projector = cg.solve_ivp(f, (0, 1), y @ y.T, frame=there, **options).y[-1]
+    np.testing.assert_allclose(columns @ columns.T, projector, rtol=0, atol=1e-8)
+
+
+def test_members_events_and_continuous_solutions():
+    problem = Family(5, 2, 4)
+    starts = problem.frame.random_point(np.random.default_rng(1), 3)
+    options = {"rtol": 1e-9, "atol": 1e-9, "t_eval": [0.0, 0.5, 1.0]}
+    together = cg.solve_ensemble(
+        lambda t, y: problem.generator(t[:, None, None], y) @ y, (0, 1), starts,
+        frame=problem.frame, vectorized=True, **options,
+    )  # fmt: skip
+    for k, y0 in enumerate(starts):
+        alone = cg.solve_ivp(
+            problem, (0, 1), y0, frame=problem.frame, dense_output=True,
+            events=lambda t, y: t - 0.3 + 0.01 * y[0, 0], **options,
+        )  # fmt: skip
+        np.testing.assert_allclose(together.y[:, k], alone.y, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(alone.sol(0.5), alone.y[1], rtol=0, atol=1e-12)
+        assert len(alone.t_events[0]) == 1
+
+
+def test_what_it_refuses():
+    frame = AmbientStiefel(4, 2)
+    y0 = np.eye(4, 2)
+    with pytest.raises(ValueError, match=r"f must return an array of shape \(4, 2\), got shape"):
+        cg.solve_ivp(lambda t, y: np.zeros(8), (0, 1), y0, frame=frame)
+    with pytest.raises(ValueError, match="bracket"):
+        cg.solve_ivp(lambda t, y: y, (0, 1), y0, frame=frame, method="RKMK4")
+    with pytest.raises(OverflowError, match="can't be computed in double precision"):
+        frame.flow(np.full(8, 1e4), y0)
+    point = np.concatenate([y0.ravel(), y0.ravel()])
+    pair = cg.solve_ivp(lambda t, y: np.zeros(16), (0, 1), point, frame=Product(frame, frame))
+    np.testing.assert_allclose(pair.y[-1], point, rtol=0, atol=1e-15)
