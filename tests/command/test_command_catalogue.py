@@ -45,7 +45,7 @@ class TestList:
         assert len(entries) == len(expected) > 3
         assert [m["flows"] for m in entries] == sorted(m["flows"] for m in expected)
         _, output, _ = run("list", "--order", "4", "--no-pair", "--kind", "implicit", "--json")
-        assert {m["name"] for m in json.loads(output)} == {"DICG4", "DICG4b"}
+        assert {m["name"] for m in json.loads(output)} == {"DICG4", "DICG4b", "DICG4c"}
 
     def test_the_table(self, run):
         _, output, _ = run("list", "--order", "6", "--max-evaluations", "7", "--sort", "name")

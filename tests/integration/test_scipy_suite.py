@@ -50,6 +50,7 @@ DIFFERENCES = {
     "test_duplicate_timestamps": "sol refuses times outside the integration",
     "test_integration": "output between steps of DOP853 takes more evaluations",
     "test_integration_complex": "RadauIIA5 in place of BDF takes more evaluations",
+    "test_integration_complex_sparse": "jac_sparsity is not an argument",
     "test_integration_sparse_difference": "jac_sparsity is not an argument",
     "test_events": "y_events of an event without zeros has the shape (0, n), not (0,)",
     "test_event_terminal_iv": "other words",
