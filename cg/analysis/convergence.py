@@ -17,17 +17,12 @@ from cg.method.method import Method
 
 @dataclass(frozen=True)
 class Slope:
-    """The slope of log error against log step size.
-
-    `order` is the least-squares slope over the points `h`, `error`, shape ``(n,)``, by decreasing
-    step size; `constant` the error at step size 1 of the fitted line; `spread` the largest minus
-    the smallest slope between neighbouring points.
-    """
+    """The least-squares slope of log error against log step size, by decreasing step size."""
 
     order: float
-    constant: float
-    spread: float
-    h: Array
+    constant: float  # error at step size 1 of the fitted line
+    spread: float  # largest minus smallest slope between neighbouring points
+    h: Array  # shape (n,)
     error: Array
 
 
@@ -46,13 +41,7 @@ def observed_order(
 ) -> Slope:
     """Return the least-squares slope of log error against log step size.
 
-    Errors at or below `floor` count as rounding errors and are left out, as are step sizes outside
-    `h_range`. ValueError if a step size or error used isn't positive and finite, or fewer than two
-    points remain.
-
-    >>> h = np.array([0.4, 0.2, 0.1, 0.05])
-    >>> round(observed_order(h, 3 * h**4).order, 10)
-    4.0
+    Errors at or below `floor` count as rounding errors; step sizes outside `h_range` are left out.
     """
     steps, sizes = _vectors(h, errors)
     # the negated comparisons keep NaN, which _checked reports

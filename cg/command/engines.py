@@ -33,10 +33,7 @@ def engine_options(function: F) -> F:
 
 @contextmanager
 def engine(processes: bool, dask: str | None, mpi: bool) -> Iterator[ExecutorLike]:
-    """Return the executor that the options choose.
-
-    UsageError if there is more than one of the options, or a package isn't installed.
-    """
+    """Yield the executor that the options choose; UsageError for more than one of them."""
     if processes + (dask is not None) + mpi > 1:
         raise click.UsageError("--processes, --dask and --mpi exclude each other")
     if dask is not None:

@@ -185,10 +185,7 @@ construction_options = _all(
 
 
 def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a function for options; `stages` is by default that of the tree.
-
-    UsageError if there is neither a number of stages nor a tree.
-    """
+    """Return the arguments of a function for options; `stages` is by default that of the tree."""
     stages, tree = options["stages"], options["tree"]
     if stages is None:
         if tree is None:

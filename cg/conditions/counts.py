@@ -59,8 +59,6 @@ def _condition_trees(order: int, independent: bool) -> tuple[int, ...]:
 def table_rows(order: int) -> tuple[int, ...]:
     """Return the integer table of the paper: indices of trees, 0 for dependent conditions.
 
-    Examples
-    --------
     >>> table_rows(3)
     (2, 0, 4, 0, 6, 0, 8, 9)
     """
@@ -82,12 +80,6 @@ def count(order: int, independent: bool = False) -> int:
 
 
 def right_sides(order: int, independent: bool = False) -> tuple[Fraction, ...]:
-    """Return ``1/γ(t)`` for the trees of `condition_trees`.
-
-    Examples
-    --------
-    >>> [str(side) for side in right_sides(3)]
-    ['1', '1/2', '1/2', '1/6', '1/3', '1/6', '1/6', '1/6']
-    """
+    """Return ``1/γ(t)`` for the trees of `condition_trees`."""
     trees = forest(check_order(order, None) + 1)
     return tuple(Fraction(1, trees.density[t - 1]) for t in condition_trees(order, independent))

@@ -186,11 +186,9 @@ class Weights:
         return z
 
     def slopes(self, row: int, before: Word, after: Word) -> Vector:
-        """Return the derivatives of a weight at the end of a row by one letter, after `evaluate`.
+        """Return the derivatives of a row's weight by a letter's values on the flows to all points.
 
-        The letter stands between the words `before` and `after`, and the weights of all words with
-        their letters were asked for at this row. The derivatives are those by the letter's values
-        on the flows to all points, zero off the path.
+        The letter stands between the words `before` and `after`; evaluate the row with them first.
         """
         path = self.layout.path(self.layout.ends[row])
         slopes = [self._zero] * len(self.layout.parents)
@@ -208,10 +206,10 @@ class Weights:
         return self._rights[end]
 
     def jacobian(self) -> arb_mat:
-        """Return the derivatives of the quantities, shape (quantities, unknowns), after `evaluate`.
+        """Return the derivatives of the quantities in balls, shape (quantities, unknowns).
 
-        The coefficients must be balls. Adjoints of weights at the ends of segments are carried from
-        words with many nodes to those with few.
+        Adjoints of weights at the ends of segments are carried from words with many nodes to those
+        with few, as in ``fortran/conditions/gradient.f90``.
         """
         layout, segments = self.layout, self._segments
         end_of = {segment.points[-1]: s for s, segment in enumerate(segments)}

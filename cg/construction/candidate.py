@@ -105,11 +105,9 @@ def correct(
     max_iterations: int = 200,
     accurate: bool | None = None,
 ) -> Candidate:
-    """Return to the solution set by steps of least norm, from a point close to it.
+    """Return to the solution set by steps of least norm, with the entries `frozen` held.
 
-    The entries `frozen` keep their values; the other arguments are those of `fit_conditions`,
-    `accurate` from order 7 on by default. The result is where the solver ended, on the set or not;
-    see `solved`.
+    The other arguments are those of `fit_conditions`. Ask `solved` whether the end is on the set.
     """
     system = check_candidate(candidate).system
     fit = fit_conditions(
@@ -163,10 +161,9 @@ def pack_method(method: Method, order: int | None = None) -> Candidate:
 def to_method(
     candidate: Candidate, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
 ) -> Method:
-    """Refine a candidate in real(16) and return it as a method.
+    """Refine a candidate in real(16) and return it as a method; NotExactError if that fails.
 
-    Exact zeros of the candidate stay zero; entries that are zero up to rounding are set to zero.
-    NotExactError if the conditions then don't hold to the accuracy of binary128.
+    Exact zeros stay zero, and entries that are zero up to rounding are set to zero.
     """
     system = check_candidate(candidate).system
     free = np.setdiff1d(system.free_without(frozen), np.flatnonzero(candidate.x == 0))

@@ -21,27 +21,13 @@ from cg.support.parallel import single_threads
 
 @dataclass(frozen=True)
 class Construction:
-    """The result of a construction.
-
-    Attributes
-    ----------
-    settings
-    method
-        The exact method, refined in real(16); None if no try succeeded.
-    best
-        The try that led to the method; without a method, the try with the fewest stages and
-        flows.
-    tries
-        Number of tries.
-    failures
-        Tries whose worker died.
-    """
+    """The result of a construction."""
 
     settings: ConstructionSettings
-    method: Method | None
-    best: Attempt
+    method: Method | None  # refined in real(16); None if no try succeeded
+    best: Attempt  # the try of the method, or the one with the fewest stages and flows
     tries: int
-    failures: tuple[Failure, ...] = ()
+    failures: tuple[Failure, ...] = ()  # tries whose worker died
 
     @property
     def exact(self) -> bool:

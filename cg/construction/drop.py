@@ -23,9 +23,8 @@ Accept = Callable[[Candidate], bool]
 def fixed_entries(system: ConditionSystem) -> list[int]:
     """Return the entries to hold fixed while solving from a point that isn't a solution.
 
-    This keeps the solver away from a degenerate limit at a_21 = 0: with c_2 = ε, c_3 ~ ε^(1/2),
-    c_4 ~ ε^(1/4) and so on, C(2) holds at all stages as ε tends to zero, and f falls below 1e-18
-    but has no zero.
+    In tableaux a_21 is held. With c_2 = ε, c_3 ~ ε^(1/2), c_4 ~ ε^(1/4) and so on, C(2) holds at
+    all stages as ε tends to zero: f falls below 1e-18 there, but has no zero.
     """
     if system.rows is None:
         return fixed_weights(system.order, system.layout)
@@ -56,9 +55,7 @@ def drop_stage(
 ) -> Candidate | None:
     """Drop a stage of a tableau and solve again; None if that fails from all starts.
 
-    The column of the stage is added to that of a neighbour, or dropped. Starts with the smallest
-    sums of squares come first, in a slightly random order. `largest` bounds the magnitude of
-    coefficients, `accept` is a further test of the smaller candidate.
+    The column of the stage is added to that of a neighbour, or dropped.
     """
     if check_candidate(candidate).system.embedded:
         raise ValueError("candidate must be one method, got a pair")
@@ -95,10 +92,7 @@ def drop_point_stage(
     largest: float = 4.0,
     accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a stage of a commutator-free method, and solve again, like `drop_stage`.
-
-    The point of the stage stays if flows start from it.
-    """
+    """Drop a stage of a commutator-free method; its point stays if flows start from it."""
     layout = _check_points(candidate)
     starts = [
         start

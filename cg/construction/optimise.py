@@ -164,10 +164,9 @@ def _step_along(
 def fewer_exponentials(
     candidate: Candidate, *, largest: float = 4.0, patience: int = 10
 ) -> tuple[Candidate, NDArray[np.intp]]:
-    """Set coefficients to exact zeros one by one, smallest magnitudes first.
+    """Set coefficients to exact zeros one by one, small ones first, until `patience` failures.
 
-    Stops after `patience` consecutive failures. Returns the candidate, on the solution set, and the
-    indices of its zeros. `largest` bounds the magnitude of coefficients.
+    Returns the candidate, on the solution set, and the indices of its zeros.
     """
     check_candidate(candidate)
     largest = check_real("largest", largest)

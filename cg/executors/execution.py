@@ -42,17 +42,13 @@ _log = logging.getLogger("cg")
 
 @dataclass(frozen=True)
 class Finished(Generic[Result]):
-    """A piece of work that has finished after some seconds, or whose worker died.
-
-    `result` is None if the worker died, and `failure` says why. For work on whole chunks, `chunk`
-    has all indices of the chunk, and `index` is the first of them.
-    """
+    """A piece of work that has finished, or whose worker died; of a whole chunk the first index."""
 
     index: int
-    result: Result | None
+    result: Result | None  # None if the worker died
     seconds: float = 0.0
-    failure: str | None = None
-    chunk: list[int] = field(default_factory=list)
+    failure: str | None = None  # why it died
+    chunk: list[int] = field(default_factory=list)  # all its indices
 
 
 def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, int | None]:
@@ -88,19 +84,14 @@ def completed(
 ) -> Generator[Finished[Result], None, None]:
     """Yield ``work(index)`` for each of `total` indices, in the order in which they finish.
 
-    `work` must be picklable for executors other than threads. With `data` it takes whole chunks: it
-    is called with ``data(indices)``, computed in this process, and results have a `Finished.chunk`.
-    `indices` are read only as far as workers need them. With `finish_on_interrupt`, running pieces
-    finish and are yielded after the first interrupt, before KeyboardInterrupt is raised.
+    `work` must be picklable for executors other than threads. With `data` it takes whole chunks,
+    ``work(data(indices))``. With `finish_on_interrupt`, running pieces finish after the first
+    interrupt, before KeyboardInterrupt is raised.
 
     If `executor` is a function, or ``"processes"``, a new executor is made when a worker died. The
     pieces that were running are then run one by one, and those whose worker dies again are yielded
     with a failure. An executor that the caller passes isn't shut down, and BrokenExecutor is raised
-    if it breaks. The exception of the first piece that raised one is raised after the results
-    before it.
-
-    A chunk takes about 0.25 seconds, by the duration of the latest pieces. Towards the end chunks
-    become smaller, down to 0.02 seconds. In threads, without `data`, chunks have one piece.
+    if it breaks.
     """
     pool = _Pool(executor, workers, data)
     queue = Chunks(indices, total, pool.workers, single=pool.threads and data is None)
@@ -321,8 +312,8 @@ class _Pool:
     def _shut_down(self, wait: bool) -> None:
         """Shut down an executor that was made here, and kill workers of a broken one.
 
-        A broken `ProcessPoolExecutor` waits for all its workers, including one that it was starting
-        when another died and that it never tells to end.
+        A broken `ProcessPoolExecutor` waits also for a worker that it was starting when another
+        died.
         """
         if getattr(self.executor, "_broken", False):
             for worker in list((getattr(self.executor, "_processes", None) or {}).values()):

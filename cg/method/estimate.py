@@ -63,10 +63,8 @@ _DOP853_FACTOR = 0.1
 def jump_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate where the field jumps.
 
-    The field is constant before and after a time within the step. A pair without a node at the end
-    of the step doesn't see jumps after its last node, so that the ratio is infinite. None without
-    an error estimate, and for Magnus methods, whose estimates also use the nodes of the step
-    before.
+    The ratio is infinite for a pair that has no node at the end of the step. None without an error
+    estimate, and for Magnus methods, whose estimates also use the nodes of the step before.
     """
     return _break_ratio(method, 0)
 
@@ -94,9 +92,9 @@ def _break_ratio(method: Method, power: int) -> float | None:
 def estimate_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate; None without an estimate.
 
-    Of all steps of up to `MAX_ANGLE` radians, of Munthe-Kaas methods less than a turn, and of
-    perturbations by the powers 1 to 4 of time; and of the powers of time up to the order plus 4
-    that the quadrature of the result misses.
+    It is that of all steps of up to `MAX_ANGLE` radians (of Munthe-Kaas methods less than a turn)
+    with perturbations by the powers 1 to 4 of time, and of the powers of time up to the order plus
+    4 that the quadrature of the result misses.
     """
     if method.embedded_order is None:
         return None

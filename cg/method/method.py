@@ -407,8 +407,8 @@ def frozen(numbers: Any) -> NDArray[np.float64]:
 def cached(compute: Callable[[Method], Result]) -> Callable[[Method], Result]:
     """Return a function that computes its value once for each method object.
 
-    The cache holds no references to methods, and its key is the identity of the method: hashing all
-    coefficients would take longer than most of the computations.
+    The key is the identity of the method, since to hash all coefficients takes longer than most of
+    the computations. The cache keeps no method alive.
     """
     values: dict[int, Result] = {}
 

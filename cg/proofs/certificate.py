@@ -71,18 +71,12 @@ class ViolatedCondition:
 
 @dataclass(frozen=True)
 class Box:
-    """A box around the stored coefficients in which conditions have exactly one zero.
+    """A box around the stored coefficients in which conditions have exactly one zero."""
 
-    `radius` is 0 for rational methods, which satisfy the conditions themselves. `fixed` are the
-    coefficients that are held, such as ``a_3,1``, ``b_2`` and ``b_embedded_2``. `left_out` are the
-    independent conditions that are no equations, with their rows of weights; their residuals at the
-    zero are below `bound`, None if they follow by orthogonality.
-    """
-
-    radius: Decimal
-    fixed: tuple[str, ...]
-    left_out: tuple[Condition, ...] = ()
-    bound: Decimal | None = None
+    radius: Decimal  # 0 for rational methods, which satisfy the conditions themselves
+    fixed: tuple[str, ...]  # names of the coefficients that are held, such as a_3,1
+    left_out: tuple[Condition, ...] = ()  # independent conditions that aren't equations of the zero
+    bound: Decimal | None = None  # of their residuals; None if they follow by orthogonality
 
     def __post_init__(self) -> None:
         _check_decimal(self.radius)

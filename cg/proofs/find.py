@@ -28,10 +28,9 @@ class _Proved(NamedTuple):
 
 
 def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
-    """Return a box in which the conditions have a zero that is proved.
+    """Return a box in which the conditions have a zero that is proved, or raise.
 
-    Conditions that depend on others for unknown reasons are only shown to be small, unless
-    `complete` proofs are demanded. CertificationError if no zero can be proved.
+    Unless `complete`, conditions that depend on others for unknown reasons are shown to be small.
     """
     values, derivatives = packed.system().linearise(packed.balls())
     check_places(packed, values, derivatives)

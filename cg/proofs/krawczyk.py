@@ -30,18 +30,13 @@ RANK_THRESHOLD = 1e-12
 
 @dataclass(frozen=True)
 class KrawczykTest:
-    """Result of Krawczyk's test of a box of some radius.
-
-    `ratio` is an upper bound of the largest radius of the image in units of `radius`; the zero is
-    proved if it is below 1. `correction` and `contraction` are upper bounds of ``max |A f(y)|`` and
-    of the maximum norm of ``I - A J(X)``; `inverse` is A.
-    """
+    """Result of Krawczyk's test of a box of some radius."""
 
     radius: arb
-    ratio: float
-    correction: float
-    contraction: float
-    inverse: arb_mat | None = None
+    ratio: float  # bound of the image's radius in units of `radius`; below 1 the zero is proved
+    correction: float  # upper bound of max |A f(y)|
+    contraction: float  # upper bound of the maximum norm of I - A J(X)
+    inverse: arb_mat | None = None  # A
 
     @property
     def proved(self) -> bool:
@@ -81,11 +76,10 @@ def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> lis
 def krawczyk(
     system: EquationSystem, y: Sequence[arb], free: Sequence[int], radius: arb | None = None
 ) -> KrawczykTest:
-    """Try to prove that a system of m equations has a zero near y.
+    """Try to prove that m equations have a zero near y in the m unknowns `free`.
 
-    `free` are the m unknowns that may move; the others of `y` are held. By default the radius is
-    twice the size of the correction. If the derivatives aren't regular at y, nothing is proved and
-    the ratio is infinite.
+    By default the radius is twice the size of the correction. If the derivatives aren't regular at
+    y, nothing is proved and the ratio is infinite.
     """
     values, at_point = system.linearise(y)
     columns = list(free)
@@ -122,8 +116,7 @@ def enclose_zero(
 ) -> list[arb]:
     """Return balls with radii below ``10**-places`` around the zero that a test at y proved.
 
-    Repeats ``z ↦ z - A f(z)``. Each step gains as many digits as A has, so that no further
-    derivatives are needed. CertificationError if the precision of balls doesn't suffice.
+    Repeats ``z ↦ z - A f(z)``: each step gains as many digits as A has, without new derivatives.
     """
     if test.inverse is None or not test.proved:
         raise CertificationError("no zero is proved", **test.quantities)

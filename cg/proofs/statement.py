@@ -25,7 +25,7 @@ _MAX_BITS = 1 << 14
 
 @dataclass(frozen=True)
 class Packed:
-    """A method as a vector of coefficients, row by row, with the orders of its rows of weights."""
+    """A method as a vector of coefficients, point by point, with the orders of its results."""
 
     name: str
     layout: Layout

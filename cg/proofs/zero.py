@@ -92,8 +92,7 @@ def precise(places: int, bits: int) -> int:
 def check_places(packed: Packed, values: Sequence[arb], jacobian: arb_mat) -> None:
     """Refuse coefficients that are further off than their last places can explain.
 
-    Otherwise a solution close to wrong coefficients would pass as theirs. `values` and `jacobian`
-    are those of all conditions.
+    Otherwise a solution close to wrong coefficients would pass as theirs.
     """
     units = np.array([float(coefficient.unit) for coefficient in packed.coefficients])
     allowed = TOLERANCE_FACTOR * (np.abs(to_double(jacobian)) @ units)

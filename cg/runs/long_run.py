@@ -69,8 +69,8 @@ class LongRun(Generic[Result]):
     ) -> Iterator[tuple[StoredRun | None, Iterator[tuple[int, Result | Failure]]]]:
         """Open the store and yield its run, and an iterator over numbers and results.
 
-        The iterator yields first what the store has, then every piece as it finishes, after
-        storing it and reporting progress.
+        The iterator yields what the store has, then every piece as it finishes and after storing
+        it.
         """
         with ExitStack() as stack:
             stored = None

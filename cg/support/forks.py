@@ -19,8 +19,7 @@ def in_children(call: Callable[[], object]) -> None:
 def at_forks(lock: Any, in_child: Callable[[], object]) -> None:
     """Let this process fork only while no other thread holds a lock; then call `in_child` there.
 
-    The lock must be reentrant, since a signal handler may fork. No thread may hold it for long. The
-    child releases it before the call.
+    The lock must be reentrant, since a signal handler may fork. The child releases it first.
     """
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(before=lock.acquire, after_in_parent=lock.release)

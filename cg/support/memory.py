@@ -33,9 +33,7 @@ at_forks(_changed, _forget_calls)
 def reserved(needed: int, what: str) -> Iterator[None]:
     """Reserve memory for a compiled call; wait while calls in other threads leave too little.
 
-    `needed` is an upper bound of the bytes that the call allocates at any one time; `what` names
-    the call in messages. MemoryError if `needed` exceeds the physical memory or the limits of the
-    process.
+    `needed` bounds the bytes that it allocates at any one time; `what` names it in messages.
     """
     in_use = _in_use  # a forked child replaces the global one
     with _changed:

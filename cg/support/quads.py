@@ -154,10 +154,9 @@ def from_float(values: Any) -> Quads:
 
 
 def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = False) -> str:
-    """Return an exact value in decimal, rounded to significant digits.
+    """Return an exact value in decimal, rounded to significant digits, at most 100000.
 
-    The number of digits is from 1 to 100000; 36 distinguish all binary128 numbers. Trailing zeros
-    are left out unless `zeros` is true; zero is ``"0"``. The text is positional, except that
+    Trailing zeros are left out unless `zeros` is true. The text is positional, except that
     magnitudes beyond ``10**±100`` are written as in ``"-1.25e-4950"``.
     """
     if not isinstance(value, Fraction | int) or isinstance(value, bool):

@@ -28,11 +28,7 @@ def _data(name: str, values: Sequence[int]) -> Iterator[str]:
 
 
 def fortran_tables(trees: Forest) -> str:
-    """Return the Fortran module ``tree_tables`` for conditions up to order ``max_nodes - 1``.
-
-    The table ``condition`` has the index of each tree, or 0 if its order condition follows from
-    conditions of lower order (Section 3.1).
-    """
+    """Return the Fortran module ``tree_tables`` for conditions up to order ``max_nodes - 1``."""
     total = len(trees)
     child_start = [1]
     for word in trees.children:

@@ -29,8 +29,7 @@ class CatalogueMatch:
 def closest_match(method: Method, *, within: Fraction = Fraction(0)) -> CatalogueMatch | None:
     """Return the method of the catalogue with the fewest different coefficients; None if none fits.
 
-    Coefficients agree if they differ by at most the sum of their uncertainties, or by `within`. At
-    most two may differ, and then at least three nonzero others must agree.
+    Coefficients agree within their uncertainties or `within`. Two may differ if three others agree.
     """
     compared = (_compare(method, known, within) for known in _comparable(method))
     matches = [match for match in compared if match is not None]

@@ -62,9 +62,8 @@ def _merged(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitt
 def improved(splitting: Splitting, end: Fit) -> Fit:
     """Reduce the principal error of a solution along the solution set until it hardly gets smaller.
 
-    Each step is a Levenberg–Marquardt step for the residuals of the next order within the tangent
-    space of the solution set; a fit then returns to the set. The largest weight doesn't grow beyond
-    the larger of its initial value and 1.25 times the largest entry of the tableau.
+    Levenberg–Marquardt steps for the residuals of the next order in the tangent space; a fit then
+    returns to the set. Weights don't grow beyond 1.25 times the largest entry of the tableau.
     """
     x = end.x
     rows = [*splitting.rows.stages, splitting.rows.result]

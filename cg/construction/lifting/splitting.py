@@ -74,11 +74,9 @@ class FlatRows:
 
 
 def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True) -> Layout:
-    """Return the layout in which each stage and the result have chains of their own.
+    """Return the layout in which each moved stage and the result have chains of `lengths` flows.
 
-    `lengths` are the numbers of flows to each stage in `FlatRows.moved_stages`, and to the result.
-    Without `zeros`, chains of more than one flow also have weights where the tableau has zeros,
-    which add up to zero.
+    Without `zeros`, chains of several flows also have weights where the tableau has zeros.
     """
     parents: list[int] = []
     uses: list[set[int]] = []
@@ -101,9 +99,9 @@ def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True)
 def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) -> Layout:
     """Return a random tree of points with a number of flows to the stages and the result.
 
-    Each point starts from the initial point, the last point or a random earlier one, and leads to
-    a stage or the result. A flow has weights on the stages that a row further on contains. Trees
-    whose weights can't add up to the rows are rejected.
+    Points start from the initial, the last or a random earlier one. A flow has weights on the
+    stages that a row further on contains. Trees whose weights can't add up to the rows are
+    rejected.
     """
     stages = rows.moved_stages
     targets = [*(rows.stages[k] for k in stages), rows.result]
@@ -154,12 +152,10 @@ def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Frac
 
 
 def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Remainders:
-    """Solve sums of unknowns, pairs of indices and a value, for the last unknown of each.
+    """Solve sums of unknowns for the last unknown of each; ArithmeticError for a contradiction.
 
-    The reduced echelon form of the equations, with columns in reverse order, expresses each pivot
-    by unknowns with smaller indices that are no pivots themselves. Returns ``{k: (factors,
-    value)}`` with ``x_k = value - Σ_j factors[j] x_j``; ArithmeticError if the sums contradict each
-    other.
+    Returns ``{k: (factors, value)}`` with ``x_k = value - Σ_j factors[j] x_j``, in which no x_j is
+    itself a key: the reduced echelon form with columns in reverse order.
     """
     rows = []
     for indices, value in sums:

@@ -90,10 +90,8 @@ def best(
 def families(distinct: list[StoredSolution]) -> list[list[StoredSolution]]:
     """Group solutions that a walk along the solution set connects, the largest family first.
 
-    A walk goes from each solution towards its nearest neighbours, in steps within the tangent space
-    of the set that are corrected back to the set. Solutions that a walk connects lie on one
-    component of the set. A walk that fails proves nothing, since a detour may exist: the number of
-    families is an upper bound of the number of components.
+    Each walk leads to one of the nearest solutions. One that fails proves nothing, so that the
+    number of families is an upper bound of the number of components of the set.
     """
     groups = DisjointSet(range(len(distinct)))
     for place, solution in enumerate(distinct):

@@ -48,10 +48,7 @@ def _draw(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.floa
 
 
 def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.float64]:
-    """Return the random guess of a start of tableaux, uniform in [-width, width]; shape (size,).
-
-    Each `index` has a generator of its own, spawned from `seed`.
-    """
+    """Return the random guess of a start of tableaux, uniform in [-width, width]; shape (size,)."""
     return start_generator(seed, index).uniform(-width, width, size)
 
 

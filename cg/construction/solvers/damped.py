@@ -62,10 +62,7 @@ class DampedSteps:
         return np.asarray(linalg.cho_solve(self._cholesky, right, check_finite=False))
 
     def acceleration(self, v: Vector, residual: Vector, residual_ahead: Vector) -> Vector:
-        """Return the acceleration a of a step v, shape (n,).
-
-        `residual` is that of the present point, `residual_ahead` that after `PROBE` times the step.
-        """
+        """Return the acceleration of a step v; `residual_ahead` is that after `PROBE` times v."""
         slope = (residual_ahead - residual) / PROBE
         return self.step(2 / PROBE * (slope - self.jacobian @ v))
 

@@ -199,8 +199,8 @@ def fit_lmdif(
 ) -> tuple[Any, ...]:
     """Call the compiled lmdif; return x, f, info and nfev, in the kind of x.
 
-    x has shape (n,), or (16, n) in real(16). There are at least as many trees as unknowns.
-    `tolerance`, shape (1,) or (16, 1), is that for the sum of squares and for x.
+    x has shape (n,), or (16, n) in real(16), `tolerance` (1,) or (16, 1). There are n trees or
+    more.
     """
     m, n = trees.size, layout.size
     core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("lmdif in real(16)"), 16)

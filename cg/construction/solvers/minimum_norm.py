@@ -48,21 +48,12 @@ def fit_conditions(
     max_iterations: int = 1000,
     accurate: bool = False,
 ) -> MinimumNormFit:
-    """Minimise the sum of squared residuals of the independent order conditions.
+    """Minimise the sum of squared residuals of the conditions from packed weights `x0`, shape (n,).
 
-    The simplifying assumptions of the system's structure are solved together with the conditions.
-    The numbers of conditions and unknowns are arbitrary; the solver is designed for more unknowns
-    than conditions.
-
-    The solver starts from packed weights `x0`, shape (n,), in which entries that the system fixes
-    at zero are zero. The unknowns `free`, counted from 0, may change; by default all that the
-    system doesn't fix at zero. It stops when the sum of squares is at most `ftol`. `damping` is the
-    initial one, relative to the largest squared norm of a row of the Jacobian; small close to a
-    solution. With `accurate`, steps come from a QR factorisation instead of the normal equations,
-    which lose singular values below 1e-8 of the largest; this takes up to three times as long.
-
-    ValueError if `x0` doesn't fit the system or isn't finite, `free` has a wrong index, or a number
-    is out of its range.
+    Only the unknowns `free` change. The solver stops when the sum of squares is at most `ftol`.
+    `damping` is the initial one, relative to the largest squared norm of a row of the Jacobian.
+    With `accurate`, steps come from a QR factorisation instead of the normal equations, which lose
+    singular values below 1e-8 of the largest; this takes up to three times as long.
     """
     size = system.size
     x = np.array(x0, dtype=np.float64)

@@ -30,10 +30,8 @@ def polish(
 ) -> RationalZero:
     """Correct packed weights until the exact residuals of the independent conditions are small.
 
-    Only the order conditions of the system are used, not its structure. Corrections are linear
-    combinations of the columns of `directions`, shape (n, k): columns of the identity select the
-    entries that may change, other columns preserve linear relations between entries. By default all
-    free entries may change. ValueError if x or `directions` don't fit the n unknowns.
+    Corrections are combinations of the columns of `directions`, (n, k); by default all free entries
+    may change. The structure of the system isn't used.
     """
     start = tuple(map(Fraction, x))
     if len(start) != system.size:
@@ -66,10 +64,9 @@ def polish(
 def polish_zeros(
     x: Sequence[Fraction], system: ConditionSystem, free: Sequence[int] | NDArray[np.intp]
 ) -> RationalZero:
-    """Polish, and set weights to zero that are zero up to the rounding errors of real(16).
+    """Polish the entries `free`, and set those to zero that are zero up to rounding in real(16).
 
-    If the conditions can't be solved with these zeros, the weights keep their values. Only the
-    entries `free` change.
+    If the conditions can't be solved with these zeros, the weights keep their values.
     """
     unit = np.eye(system.size)
     polished = polish(x, system, directions=unit[:, free])

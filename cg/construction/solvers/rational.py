@@ -39,8 +39,8 @@ def refine_rational(
 ) -> RationalZero:
     """Correct a point until its residuals are at most `below` or stop getting smaller.
 
-    `correction` takes residuals in double, scaled to a maximum of 1, and returns what to subtract
-    from the point, in the same scale. Corrections are rounded to multiples of ``1/grid``.
+    `correction` takes residuals in double, scaled to a maximum of 1, and returns what to subtract,
+    in the same scale. Corrections are rounded to multiples of ``1/grid``.
     """
     best = RationalZero(tuple(x), tuple(residuals(x)), 0)
     largest = best.largest_residual

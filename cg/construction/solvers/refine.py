@@ -40,9 +40,7 @@ def refine(
 ) -> Refined:
     """Correct packed weights in binary128, shape (n, 16), until residuals stop getting smaller.
 
-    Only the entries `free` change, by default all free ones of the system. Corrections preserve the
-    simplifying assumptions of its structure. ValueError if `x` doesn't fit the system or isn't
-    finite, or `free` has a wrong index; MissingQuadsError in a build without quadruple precision.
+    Only the entries `free` change. The simplifying assumptions of the system hold afterwards too.
     """
     core = quads.core("refinement")
     if x.shape != (system.size, 16):

@@ -32,14 +32,10 @@ _PATIENCE, _MIN_GAIN = 15, 0.05  # stop if that number of steps gains less than 
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Pseudo-inverse and kernel of a Jacobian of shape (m, n).
+    """Pseudo-inverse and kernel of a Jacobian of shape (m, n)."""
 
-    `inverse`, shape (n, m), leaves out singular values below 1e-11 of the largest; `kernel`, shape
-    (n, n - rank), is an orthonormal basis of the numerical kernel.
-    """
-
-    inverse: Vector
-    kernel: Vector
+    inverse: Vector  # shape (n, m), without singular values below 1e-11 of the largest
+    kernel: Vector  # shape (n, n - rank), an orthonormal basis
 
     @property
     def rank(self) -> int:
@@ -75,9 +71,8 @@ def retract(
 ) -> Vector | None:
     """Return to the solution set by Newton steps of least norm; None if f stays above 1e-27.
 
-    Only the entries `free` of the packed weights x, shape (n,), change. `near` is the decomposition
-    of these columns of the Jacobian at a point close by. It is used until steps gain little, which
-    saves most of the work.
+    Only the entries `free` of x change. `near` decomposes their columns of the Jacobian at a point
+    close by; it is used until steps gain little, which saves most of the work.
     """
     residual = system.residual(x)
     f = float(residual @ residual)
@@ -105,11 +100,7 @@ def retract(
 
 
 def finish(system: ConditionSystem, x: Vector, free: Indices) -> tuple[Vector, float]:
-    """Converge to a nearby zero by Levenberg–Marquardt steps with geodesic acceleration.
-
-    Only the entries `free` of the packed weights x, shape (n,), change. Returns the last point and
-    its sum of squares.
-    """
+    """Return the zero to which Levenberg–Marquardt steps of the entries `free` lead, and its f."""
     residual = system.residual(x)
     f = float(residual @ residual)
     damping, history = _FIRST_DAMPING, [f]

@@ -56,10 +56,9 @@ class Structure(IntEnum):
 
 @dataclass(frozen=True)
 class ConditionSystem:
-    """The conditions of an order q for a method with unknowns `layout`, or for an embedded pair.
+    """The conditions of order q on a layout; a second result of a pair has order q - 1.
 
-    Second results of pairs have order q - 1. The simplifying assumptions of a `structure` are for
-    explicit tableaux of order 4 or more. TypeError, ValueError or MethodError for a wrong argument.
+    A `structure` is for explicit tableaux of order 4 or more.
     """
 
     order: int
@@ -156,10 +155,7 @@ class ConditionSystem:
         return np.setdiff1d(self.free, check_indices("frozen", frozen, self.size))
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        """Return the trees and owners of the conditions, both of shape (m,).
-
-        The owner is a `ConditionOwner`, or the stage, from 1, of a simplifying assumption.
-        """
+        """Return trees and owners: a `ConditionOwner` or, of assumptions, a stage from 1."""
         trees = condition_trees(self.order, independent)
         second = condition_trees(self.order - 1, independent) if self.embedded else ()
         owner: list[int] = [*[ConditionOwner.FIRST_RESULT] * len(trees)]

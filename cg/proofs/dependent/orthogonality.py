@@ -66,10 +66,9 @@ def follow(
 
 
 def find_relations(layout: Layout, orders: Sequence[int], y: Sequence[arb], most: int) -> _Doubles:
-    """Return linear relations between residuals, in double precision; arguments as of `follow`.
+    """Return at most `most` linear relations between residuals, in double precision.
 
-    They are orthonormal rows, at most `most`, shape (relations, conditions), with the conditions as
-    `conditions_of` has them.
+    They are orthonormal rows, shape (relations, conditions), conditions as in `conditions_of`.
     """
     relations = _Relations(layout, orders, y)
     relations.choose(most)
@@ -199,9 +198,10 @@ class _Relations:
     def _cuts(
         self, within: NDArray[np.bool_], around: NDArray[np.bool_]
     ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_], tuple[int, ...], int]]:
-        """Yield which letters and contexts to take, and their largest degrees.
+        """Yield masks of letters and of contexts, and the largest degrees of contexts and letters.
 
-        Those that are zero, for any coefficients, at the same places: then these don't count.
+        A mask takes vectors that are zero at the same places, whatever the coefficients are: these
+        places then don't count.
         """
         for letters, contexts in product(_alike(within), _alike(around)):
             for most in range(1, self._orders[0]):

@@ -54,16 +54,12 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Pairing:
-    """Contexts and letters as vectors over the same places, stages or flows.
-
-    `left` has a vector for each of the contexts, exactly zero where it is for all coefficients;
-    `right` one for each of the columns.
-    """
+    """Contexts and letters as vectors over the same places, stages or flows."""
 
     contexts: list[Context]
     columns: list[Column]
-    left: list[Vector]
-    right: list[Vector]
+    left: list[Vector]  # of each context; exactly zero where it is for all coefficients
+    right: list[Vector]  # of each column
 
     def words(self, i: int, j: int) -> dict[tuple[int, Word], int]:
         """Return the rows and words whose weights add up to the product of two vectors."""
@@ -83,10 +79,9 @@ class Pairing:
 
 
 def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[Pairing, Pairing]:
-    """Return the vectors over the stages, and those over the flows, for coefficients in balls.
+    """Return the pairing over the stages and that over the flows, for coefficients in balls `y`.
 
-    `orders` are those of the rows of weights; words have no more nodes. The vectors hold those of
-    all coefficients in the balls `y`.
+    `orders` are those of the rows of weights; they bound the nodes of words.
     """
     most = orders[0] - 1
     of_time = layout.of_time

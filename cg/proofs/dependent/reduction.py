@@ -38,7 +38,7 @@ def _first_condition(word: Word) -> int:
 
 
 class Reduction:
-    """Residuals by those of independent conditions, linear with coefficients of a number type.
+    """Residuals of words as combinations of those of independent conditions.
 
     `number` makes a coefficient of a Fraction. `weight` returns Φ of a word: a ball that contains
     it, or the `number` of its value for the exact solution.
