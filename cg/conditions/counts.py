@@ -80,6 +80,10 @@ def count(order: int, independent: bool = False) -> int:
 
 
 def right_sides(order: int, independent: bool = False) -> tuple[Fraction, ...]:
-    """Return ``1/γ(t)`` for the trees of `condition_trees`."""
+    """Return ``1/γ(t)`` for the trees of `condition_trees`.
+
+    >>> [str(side) for side in right_sides(3)]
+    ['1', '1/2', '1/2', '1/6', '1/3', '1/6', '1/6', '1/6']
+    """
     trees = forest(check_order(order, None) + 1)
     return tuple(Fraction(1, trees.density[t - 1]) for t in condition_trees(order, independent))

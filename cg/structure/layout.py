@@ -19,7 +19,11 @@ T = TypeVar("T")
 
 
 class Rows(IntEnum):
-    """Which entries of ``a`` a tableau may have."""
+    """Which entries of ``a`` a tableau may have.
+
+    >>> [rows.name for rows in Rows]
+    ['EXPLICIT', 'DIAGONAL', 'FULL']
+    """
 
     EXPLICIT = 0
     DIAGONAL = 1
@@ -27,7 +31,11 @@ class Rows(IntEnum):
 
 
 def check_rows(rows: Rows | str | int) -> Rows:
-    """Return the pattern with a name or a number; ValueError if there is none."""
+    """Return the pattern with a name or a number; ValueError if there is none.
+
+    >>> check_rows("diagonal")
+    <Rows.DIAGONAL: 1>
+    """
     if isinstance(rows, Rows):
         return rows
     names = {pattern.name.lower(): pattern for pattern in Rows}
