@@ -141,7 +141,7 @@ def _rotation_slopes() -> Data:
         errors = final_errors(
             problem.f, (0.0, 1.0), problem.y0, exact, frame=problem.frame, method=method, h=h
         )
-        slope = observed_order(h, errors, floor=1e-13).order
+        slope = observed_order(h, errors, floor=1e-13)
         return {"order": method.exact_order, "slope": slope}
 
     return {kind: {name: slope(methods[name]) for name in names} for kind, names in _TESTED.items()}

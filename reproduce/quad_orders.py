@@ -71,6 +71,6 @@ def order_data(errors: Mapping[int, float]) -> dict[str, object]:
         "h": h,
         "error": error,
         "local": local,
-        "slope": observed_order(h[-FIT:], error[-FIT:]).order,
+        "slope": observed_order(h[-FIT:], error[-FIT:]),
         "largest_slope": max(local),
     }

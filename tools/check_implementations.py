@@ -83,7 +83,7 @@ def slope_of(method: Method) -> float:
     errors = final_errors(
         problem.f, (0, 1), problem.y0, _end(), frame=problem.frame, method=method, h=steps
     )
-    return observed_order(steps, errors, floor=_FLOOR).order
+    return observed_order(steps, errors, floor=_FLOOR)
 
 
 @cache

@@ -73,7 +73,7 @@ def _slope(h: Sequence[float], error: Sequence[float]) -> tuple[float | None, in
     used = sum(size <= _MAX_H and value > _FLOOR for size, value in zip(h, error, strict=True))
     if used < 2:
         return None, used
-    return observed_order(h, error, floor=_FLOOR, h_range=(0.0, _MAX_H)).order, used
+    return observed_order(h, error, floor=_FLOOR, h_range=(0.0, _MAX_H)), used
 
 
 def present(data: Data) -> Sequence[Block]:
