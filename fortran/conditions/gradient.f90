@@ -134,7 +134,7 @@ contains
 
     do c = 1, size(trees)
       if (owner(c) <= 0) cycle
-      r = weights%pattern%segment_of_stage(owner(c))
+      r = weights%pattern%stage_segment(owner(c))
       if (trees(c) == middle_abscissa) then
         begin = weights%pattern%weight_start(weights%result_path(1))
         adjoint(c, abscissa, r) = 1.0_wp
