@@ -244,23 +244,6 @@ class TestConstruct:
         assert construction.tries == 3
         assert construction.best.stages >= 4
 
-    @pytest.mark.parametrize(
-        ("changes", "error", "message"),
-        [
-            ({"order": 0}, ValueError, "order must be at least 1"),
-            ({"order": 4, "stages": 4}, ValueError, "10 unknowns for 13 independent conditions"),
-            ({"seed": -1}, ValueError, "seed must be at least 0"),
-            ({"tries": 0}, ValueError, "tries must be at least 1"),
-            ({"largest": 0}, ValueError, "largest must be a finite positive number"),
-            ({"first_stages": 2}, ValueError, "first_stages must be at least 3"),
-            ({"workers": 0}, ValueError, "workers must be at least 1"),
-            ({"progress": 3}, TypeError, "progress must be"),
-            *(({n: 10**30}, ValueError, f"{n} must be") for n in ("stages", "tries", "iterations")),
-        ],
-    )
-    def test_bad_input(self, changes, error, message):
-        refuses(error, message, cg.construct, **{"order": 3, "stages": 3, "seed": 0, **changes})
-
 
 @pytest.mark.parametrize(("scale", "useful"), [(1.0, True), (0.5, True), (1e-7, False)])
 def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):

@@ -174,36 +174,6 @@ class TestLift:
             cg.lift(CLASSICAL, chains=[1, 1, 1, 1], tries=3)
         assert e.value.best > 1e-6
 
-    @pytest.mark.parametrize(
-        ("arguments", "message"),
-        [
-            ((methods["CF3"],), "tableau must be a Tableau"),
-            ((methods["ImplicitMidpoint"],), "tableau must be explicit"),
-            ((CLASSICAL, 5), "order must be from 1 to 4, that of the flat method, got 5"),
-            ((CLASSICAL, 0), "order must be"),
-        ],
-    )
-    def test_rejects_bad_methods_and_orders(self, arguments, message):
-        refuses((TypeError, ValueError), message, cg.lift, *arguments)
-
-    @pytest.mark.parametrize(
-        ("named", "message"),
-        [
-            ({"embedded_order": 3}, "has no second weights"),
-            ({"chains": [1, 1]}, "chains must have 4 lengths"),
-            ({"chains": [1, 1, 0, 1]}, "a length in chains"),
-            ({"chains": [1, 1, 1, 2], "flows": 5}, "exclude each other"),
-            ({"flows": 3}, "flows must be"),
-            ({"tries": 0}, "tries must be"),
-            ({"hits": 0}, "hits must be"),
-            ({"seed": -1}, "seed must be"),
-            ({"reduce": "no"}, "reduce must be"),
-            ({"max_iterations": 0}, "max_iterations must be"),
-        ],
-    )
-    def test_rejects_bad_arguments(self, named, message):
-        refuses((TypeError, ValueError), message, cg.lift, CLASSICAL, **named)
-
 
 def field(t, y):
     return np.array([y[1] * y[2] - np.sin(t), -y[0] * y[2], -0.51 * y[0] * y[1] + t * y[2]])

@@ -9,7 +9,6 @@ import sys
 import time
 from concurrent.futures import (
     BrokenExecutor,
-    Executor,
     Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
@@ -74,32 +73,6 @@ def die_twice(folder, index):
     return index
 
 
-class Unfair(Executor):
-    """An executor that runs the newest piece first."""
-
-    def __init__(self):
-        self._pool = ThreadPoolExecutor(1)
-        self._jobs = []
-
-    def submit(self, function, /, *args, **kwargs):
-        future = Future()
-        self._jobs.append((future, partial(function, *args, **kwargs)))
-        self._pool.submit(self._run_one)
-        return future
-
-    def _run_one(self):
-        time.sleep(0.001)
-        future, call = self._jobs.pop()
-        if future.set_running_or_notify_cancel():
-            try:
-                future.set_result(call())
-            except BaseException as error:
-                future.set_exception(error)
-
-    def shutdown(self, wait=True, *, cancel_futures=False):
-        self._pool.shutdown(wait)
-
-
 class Losing(ThreadPoolExecutor):
     """An executor that loses its pending work after a number of pieces."""
 
@@ -119,7 +92,7 @@ class Losing(ThreadPoolExecutor):
         return future
 
 
-@pytest.mark.parametrize("executor", [None, "threads", ThreadPoolExecutor, Unfair])
+@pytest.mark.parametrize("executor", [None, "threads", ThreadPoolExecutor])
 @pytest.mark.parametrize("workers", [None, 1, 3])
 def test_same_result_on_any_executor(executor, workers, tmp_path):
     whole = cg.search(**SEARCH, workers=1)
@@ -368,23 +341,6 @@ class TestInterrupt:
         with pytest.raises(KeyboardInterrupt):
             collect(dropped, run)
         assert not dropped
-
-
-@pytest.mark.parametrize(
-    ("executor", "error", "message"),
-    [
-        ("fast", ValueError, "executor must be 'threads', 'processes' or an executor, got 'fast'"),
-        (3, TypeError, "executor must be a concurrent.futures.Executor, a function that makes one"),
-        (ThreadPoolExecutor, TypeError, "got the class ThreadPoolExecutor; call it"),
-    ],
-)
-@pytest.mark.parametrize("call", [cg.search, cg.construct])
-def test_rejects_invalid_executors(call, executor, error, message, tmp_path):
-    path = tmp_path / "runs.db"
-    options = {"starts": 1} if call is cg.search else {}
-    with pytest.raises(error, match=message):
-        call(order=3, stages=3, seed=1, executor=executor, store=path, **options)
-    assert not path.exists()
 
 
 if __name__ == "__main__":
