@@ -1,7 +1,5 @@
 """Errors of the spinning top in quadruple precision, and their slopes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from functools import partial

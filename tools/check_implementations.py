@@ -3,8 +3,6 @@
 Reads docs/implementations.toml, and writes the table of docs/implementations.md.
 """
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from dataclasses import dataclass

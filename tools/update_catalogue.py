@@ -6,8 +6,6 @@ writes the certificate. Then writes the table of docs/catalogue.md and the data 
 or not at all.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -12,8 +12,6 @@ may have ``b_third``. A file with ``kind = "Magnus"`` has ``nodes``, ``weights``
 ``drifts`` and ``kicks``, as for `cg.Splitting`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Iterator, Mapping
 from importlib.resources import files
 from importlib.resources.abc import Traversable

@@ -1,7 +1,5 @@
 """Files of methods, in TOML, or in JSON with the same keys."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Sequence

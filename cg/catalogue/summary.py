@@ -1,7 +1,5 @@
 """One-line summary of each method; those of the catalogue are stored in ``summaries.json``."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import asdict, dataclass

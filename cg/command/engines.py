@@ -1,7 +1,5 @@
 """Options that choose the executor of a command: threads, processes, Dask, MPI."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any

@@ -1,7 +1,5 @@
 """The command: its group, its subcommands, and the exit codes of errors."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor

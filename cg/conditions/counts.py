@@ -1,7 +1,5 @@
 """The trees of the order conditions, their numbers and right-hand sides."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import cache
 

@@ -13,8 +13,6 @@ the integral of :math:`\theta_1^{j_1 - 1} \cdots \theta_n^{j_n - 1}` over
 through degree q agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction

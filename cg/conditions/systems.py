@@ -1,7 +1,5 @@
 """Systems of order conditions, evaluated in ball or rational arithmetic."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ Here a tree is the tuple of its children, ``()`` for ``τ``, and a word is a tup
 letters; the weight of a tree is that of the word of its children.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from functools import cache

@@ -53,7 +53,7 @@ class Candidate:
     @property
     def rank(self) -> int:
         """Rank of the Jacobian; if it is full, all conditions are independent at `x`."""
-        values = linalg.svdvals(self.system.jacobian(self.x)[:, self.system.free])
+        values = linalg.svdvals(self.system.jacobian(self.x)[:, self.system.movable])
         return int(np.sum(values > RANK_TOLERANCE * values[0]))
 
     @property
@@ -113,7 +113,7 @@ def correct(
     fit = fit_conditions(
         candidate.x,
         system,
-        free=system.free_without(frozen),
+        movable=system.movable_without(frozen),
         ftol=ftol,
         damping=damping,
         max_iterations=max_iterations,
@@ -144,8 +144,8 @@ def solved(candidate: Candidate) -> bool:
 def refinable(candidate: Candidate) -> bool:
     """Return whether refinement in real(16) leads to an exact solution."""
     # exact zeros stay
-    free = candidate.system.free_without(np.flatnonzero(candidate.x == 0))
-    refined = refine(quads.from_float(candidate.x), candidate.system, free=free)
+    movable = candidate.system.movable_without(np.flatnonzero(candidate.x == 0))
+    refined = refine(quads.from_float(candidate.x), candidate.system, movable=movable)
     return refined.largest_residual <= EXACT * max(1.0, candidate.largest)
 
 
@@ -166,15 +166,15 @@ def to_method(
     Exact zeros stay zero, and entries that are zero up to rounding are set to zero.
     """
     system = check_candidate(candidate).system
-    free = np.setdiff1d(system.free_without(frozen), np.flatnonzero(candidate.x == 0))
-    refined = refine(quads.from_float(candidate.x), system, free=free)
+    movable = np.setdiff1d(system.movable_without(frozen), np.flatnonzero(candidate.x == 0))
+    refined = refine(quads.from_float(candidate.x), system, movable=movable)
     scale = max(1.0, candidate.largest)
     if refined.largest_residual > EXACT * scale:
         raise NotExactError(
             f"largest residual {refined.largest_residual:.2e} after refinement, "
             f"more than {EXACT * scale:.0e}"
         )
-    polished = polish_zeros(quads.decode(refined.x), system, free)
+    polished = polish_zeros(quads.decode(refined.x), system, movable)
     return make_method(
         system.layout, list(map(quads.to_decimal, polished.x)), name=name, source=source
     )

@@ -1,7 +1,5 @@
 """Construction of exact methods with few stages or flows from random starts."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -165,10 +163,9 @@ def _construct(settings: ConstructionSettings, tries: int, options: RunOptions) 
                 failures.append(attempt)
                 continue
             attempts.append(attempt)
-            if succeeded(settings, attempt):
-                method = refined(settings, attempt)
-                if method is not None:
-                    return Construction(settings, method, attempt, index + 1, tuple(failures))
+            method = refined(settings, attempt) if succeeded(settings, attempt) else None
+            if method is not None:
+                return Construction(settings, method, attempt, index + 1, tuple(failures))
     if not attempts:
         raise RuntimeError(f"the workers of all {tries} tries died: {failures[0].message}")
     best = min(attempts, key=lambda attempt: (*_size(attempt), attempt.f))

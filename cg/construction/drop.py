@@ -1,7 +1,5 @@
 """Drop a stage or a flow, then solve again from the remaining coefficients."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
@@ -40,7 +38,7 @@ def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> C
     if not 1e-26 < first.f <= promising:
         return first
     if system.rows is None:
-        return Candidate(system, finish(system, first.x, system.free_without(frozen))[0])
+        return Candidate(system, finish(system, first.x, system.movable_without(frozen))[0])
     return correct(
         first, frozen, ftol=1e-27, damping=1e-15, max_iterations=iterations, accurate=True
     )
@@ -134,19 +132,19 @@ def _without_column(candidate: Candidate) -> Iterator[Candidate]:
     first = 0 if system.structure is Structure.GENERAL else 2
     if system.stages - 1 < first + 1:
         return
-    for stage in range(first, system.stages):
-        for receiver in (None, stage - 1, stage + 1):
-            if receiver is not None and not first <= receiver < system.stages:
-                continue
-            x = candidate.x.copy()
-            for row in map(system.layout.row, range(len(system.layout.ends))):
-                if receiver is not None and len(row) > max(stage, receiver):
-                    x[row[receiver]] += candidate.x[row[stage]]
-            x[system.layout.column(stage)] = 0.0
-            smaller = Candidate(system, x).without(stage)
-            start = np.zeros(smaller.system.size)
-            start[smaller.system.free] = smaller.x[smaller.system.free]
-            yield Candidate(smaller.system, start)
+    stages = range(first, system.stages)
+    for stage, receiver in [(k, near) for k in stages for near in (None, k - 1, k + 1)]:
+        if receiver is not None and receiver not in stages:
+            continue
+        x = candidate.x.copy()
+        for row in map(system.layout.row, range(len(system.layout.ends))):
+            if receiver is not None and len(row) > max(stage, receiver):
+                x[row[receiver]] += candidate.x[row[stage]]
+        x[system.layout.column(stage)] = 0.0
+        smaller = Candidate(system, x).without(stage)
+        start = np.zeros(smaller.system.size)
+        start[smaller.system.movable] = smaller.x[smaller.system.movable]
+        yield Candidate(smaller.system, start)
 
 
 def _check_points(candidate: Candidate) -> Layout:

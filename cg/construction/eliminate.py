@@ -1,7 +1,5 @@
 """Eliminate stages: drop them, or shrink their coefficients to zero along the solution set."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -62,9 +60,9 @@ def walk(
     size = check_real("size", size, most=MAX_HALF_WIDTH)
     largest = check_real("largest", largest, positive=True)
     for _ in range(6):
-        free = candidate.system.free
+        movable = candidate.system.movable
         x = candidate.x.copy()
-        x[free] += size / np.sqrt(free.size) * random.standard_normal(free.size)
+        x[movable] += size / np.sqrt(movable.size) * random.standard_normal(movable.size)
         moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
         if solved(moved) and moved.largest <= largest:
             return moved

@@ -61,7 +61,7 @@ def default_start(order: int, structure: Structure) -> StartSettings:
     stages = last.stages
     while True:
         system = ConditionSystem.tableau(order, stages, structure=structure)
-        if system.free.size > system.equations:
+        if system.movable.size > system.equations:
             return replace(last, stages=stages)
         stages += 1
 
@@ -74,9 +74,9 @@ def tree_start(order: int) -> StartSettings:
 def likely_structure(order: int, stages: int) -> Structure:
     """Return GENERAL up to order five if it has enough unknowns, else MIDDLE if that has enough."""
     general = ConditionSystem.tableau(order, stages)
-    if (order >= 4 and stages >= 3) and (order >= 6 or general.free.size < general.equations):
+    if (order >= 4 and stages >= 3) and (order >= 6 or general.movable.size < general.equations):
         middle = ConditionSystem.tableau(order, stages, structure=Structure.MIDDLE)
-        if middle.free.size >= middle.equations:
+        if middle.movable.size >= middle.equations:
             return Structure.MIDDLE
     return Structure.GENERAL
 
@@ -88,7 +88,7 @@ def random_candidate(
     if system.rows is None:
         return Candidate(system, draw_guess(system.order, system.layout, width, random))
     x = random.uniform(-width, width, system.size)
-    x[np.setdiff1d(np.arange(system.size), system.free)] = 0.0
+    x[np.setdiff1d(np.arange(system.size), system.movable)] = 0.0
     x[fixed_entries(system)] = random.uniform(*_FIXED)
     if system.structure is Structure.MIDDLE:
         _to_the_middle(x, system.stages)

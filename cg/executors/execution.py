@@ -95,45 +95,65 @@ def completed(
     """
     pool = _Pool(executor, workers, data)
     queue = Chunks(indices, total, pool.workers, single=pool.threads and data is None)
-    interrupted: KeyboardInterrupt | None = None
     with single_threads(), pool:
-        while True:
-            try:
-                while interrupted is None and pool.wants_more() and (chunk := queue.next()):
-                    pool.submit(work, chunk)
-                if not pool.pending:
-                    break
-                done = pool.wait()
-            except KeyboardInterrupt as interrupt:
-                if not finish_on_interrupt or interrupted is not None:
-                    raise
-                interrupted = interrupt
-                running = pool.cancel_waiting()
-                _log.warning(
-                    "interrupted: finishing %d starts; interrupt again to discard them",
-                    running,
-                )
-                continue
-            suspects: list[int] = []
-            for future in done:
-                chunk = pool.pending.pop(future)
-                try:
-                    results, error = future.result()
-                except Exception as died:
-                    if not worker_died(died) and not work_was_lost(died):
-                        raise
-                    suspects += chunk
-                    reason = died
-                    continue
-                for finished in results:
-                    queue.learn(max(1, len(finished.chunk)), finished.seconds)
-                yield from results
-                if error is not None:
-                    raise error
-            if suspects:
-                yield from _one_by_one(pool, work, suspects, reason)
+        yield from _loop(work, pool, queue, finish_on_interrupt)
+
+
+def _loop(
+    work: Callable[[Any], Result], pool: _Pool, queue: Chunks, finish_on_interrupt: bool
+) -> Iterator[Finished[Result]]:
+    interrupted: KeyboardInterrupt | None = None
+    while True:
+        try:
+            if interrupted is None:
+                pool.fill(work, queue)
+            if not pool.pending:
+                break
+            done = pool.wait()
+        except KeyboardInterrupt as interrupt:
+            if not finish_on_interrupt or interrupted is not None:
+                raise
+            interrupted = interrupt
+            running = pool.cancel_waiting()
+            _log.warning(
+                "interrupted: finishing %d starts; interrupt again to discard them", running
+            )
+        else:
+            yield from _results_of(done, pool, work, queue)
     if interrupted is not None:
         raise interrupted
+
+
+def _results_of(
+    done: list[Future[Any]], pool: _Pool, work: Callable[[Any], Result], queue: Chunks
+) -> Iterator[Finished[Result]]:
+    """Yield the results of finished chunks; run those again whose worker died."""
+    suspects: list[int] = []
+    for future in done:
+        chunk = pool.pending.pop(future)
+        results, error, died = _outcome(future.result)
+        if died is not None:
+            suspects += chunk
+            reason = died
+        for finished in results:
+            queue.learn(max(1, len(finished.chunk)), finished.seconds)
+        yield from results
+        if error is not None:
+            raise error
+    if suspects:
+        yield from _one_by_one(pool, work, suspects, reason)
+
+
+def _outcome(
+    result: Callable[[], tuple[list[Finished[Any]], Exception | None]],
+) -> tuple[list[Finished[Any]], Exception | None, Exception | None]:
+    """Return the results of a chunk, the exception of the work, and that of a lost worker."""
+    try:
+        return *result(), None
+    except Exception as died:
+        if not worker_died(died) and not work_was_lost(died):
+            raise
+        return [], None, died
 
 
 def as_finished(
@@ -190,22 +210,19 @@ def _one_by_one(
         if not pool.renew():
             raise broken_executor(reason, suspects) from reason
     for index in suspects:
-        for attempt in range(_ATTEMPTS):
-            try:
-                results, error = pool.hand_out(work, [index]).result()
-            except Exception as died:
-                if not worker_died(died) and not work_was_lost(died):
-                    raise
-                if pool.broken(died) and not pool.renew():
-                    raise broken_executor(died, [index]) from died
-                if attempt == _ATTEMPTS - 1:
-                    message = f"{type(died).__name__}: {died}"
-                    yield Finished(index, None, failure=message, chunk=[index])
-                continue
-            yield from results
-            if error is not None:
-                raise error
-            break
+        for _ in range(_ATTEMPTS):
+            results, error, died = _outcome(
+                lambda index=index: pool.hand_out(work, [index]).result()  # type: ignore[misc]
+            )
+            if died is None:
+                break
+            if pool.broken(died) and not pool.renew():
+                raise broken_executor(died, [index]) from died
+            message = f"{type(died).__name__}: {died}"
+            results = [Finished(index, None, failure=message, chunk=[index])]
+        yield from results
+        if error is not None:
+            raise error
 
 
 class _Pool:
@@ -256,20 +273,20 @@ class _Pool:
         if self._make is not None:
             self._shut_down(wait=True)
 
-    def wants_more(self) -> bool:
-        return len(self.pending) < _CHUNKS_PER_WORKER * self.workers
-
-    def submit(self, work: Callable[[int], Any], chunk: list[int]) -> None:
-        try:
-            future = self.hand_out(work, chunk)
-        except Exception as error:
-            # a worker died since the last chunk, perhaps while this one's was being started
-            died = BrokenExecutor(str(error)) if _refused(error) else error
-            if not worker_died(died) and not work_was_lost(died):
-                raise
-            future = Future()
-            future.set_exception(died)
-        self.pending[future] = chunk
+    def fill(self, work: Callable[[int], Any], queue: Chunks) -> None:
+        """Hand out chunks until there are enough for all workers."""
+        while len(self.pending) < _CHUNKS_PER_WORKER * self.workers and (chunk := queue.next()):
+            try:
+                future = self.hand_out(work, chunk)
+            except Exception as error:
+                # a worker died since the last chunk, perhaps while this one's was being started
+                refused = isinstance(error, OSError) and not work_was_lost(error)
+                died = BrokenExecutor(str(error)) if refused else error
+                if not worker_died(died) and not work_was_lost(died):
+                    raise
+                future = Future()
+                future.set_exception(died)
+            self.pending[future] = chunk
 
     def hand_out(self, work: Callable[[Any], Any], chunk: list[int]) -> Future[Any]:
         """Submit a chunk to the executor."""
@@ -319,11 +336,6 @@ class _Pool:
             for worker in list((getattr(self.executor, "_processes", None) or {}).values()):
                 worker.kill()
         self.executor.shutdown(wait=wait)
-
-
-def _refused(error: Exception) -> bool:
-    """Return whether an executor refused work because it couldn't start a worker."""
-    return isinstance(error, OSError) and not work_was_lost(error)
 
 
 def _workers_of(executor: Any) -> int:

@@ -1,7 +1,5 @@
 """LaTeX tables of methods for the package booktabs, and short formulas for notebooks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 

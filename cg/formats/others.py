@@ -1,7 +1,5 @@
 """Conversion of methods to classical tableaux of diffrax and nodepy."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 

@@ -6,8 +6,6 @@ precede its evaluation of f. A slot is reused as soon as its point isn't needed 
 chain of flows takes a single slot.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

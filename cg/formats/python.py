@@ -1,7 +1,5 @@
 """A step in Python: for NumPy, or as a pure function for JAX."""
 
-from __future__ import annotations
-
 from cg.formats.program import Program
 from cg.formats.text import comment, fill, wrapped
 

@@ -34,9 +34,10 @@ from cg.jax.rules import Rules
 from cg.jax.term import refuse_implicit_adjoint, rules_in, unwrapped
 from cg.jax.within import Within, interpolant
 from cg.method.magnus import MagnusMethod
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
+from cg.support.copies import cached
 
 _DENSE = ("accurate", "steps")
 

@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.method.magnus import MagnusMethod
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.structure.points import START, PointTree
+from cg.support.copies import cached
 from cg.trees.ordered import forest
 
 Matrix = NDArray[np.float64]

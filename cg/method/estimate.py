@@ -34,8 +34,9 @@ from numpy.typing import NDArray
 from cg.frames.dexpinv import bernoulli_terms
 from cg.method.end_weights import end_weights, kink_weights
 from cg.method.magnus import MagnusMethod
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.support.copies import cached
 
 Vector = NDArray[Any]
 Flow = Mapping[int, Any]
@@ -143,8 +144,10 @@ def _largest_ratio(method: Method, response: Response, max_angle: float) -> floa
     ratios = [0.0]
     angles = np.arange(_STEP, _NEARBY * max_angle, _STEP)
     first, last = (np.searchsorted(angles, angles * x) for x in (1 / _NEARBY, _NEARBY))
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    s = (nodes + 1) / 2
     for j in _POWERS:
-        exact = _exact_response(j, angles)
+        exact = np.exp(-1j * np.outer(angles, s)) @ (weights / 2 * s**j)
         error, estimate = _compare(method, response(method.c**j, angles), exact)
         for k in np.flatnonzero((error > _ROUNDING) & (angles <= max_angle)).tolist():
             nearby = estimate[first[k] : last[k] + 1].max()
@@ -155,12 +158,6 @@ def _largest_ratio(method: Method, response: Response, max_angle: float) -> floa
         if error > _ROUNDING:
             ratios.append(error / max(estimate, _ROUNDING * error))
     return float(max(ratios))
-
-
-def _exact_response(j: int, angles: Vector) -> Vector:
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-    s = (nodes + 1) / 2
-    return np.asarray(np.exp(-1j * np.outer(angles, s)) @ (weights / 2 * s**j))
 
 
 def _phi1(x: Vector) -> Vector:

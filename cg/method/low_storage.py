@@ -15,8 +15,6 @@ References
    requirements and reuse of exponentials", BIT Numer. Math. 62 (2022), arXiv:2007.04225.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any

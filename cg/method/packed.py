@@ -1,7 +1,5 @@
 """Methods made of a layout and a packed vector of coefficients."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

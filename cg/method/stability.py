@@ -13,7 +13,7 @@ from cg.method.method import Method
 from cg.support.balls import to_flint, to_fraction
 
 if TYPE_CHECKING:
-    from flint import acb, fmpq, fmpq_poly
+    from flint import fmpq, fmpq_poly
 
 Polynomial = tuple[Fraction, ...]
 """Coefficients, the constant first."""
@@ -164,12 +164,9 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
     """Return the point above zero from which a product of factors is below ``-growth * below``."""
     if not all(factors):
         return math.inf
-    roots = sorted(
-        float(root.real)
-        for factor in factors
-        for root in _roots(factor)
-        if root.imag == 0 and root.real > 0
-    )
+    # pairs of a root, a ball, and its multiplicity; real roots have imaginary part 0 exactly
+    pairs: list[Any] = [pair for factor in factors for pair in factor.numer().complex_roots()]
+    roots = sorted(float(root.real) for root, _ in pairs if root.imag == 0 and root.real > 0)
     if math.prod(_sign(next(filter(None, factor.coeffs()))) for factor in factors) < 0:
         return 0.0
     for left, right in pairwise(roots):
@@ -181,12 +178,6 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
     return (
         roots[-1] if math.prod(_sign(factor.coeffs()[-1]) for factor in factors) < 0 else math.inf
     )
-
-
-def _roots(p: fmpq_poly) -> list[acb]:
-    """Return the roots of a polynomial as balls; real roots have imaginary part 0 exactly."""
-    roots: list[Any] = p.numer().complex_roots()  # pairs of a root and its multiplicity
-    return [root for root, _ in roots]
 
 
 def _sign(number: fmpq) -> int:

@@ -1,7 +1,5 @@
 """Plots of tableaux and of trees of points."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any

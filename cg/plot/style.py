@@ -1,7 +1,5 @@
 """Axes, colours and dashes of all plots."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from cg.support.parsing import visible

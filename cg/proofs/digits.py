@@ -1,7 +1,5 @@
 """Coefficients to any number of digits, by iteration in the box of a certificate."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from flint import arb
@@ -38,9 +36,9 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
         )
     texts = [coefficient.text for coefficient in packed.coefficients]
     box = certificate.box
-    free = packed.free(box)
+    movable = packed.movable(box)
     with precision(certificate.bits):
-        if certificate.radius == 0 or not free:
+        if certificate.radius == 0 or not movable:
             check_rational(packed)
             return texts
         attempt = prove_zero(packed, box)
@@ -50,9 +48,9 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
         places = max(digits, -certificate.radius.adjusted()) + guard
         with precision(precise(places, certificate.bits)):
             zero = zero_of(packed, box, attempt, places)
-            rounded = [_rounded(zero[k], digits) for k in free]
+            rounded = [_rounded(zero[k], digits) for k in movable]
         if all(rounded):
-            for k, text in zip(free, rounded, strict=True):
+            for k, text in zip(movable, rounded, strict=True):
                 texts[k] = text or ""
             return texts
     raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")

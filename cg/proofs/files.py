@@ -1,7 +1,5 @@
 """The certificates of the catalogue: one TOML file for each method that has one."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike

@@ -1,7 +1,7 @@
 """Krawczyk's test: a zero of a system exists, and is unique, in a box.
 
-Let f have m equations in m free unknowns, y be a point, X the box ``y ± r``, J(X) an
-enclosure of the derivatives on X and A any matrix. If
+Let f have m equations in m unknowns that may move (`movable`), y be a point, X the box ``y ± r``,
+J(X) an enclosure of the derivatives on X and A any matrix. If
 
     |A f(y)|_i + r Σ_j |I - A J(X)|_ij < r   for all i,
 
@@ -66,7 +66,7 @@ def numerical_rank(jacobian: NDArray[np.float64]) -> tuple[int, NDArray[np.float
     return int(np.sum(values > RANK_THRESHOLD * values[0])), values
 
 
-def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> list[int]:
+def choose_movable(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> list[int]:
     """Choose as many of the candidates as there are equations, by QR with column pivoting."""
     indices = np.array(candidates)
     pivots = linalg.qr(jacobian[:, indices], mode="r", pivoting=True)[1]
@@ -74,15 +74,15 @@ def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> lis
 
 
 def krawczyk(
-    system: EquationSystem, y: Sequence[arb], free: Sequence[int], radius: arb | None = None
+    system: EquationSystem, y: Sequence[arb], movable: Sequence[int], radius: arb | None = None
 ) -> KrawczykTest:
-    """Try to prove that m equations have a zero near y in the m unknowns `free`.
+    """Try to prove that m equations have a zero near y in the m unknowns `movable`.
 
     By default the radius is twice the size of the correction. If the derivatives aren't regular at
     y, nothing is proved and the ratio is infinite.
     """
     values, at_point = system.linearise(y)
-    columns = list(free)
+    columns = list(movable)
     inverse = _approximate_inverse(_take(at_point, columns))
     unknown = arb("inf") if radius is None else radius
     infinite = KrawczykTest(unknown, float("inf"), float("inf"), float("inf"))
@@ -112,7 +112,11 @@ def krawczyk(
 
 
 def enclose_zero(
-    system: EquationSystem, y: Sequence[arb], free: Sequence[int], test: KrawczykTest, places: int
+    system: EquationSystem,
+    y: Sequence[arb],
+    movable: Sequence[int],
+    test: KrawczykTest,
+    places: int,
 ) -> list[arb]:
     """Return balls with radii below ``10**-places`` around the zero that a test at y proved.
 
@@ -121,7 +125,7 @@ def enclose_zero(
     if test.inverse is None or not test.proved:
         raise CertificationError("no zero is proved", **test.quantities)
     z = list(y)
-    for k in free:
+    for k in movable:
         z[k] = y[k].mid()
     target = arb(10) ** -places
     last = arb("inf")
@@ -129,13 +133,13 @@ def enclose_zero(
         changes = (test.inverse * arb_mat([[v] for v in system.residuals(z)])).entries()
         distance = max_abs(changes) / (1 - arb(test.contraction))
         if distance < target:
-            for k in free:
+            for k in movable:
                 z[k] = z[k] + arb(0, distance.upper())
             return z
         if not 2 * distance < last:
             raise CertificationError(f"{places} places aren't proved", **test.quantities)
         last = distance
-        for k, change in zip(free, changes, strict=True):
+        for k, change in zip(movable, changes, strict=True):
             z[k] = (z[k] - change).mid()
             if not abs(z[k] - y[k]) < test.radius:
                 raise CertificationError("the box doesn't contain its image", **test.quantities)

@@ -1,7 +1,5 @@
 """One run of a store: its settings, starts and failures."""
 
-from __future__ import annotations
-
 import json
 import math
 import sqlite3

@@ -1,7 +1,5 @@
 """The process that carries out a run, and whether it is still running."""
 
-from __future__ import annotations
-
 import json
 import os
 import secrets

@@ -4,8 +4,6 @@ A failed ``allocate`` in Fortran stops the program, and so does an automatic arr
 call follows from its arguments, and is compared here with the available memory.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

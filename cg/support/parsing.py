@@ -1,7 +1,5 @@
 """Reading and writing of numbers, TOML, JSON and files, with bounds and clear errors."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

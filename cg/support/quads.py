@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from decimal import MAX_EMAX, MIN_EMIN, ROUND_HALF_EVEN, Context, Decimal
 from fractions import Fraction
-from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -50,38 +49,31 @@ class MissingQuadsError(RuntimeError):
     """
 
 
-@cache
-def _compiled() -> Any:
+def core(what: str) -> Any:
+    """Return the compiled core in real(16), which `what` needs; MissingQuadsError without it."""
     try:
         return import_module("cg._core_r128")
     except ModuleNotFoundError:
-        return None
-
-
-def core(what: str) -> Any:
-    """Return the compiled core in real(16), which `what` needs; MissingQuadsError without it."""
-    compiled = _compiled()
-    if compiled is None:
         raise MissingQuadsError(
             f"{what} needs quadruple precision, which this build of crouch-grossman was made "
             "without (-Dquad=disabled); build it with gfortran to have it"
-        )
-    return compiled
+        ) from None
 
 
 def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
     """Round exact values, or texts that `fractions.Fraction` reads, to binary128; shape (n, 16)."""
     if not isinstance(values, Iterable) or (isinstance(values, np.ndarray) and values.ndim == 0):
         raise TypeError(f"values must be a sequence of numbers, got {values!r}")
-    packed = b"".join(_encode_one(_exact(value)) for value in values)
+    packed = b"".join(_encode_one(finite_fraction(value, "values must be")) for value in values)
     return np.frombuffer(packed, dtype=np.int8).reshape(-1, 16).copy()
 
 
-def _exact(value: Any) -> Fraction:
+def finite_fraction(value: Any, claim: str) -> Fraction:
+    """Return a finite real number exactly; the ValueError for others begins with `claim`."""
     try:
-        return read_fraction(value)
+        return read_fraction(value.item() if isinstance(value, np.generic) else value)
     except (TypeError, ValueError, OverflowError, ZeroDivisionError):
-        raise ValueError(f"values must be finite real numbers, got {value!r}") from None
+        raise ValueError(f"{claim} finite real numbers, got {value!r}") from None
 
 
 def _encode_one(value: Fraction) -> bytes:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from itertools import product
 from math import comb
 from operator import index as to_int
 
@@ -254,19 +255,20 @@ def _forest(max_nodes: int) -> Forest:
     for n in range(2, max_nodes + 1):
         start.append(len(nodes) + 1)
         for size in range(1, n):
-            for head in range(start[size], start[size + 1]):
-                for tail in range(start[n - size], start[n - size + 1]):
-                    word = (head, *children[tail - 1])
-                    index_of[head, tail] = len(nodes) + 1
-                    alone = len(word) == 1
-                    before = 1 if alone else index_of[head, prefix[tail - 1]]
-                    final = head if alone else last[tail - 1]
-                    nodes.append(n)
-                    first.append(head)
-                    rest.append(tail)
-                    prefix.append(before)
-                    last.append(final)
-                    children.append(word)
-                    density.append(density[before - 1] * (n - 1) * density[final - 1])
+            heads = range(start[size], start[size + 1])
+            tails = range(start[n - size], start[n - size + 1])
+            for head, tail in product(heads, tails):
+                word = (head, *children[tail - 1])
+                index_of[head, tail] = len(nodes) + 1
+                alone = len(word) == 1
+                before = 1 if alone else index_of[head, prefix[tail - 1]]
+                final = head if alone else last[tail - 1]
+                nodes.append(n)
+                first.append(head)
+                rest.append(tail)
+                prefix.append(before)
+                last.append(final)
+                children.append(word)
+                density.append(density[before - 1] * (n - 1) * density[final - 1])
     fields = (nodes, first, rest, prefix, last, children, density)
     return Forest(max_nodes, *map(tuple, fields))  # type: ignore[arg-type]

@@ -4,8 +4,6 @@ The build runs this file as a script, so it imports only the standard library.
 It replaces the Maple program of the paper, Section 3.1.
 """
 
-from __future__ import annotations
-
 import argparse
 import textwrap
 from collections.abc import Iterator, Sequence

@@ -39,7 +39,7 @@ exactly = partial(residuals, arithmetic="exact")
 def a_candidate(order, stages, *, embedded=False, seed=0, bound=3.0):
     """Return the first solution with moderate coefficients."""
     system = ConditionSystem.tableau(order, stages, embedded=embedded)
-    fixed = np.setdiff1d(np.arange(system.size), system.free)
+    fixed = np.setdiff1d(np.arange(system.size), system.movable)
     for start in range(200):
         guess = np.random.default_rng([seed, start]).uniform(-1, 1, system.size)
         guess[fixed] = 0
@@ -57,12 +57,12 @@ class TestSystem:
         assert candidate.system == ConditionSystem.tableau(3, 3, embedded=True)
         assert np.abs(candidate.system.residual(candidate.x)).max() < 1e-15
         worse = candidate.x.copy()
-        worse[candidate.system.free[-4]] += 0.1  # the last of the second weights
+        worse[candidate.system.movable[-4]] += 0.1  # the last of the second weights
         assert np.abs(candidate.system.residual(worse)).max() > 1e-3
 
     def test_fixed_zeros_are_kept(self):
         candidate = a_candidate(3, 3, embedded=True)
-        fixed = np.setdiff1d(np.arange(candidate.system.size), candidate.system.free)
+        fixed = np.setdiff1d(np.arange(candidate.system.size), candidate.system.movable)
         assert [candidate.system.layout.names[k] for k in fixed] == ["b_embedded_3"]
         assert not candidate.x[fixed].any()
 

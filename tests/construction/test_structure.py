@@ -16,7 +16,7 @@ pytestmark = pytest.mark.sanitize
 
 def random_x(system, seed=0):
     x = np.random.default_rng(seed).uniform(-1, 1, system.size)
-    x[np.setdiff1d(np.arange(system.size), system.free)] = 0
+    x[np.setdiff1d(np.arange(system.size), system.movable)] = 0
     return x
 
 
@@ -64,9 +64,9 @@ def test_zeros_of_structures_are_not_free():
         ConditionSystem.tableau(6, 7, structure=structure) for structure in Structure
     )
     weights = plain.size - 7
-    assert plain.free.size == plain.size
-    assert np.setdiff1d(plain.free, one.free).tolist() == [weights + 1]
-    assert np.setdiff1d(plain.free, two.free).tolist() == [weights, weights + 1]
+    assert plain.movable.size == plain.size
+    assert np.setdiff1d(plain.movable, one.movable).tolist() == [weights + 1]
+    assert np.setdiff1d(plain.movable, two.movable).tolist() == [weights, weights + 1]
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_rank_is_number_of_equations():
         if fit.f < 1e-26:
             break
     assert fit.f < 1e-26
-    values = np.linalg.svd(system.jacobian(fit.x)[:, system.free], compute_uv=False)
+    values = np.linalg.svd(system.jacobian(fit.x)[:, system.movable], compute_uv=False)
     assert np.sum(values > 1e-9 * values[0]) == rank
     refined = refine(quads.from_float(fit.x), system)
     assert refined.largest_residual < 1e-32
@@ -104,7 +104,7 @@ def test_accurate_steps_reach_zeros_that_normal_equations_miss():
     method = cg.methods["CG7b"]
     system = ConditionSystem.tableau(7, method.stages, structure=Structure.MIDDLE)
     x = np.asarray(cg.conditions.pack(method.a, method.b))
-    x[system.free] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.free.size)
+    x[system.movable] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.movable.size)
     plain, accurate = (
         fit_conditions(x, system, damping=1e-12, max_iterations=40, accurate=accurate).f
         for accurate in (False, True)

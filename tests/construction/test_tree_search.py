@@ -192,19 +192,19 @@ def test_construct_drops_flows_of_given_tree():
 def test_finish_converges_to_zero():
     """It also converges with fewer unknowns than conditions, if conditions are dependent."""
     candidate = pack_method(cg.methods["CF6d"])
-    system, free = candidate.system, candidate.system.free
-    assert free.size < system.equations
+    system, movable = candidate.system, candidate.system.movable
+    assert movable.size < system.equations
     x = candidate.x + 1e-4 * np.random.default_rng(1).standard_normal(candidate.x.size)
     before = float(np.sum(system.residual(x) ** 2))
-    actual, f = finish(system, x, free)
+    actual, f = finish(system, x, movable)
     assert before > 1e-10
     assert f < 1e-26
     assert np.abs(actual - candidate.x).max() < 1
-    near = decompose(system.jacobian(candidate.x)[:, free])
+    near = decompose(system.jacobian(candidate.x)[:, movable])
     assert near.rank == candidate.rank == 67
-    back = retract(system, candidate.x + 1e-3 * near.kernel[:, 0], free, near)
+    back = retract(system, candidate.x + 1e-3 * near.kernel[:, 0], movable, near)
     assert np.sum(system.residual(back) ** 2) < 1e-27
-    assert retract(system, x + 1, free, near) is None
+    assert retract(system, x + 1, movable, near) is None
 
 
 def solution(order, **shape):

@@ -1,7 +1,5 @@
 """Trees and points of steps as text."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Diagnosis of files, also of tableaux that `cg.Tableau` rejects."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from os import PathLike
 from typing import Any

@@ -206,16 +206,16 @@ class Splitting:
         return solve_sums(path_sums(self.rows, self.layout), self.layout.size)
 
     @cached_property
-    def free(self) -> NDArray[np.intp]:
+    def movable(self) -> NDArray[np.intp]:
         """Indices of the unknowns, the weights that aren't remainders."""
         return np.setdiff1d(np.arange(self.layout.size), list(self.remainders))
 
     @cached_property
     def span(self) -> Vector:
         """Derivatives of all weights with respect to the unknowns, shape (size, unknowns)."""
-        column = {int(k): j for j, k in enumerate(self.free)}
+        column = {int(k): j for j, k in enumerate(self.movable)}
         span = np.zeros((self.layout.size, len(column)))
-        span[self.free, np.arange(len(column))] = 1
+        span[self.movable, np.arange(len(column))] = 1
         for k, (factors, _) in self.remainders.items():
             for j, factor in factors.items():
                 span[k, column[j]] = -float(factor)
@@ -238,14 +238,14 @@ class Splitting:
         gap = x - self._offset
         return np.asarray(self._offset + self.directions @ (self.directions.T @ gap))
 
-    def from_unknowns(self, free: Vector) -> Vector:
+    def from_unknowns(self, movable: Vector) -> Vector:
         """Return all weights for given unknowns, in double precision."""
-        return np.asarray(self._offset + self.span @ free)
+        return np.asarray(self._offset + self.span @ movable)
 
-    def full(self, free: Sequence[Fraction]) -> list[Fraction]:
+    def full(self, movable: Sequence[Fraction]) -> list[Fraction]:
         """Return all weights for given unknowns."""
         x = [Fraction(0)] * self.layout.size
-        for k, value in zip(self.free.tolist(), free, strict=True):
+        for k, value in zip(self.movable.tolist(), movable, strict=True):
             x[k] = value
         for k, (factors, value) in self.remainders.items():
             x[k] = value - sum((f * x[j] for j, f in factors.items()), Fraction(0))

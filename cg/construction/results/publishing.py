@@ -1,7 +1,5 @@
 """Write a solution of a long run as a method with its certificate."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Result of a search."""
 
-from __future__ import annotations
-
 import operator
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -159,7 +157,7 @@ class SearchResult:
             return None
         if improved is candidate:
             # the last of the 36 digits are beyond the accuracy of real(16)
-            x = polish_zeros(list(map(Fraction, start.x)), system, system.free).x
+            x = polish_zeros(list(map(Fraction, start.x)), system, system.movable).x
             decimals = list(map(quads.to_decimal, x))
             method: Method = make_method(layout, decimals, name=name, source=source)
         else:

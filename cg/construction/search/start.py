@@ -128,11 +128,13 @@ def _run_minimum_norm(
     settings: SearchSettings, system: ConditionSystem, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quads.Quads]:
     """Solve in double with some unknowns held, then refine all of them."""
-    free = system.free_without(fixed_weights(system.order, system.layout))
-    fit = fit_conditions(guess, system, free=free, max_iterations=max(1, settings.maxfev // 2))
+    movable = system.movable_without(fixed_weights(system.order, system.layout))
+    fit = fit_conditions(
+        guess, system, movable=movable, max_iterations=max(1, settings.maxfev // 2)
+    )
     x, f = fit.x, fit.f
     if system.rows is None and _SOLVED < f <= _PROMISING:
-        x, f = finish(system, x, free)
+        x, f = finish(system, x, movable)
     double, bits = Phase(_finite(f), int(fit.status), fit.evaluations), quads.from_float(x)
     if double.f > settings.refine_below:
         return double, None, bits

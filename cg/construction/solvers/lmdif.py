@@ -1,4 +1,9 @@
-"""MINPACK's ``lmdif`` on a Python function, and on order conditions in both kinds."""
+"""MINPACK's ``lmdif`` on a Python function, and on order conditions in both kinds.
+
+It minimises ``|f(x)|`` with a Jacobian by differences (J. J. Moré, LNM 630, 1978); see
+``fortran/conditions/levenberg_marquardt.f90``. The paper's searches used it, so that this is the
+algorithm to compare with.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""Compiled solver of order conditions: exact Jacobian, steps of least norm.
+"""Compiled solver of order conditions: exact Jacobian J, steps of least norm, in double precision.
 
-Levenberg–Marquardt with geodesic acceleration in double precision.
+A step is ``-Jᵀ y`` with ``(J Jᵀ + λ) y = r``, and half its acceleration; see
+``fortran/conditions/minimum_norm.f90``. With more unknowns than conditions, this system is smaller
+than the normal equations of MINPACK's steps.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ def fit_conditions(
     x0: ArrayLike,
     system: ConditionSystem,
     *,
-    free: Sequence[int] | NDArray[np.intp] | None = None,
+    movable: Sequence[int] | NDArray[np.intp] | None = None,
     ftol: float = 1e-27,
     damping: float = 1e-2,
     max_iterations: int = 1000,
@@ -50,7 +52,7 @@ def fit_conditions(
 ) -> MinimumNormFit:
     """Minimise the sum of squared residuals of the conditions from packed weights `x0`, shape (n,).
 
-    Only the unknowns `free` change. The solver stops when the sum of squares is at most `ftol`.
+    Only the unknowns `movable` change. The solver stops when the sum of squares is at most `ftol`.
     `damping` is the initial one, relative to the largest squared norm of a row of the Jacobian.
     With `accurate`, steps come from a QR factorisation instead of the normal equations, which lose
     singular values below 1e-8 of the largest; this takes up to three times as long.
@@ -59,7 +61,7 @@ def fit_conditions(
     x = np.array(x0, dtype=np.float64)
     if x.shape != (size,) or not np.isfinite(x).all():
         raise ValueError(f"x0 must have {size} finite entries, got shape {x.shape}: {x}")
-    indices = system.moving(free)
+    indices = system.moving(movable)
     ftol = check_real("ftol", ftol)
     damping = check_real("damping", damping, positive=True)
     max_iterations = check_integer("max_iterations", max_iterations, 0, MAX_COUNT)
@@ -85,16 +87,16 @@ def fit_minimum_norm(
     x: Vector,
     trees: Trees,
     owner: Trees,
-    free: Trees,
+    movable: Trees,
     *arguments: Any,
 ) -> tuple[Any, ...]:
-    """Call the compiled solver; `free`, intc (k,), are the unknowns that may move, from 1."""
-    m, n, k = trees.size, layout.size, free.size
+    """Call the compiled solver; `movable`, intc (k,), are the unknowns that may move, from 1."""
+    m, n, k = trees.size, layout.size, movable.size
     solver = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
     accurate = m * (2 * k + m)  # of the QR factorisation, with a transposed copy
     needed = derivatives_bytes(order, layout, m) + 8 * (solver + accurate)
     with reserved(needed, described("the fit", order, layout)):
         results: tuple[Any, ...] = _core_r64.fit_minimum_norm(
-            order, layout.code, x, trees, owner, free, *arguments
+            order, layout.code, x, trees, owner, movable, *arguments
         )
     return results

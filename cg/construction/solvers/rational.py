@@ -1,7 +1,9 @@
 """Newton's method in rational arithmetic, with the pseudo-inverse of a double Jacobian.
 
-Residuals are exact or nearly so; each correction by the fixed pseudo-inverse gains about ten
-digits. Corrections are rounded to a grid so that numerators and denominators stay short.
+A step subtracts ``correction(r(x))``, the product of J⁺ and the residuals r(x), which are exact or
+nearly so. J⁺ is that of doubles and stays fixed, so that no linear algebra in fractions is needed;
+each correction gains about ten digits. Corrections are rounded to multiples of ``1/grid``, so that
+numerators and denominators stay short.
 """
 
 from __future__ import annotations

@@ -1,4 +1,10 @@
-"""Systems of order conditions in the weights of a method."""
+"""Systems of order conditions in the weights x of a method.
+
+The residuals are ``Φ(t) - 1/γ(t)`` for the ordered trees t of the order, those of a second result
+after those of the first, and those of simplifying assumptions on stages k, such as
+``Φ_k(t) - c_k^(|t| - 1) / γ(t)`` (Butcher, Numerical Methods for Ordinary Differential Equations,
+section 321). Solvers see the system as one vector with one Jacobian, whatever it is made of.
+"""
 
 from __future__ import annotations
 
@@ -125,7 +131,7 @@ class ConditionSystem:
         return self.layout.size
 
     @cached_property
-    def free(self) -> NDArray[np.intp]:
+    def movable(self) -> NDArray[np.intp]:
         """Indices of the entries that aren't fixed at zero."""
         fixed = list(self.layout.fixed)
         weights = [self.layout.row(self.stages + r) for r in range(len(self.layout.results))]
@@ -146,13 +152,13 @@ class ConditionSystem:
         second = sum(_REMAINING[1][: self.order - 1]) if self.embedded else 0
         return sum(remaining[: self.order]) + second + assumptions
 
-    def moving(self, free: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
-        """Return the indices of entries that may change, sorted; all free entries for None."""
-        return self.free if free is None else check_indices("free", free, self.size)
+    def moving(self, movable: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
+        """Return the indices of entries that may change, sorted; all movable entries for None."""
+        return self.movable if movable is None else check_indices("movable", movable, self.size)
 
-    def free_without(self, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the indices of the free entries that aren't in `frozen`."""
-        return np.setdiff1d(self.free, check_indices("frozen", frozen, self.size))
+    def movable_without(self, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the indices of the movable entries that aren't in `frozen`."""
+        return np.setdiff1d(self.movable, check_indices("frozen", frozen, self.size))
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
         """Return trees and owners: a `ConditionOwner` or, of assumptions, a stage from 1."""

@@ -1,9 +1,9 @@
 """Contexts: words with a slot, in place of a letter, which is filled with other letters.
 
-The weight is linear in the values of the letter in the slot.
+The weight Φ(h(v)) of a context h filled with a letter v is linear in the values of v at the stages.
+So a context is a vector, whose product with that of a letter is the weight of a word: conditions
+become statements on vectors, which linear algebra relates (`orthogonality`).
 """
-
-from __future__ import annotations
 
 from functools import cache
 from typing import Any
@@ -71,9 +71,9 @@ def fill(context: Word, letter: Word) -> Word:
 def moments(context: Word) -> dict[Word, int]:
     """Return the combination of contexts whose product with v is that with the moments of v.
 
-    Along the path of the slot, the moments of v are the integral of s dv, ``s v`` less the integral
-    of v, where s is the weight of τ up to there. By parts, a word ``p * q`` of it is ``(τ ⧢ p) *
-    q`` less all ``p' * p'' τ q`` with ``p = p' p''``.
+    Along the path of the slot, the moments of v grow by ``s dv - v ds``, where s is the weight of τ
+    up to there. So a word ``p * q`` becomes ``(τ ⧢ p) * q`` minus all ``p' * p'' τ q`` with
+    ``p = p' p''``.
     """
     words: dict[Word, int] = {}
 

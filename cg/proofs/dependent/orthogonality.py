@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import (
     Condition,
-    Word,
     add_multiple,
     condition_words,
     conditions_of,
@@ -122,9 +121,10 @@ class _Relations:
         seen = list(among) or list(range(len(self.conditions)))
         basis = np.zeros((0, len(seen)))
         generator = np.random.default_rng(0)
-        for choices, rows in self._offered():
+        for frame in self._frames():
             if len(chosen) == most:
                 break
+            us, vs, rows = self._in_doubles(frame)
             sizes = np.linalg.norm(rows, axis=1)
             unit = rows[:, seen] / np.maximum(sizes, 1e-300)[:, None]
             unit[sizes <= _NEW * sizes.max()] = 0
@@ -145,19 +145,10 @@ class _Relations:
                 new /= np.linalg.norm(new)
                 basis = np.vstack([basis, new])
                 rest = rest - np.outer(rest @ new, new)
-                chosen.append(choices[places[best]])
+                i, j = divmod(int(places[best]), len(vs))
+                chosen.append(_Choice(frame, us[i], vs[j]))
         self.span = basis
         return chosen
-
-    def _offered(self) -> Iterator[tuple[Sequence[_Choice], _Doubles]]:
-        """Yield relations, with their coefficients in double precision."""
-        for frame in self._frames():
-            us, vs, rows = self._in_doubles(frame)
-            yield [_Choice(frame, i, j) for i in us for j in vs], rows
-
-    def _add(self, vector: _Doubles, row: int, word: Word, factor: float) -> None:
-        for one, value in self._rough(word).items():
-            vector[self.position[Condition(row, one)]] += factor * value
 
     def _frames(self) -> Iterator[Spanned]:
         """Yield contexts and letters that fill all places, and have more."""
@@ -251,7 +242,8 @@ class _Relations:
         if key not in self._products:
             vector = np.zeros(len(self.conditions))
             for (row, word), multiplicity in pairing.words(i, j).items():
-                self._add(vector, row, word, multiplicity)
+                for one, value in self._rough(word).items():
+                    vector[self.position[Condition(row, one)]] += multiplicity * value
             self._products[key] = vector
         return self._products[key]
 
@@ -274,12 +266,13 @@ class _Relations:
             for one in group:
                 left: dict[int, Any] = {}
                 shares = [arb(1), *(-share for share in delta[us.index(one.context)])]
-                for i, share in zip([one.context, *frame.first], shares, strict=True):
-                    for k, factor in frame.raw(i).items():
-                        left[k] = left.get(k, arb(0)) + share * arb(factor)
-                right = {one.column: arb(1)}
-                for k, j in enumerate(frame.second):
-                    right[j] = -beta[vs.index(one.column)][k]
+                terms = zip([one.context, *frame.first], shares, strict=True)
+                for k, term in [(k, s * arb(f)) for i, s in terms for k, f in frame.raw(i).items()]:
+                    left[k] = left.get(k, arb(0)) + term
+                mine = zip(
+                    frame.second, beta[vs.index(one.column)], strict=False
+                )  # others are of U_0
+                right = {one.column: arb(1)} | {j: -share for j, share in mine}
                 relations.append(self._combined(frame.pairing, left, right))
         return relations
 
@@ -304,10 +297,7 @@ class _Relations:
                 product = a * b
                 for key, multiplicity in pairing.words(i, j).items():
                     add_multiple(combination, key, product * multiplicity)
-        return self._reduced(combination)
-
-    def _reduced(self, combination: dict[Condition, arb]) -> dict[Condition, arb]:
-        """Return a combination of residuals of words as one of those of conditions."""
+        # residuals of words as those of conditions
         reduced: dict[Condition, arb] = {}
         for row, reduction in enumerate(self._reductions):
             terms = [(word, value) for (r, word), value in combination.items() if r == row]
