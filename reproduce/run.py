@@ -80,7 +80,7 @@ def run(
     sections = {name: section(ITEMS[name], numbers, out) for name, numbers in results.items()}
 
     def show(item: Item, numbers: Data, begun: float) -> None:
-        numbers = _plain(numbers)
+        numbers = _as_json(numbers)
         if results.get(item.name) != numbers:
             for name in _needing(item.name):
                 results.pop(name, None)
@@ -137,7 +137,7 @@ def _read(out: Path) -> dict[str, Any]:
     return state
 
 
-def _plain(numbers: Data) -> Data:
+def _as_json(numbers: Data) -> Data:
     """Return the data as JSON restores them, so that new and stored data are equal."""
-    plain: Data = json.loads(json.dumps(numbers, allow_nan=False))
-    return plain
+    data: Data = json.loads(json.dumps(numbers, allow_nan=False))
+    return data

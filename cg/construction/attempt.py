@@ -1,7 +1,5 @@
 """One attempt of a construction: a random start, then fewer stages or flows."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass, field
 from functools import partial

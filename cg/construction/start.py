@@ -1,7 +1,5 @@
 """Default settings of random starts, and random guesses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -13,8 +13,6 @@ vanishes. A combination of the values at stages that vanishes through one power 
 at other times, and on smooth fields it is smaller, so that the larger of both is taken there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any

@@ -22,8 +22,6 @@ that share nodes or flows share errors that their difference doesn't see, on any
 ratio of error to estimate is a property of the coefficients, as the order is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Warnings about methods that don't converge and pairs whose error estimates are unreliable."""
 
-from __future__ import annotations
-
 import warnings
 from functools import partial
 

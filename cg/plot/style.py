@@ -60,7 +60,7 @@ def curve_style(ax: Any) -> dict[str, Any]:
     }
 
 
-def plain(text: str) -> str:
+def verbatim(text: str) -> str:
     """Return a text with dollar signs escaped for matplotlib."""
     return visible(text).replace("$", r"\$")
 

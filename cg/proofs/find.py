@@ -6,8 +6,6 @@ Jacobian well conditioned, on which the radius of Krawczyk's test depends. Nothi
 `zero` proves what was found.
 """
 
-from __future__ import annotations
-
 import math
 from decimal import Decimal
 from typing import Any, NamedTuple

@@ -11,8 +11,6 @@ Theorem 5.1.8). The map contracts the box by the factor κ, the largest row sum,
 within ``|A f(z)| / (1 - κ)`` of any z in X, in the maximum norm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Records of a store: starts, failures, summaries of runs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

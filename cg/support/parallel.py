@@ -6,8 +6,6 @@ its workers. Long calls therefore go through `stoppable`: they read a flag, and 
 is set.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable, Iterator

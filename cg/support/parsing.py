@@ -109,7 +109,7 @@ def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
         return table
 
     def refuse(number: str) -> None:
-        raise ValueError(f"{number} is no number")
+        raise ValueError(f"{number} isn't a finite number")
 
     options: dict[str, Any] = {"parse_constant": refuse, "object_pairs_hook": unique}
     return _read("JSON", partial(json.loads, parse_float=str, **options), text, error)

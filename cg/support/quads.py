@@ -5,8 +5,6 @@ portable type for them. An array of such numbers is an ``int8`` array whose last
 length 16, in little-endian byte order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from decimal import MAX_EMAX, MIN_EMIN, ROUND_HALF_EVEN, Context, Decimal
 from fractions import Fraction

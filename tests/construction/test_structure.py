@@ -43,12 +43,12 @@ class TestEquations:
         )
 
     def test_assumptions_come_after_conditions(self, structure):
-        system, plain = (
+        system, general = (
             ConditionSystem.tableau(5, 6, structure=structure),
             ConditionSystem.tableau(5, 6),
         )
         x = random_x(system)
-        values, conditions = system.residual(x), plain.residual(x)
+        values, conditions = system.residual(x), general.residual(x)
         np.testing.assert_array_equal(values[: conditions.size], conditions)
         a, b = cg.conditions.unpack(x, 6)
         a, b = np.array(a), np.array(b)
@@ -60,13 +60,13 @@ class TestEquations:
 
 
 def test_zeros_of_structures_are_not_free():
-    plain, one, two = (
+    general, one, two = (
         ConditionSystem.tableau(6, 7, structure=structure) for structure in Structure
     )
-    weights = plain.size - 7
-    assert plain.movable.size == plain.size
-    assert np.setdiff1d(plain.movable, one.movable).tolist() == [weights + 1]
-    assert np.setdiff1d(plain.movable, two.movable).tolist() == [weights, weights + 1]
+    weights = general.size - 7
+    assert general.movable.size == general.size
+    assert np.setdiff1d(general.movable, one.movable).tolist() == [weights + 1]
+    assert np.setdiff1d(general.movable, two.movable).tolist() == [weights, weights + 1]
 
 
 @pytest.mark.parametrize(
@@ -105,9 +105,9 @@ def test_accurate_steps_reach_zeros_that_normal_equations_miss():
     system = ConditionSystem.tableau(7, method.stages, structure=Structure.MIDDLE)
     x = np.asarray(cg.conditions.pack(method.a, method.b))
     x[system.movable] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.movable.size)
-    plain, accurate = (
+    usual, accurate = (
         fit_conditions(x, system, damping=1e-12, max_iterations=40, accurate=accurate).f
         for accurate in (False, True)
     )
     assert accurate <= 1e-27
-    assert plain > 100 * accurate
+    assert usual > 100 * accurate

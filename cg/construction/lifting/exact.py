@@ -4,8 +4,6 @@ Newton's method in fractions (`refine_rational`) with the midpoints of balls as 
 order eight have too many words for exact fractions, whose lengths grow with the order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction

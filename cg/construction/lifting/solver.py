@@ -14,8 +14,6 @@ with the largest residuals. The subset is selected again when the other residual
 conditions decide whether a fit has succeeded.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -266,9 +266,9 @@ class Splitting:
         further = [(-1, self.embedded_order)] if self.embedded_order else []
         further += [(stage + 1, order) for stage, order in self.assumptions]
         for end, order in further:
-            more = condition_trees(order, independent=True)
-            trees += more
-            owner += [end] * len(more)
+            added = condition_trees(order, independent=True)
+            trees += added
+            owner += [end] * len(added)
         return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
 
     @cached_property

@@ -1,7 +1,5 @@
 """Trees of points for a search: given by their parents and stages, or drawn at random."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -10,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.method.commutator_free import plain_index
+from cg.method.commutator_free import as_index
 from cg.structure.layout import Layout
 from cg.structure.points import START, MethodError, Point, PointTree, check_tree
 from cg.support.checks import MAX_STAGES, check_flag, check_integer
@@ -53,7 +51,7 @@ def _layout_of_places(tree: Any) -> Layout:
     if not 2 <= len(tree) <= 4:
         raise TypeError(f"tree must be {expected}, got {len(tree)} entries")
     parents, stage_points = _indices("parents", tree[0]), _indices("stage_points", tree[1])
-    results = tuple(plain_index(end) for end in tree[2:]) or (len(parents) - 1,)
+    results = tuple(as_index(end) for end in tree[2:]) or (len(parents) - 1,)
     # checked with weights on the first stage only: other weights need valid stage points
     points = tuple(Point(parent, {0: 1} if stage_points else {}) for parent in parents)  # type: ignore[dict-item]
     check_tree(PointTree(points, stage_points, *results))
@@ -73,7 +71,7 @@ def _with_all_weights(
 def _indices(label: str, values: Any) -> tuple[Any, ...]:
     if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
         raise TypeError(f"{label} of tree must be a sequence of integers, got {values!r}")
-    return tuple(map(plain_index, values))
+    return tuple(map(as_index, values))
 
 
 def draw_layout(

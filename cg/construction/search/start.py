@@ -1,7 +1,5 @@
 """One random start of a search: determined by its settings and index."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

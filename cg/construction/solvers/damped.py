@@ -13,8 +13,6 @@ References
    nonlinear least-squares minimization", arXiv:1201.5885 (2012).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg

@@ -5,8 +5,6 @@ A step is ``-Jᵀ y`` with ``(J Jᵀ + λ) y = r``, and half its acceleration; s
 than the normal equations of MINPACK's steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

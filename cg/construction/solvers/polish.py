@@ -5,8 +5,6 @@ the double Jacobian along the columns of `span`, computed once. `cg.construction
 computes r in real(16), whose rounding errors exceed a unit in the last digit that is written.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction

@@ -6,8 +6,6 @@ each correction gains about ten digits. Corrections are rounded to multiples of 
 numerators and denominators stay short.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction

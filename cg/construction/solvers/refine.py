@@ -6,8 +6,6 @@ needed. J⁺ leaves small singular values out, so that conditions may depend on 
 they are consistent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -10,8 +10,6 @@ errors. Normal equations square the singular values and stall at sums of squares
 1e-21, so they aren't used here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

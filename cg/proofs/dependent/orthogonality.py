@@ -14,8 +14,6 @@ solution of ``(u - Σ δ_i u_i, u_k) = 0`` for all k: the same is true. All prod
 residuals, this is a linear relation between these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import product

@@ -7,8 +7,6 @@ decides which products are zero. Ranks of vectors are counted in double precisio
 leads to no relation, never to a wrong one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
