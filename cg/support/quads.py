@@ -8,6 +8,7 @@ length 16, in little-endian byte order.
 from collections.abc import Iterable
 from decimal import MAX_EMAX, MIN_EMIN, ROUND_HALF_EVEN, Context, Decimal
 from fractions import Fraction
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -47,15 +48,23 @@ class MissingQuadsError(RuntimeError):
     """
 
 
-def core(what: str) -> Any:
-    """Return the compiled core in real(16), which `what` needs; MissingQuadsError without it."""
+@cache
+def _compiled() -> Any:
     try:
         return import_module("cg._core_r128")
     except ModuleNotFoundError:
+        return None
+
+
+def core(what: str) -> Any:
+    """Return the compiled core in real(16), which `what` needs; MissingQuadsError without it."""
+    compiled = _compiled()
+    if compiled is None:
         raise MissingQuadsError(
             f"{what} needs quadruple precision, which this build of crouch-grossman was made "
             "without (-Dquad=disabled); build it with gfortran to have it"
-        ) from None
+        )
+    return compiled
 
 
 def encode(values: Iterable[Fraction | int | float | str]) -> Quads:

@@ -43,7 +43,7 @@ class TestRefine:
         np.testing.assert_array_equal(fit.x[[0, 7]], moved[[0, 7]])
         assert (fit.x != moved).any()
 
-    def test_order_of_free_entries_does_not_matter(self):
+    def test_order_of_movable_entries_does_not_matter(self):
         near = quads.from_float(np.array(packed("CG4a"), float))
         expected = refine(near, ConditionSystem.tableau(4, 5), movable=[1, 3, 4, *range(8, 15)])
         fit = refine(
@@ -51,7 +51,7 @@ class TestRefine:
         )
         np.testing.assert_array_equal(fit.x, expected.x)
 
-    def test_refine_without_free_entries(self):
+    def test_refine_without_movable_entries(self):
         near = np.full(6, 0.3)
         np.testing.assert_array_equal(
             fit_conditions(near, ConditionSystem.tableau(3, 3), movable=[]).x, near

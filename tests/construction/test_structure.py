@@ -59,7 +59,7 @@ class TestEquations:
         np.testing.assert_allclose(values[conditions.size :], expected, atol=1e-14)
 
 
-def test_zeros_of_structures_are_not_free():
+def test_zeros_of_structures_are_not_movable():
     general, one, two = (
         ConditionSystem.tableau(6, 7, structure=structure) for structure in Structure
     )

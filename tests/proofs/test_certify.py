@@ -198,7 +198,7 @@ class TestFailures:
         with pytest.raises(CertificationError):
             check(replace(honest, **change), methods["CG4a"])
 
-    def test_a_dependent_choice_of_free_coefficients(self):
+    def test_a_dependent_choice_of_movable_coefficients(self):
         honest = certificate_of(methods["CG5a"])
         names = methods["CG5a"].layout.names
         zeros = ("a_9,1", "b_2")

@@ -25,6 +25,7 @@ import pytest
 
 import cg
 from cg.executors import completed, execution
+from cg.executors.chunks import Chunks
 from cg.runs import Store
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
@@ -125,33 +126,27 @@ def test_lmdif_is_the_same_on_other_processors(tmp_path):
     assert stored[0] == stored[1]
 
 
-def sizes_of_chunks(work, total):
-    """Return how many pieces each chunk has, on two workers."""
-    sizes = []
-
-    class Counting(ThreadPoolExecutor):
-        def submit(self, function, /, *args, **kwargs):
-            sizes.append(len(args[-1]))
-            return super().submit(function, *args, **kwargs)
-
-    with Counting(2) as pool:
-        indices = (finished.index for finished in completed(work, range(total), total, None, pool))
-        assert sorted(indices) == list(range(total))
+def sizes_of_chunks(seconds, total):
+    """Return how many pieces each chunk for two workers has, if a piece takes `seconds` of it."""
+    queue, sizes = Chunks(range(total), total, 2, single=False), []
+    while chunk := queue.next():
+        sizes.append(len(chunk))
+        for index in chunk:
+            queue.learn(1, seconds(index))
     assert sum(sizes) == total
     return sizes
 
 
 def test_chunks_have_equal_duration():
-    sizes = sizes_of_chunks(lambda index: time.sleep(0.002), 600)
+    sizes = sizes_of_chunks(lambda index: 0.002, 600)
     assert sizes[0] == 1  # nothing is known yet
     assert 20 < max(sizes) < 600 * 0.25
     assert sizes[-1] < 20  # the last ones are small
-    sizes = sizes_of_chunks(lambda index: time.sleep(0.05), 30)
-    assert sizes[-1] == 1
+    assert sizes_of_chunks(lambda index: 0.05, 30)[-1] == 1
 
 
 def test_chunks_grow_after_slow_first_pieces():
-    sizes = sizes_of_chunks(lambda index: time.sleep(0.2 if index < 2 else 0.0001), 2000)
+    sizes = sizes_of_chunks(lambda index: 0.2 if index < 2 else 0.0001, 2000)
     assert len(sizes) < 40
     assert min(sizes[-4:-1]) > 4  # handing out takes longer than a piece
 

@@ -6,6 +6,8 @@ are the conditions in which the sequence of flows counts; the unknowns are how a
 split (E. Celledoni, A. Marthinsen, B. Owren, Future Generation Computer Systems 19, 2003).
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
