@@ -1,7 +1,5 @@
 """Appendix A of the paper: its printed coefficients beside those of the catalogue."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass

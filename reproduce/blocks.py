@@ -1,7 +1,5 @@
 """The parts of a section of the report: text, tables and charts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

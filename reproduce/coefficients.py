@@ -1,7 +1,5 @@
 """Coefficients of methods as data for results.json and as tables for the page."""
 
-from __future__ import annotations
-
 from decimal import Context as DecimalContext
 from decimal import Decimal
 from fractions import Fraction

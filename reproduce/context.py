@@ -1,7 +1,5 @@
 """The input of an item: settings of the run, resources, and earlier results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

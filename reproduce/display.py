@@ -1,7 +1,5 @@
 """Progress and remaining time of each item, on a terminal or in a file."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Numbers that decide claims and are not part of a figure or table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -40,34 +38,19 @@ _DISTINGUISHED = ("CG4", "CG4a", "CG5a", "CG6a")
 
 
 def gather(seed: int) -> Data:
-    """Compute all numbers.
+    """Compute all numbers that judges need, by name.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the random tableaux.
-
-    Returns
-    -------
-    Data
-        - ``conditions``: by order, at random tableaux with the paper's numbers of stages: the
-          smallest and largest ``rank`` of the Jacobian of all conditions, and the median
-          ``condition_number`` of that of the independent ones;
-        - ``methods``: by name ``exact_order``, ``largest_coefficient``, range of ``abscissae``,
-          ``condition_number`` of the Jacobian (null where it hasn't full rank);
-        - ``approximate``: decimals to which CG6a satisfies conditions through order six:
-          ``worst``, ``root_mean_square``, ``median`` condition, how many of ``conditions`` hold
-          to ``six`` decimals, and by how much, to first order, the digits that the paper doesn't
-          print can change one (``truncation``);
-        - ``rotation_slopes``: by kind of method and name the ``order``, and the ``slope`` of the
-          error on a rotation whose velocity depends on it;
-        - ``drift``: how far SciPy's solvers, by name, take the top's B from orthogonal, at
-          ``drift_times``;
-        - ``flat``: largest difference, on a flat manifold, from the classical method of the same
-          tableau;
-        - ``initial``: how far B(0) is from orthogonal and its determinant from 1;
-        - ``trees``: how many are ``generated`` for the conditions of an ``order``, and how many
-          are ``expected``.
+    ``conditions``, by order at random tableaux: the smallest and largest ``rank`` of the Jacobian
+    of all conditions, and the median ``condition_number`` of that of the independent ones.
+    ``methods``: ``exact_order``, ``largest_coefficient``, range of ``abscissae``,
+    ``condition_number`` of the Jacobian (null without full rank). ``approximate``, decimals to
+    which CG6a satisfies conditions through order six: ``worst``, ``root_mean_square``, ``median``,
+    how many of ``conditions`` hold to ``six``, and what the digits that the paper doesn't print can
+    change (``truncation``). ``rotation_slopes``, by kind of method and name, on a rotation whose
+    velocity depends on it. ``drift`` of SciPy's solvers from orthogonal matrices at
+    ``drift_times``. ``flat``: the largest difference from classical methods. ``initial``: how far
+    B(0) is from a rotation. ``trees``: how many are ``generated`` for an ``order``, and
+    ``expected``.
     """
     return {
         "conditions": {str(row["q"]): _conditions(row["q"], row["s"], seed) for row in PAPER},
@@ -141,7 +124,7 @@ def _rotation_slopes() -> Data:
         errors = final_errors(
             problem.f, (0.0, 1.0), problem.y0, exact, frame=problem.frame, method=method, h=h
         )
-        slope = observed_order(h, errors, floor=1e-13).order
+        slope = observed_order(h, errors, floor=1e-13)
         return {"order": method.exact_order, "slope": slope}
 
     return {kind: {name: slope(methods[name]) for name in names} for kind, names in _TESTED.items()}

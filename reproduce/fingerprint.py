@@ -1,7 +1,5 @@
 """A digest of the package, by which results of other versions are recognised."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from functools import cache

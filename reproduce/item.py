@@ -1,7 +1,5 @@
 """The record that describes one part of the report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

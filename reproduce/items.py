@@ -1,7 +1,5 @@
 """All items of the report: those in the list ``ITEMS`` of each module in ``sections``."""
 
-from __future__ import annotations
-
 import pkgutil
 from collections.abc import Iterable
 from importlib import import_module

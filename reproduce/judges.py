@@ -3,8 +3,6 @@
 Each takes the numbers of `evidence.gather` and the results of all items, and returns a verdict.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 

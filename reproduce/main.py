@@ -1,7 +1,5 @@
 """``reproduce``: reproduction of the paper; also the command ``reproduce-paper``."""
 
-from __future__ import annotations
-
 import math
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Tables in Markdown, and pages of which a part is generated, for the documentation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 

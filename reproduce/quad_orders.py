@@ -1,7 +1,5 @@
 """Errors of the spinning top in quadruple precision, and their slopes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from functools import partial
@@ -71,6 +69,6 @@ def order_data(errors: Mapping[int, float]) -> dict[str, object]:
         "h": h,
         "error": error,
         "local": local,
-        "slope": observed_order(h[-FIT:], error[-FIT:]).order,
+        "slope": observed_order(h[-FIT:], error[-FIT:]),
         "largest_slope": max(local),
     }

@@ -4,8 +4,6 @@ All numbers are integers in units of 2**-114, products of which are rounded down
 unit quaternion, on which the flows are those on rotation matrices.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from operator import mul

@@ -1,7 +1,5 @@
 """The report: one self-contained page of HTML."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """Compute items one after the other, and write the report after each."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 import time
@@ -68,33 +66,13 @@ def run(
 ) -> dict[str, Any]:
     """Compute items; write ``results.json``, figures and ``report.html`` as each finishes.
 
-    Items that an earlier run of the same version, with the same settings, left in the folder
-    stay in the report, except those that need an item whose data have changed. Long items are
-    shown as partial while they run.
-
-    Parameters
-    ----------
-    items : sequence of Item
-        In the order of computation, with all items that they need.
-    out : Path
-        Checked by `check_output`.
-    settings : Settings
-    workers : int
-    display : Display, optional
-        Shows the progress of each item.
-    limit : float, optional
-        Seconds that each search may take.
-
-    Returns
-    -------
-    dict
-        The content of ``results.json``:
-
-        - ``format``: `FORMAT`;
-        - ``settings``: ``seed`` and ``full``;
-        - ``items``: by name the data of each item, as documented by its ``compute``;
-        - ``run``: data that differ between equal runs: the ``seconds`` of each item, ``workers``,
-          ``version`` and a digest of the ``code``.
+    `items` are in the order of computation, with all that they need; `limit` are the seconds that
+    each search may take. Items that an earlier run of the same version, with the same settings,
+    left in the folder `out` stay in the report, except those that need an item whose data have
+    changed. Long items are shown as partial while they run. Returns the content of
+    ``results.json``: ``format``, ``settings``, ``items`` with the data of each by name, and
+    ``run``, what differs between equal runs: ``seconds`` of items, ``workers``, ``version`` and a
+    digest of the ``code``.
     """
     state = _earlier(out, settings)
     state["run"]["workers"] = workers
@@ -102,7 +80,7 @@ def run(
     sections = {name: section(ITEMS[name], numbers, out) for name, numbers in results.items()}
 
     def show(item: Item, numbers: Data, begun: float) -> None:
-        numbers = _plain(numbers)
+        numbers = _as_json(numbers)
         if results.get(item.name) != numbers:
             for name in _needing(item.name):
                 results.pop(name, None)
@@ -159,7 +137,7 @@ def _read(out: Path) -> dict[str, Any]:
     return state
 
 
-def _plain(numbers: Data) -> Data:
+def _as_json(numbers: Data) -> Data:
     """Return the data as JSON restores them, so that new and stored data are equal."""
-    plain: Data = json.loads(json.dumps(numbers, allow_nan=False))
-    return plain
+    data: Data = json.loads(json.dumps(numbers, allow_nan=False))
+    return data

@@ -1,7 +1,5 @@
 """Median and quartiles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

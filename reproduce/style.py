@@ -1,7 +1,5 @@
 """Style of figures, and how they are written to files."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """The spinning top of Section 4, with its reference, for all figures about it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction

@@ -14,8 +14,6 @@ towards smaller coefficients of words of degree ORDER + 1. Newton's method in mu
 of these coefficients.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from fractions import Fraction
@@ -123,11 +121,11 @@ def _legendre(degree: int) -> list[Fraction]:
     ]
 
 
-def expand(free: Array, flows: int, letters: int, symmetric: bool) -> Array:
+def expand(movable: Array, flows: int, letters: int, symmetric: bool) -> Array:
     """Return x, shape (..., flows, letters), from its free entries."""
     if not symmetric:
-        return free.reshape(*free.shape[:-1], flows, letters)
-    half = free.reshape(*free.shape[:-1], flows // 2, letters)
+        return movable.reshape(*movable.shape[:-1], flows, letters)
+    half = movable.reshape(*movable.shape[:-1], flows // 2, letters)
     signs = (-1) ** np.arange(letters)
     return np.concatenate([half, half[..., ::-1, :] * signs], axis=-2)
 
@@ -143,42 +141,42 @@ def search(
     beyond = [i for i, word in enumerate(algebra.words) if sum(word) > order]
     size = flows * letters // (2 if symmetric else 1)
 
-    def series(free: Array) -> Array:
-        x = expand(free, flows, letters, symmetric)
+    def series(movable: Array) -> Array:
+        x = expand(movable, flows, letters, symmetric)
         product = algebra.exponential(x[..., 0, :])
         for i in range(1, flows):
             product = algebra.multiply(algebra.exponential(x[..., i, :]), product)
         return product - exact
 
-    def solve(free: Array, weight: float, most: int = 200) -> Array:
-        def residuals(free: Array) -> Array:
-            found = series(free)
+    def solve(movable: Array, weight: float, most: int = 200) -> Array:
+        def residuals(movable: Array) -> Array:
+            found = series(movable)
             return np.concatenate([found[..., rows], weight * found[..., beyond]], axis=-1)
 
-        def jacobian(free: Array) -> Array:
+        def jacobian(movable: Array) -> Array:
             step = 1e-30
-            return (residuals(free + 1j * step * np.eye(size)).imag / step).T
+            return (residuals(movable + 1j * step * np.eye(size)).imag / step).T
 
         return least_squares(
-            residuals, free, jac=jacobian, max_nfev=most, xtol=1e-15, ftol=1e-15, gtol=1e-15
+            residuals, movable, jac=jacobian, max_nfev=most, xtol=1e-15, ftol=1e-15, gtol=1e-15
         ).x
 
     random, best = np.random.default_rng(seed), None
     for k in range(starts):
         if optimise:
             scale = random.choice([0.05, 0.1, 0.2, 0.4])
-            free = integrals(flows, letters)[:size] + scale * random.normal(size=size)
+            movable = integrals(flows, letters)[:size] + scale * random.normal(size=size)
         else:
-            free = random.uniform(-0.6, 0.8, size)
+            movable = random.uniform(-0.6, 0.8, size)
         for weight in (0.0, *((1e-1, 1e-2, 1e-3, 1e-4, 0.0) if optimise else ())):
-            free = solve(free, weight)
-        found = series(free)
+            movable = solve(movable, weight)
+        found = series(movable)
         if np.abs(found[rows]).max() < 1e-11:
-            length = np.abs(expand(free, flows, letters, symmetric)[:, 0]).sum()
+            length = np.abs(expand(movable, flows, letters, symmetric)[:, 0]).sum()
             error = float(np.linalg.norm(found[beyond])) if optimise else length
             print(f"start {k}: sum of |x_i1| {length:.4f}, error {error:.4g}", flush=True)
             if best is None or error < best[0] * (1 - 1e-9):
-                best = error, free
+                best = error, movable
     return None if best is None else best[1]
 
 
@@ -196,7 +194,7 @@ def integrals(flows: int, letters: int) -> Array:
 
 
 def refine(
-    free: Array, order: int, flows: int, symmetric: bool, letters: int
+    movable: Array, order: int, flows: int, symmetric: bool, letters: int
 ) -> list[list[mpmath.mpf]]:
     """Return x to 60 digits by the Gauss–Newton method, with differences for the Jacobian."""
     mpmath.mp.dps = 80
@@ -204,14 +202,14 @@ def refine(
     exact = [mpmath.mpf(c.numerator) / c.denominator for c in algebra.solution()]
     rows = conditions(algebra, order, symmetric)
 
-    def x_of(free: list[mpmath.mpf]) -> list[list[mpmath.mpf]]:
-        x = [free[letters * i : letters * (i + 1)] for i in range(len(free) // letters)]
+    def x_of(movable: list[mpmath.mpf]) -> list[list[mpmath.mpf]]:
+        x = [movable[letters * i : letters * (i + 1)] for i in range(len(movable) // letters)]
         mirrored = [[(-1) ** j * v for j, v in enumerate(row)] for row in reversed(x)]
         return x + mirrored if symmetric else x
 
-    def residuals(free: list[mpmath.mpf]) -> list[mpmath.mpf]:
+    def residuals(movable: list[mpmath.mpf]) -> list[mpmath.mpf]:
         product = {word: mpmath.mpf(not word) for word in algebra.words}
-        for row in x_of(free):
+        for row in x_of(movable):
             factor = {
                 word: mpmath.fprod(row[j - 1] for j in word) / factorial(len(word))
                 for word in algebra.words
@@ -224,7 +222,7 @@ def refine(
             }
         return [product[algebra.words[i]] - exact[i] for i in rows]
 
-    point = [mpmath.mpf(float(v)) for v in free]
+    point = [mpmath.mpf(float(v)) for v in movable]
     for _ in range(5):
         now, step = residuals(point), mpmath.mpf(10) ** -40
         columns = []
@@ -285,13 +283,13 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    free = search(
+    movable = search(
         given.order, given.flows, given.symmetric, given.starts, given.seed, given.optimise
     )
-    if free is None:
+    if movable is None:
         raise SystemExit("no start came to a solution")
     letters = given.order // 2 + given.optimise
-    x = refine(free, given.order, given.flows, given.symmetric, letters)
+    x = refine(movable, given.order, given.flows, given.symmetric, letters)
     method = method_of(x, f"CFM{given.order}")
     print(method, method.principal_error)
     if given.folder is not None:

@@ -8,8 +8,6 @@ found moves along the solution set to a small principal error. The best is writt
     python research/make_commutator_free_methods.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -46,43 +44,19 @@ ESTIMATE = 10.0  # that norm over the principal error, where it can be chosen
 
 @dataclass(frozen=True)
 class Recipe:
-    """How to find a method.
-
-    Attributes
-    ----------
-    name : str
-    order : int
-    tree : tuple or None
-        Parents, the points of stages, and results if there are two; None if it is drawn.
-    starts : int or sequence of int
-        How many random starts, or which.
-    certified : bool
-        Whether only what has a certificate counts.
-    flows : int or None
-        How many are to be left; None for those of the tree.
-    stages : int
-        Of trees that are drawn; with a given tree how many are to be left, or 0 for all.
-    first_flows : int
-        Of trees that are drawn.
-    pair : bool
-        Whether drawn trees have one more flow for an estimate, which uses the stage at the
-        result too; it is not among `stages`.
-    goals : Goals
-    seed : int
-        Of the starts.
-    """
+    """How to find a method."""
 
     name: str
     order: int
-    tree: tuple[tuple[int, ...] | int, ...] | None
-    starts: int | Sequence[int]
-    certified: bool = True
-    flows: int | None = None
-    stages: int = 0
-    first_flows: int | None = None
-    pair: bool = False
+    tree: tuple[tuple[int, ...] | int, ...] | None  # parents, points of stages, a pair's results
+    starts: int | Sequence[int]  # how many random starts, or which
+    certified: bool = True  # whether only what has a certificate counts
+    flows: int | None = None  # how many are to be left; None for those of the tree
+    stages: int = 0  # of trees that are drawn; else how many are to be left, or 0 for all
+    first_flows: int | None = None  # of trees that are drawn
+    pair: bool = False  # whether drawn trees have one more flow and stage for an estimate
     goals: Goals = GOALS
-    seed: int = SEED
+    seed: int = SEED  # of the starts
 
 
 SEVEN = (

@@ -9,8 +9,6 @@ follow. A weight of the estimate is held, or it would vanish.
     python research/make_end_node.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -117,10 +115,10 @@ def make(name: str) -> cg.CommutatorFree:
         x, directions, _ = problem.retract(x, begin + part * (end - begin))
     ends = []
     for seed in range(STARTS):
-        random, moved, free = np.random.default_rng(seed), x, directions
+        random, moved, movable = np.random.default_rng(seed), x, directions
         for _ in range(3):
-            step = random.standard_normal(free.shape[1]) * SIZE / np.sqrt(free.shape[1])
-            moved, free, off = problem.retract(moved + free @ step, end)
+            step = random.standard_normal(movable.shape[1]) * SIZE / np.sqrt(movable.shape[1])
+            moved, movable, off = problem.retract(moved + movable @ step, end)
         if off < CLOSE:
             ends.append(Candidate(problem.start.system, problem.minimised(moved, end)))
     best = min(ends, key=lambda candidate: candidate.principal_error)

@@ -8,8 +8,6 @@ for the others, which came from such runs with other guesses, digits and errors 
     python research/make_explicit_methods.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -49,25 +47,13 @@ PAIR = Goals(coefficients=0.02, abscissae=0.2)
 
 @dataclass(frozen=True)
 class Recipe:
-    """How to find a method.
-
-    Attributes
-    ----------
-    name : str
-    system : ConditionSystem
-    starts, iterations : int
-        Random guesses, and steps of the solver from each; with a structure, steps are as
-        many as `cg.construct` takes.
-    aim : str
-        A small "error", few "flows", which are coefficients that aren't zero, or a small
-        "effort", flows times the q-th root of the error.
-    """
+    """How to find a method."""
 
     name: str
     system: ConditionSystem
-    starts: int
-    iterations: int
-    aim: str = "error"
+    starts: int  # random guesses
+    iterations: int  # steps from each; with a structure as in `cg.construct`
+    aim: str = "error"  # "error", "flows" or "effort", flows times the q-th root of the error
 
     @property
     def source(self) -> str:
@@ -101,7 +87,7 @@ RECIPES = (
 def solutions(recipe: Recipe) -> list[Candidate]:
     """Return the candidates of the solution set that random starts reach, by their number."""
     system = recipe.system
-    fixed = np.setdiff1d(np.arange(system.size), system.free)
+    fixed = np.setdiff1d(np.arange(system.size), system.movable)
 
     def run(index: int) -> tuple[int, Candidate]:
         if system.structure:

@@ -9,8 +9,6 @@ that kind.
     python research/make_implicit_methods.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
 from fractions import Fraction
@@ -82,12 +80,12 @@ def l_stable() -> Tableau:
     rows, stages, order = Rows.DIAGONAL, 3, 3
     system = ConditionSystem.tableau(order, stages, rows)
     ends = np.array([system.layout.row(stage)[-1] for stage in range(stages)])
-    free = np.setdiff1d(np.arange(system.size), ends)
+    movable = np.setdiff1d(np.arange(system.size), ends)
     candidates = []
     for index in range(STARTS):
         guess = random_start(SEED, index, system.size, 1.0)
         guess[ends] = float(gamma)
-        fit = fit_conditions(guess, system, free=free)
+        fit = fit_conditions(guess, system, movable=movable)
         if fit.f < 1e-25:
             candidates.append(
                 optimise(Candidate(system, fit.x), Goals(), frozen=ends, tolerance=1e-12)
@@ -96,7 +94,7 @@ def l_stable() -> Tableau:
     near = [Fraction(entry) for entry in best.x]
     for end in ends:
         near[end] = Fraction(round(Fraction(gamma) * 10**DIGITS), 10**DIGITS)
-    polished = polish(near, system, directions=np.eye(system.size)[:, free])
+    polished = polish(near, system, directions=np.eye(system.size)[:, movable])
     return make_method(
         Layout.tableau(stages, rows),
         polished.x,

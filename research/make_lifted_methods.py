@@ -7,8 +7,6 @@ there.
     python research/make_lifted_methods.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from fractions import Fraction

@@ -10,8 +10,6 @@ rule. Then all errors of the difference have the same orders, five and three.
     python research/make_magnus_second_results.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
 from fractions import Fraction

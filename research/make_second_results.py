@@ -8,8 +8,6 @@ estimate is at most 2, or of all if there is none, the one with the least princi
     python research/make_second_results.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -121,7 +119,7 @@ def make(method: cg.CommutatorFree, recipe: Recipe) -> tuple[cg.CommutatorFree, 
     results = []
     for index in range(recipe.tries):
         generator = np.random.default_rng(np.random.SeedSequence(_SEED, spawn_key=(index,)))
-        start = generator.uniform(-_WIDTH, _WIDTH, splitting.free.size)
+        start = generator.uniform(-_WIDTH, _WIDTH, splitting.movable.size)
         end = fit(splitting, splitting.from_unknowns(start), max_iterations=_ITERATIONS)
         if end.solved:
             ratio = estimate_ratio(pair_of(method, splitting, end.x.tolist())) or np.inf

@@ -9,8 +9,6 @@ printed. The sums of drifts and of kicks are conditions like others. Coefficient
 places.
 """
 
-from __future__ import annotations
-
 from decimal import Decimal
 from typing import Any
 

@@ -9,8 +9,6 @@ residuals are exact.
     python research/make_two_register_methods.py [FOLDER]
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from fractions import Fraction

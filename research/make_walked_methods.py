@@ -7,8 +7,6 @@ and towards small weights.
     python research/make_walked_methods.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -34,25 +32,13 @@ NEGLIGIBLE = 1e-9  # smaller weights are left out at the end
 
 @dataclass(frozen=True)
 class Walk:
-    """How to find a method.
-
-    Attributes
-    ----------
-    name : str
-    start : str
-        A lifted method of the catalogue.
-    goals : Goals
-        Quantities to minimise.
-    rounds : int
-    wide : bool
-        Whether flows get weights on all stages that they could use.
-    """
+    """How to find a method."""
 
     name: str
-    start: str
+    start: str  # a lifted method of the catalogue
     goals: Goals
     rounds: int
-    wide: bool = True
+    wide: bool = True  # whether flows get weights on all stages that they could use
 
 
 WALKS = (

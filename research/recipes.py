@@ -1,7 +1,5 @@
 """What programs that make methods share: a measure of candidates, and the command line."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Collection
@@ -27,14 +25,8 @@ def merit(candidate: Candidate) -> float:
 def run(make: Callable[[str], Method], names: Collection[str], usage: str | None) -> None:
     """Make methods, write each to a file in a folder, and print a summary of each.
 
-    Parameters
-    ----------
-    make : callable
-        Returns the method with a name.
-    names : collection of str
-        All names; made if the command line has none.
-    usage : str
-        Printed if the command line has no folder.
+    `names` are all names, made if the command line has none; it must have a folder, or `usage` is
+    printed.
     """
     if len(sys.argv) < 2:
         raise SystemExit(usage)

@@ -9,8 +9,6 @@ CG4 has closed forms; CG6a is kept as printed, since no exact solution is near.
     python research/refine_paper_methods.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 from decimal import Decimal, localcontext
 from fractions import Fraction
 
@@ -37,9 +35,9 @@ CG4_SOURCE = (
 def refined(paper: Printed, order: int, source: str) -> Tableau:
     """Return the exact method close to the printed coefficients, whose zeros are held."""
     x = [Fraction(entry) for row in (*paper.a, paper.b) for entry in row]
-    free = [k for k, entry in enumerate(x) if entry != 0]
+    movable = [k for k, entry in enumerate(x) if entry != 0]
     system = ConditionSystem.tableau(order, len(paper.b))
-    polished = polish(x, system, directions=np.eye(len(x))[:, free])
+    polished = polish(x, system, directions=np.eye(len(x))[:, movable])
     layout = Layout.tableau(len(paper.b))
     return make_method(layout, polished.x, digits=36, name=paper.name, source=source)
 

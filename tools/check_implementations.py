@@ -3,8 +3,6 @@
 Reads docs/implementations.toml, and writes the table of docs/implementations.md.
 """
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from dataclasses import dataclass
@@ -83,7 +81,7 @@ def slope_of(method: Method) -> float:
     errors = final_errors(
         problem.f, (0, 1), problem.y0, _end(), frame=problem.frame, method=method, h=steps
     )
-    return observed_order(steps, errors, floor=_FLOOR).order
+    return observed_order(steps, errors, floor=_FLOOR)
 
 
 @cache

@@ -5,8 +5,6 @@ angular velocity depends on time and on the rotation. Other implementations can 
 it. Points, stages, exponentials and dexp⁻¹ are implemented here independently of the package.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Sequence

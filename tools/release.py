@@ -3,8 +3,6 @@
 ``python tools/release.py FOLDER``, by `make release`, after `make wheel` has written the files.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import subprocess

@@ -4,8 +4,6 @@
 needs, and adds the licences to its result. Only auditwheel has been tried.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

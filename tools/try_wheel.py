@@ -3,8 +3,6 @@
 Run ``python tools/try_wheel.py TESTS`` outside of the source tree; `tools/wheel.sh` does.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -6,8 +6,6 @@ docs/reproduction.md, and the data that `crouch-grossman list` prints. The last 
 names the methods that are proved in part, or not at all.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

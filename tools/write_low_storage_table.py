@@ -5,8 +5,6 @@ solution of the classical conditions alone, by corrections of least norm in A an
 residuals are exact; the conditions on manifolds are evaluated there.
 """
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from collections.abc import Sequence
@@ -37,38 +35,19 @@ exactly = partial(residuals, arithmetic="exact")
 
 
 class Row(NamedTuple):
-    """Properties of a method.
-
-    Attributes
-    ----------
-    name, source : str
-    stages : int
-    flat_order : int
-        The classical order that is claimed.
-    flat, on_manifolds : Fraction
-        The largest residuals through it of the printed numbers, of the classical conditions and
-        of those on manifolds.
-    beyond : Fraction
-        The largest one of the classical conditions of the next order.
-    moved : Fraction
-        How far A and B are from the closest solution of the classical conditions.
-    order : int
-        The order on manifolds there: all residuals are below `ZERO`.
-    flat_refined, refined : Fraction
-        The residuals there, through the classical order.
-    """
+    """Properties of a method."""
 
     name: str
     source: str
     stages: int
-    flat_order: int
-    flat: Fraction
-    on_manifolds: Fraction
-    beyond: Fraction
-    moved: Fraction
-    order: int
-    flat_refined: Fraction
-    refined: Fraction
+    flat_order: int  # the classical order that is claimed
+    flat: Fraction  # the largest classical residual, through it, of the printed numbers
+    on_manifolds: Fraction  # likewise in those on manifolds
+    beyond: Fraction  # the largest one of the classical conditions of the next order
+    moved: Fraction  # how far A and B are from the closest solution of the classical conditions
+    order: int  # the order on manifolds there: all residuals are below `ZERO`
+    flat_refined: Fraction  # the residual there, through the classical order
+    refined: Fraction  # likewise on manifolds
 
 
 def entries() -> list[dict[str, Any]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,22 +12,6 @@ from cg.frames.base import Frame
 from cg.integration.ivp import integrate
 from cg.integration.rhs.python import Coefficients
 from cg.method.method import Method
-
-
-@dataclass(frozen=True)
-class Slope:
-    """The slope of log error against log step size.
-
-    `order` is the least-squares slope over the points `h`, `error`, shape ``(n,)``, by decreasing
-    step size; `constant` the error at step size 1 of the fitted line; `spread` the largest minus
-    the smallest slope between neighbouring points.
-    """
-
-    order: float
-    constant: float
-    spread: float
-    h: Array
-    error: Array
 
 
 def slopes(h: ArrayLike, errors: ArrayLike) -> Array:
@@ -43,30 +26,22 @@ def observed_order(
     *,
     floor: float = 0.0,
     h_range: tuple[float, float] = (0.0, np.inf),
-) -> Slope:
+) -> float:
     """Return the least-squares slope of log error against log step size.
 
-    Errors at or below `floor` count as rounding errors and are left out, as are step sizes outside
-    `h_range`. ValueError if a step size or error used isn't positive and finite, or fewer than two
-    points remain.
-
-    >>> h = np.array([0.4, 0.2, 0.1, 0.05])
-    >>> round(observed_order(h, 3 * h**4).order, 10)
-    4.0
+    Errors at or below `floor` count as rounding errors; step sizes outside `h_range` are left out.
     """
     steps, sizes = _vectors(h, errors)
-    # the negated comparisons keep NaN, which _checked reports
+    # the negated comparisons keep NaN, which `_checked` reports
     used = ~(sizes <= floor) & ~(steps < h_range[0]) & ~(steps > h_range[1])
     if used.sum() < 2:
         raise ValueError(
             f"errors must leave two points above floor = {floor:g} with h in {h_range}, "
             f"got h = {steps}, errors = {sizes}"
         )
-    order = np.argsort(-steps[used])
-    steps, sizes = _checked(steps[used][order], sizes[used][order])
-    slope, intercept = np.polyfit(np.log(steps), np.log(sizes), 1)
-    local = slopes(steps, sizes)
-    return Slope(float(slope), float(np.exp(intercept)), float(np.ptp(local)), steps, sizes)
+    decreasing = np.argsort(-steps[used])
+    steps, sizes = _checked(steps[used][decreasing], sizes[used][decreasing])
+    return float(np.polyfit(np.log(steps), np.log(sizes), 1)[0])
 
 
 def final_errors(
@@ -80,11 +55,8 @@ def final_errors(
     h: Sequence[float],
 ) -> Array:
     """Return the distances of integrations with constant steps `h` from the exact end."""
-    errors = []
-    for size in h:
-        solution = integrate(f, t_span, y0, frame=frame, method=method, h=size)
-        errors.append(float(frame.distance(solution.y[-1], exact)))
-    return np.array(errors)
+    runs = (integrate(f, t_span, y0, frame=frame, method=method, h=size) for size in h)
+    return np.array([float(frame.distance(run.y[-1], exact)) for run in runs])
 
 
 def _vectors(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:

@@ -150,10 +150,7 @@ def similar_names(name: object) -> str:
 
 
 def resolve_method(method: str | PathLike[str] | Method) -> Method:
-    """Return a method given as an object, by its name in the catalogue, or as a TOML or JSON file.
-
-    A file is read again in each call. The ValueError for an unknown name lists similar ones.
-    """
+    """Return a method given as such, by its name in the catalogue, or as a TOML or JSON file."""
     if isinstance(method, Method):
         return method
     if isinstance(method, PathLike) or (isinstance(method, str) and is_file(method)):

@@ -1,7 +1,5 @@
 """Files of methods, in TOML, or in JSON with the same keys."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -50,11 +48,7 @@ def loads(text: str) -> Method:
 
 
 def from_entry(entry: dict[str, Any], name: str = "") -> Method:
-    """Return the method of the keys and values of a file; see `loads`.
-
-    `name` is that of a method whose entry has none. ``source`` is optional too, and so are
-    abscissae ``c``, which must be the sums of rows.
-    """
+    """Return the method of the keys of a file; ``name``, ``source`` and ``c`` are optional."""
     entry = {"source": ""} | entry | {"name": entry.get("name") or name}
     c = entry.pop("c", None)
     method = _from_entry(entry)

@@ -1,7 +1,5 @@
 """One-line summary of each method; those of the catalogue are stored in ``summaries.json``."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import asdict, dataclass
@@ -23,28 +21,21 @@ _NO_LIMITS = "limits of stability, which are those of y' = λ y, no mechanical s
 
 @dataclass(frozen=True)
 class MethodSummary:
-    """Order, cost, error and stability of a method.
-
-    `kind` is ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"``, ``"Munthe-Kaas"``,
-    ``"Magnus"`` or ``"splitting"``; `approximate` says that the order is only nominal. `pair_flows`
-    are the flows of a step with its error estimate. Ratio and error (`Method.principal_error`) have
-    three and four digits, the limits of stability four. A number is None if it doesn't exist or is
-    infinite, or if it wasn't computed, for the reason `not_computed`.
-    """
+    """Order, cost, error and stability; a number is None if it is infinite or doesn't exist."""
 
     name: str
     kind: str
     order: int
     embedded_order: int | None
-    approximate: bool
+    approximate: bool  # whether the order is only nominal
     evaluations: int
     flows: int
-    pair_flows: int
+    pair_flows: int  # flows of a step with its error estimate
     estimate_ratio: float | None
-    principal_error: float | None
+    principal_error: float | None  # four digits, as the limits of stability
     real_stability: float | None
     imaginary_stability: float | None
-    not_computed: str | None = None
+    not_computed: str | None = None  # why there are no limits of stability
 
     @property
     def all_flows(self) -> str:

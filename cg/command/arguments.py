@@ -1,7 +1,5 @@
 """Arguments and options of several commands, and functions for their output."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,9 +18,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
 
 
-def count_option(name: str, help: str, *, least: int = 1, **more: Any) -> Callable[[F], F]:
+def count_option(name: str, help: str, *, least: int = 1, **options: Any) -> Callable[[F], F]:
     """Return an option that is a number N of at least `least`."""
-    return click.option(name, type=click.IntRange(least), metavar="N", help=help, **more)
+    return click.option(name, type=click.IntRange(least), metavar="N", help=help, **options)
 
 
 def output_option(help: str, *, required: bool = False) -> Callable[[F], F]:
@@ -55,9 +53,6 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
         names = [n for n in methods if n.isprintable() and n.lower().startswith(incomplete.lower())]
         return [*(CompletionItem(n) for n in names), CompletionItem(incomplete, type="file")]
 
-    def _refused(self, param: click.Parameter | None, problem: Exception) -> click.BadParameter:
-        return click.BadParameter(str(problem), param=param)
-
 
 class NamedMethod(MethodArgument):
     """Type of an argument that is converted to a method."""
@@ -69,10 +64,9 @@ class NamedMethod(MethodArgument):
         if isinstance(value, Method):
             return value
         try:
-            method = load(value) if is_file(value) else named(value)
+            return load(value) if is_file(value) else named(value)
         except (MethodError, OSError, ValueError) as problem:
-            raise self._refused(param, problem) from None
-        return method
+            self.fail(str(problem), param)
 
 
 METHOD = NamedMethod()

@@ -1,7 +1,5 @@
 """``check``: diagnosis of a method."""
 
-from __future__ import annotations
-
 import click
 
 from cg.analysis.diagnosis import Diagnosis, diagnose, diagnose_file
@@ -18,7 +16,7 @@ class _Diagnosed(MethodArgument):
         try:
             return diagnose_file(value) if is_file(value) else diagnose(named(value))
         except (MethodError, OSError, TypeError, ValueError) as problem:
-            raise self._refused(param, problem) from None
+            self.fail(str(problem), param)
 
 
 @click.command("check", short_help="Determine the order of a method and recognise mistakes.")

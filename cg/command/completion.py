@@ -1,7 +1,5 @@
 """``completion``: shell scripts that complete commands, options and names of methods."""
 
-from __future__ import annotations
-
 import click
 from click.shell_completion import get_completion_class
 

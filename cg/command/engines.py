@@ -1,7 +1,5 @@
 """Options that choose the executor of a command: threads, processes, Dask, MPI."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -33,10 +31,7 @@ def engine_options(function: F) -> F:
 
 @contextmanager
 def engine(processes: bool, dask: str | None, mpi: bool) -> Iterator[ExecutorLike]:
-    """Return the executor that the options choose.
-
-    UsageError if there is more than one of the options, or a package isn't installed.
-    """
+    """Yield the executor that the options choose; UsageError for more than one of them."""
     if processes + (dask is not None) + mpi > 1:
         raise click.UsageError("--processes, --dask and --mpi exclude each other")
     if dask is not None:

@@ -1,7 +1,5 @@
 """``export``: a method as data, a table or code."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

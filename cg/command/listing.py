@@ -1,7 +1,5 @@
 """``list``: the methods of the catalogue."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """The command: its group, its subcommands, and the exit codes of errors."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor
@@ -81,12 +79,7 @@ def group() -> None:
 
 
 def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> int:
-    """Run the command with the arguments of the process, or others; return the exit code.
-
-    It is 0 for success; 1 for a negative result (a method has a mistake, a proof fails, a list or a
-    search is empty); 2 for a wrong argument, which a line on standard error names; 130 after an
-    interrupt.
-    """
+    """Run the command with the arguments of the process, or others; return the exit code."""
     given = None if arguments is None else list(arguments)
     try:
         code = group.main(

@@ -1,7 +1,5 @@
 """``plot``: plots of a method."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``certify``: proof of the order of a method."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

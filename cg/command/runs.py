@@ -1,7 +1,5 @@
 """``runs``: results of long runs, from their store."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import wraps
@@ -108,7 +106,9 @@ def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
     for index, message in data["failures"]:
         say(f"start {index} failed: {message}")
     say("\nnumber of starts by final f")
-    _draw(run.decades())
+    most = max(run.decades().values(), default=1)
+    for decade, count in run.decades().items():
+        say(f"  1e{decade:<4} {count:>7}  {'#' * max(1, round(40 * count / most))}")
     return 0
 
 
@@ -205,11 +205,3 @@ def _data(run: RunSummary) -> dict[str, Any]:
 
 def _time(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
-
-
-def _draw(decades: dict[int, int]) -> None:
-    """Print a bar for each decade of f with starts."""
-    most = max(decades.values(), default=1)
-    for decade, count in decades.items():
-        bar = "#" * max(1, round(40 * count / most))
-        say(f"  1e{decade:<4} {count:>7}  {bar}")

@@ -1,7 +1,5 @@
 """``search`` and ``construct``: search for new methods."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -100,7 +98,6 @@ def _run(
             raise
     for failure in result.failures:
         say(f"{piece} {failure.index} of seed {arguments['seed']}: {failure.message}", err=True)
-    plain = function is construct and output is None and not in_json
     methods = methods_of(result)
     if output is not None:
         if len(methods) > 1:
@@ -113,7 +110,7 @@ def _run(
         exact = result.exact_starts if isinstance(result, SearchResult) else 0
         required = f": {exact} found, but none with {result.requirements}" if exact else " found"
         say(f"no method{required}")
-    elif plain:
+    elif function is construct and output is None:
         click.echo(dumps(methods[0]), nl=False)
     else:
         _list(methods, arguments.get("minimise"))

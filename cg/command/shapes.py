@@ -1,7 +1,5 @@
 """Options of ``search`` and ``construct``, named like the arguments of the functions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from pathlib import Path
@@ -35,8 +33,7 @@ class _Shape(NamedMethod):
                 return layout_of(method)
         except (MethodError, TypeError):  # it is implicit
             pass
-        problem = ValueError(f"{method!r} isn't an explicit method with a tree of points")
-        raise self._refused(param, problem)
+        self.fail(f"{method!r} isn't an explicit method with a tree of points", param)
 
 
 class _Member(click.Choice):  # type: ignore[type-arg]
@@ -91,10 +88,9 @@ _RUN: Sequence[Option[Any]] = (
 )  # fmt: skip
 
 
-def _size(name: str, metavar: str, help: str, **more: Any) -> Option[Any]:
-    return click.option(
-        name, type=click.FloatRange(0, min_open=True), metavar=metavar, help=help, **more
-    )
+def _size(name: str, metavar: str, help: str, **options: Any) -> Option[Any]:
+    size = click.FloatRange(0, min_open=True)
+    return click.option(name, type=size, metavar=metavar, help=help, **options)
 
 
 def _random(name: str, default: int, help: str) -> Sequence[Option[Any]]:
@@ -185,10 +181,7 @@ construction_options = _all(
 
 
 def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a function for options; `stages` is by default that of the tree.
-
-    UsageError if there is neither a number of stages nor a tree.
-    """
+    """Return the arguments of a function for options; `stages` is by default that of the tree."""
     stages, tree = options["stages"], options["tree"]
     if stages is None:
         if tree is None:

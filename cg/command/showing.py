@@ -1,7 +1,5 @@
 """``show``: all data of one method."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any

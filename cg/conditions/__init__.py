@@ -58,9 +58,7 @@ __all__ = [
 
 
 def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.float64]:
-    """Pack the entries of a tableau row by row, ``b`` last.
-
-    They are those of the pattern `rows`, by default the narrowest one with all nonzero entries.
+    """Return the entries of a tableau in the pattern `rows`, row by row, ``b`` last.
 
     >>> pack([[0, 0], [0.5, 0]], [0, 1])
     array([0.5, 0. , 1. ])
@@ -80,8 +78,6 @@ def unpack(
 ) -> tuple[list[list[Any]], list[Any]]:
     """Return full rows of ``a`` and ``b`` from packed entries; padded zeros are ints.
 
-    Examples
-    --------
     >>> unpack([0.5, 0.0, 1.0], stages=2)
     ([[0, 0], [0.5, 0]], [0.0, 1.0])
     """

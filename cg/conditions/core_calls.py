@@ -4,8 +4,6 @@ The bounds of allocated memory follow the declarations in ``fortran/conditions/w
 ``gradient.f90`` and ``conditions.f90``. Change them together.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

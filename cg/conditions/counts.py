@@ -1,7 +1,5 @@
 """The trees of the order conditions, their numbers and right-hand sides."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import cache
 
@@ -59,8 +57,6 @@ def _condition_trees(order: int, independent: bool) -> tuple[int, ...]:
 def table_rows(order: int) -> tuple[int, ...]:
     """Return the integer table of the paper: indices of trees, 0 for dependent conditions.
 
-    Examples
-    --------
     >>> table_rows(3)
     (2, 0, 4, 0, 6, 0, 8, 9)
     """
@@ -84,8 +80,6 @@ def count(order: int, independent: bool = False) -> int:
 def right_sides(order: int, independent: bool = False) -> tuple[Fraction, ...]:
     """Return ``1/γ(t)`` for the trees of `condition_trees`.
 
-    Examples
-    --------
     >>> [str(side) for side in right_sides(3)]
     ['1', '1/2', '1/2', '1/6', '1/3', '1/6', '1/6', '1/6']
     """

@@ -1,7 +1,5 @@
 """Order conditions in exact and in ball arithmetic."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from fractions import Fraction
@@ -15,7 +13,7 @@ from cg.structure.layout import Layout
 from cg.structure.points import PointTree, check_not_sums, points_of, tree_of_rows
 from cg.support.balls import to_ball, to_flint, to_fraction, working_precision
 from cg.support.checks import check_flag, check_integer
-from cg.support.parsing import read_fraction
+from cg.support.quads import finite_fraction
 
 _MAX_BITS = 1_000_000  # with more bits a sum of products would take hours
 
@@ -66,11 +64,4 @@ def _rationals(entries: Any, name: str) -> list[Fraction]:
     sequence = isinstance(entries, Iterable) and not isinstance(entries, str | bytes)
     if not sequence or (isinstance(entries, np.ndarray) and entries.ndim == 0):
         raise ValueError(f"{name} must be a sequence of numbers, got {entries!r}")
-    return [_rational(entry, name) for entry in entries]
-
-
-def _rational(entry: Any, name: str) -> Fraction:
-    try:
-        return read_fraction(entry.item() if isinstance(entry, np.generic) else entry)
-    except (TypeError, ValueError, OverflowError, ZeroDivisionError):
-        raise ValueError(f"{name} must hold finite real numbers, got {entry!r}") from None
+    return [finite_fraction(entry, f"{name} must hold") for entry in entries]

@@ -13,8 +13,6 @@ the integral of :math:`\theta_1^{j_1 - 1} \cdots \theta_n^{j_n - 1}` over
 through degree q agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
@@ -48,8 +46,7 @@ def words(order: int) -> tuple[Word, ...]:
 def linear_residuals(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[Decimal]:
     """Return the coefficients of all `words` less those of the solution, with 64 digits.
 
-    `nodes` are c, length K; `rows` the weights a of each exponential in the order of application,
-    shape (s, K).
+    `nodes` are c, shape (K,); `rows` the weights a in the order of application, shape (s, K).
     """
     with localcontext(_DIGITS):
         product = product_of_exponentials(_moments(nodes, rows, order), words(order))
@@ -73,8 +70,7 @@ def linear_sensitivities(
 ) -> list[Decimal]:
     """Return bounds on the changes of the residuals when coefficients change by up to a unit.
 
-    A word's coefficient is a polynomial with positive coefficients in nodes and weights. The
-    increase of its value at their magnitudes is therefore a bound.
+    Coefficients of words are polynomials without negative terms: their increase is a bound.
     """
     sizes = [abs(c) for c in nodes]
     wide = [c + unit for c, unit in zip(sizes, node_units, strict=True)]
@@ -105,9 +101,8 @@ def _moments(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[list[Dec
 def product_of_exponentials(x: Sequence[Sequence[Any]], words: Sequence[Word]) -> dict[Word, Any]:
     """Return the coefficients of words in a product of exponentials of combinations of letters.
 
-    `x` are the weights of the letters in each exponential, in the order of application. `words` are
-    nonempty, of letters from 1, with all prefixes and suffixes; shorter words of smaller degree
-    first. The result also has the empty word.
+    `x` are the weights of the letters in each exponential, in the order of application. `words`
+    hold all their prefixes and suffixes, shorter ones first.
     """
     one = x[0][0] * 0 + 1
     product: dict[Word, Any] = {(): one} | dict.fromkeys(words, one * 0)

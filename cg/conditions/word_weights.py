@@ -1,9 +1,12 @@
 """Weights of words at the points of a method, and their derivatives, in ball arithmetic.
 
-The same recursions as in the compiled core, on numbers of python-flint: balls (``arb``)
-for proofs, rationals (``fmpq``) for exact weights without derivatives. The flow to a point
-acts on words as an exponential after the flows to its parent, so that a word is cut in
-all ways into a part for the flows before, and one for the flow.
+With the letters l_m(v) = Σ_k y_mk Φ_k(v) of the flow to point m, its exponential E_m and the
+weights χ_m at the point,
+
+    E_m(w) = l_m(w_1) … l_m(w_n) / n!,   χ_m(w) = Σ_{w = u v} χ_parent(u) E_m(v),
+
+as in ``fortran/conditions/weights.f90``: `_letter`, `_flow` and `_chi`. Compiled code has no balls;
+the numbers here are those of python-flint, ``arb`` for proofs and ``fmpq`` for exact weights.
 """
 
 from __future__ import annotations
@@ -70,7 +73,8 @@ class Weights:
                 words.add(word)
         self._segments = _segments(layout)
         self._stage_words = closure(letters | words)
-        self._letters = self._letters_of(self._stage_words, letters)
+        within = (filter(None, word) for word in self._stage_words)
+        self._letters = sorted(letters.union(*within), key=nodes)
         # by word, the points where it is needed
         everywhere = [m for segment in self._segments for m in segment.points]
         needed = {word: set(everywhere) for word in self._stage_words}
@@ -84,13 +88,6 @@ class Weights:
             for word in self._outer[end]:
                 needed.setdefault(word, set()).update(layout.path(end))
         self._needed = {word: sorted(needed[word]) for word in sorted(needed, key=nodes)}
-
-    @staticmethod
-    def _letters_of(words: Iterable[Word], letters: set[Word]) -> list[Word]:
-        all_letters = set(letters)
-        for word in words:
-            all_letters.update(filter(None, word))
-        return sorted(all_letters, key=nodes)
 
     def evaluate(self, x: Sequence[Any]) -> Vector:
         """Return the weights at packed unknowns, all ``arb`` or all ``fmpq``."""
@@ -185,11 +182,9 @@ class Weights:
         return z
 
     def slopes(self, row: int, before: Word, after: Word) -> Vector:
-        """Return the derivatives of a weight at the end of a row by one letter, after `evaluate`.
+        """Return the derivatives of a row's weight by a letter's values on the flows to all points.
 
-        The letter stands between the words `before` and `after`, and the weights of all words with
-        their letters were asked for at this row. The derivatives are those by the letter's values
-        on the flows to all points, zero off the path.
+        The letter stands between the words `before` and `after`; evaluate the row with them first.
         """
         path = self.layout.path(self.layout.ends[row])
         slopes = [self._zero] * len(self.layout.parents)
@@ -207,10 +202,10 @@ class Weights:
         return self._rights[end]
 
     def jacobian(self) -> flint.arb_mat:
-        """Return the derivatives of the quantities, shape (quantities, unknowns), after `evaluate`.
+        """Return the derivatives of the quantities in balls, shape (quantities, unknowns).
 
-        The coefficients must be balls. Adjoints of weights at the ends of segments are carried from
-        words with many nodes to those with few.
+        Adjoints of weights at the ends of segments are carried from words with many nodes to those
+        with few, as in ``fortran/conditions/gradient.f90``.
         """
         layout, segments = self.layout, self._segments
         end_of = {segment.points[-1]: s for s, segment in enumerate(segments)}
@@ -237,18 +232,10 @@ class Weights:
         direct = [[self._zero] * len(self._unknowns(segment.points)) for segment in segments]
         steps: list[tuple[Word, flint.arb_mat]] = []
         for m, letter in enumerate(word):
-            phi = self._phi[letter]
             table = [[self._zero] * size for _ in segments]
             for s, (segment, right) in enumerate(zip(segments, rights, strict=True)):
                 z = self._slopes_at(word, m, segment.points, right)
-                i = 0
-                for point, y in zip(segment.points, z, strict=True):
-                    for k, stage in self._point_unknowns(point):
-                        direct[s][i] = direct[s][i] + y * phi[stage]
-                        i += 1
-                        at = self._segment_of[stage]
-                        if at != START:
-                            table[s][at] = table[s][at] + y * self._x[k]
+                self._add_terms(letter, segment.points, z, direct[s], table[s])
             if letter:
                 steps.append((letter, flint.arb_mat(table) if size else flint.arb_mat(0, 0)))
         if self._branched:
@@ -259,6 +246,18 @@ class Weights:
                         table[s][segment.origin] = self._wholes_[s][word[cut:]]
                 steps.append((word[:cut], flint.arb_mat(table)))
         self._direct[word], self._steps[word] = direct, steps
+
+    def _add_terms(
+        self, letter: Word, points: Sequence[int], z: Vector, direct: Vector, table: Vector
+    ) -> None:
+        """Add the derivatives z by a letter at points to those by unknowns, and at segments."""
+        terms = zip(points, z, strict=True)
+        unknowns = [(k, stage, y) for m, y in terms for k, stage in self._point_unknowns(m)]
+        for i, (k, stage, y) in enumerate(unknowns):
+            direct[i] = direct[i] + y * self._phi[letter][stage]
+            at = self._segment_of[stage]
+            if at != START:
+                table[at] = table[at] + y * self._x[k]
 
     def _point_unknowns(self, point: int) -> Iterable[tuple[int, int]]:
         """Return the unknowns of a point, each with its stage."""
@@ -275,16 +274,16 @@ class Weights:
             word, path = self.quantities[index].word, self._paths[index]
             if not path:
                 continue
-            right = self._right_of(path)
+            right, unknowns = self._right_of(path), self._unknowns(path)
+            stages = {stage for point in path for _, stage in self._point_unknowns(point)}
+            reaches = any(self._segment_of[stage] != START for stage in stages)
             for m, letter in enumerate(word):
-                z, phi = self._slopes_at(word, m, path, right), self._phi[letter]
-                for point, y in zip(path, z, strict=True):
-                    for k, stage in self._point_unknowns(point):
-                        slopes[c][k] = slopes[c][k] + y * phi[stage]
-                        at = self._segment_of[stage]
-                        if letter and at != START:
-                            seed = seeds.setdefault(letter, {}).setdefault(c, [self._zero] * size)
-                            seed[at] = seed[at] + y * self._x[k]
+                direct, seed = [slopes[c][k] for k in unknowns], [self._zero] * size
+                if letter and reaches:
+                    seed = seeds.setdefault(letter, {}).setdefault(c, seed)
+                self._add_terms(letter, path, self._slopes_at(word, m, path, right), direct, seed)
+                for k, slope in zip(unknowns, direct, strict=True):
+                    slopes[c][k] = slope
         return self._sweep(slopes, seeds)
 
     def _sweep(self, slopes: list[Vector], seeds: dict[Word, dict[int, Vector]]) -> list[Vector]:

@@ -4,8 +4,6 @@ Here a tree is the tuple of its children, ``()`` for ``τ``, and a word is a tup
 letters; the weight of a tree is that of the word of its children.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from functools import cache
@@ -50,10 +48,7 @@ def is_of_time(word: Word) -> bool:
 def condition_words(
     order: int, independent: bool = True, of_time: bool = False
 ) -> tuple[Word, ...]:
-    """Return the words whose conditions give an order, as `condition_trees`.
-
-    If ``of_time`` only those for linear equations: words of powers of the time.
-    """
+    """Return the words of `condition_trees`; if ``of_time``, only those of powers of the time."""
     if of_time:
         return tuple(filter(is_of_time, condition_words(order, independent)))
     trees = forest(order + 1)

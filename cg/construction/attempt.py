@@ -1,7 +1,5 @@
 """One attempt of a construction: a random start, then fewer stages or flows."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -35,19 +33,14 @@ _MIN_ESTIMATE = 1e-5  # of pairs; where stages coincide, both results have the s
 
 @dataclass(frozen=True)
 class Attempt:
-    """The result of one try, which its number `index` and the settings determine.
-
-    `stages` and `flows` are the fewest reached, `x` the packed coefficients with these, `f` their
-    sum of squared residuals in double. `solved` says whether `x` is on the solution set and within
-    the bounds of the settings. `flows` and `tree` are None for tableaux.
-    """
+    """The result of one try, which its number `index` and the settings determine."""
 
     index: int
-    stages: int
-    solved: bool
-    f: float
+    stages: int  # the fewest reached
+    solved: bool  # whether x is on the solution set and within bounds
+    f: float  # sum of squared residuals in double
     x: tuple[float, ...] = field(repr=False)
-    flows: int | None = None
+    flows: int | None = None  # None for tableaux, as is tree
     tree: Layout | None = field(default=None, repr=False)
 
     def record(self, seconds: float = 0.0) -> Record:

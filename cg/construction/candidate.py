@@ -53,7 +53,7 @@ class Candidate:
     @property
     def rank(self) -> int:
         """Rank of the Jacobian; if it is full, all conditions are independent at `x`."""
-        values = linalg.svdvals(self.system.jacobian(self.x)[:, self.system.free])
+        values = linalg.svdvals(self.system.jacobian(self.x)[:, self.system.movable])
         return int(np.sum(values > RANK_TOLERANCE * values[0]))
 
     @property
@@ -105,17 +105,15 @@ def correct(
     max_iterations: int = 200,
     accurate: bool | None = None,
 ) -> Candidate:
-    """Return to the solution set by steps of least norm, from a point close to it.
+    """Return to the solution set by steps of least norm, with the entries `frozen` held.
 
-    The entries `frozen` keep their values; the other arguments are those of `fit_conditions`,
-    `accurate` from order 7 on by default. The result is where the solver ended, on the set or not;
-    see `solved`.
+    The other arguments are those of `fit_conditions`. Ask `solved` whether the end is on the set.
     """
     system = check_candidate(candidate).system
     fit = fit_conditions(
         candidate.x,
         system,
-        free=system.free_without(frozen),
+        movable=system.movable_without(frozen),
         ftol=ftol,
         damping=damping,
         max_iterations=max_iterations,
@@ -146,8 +144,8 @@ def solved(candidate: Candidate) -> bool:
 def refinable(candidate: Candidate) -> bool:
     """Return whether refinement in real(16) leads to an exact solution."""
     # exact zeros stay
-    free = candidate.system.free_without(np.flatnonzero(candidate.x == 0))
-    refined = refine(quads.from_float(candidate.x), candidate.system, free=free)
+    movable = candidate.system.movable_without(np.flatnonzero(candidate.x == 0))
+    refined = refine(quads.from_float(candidate.x), candidate.system, movable=movable)
     return refined.largest_residual <= EXACT * max(1.0, candidate.largest)
 
 
@@ -163,21 +161,20 @@ def pack_method(method: Method, order: int | None = None) -> Candidate:
 def to_method(
     candidate: Candidate, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
 ) -> Method:
-    """Refine a candidate in real(16) and return it as a method.
+    """Refine a candidate in real(16) and return it as a method; NotExactError if that fails.
 
-    Exact zeros of the candidate stay zero; entries that are zero up to rounding are set to zero.
-    NotExactError if the conditions then don't hold to the accuracy of binary128.
+    Exact zeros stay zero, and entries that are zero up to rounding are set to zero.
     """
     system = check_candidate(candidate).system
-    free = np.setdiff1d(system.free_without(frozen), np.flatnonzero(candidate.x == 0))
-    refined = refine(quads.from_float(candidate.x), system, free=free)
+    movable = np.setdiff1d(system.movable_without(frozen), np.flatnonzero(candidate.x == 0))
+    refined = refine(quads.from_float(candidate.x), system, movable=movable)
     scale = max(1.0, candidate.largest)
     if refined.largest_residual > EXACT * scale:
         raise NotExactError(
             f"largest residual {refined.largest_residual:.2e} after refinement, "
             f"more than {EXACT * scale:.0e}"
         )
-    polished = polish_zeros(quads.decode(refined.x), system, free)
+    polished = polish_zeros(quads.decode(refined.x), system, movable)
     return make_method(
         system.layout, list(map(quads.to_decimal, polished.x)), name=name, source=source
     )

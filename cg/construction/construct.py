@@ -1,7 +1,5 @@
 """Construction of exact methods with few stages or flows from random starts."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,27 +19,13 @@ from cg.support.parallel import single_threads
 
 @dataclass(frozen=True)
 class Construction:
-    """The result of a construction.
-
-    Attributes
-    ----------
-    settings
-    method
-        The exact method, refined in real(16); None if no try succeeded.
-    best
-        The try that led to the method; without a method, the try with the fewest stages and
-        flows.
-    tries
-        Number of tries.
-    failures
-        Tries whose worker died.
-    """
+    """The result of a construction."""
 
     settings: ConstructionSettings
-    method: Method | None
-    best: Attempt
+    method: Method | None  # refined in real(16); None if no try succeeded
+    best: Attempt  # the try of the method, or the one with the fewest stages and flows
     tries: int
-    failures: tuple[Failure, ...] = ()
+    failures: tuple[Failure, ...] = ()  # tries whose worker died
 
     @property
     def exact(self) -> bool:
@@ -179,10 +163,9 @@ def _construct(settings: ConstructionSettings, tries: int, options: RunOptions) 
                 failures.append(attempt)
                 continue
             attempts.append(attempt)
-            if succeeded(settings, attempt):
-                method = refined(settings, attempt)
-                if method is not None:
-                    return Construction(settings, method, attempt, index + 1, tuple(failures))
+            method = refined(settings, attempt) if succeeded(settings, attempt) else None
+            if method is not None:
+                return Construction(settings, method, attempt, index + 1, tuple(failures))
     if not attempts:
         raise RuntimeError(f"the workers of all {tries} tries died: {failures[0].message}")
     best = min(attempts, key=lambda attempt: (*_size(attempt), attempt.f))

@@ -1,7 +1,5 @@
 """Drop a stage or a flow, then solve again from the remaining coefficients."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
@@ -23,9 +21,8 @@ Accept = Callable[[Candidate], bool]
 def fixed_entries(system: ConditionSystem) -> list[int]:
     """Return the entries to hold fixed while solving from a point that isn't a solution.
 
-    This keeps the solver away from a degenerate limit at a_21 = 0: with c_2 = ε, c_3 ~ ε^(1/2),
-    c_4 ~ ε^(1/4) and so on, C(2) holds at all stages as ε tends to zero, and f falls below 1e-18
-    but has no zero.
+    In tableaux a_21 is held. With c_2 = ε, c_3 ~ ε^(1/2), c_4 ~ ε^(1/4) and so on, C(2) holds at
+    all stages as ε tends to zero: f falls below 1e-18 there, but has no zero.
     """
     if system.rows is None:
         return fixed_weights(system.order, system.layout)
@@ -41,7 +38,7 @@ def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> C
     if not 1e-26 < first.f <= promising:
         return first
     if system.rows is None:
-        return Candidate(system, finish(system, first.x, system.free_without(frozen))[0])
+        return Candidate(system, finish(system, first.x, system.movable_without(frozen))[0])
     return correct(
         first, frozen, ftol=1e-27, damping=1e-15, max_iterations=iterations, accurate=True
     )
@@ -56,9 +53,7 @@ def drop_stage(
 ) -> Candidate | None:
     """Drop a stage of a tableau and solve again; None if that fails from all starts.
 
-    The column of the stage is added to that of a neighbour, or dropped. Starts with the smallest
-    sums of squares come first, in a slightly random order. `largest` bounds the magnitude of
-    coefficients, `accept` is a further test of the smaller candidate.
+    The column of the stage is added to that of a neighbour, or dropped.
     """
     if check_candidate(candidate).system.embedded:
         raise ValueError("candidate must be one method, got a pair")
@@ -95,10 +90,7 @@ def drop_point_stage(
     largest: float = 4.0,
     accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a stage of a commutator-free method, and solve again, like `drop_stage`.
-
-    The point of the stage stays if flows start from it.
-    """
+    """Drop a stage of a commutator-free method; its point stays if flows start from it."""
     layout = _check_points(candidate)
     starts = [
         start
@@ -140,19 +132,19 @@ def _without_column(candidate: Candidate) -> Iterator[Candidate]:
     first = 0 if system.structure is Structure.GENERAL else 2
     if system.stages - 1 < first + 1:
         return
-    for stage in range(first, system.stages):
-        for receiver in (None, stage - 1, stage + 1):
-            if receiver is not None and not first <= receiver < system.stages:
-                continue
-            x = candidate.x.copy()
-            for row in map(system.layout.row, range(len(system.layout.ends))):
-                if receiver is not None and len(row) > max(stage, receiver):
-                    x[row[receiver]] += candidate.x[row[stage]]
-            x[system.layout.column(stage)] = 0.0
-            smaller = Candidate(system, x).without(stage)
-            start = np.zeros(smaller.system.size)
-            start[smaller.system.free] = smaller.x[smaller.system.free]
-            yield Candidate(smaller.system, start)
+    stages = range(first, system.stages)
+    for stage, receiver in [(k, near) for k in stages for near in (None, k - 1, k + 1)]:
+        if receiver is not None and receiver not in stages:
+            continue
+        x = candidate.x.copy()
+        for row in map(system.layout.row, range(len(system.layout.ends))):
+            if receiver is not None and len(row) > max(stage, receiver):
+                x[row[receiver]] += candidate.x[row[stage]]
+        x[system.layout.column(stage)] = 0.0
+        smaller = Candidate(system, x).without(stage)
+        start = np.zeros(smaller.system.size)
+        start[smaller.system.movable] = smaller.x[smaller.system.movable]
+        yield Candidate(smaller.system, start)
 
 
 def _check_points(candidate: Candidate) -> Layout:

@@ -1,7 +1,5 @@
 """Eliminate stages: drop them, or shrink their coefficients to zero along the solution set."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -21,9 +19,8 @@ _INTERMEDIATE = 1e-19  # sum of squares that intermediate points must reach
 def eliminate_stage(candidate: Candidate, stage: int, *, largest: float = 4.0) -> Candidate | None:
     """Eliminate one stage (from 0) of a candidate on the solution set; None if a step fails.
 
-    The column of ``a`` and the weight of the stage are shrunk together to zero; the other
-    coefficients follow along the solution set. Steps that fail are halved. `largest` bounds the
-    magnitude of coefficients.
+    Its column of ``a`` and its weight shrink to zero together, the other coefficients follow along
+    the set. Steps that fail are halved.
     """
     check_candidate(candidate)
     stage = check_integer("stage", stage, 0, candidate.system.stages - 1)
@@ -63,9 +60,9 @@ def walk(
     size = check_real("size", size, most=MAX_HALF_WIDTH)
     largest = check_real("largest", largest, positive=True)
     for _ in range(6):
-        free = candidate.system.free
+        movable = candidate.system.movable
         x = candidate.x.copy()
-        x[free] += size / np.sqrt(free.size) * random.standard_normal(free.size)
+        x[movable] += size / np.sqrt(movable.size) * random.standard_normal(movable.size)
         moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
         if solved(moved) and moved.largest <= largest:
             return moved
@@ -82,13 +79,10 @@ def eliminate(
     restarts: int = 3,
     accept: Callable[[Candidate], bool] = lambda candidate: True,
 ) -> Iterator[Candidate]:
-    """Eliminate one stage after another, and yield each candidate.
+    """Eliminate one stage after another until `stages` are left, and yield each candidate.
 
-    Stages of a candidate on the solution set are dropped one by one (`drop_stage`) until `stages`
-    are left. For pairs, and if no stage can be dropped even after `restarts` walks to other points
-    of the set, columns are shrunk to zero (`eliminate_stage`). The generator determines the order
-    of starts, and the walks; `accept` is a further test of smaller candidates, for instance of
-    their rank.
+    Stages are dropped (`drop_stage`). Of pairs, and after `restarts` walks along the solution set
+    without success, columns are shrunk to zero (`eliminate_stage`). `accept` tests candidates.
     """
     check_candidate(candidate)
     check_generator("random", random)

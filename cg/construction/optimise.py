@@ -115,33 +115,32 @@ def optimise(
         raise ValueError(
             f"candidate must be on the solution set, its sum of squares is {candidate.f:.2e}"
         )
-    free = candidate.system.free_without(frozen)
+    movable = candidate.system.movable_without(frozen)
     values, jac = _objective(candidate, goals)
     size, damping = float(values @ values), 1e-2
     history = [size]
     for _ in range(max_iterations):
-        near = decompose(candidate.system.jacobian(candidate.x)[:, free])
+        near = decompose(candidate.system.jacobian(candidate.x)[:, movable])
         tangent = near.kernel
         if tangent.shape[1] == 0:
             break
-        along = jac[:, free] @ tangent
+        along = jac[:, movable] @ tangent
         stretches, axes = linalg.eigh(along.T @ along)
         slope = axes.T @ (along.T @ values)
         scale = float(np.mean(stretches)) + np.finfo(float).tiny
-        moved = None
         while damping < 1e8:
             step = -axes @ (slope / (stretches + damping * scale))
-            trial = _step_along(candidate, free, near, tangent @ step)
-            if trial is not None:
-                trial_values, trial_jac = _objective(trial, goals)
-                trial_size = float(trial_values @ trial_values)
-                if trial_size < size:
-                    moved = trial
-                    break
+            trial = _step_along(candidate, movable, near, tangent @ step)
+            reached = None if trial is None else _objective(trial, goals)
+            if reached is not None and float(reached[0] @ reached[0]) < size:
+                break
             damping *= 4
-        if moved is None:
+        else:
             break
-        candidate, values, jac, size = moved, trial_values, trial_jac, trial_size
+        assert trial is not None
+        assert reached is not None
+        candidate, (values, jac) = trial, reached
+        size = float(values @ values)
         damping = max(damping / 6, 1e-12)
         history.append(size)
         if len(history) > 8 and history[-9] - size <= tolerance * size:
@@ -150,33 +149,34 @@ def optimise(
 
 
 def _step_along(
-    candidate: Candidate, free: NDArray[np.intp], near: Decomposition, step: NDArray[np.float64]
+    candidate: Candidate, movable: NDArray[np.intp], near: Decomposition, step: NDArray[np.float64]
 ) -> Candidate | None:
     """Step along the tangent space and return to the set; None if the step fails."""
     if float(np.linalg.norm(step)) > _MAX_STEP:
         return None
     x = candidate.x.copy()
-    x[free] += step
-    corrected = retract(candidate.system, x, free, near)
+    x[movable] += step
+    corrected = retract(candidate.system, x, movable, near)
     return None if corrected is None else Candidate(candidate.system, corrected)
 
 
 def fewer_exponentials(
     candidate: Candidate, *, largest: float = 4.0, patience: int = 10
 ) -> tuple[Candidate, NDArray[np.intp]]:
-    """Set coefficients to exact zeros one by one, smallest magnitudes first.
+    """Set coefficients to exact zeros one by one, small ones first, until `patience` failures.
 
-    Stops after `patience` consecutive failures. Returns the candidate, on the solution set, and the
-    indices of its zeros. `largest` bounds the magnitude of coefficients.
+    Returns the candidate, on the solution set, and the indices of its zeros.
     """
     check_candidate(candidate)
     largest = check_real("largest", largest)
     patience = check_integer("patience", patience, 0)
-    zeros = np.setdiff1d(np.arange(candidate.system.size), candidate.system.free)
+    zeros = np.setdiff1d(np.arange(candidate.system.size), candidate.system.movable)
     refused: set[int] = set()
     failures = 0
     while failures < patience:
-        candidates = [k for k in candidate.system.free if k not in refused and candidate.x[k] != 0]
+        candidates = [
+            k for k in candidate.system.movable if k not in refused and candidate.x[k] != 0
+        ]
         if not candidates:
             break
         entry = min(candidates, key=lambda k: abs(candidate.x[k]))

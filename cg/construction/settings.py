@@ -80,10 +80,10 @@ class ConstructionSettings(ShapeSettings):
         structure = system.structure
         if full_rank and structure:
             raise ValueError(f"structure must be GENERAL with full_rank, got {structure.name}")
-        if not check_flag("force", force) and system.free.size < system.equations:
+        if not check_flag("force", force) and system.movable.size < system.equations:
             kind = f" with structure {structure.name}" if structure else ""
             raise ValueError(
-                f"stages = {stages} gives {system.free.size} unknowns for {system.equations} "
+                f"stages = {stages} gives {system.movable.size} unknowns for {system.equations} "
                 f"independent conditions of order {order}{kind}; pass force=True to try "
                 "nevertheless"
             )

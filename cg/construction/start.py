@@ -1,7 +1,5 @@
 """Default settings of random starts, and random guesses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,17 +15,12 @@ _FIXED = (0.3, 0.8)  # range of entries that are held fixed
 
 @dataclass(frozen=True)
 class StartSettings:
-    """Default settings of random starts.
+    """Default settings of random starts."""
 
-    `stages` is a number of stages with which random starts reach the solution set often enough;
-    guesses are uniform in [-width, width]; `iterations` bounds the steps of the solver, which runs
-    a second time from sums of squares below `promising`.
-    """
-
-    stages: int
-    width: float
+    stages: int  # with which random starts reach the solution set often enough
+    width: float  # guesses are uniform in [-width, width]
     iterations: int
-    promising: float
+    promising: float  # sum of squares below which the solver runs a second time
 
 
 _GENERAL = {
@@ -56,9 +49,8 @@ _MIDDLE = {
 def default_start(order: int, structure: Structure) -> StartSettings:
     """Return the default settings for tableaux.
 
-    They are untested for orders four, five and seven with ``STAGE_ORDER_TWO``, and for order
-    seven in general, where no random start succeeded. Above order seven they are those of order
-    seven, with as many stages as there are equations for.
+    Above order seven they are those of order seven, with as many stages as there are equations for.
+    Untested are orders 4, 5 and 7 with STAGE_ORDER_TWO, and order 7 with GENERAL.
     """
     known = (_GENERAL, _STAGE_ORDER_TWO, _MIDDLE)[structure]
     if order in known:
@@ -67,7 +59,7 @@ def default_start(order: int, structure: Structure) -> StartSettings:
     stages = last.stages
     while True:
         system = ConditionSystem.tableau(order, stages, structure=structure)
-        if system.free.size > system.equations:
+        if system.movable.size > system.equations:
             return replace(last, stages=stages)
         stages += 1
 
@@ -78,14 +70,11 @@ def tree_start(order: int) -> StartSettings:
 
 
 def likely_structure(order: int, stages: int) -> Structure:
-    """Return the default structure: one with at least as many unknowns as conditions.
-
-    ``GENERAL`` up to order five if it has enough unknowns, else ``MIDDLE`` if that has enough.
-    """
+    """Return GENERAL up to order five if it has enough unknowns, else MIDDLE if that has enough."""
     general = ConditionSystem.tableau(order, stages)
-    if (order >= 4 and stages >= 3) and (order >= 6 or general.free.size < general.equations):
+    if (order >= 4 and stages >= 3) and (order >= 6 or general.movable.size < general.equations):
         middle = ConditionSystem.tableau(order, stages, structure=Structure.MIDDLE)
-        if middle.free.size >= middle.equations:
+        if middle.movable.size >= middle.equations:
             return Structure.MIDDLE
     return Structure.GENERAL
 
@@ -97,7 +86,7 @@ def random_candidate(
     if system.rows is None:
         return Candidate(system, draw_guess(system.order, system.layout, width, random))
     x = random.uniform(-width, width, system.size)
-    x[np.setdiff1d(np.arange(system.size), system.free)] = 0.0
+    x[np.setdiff1d(np.arange(system.size), system.movable)] = 0.0
     x[fixed_entries(system)] = random.uniform(*_FIXED)
     if system.structure is Structure.MIDDLE:
         _to_the_middle(x, system.stages)

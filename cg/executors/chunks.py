@@ -1,7 +1,5 @@
 """Sizes of the chunks in which pieces of work are handed out."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import islice
 

@@ -42,17 +42,13 @@ _log = logging.getLogger("cg")
 
 @dataclass(frozen=True)
 class Finished(Generic[Result]):
-    """A piece of work that has finished after some seconds, or whose worker died.
-
-    `result` is None if the worker died, and `failure` says why. For work on whole chunks, `chunk`
-    has all indices of the chunk, and `index` is the first of them.
-    """
+    """A piece of work that has finished, or whose worker died; of a whole chunk the first index."""
 
     index: int
-    result: Result | None
+    result: Result | None  # None if the worker died
     seconds: float = 0.0
-    failure: str | None = None
-    chunk: list[int] = field(default_factory=list)
+    failure: str | None = None  # why it died
+    chunk: list[int] = field(default_factory=list)  # all its indices
 
 
 def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, int | None]:
@@ -88,61 +84,76 @@ def completed(
 ) -> Generator[Finished[Result], None, None]:
     """Yield ``work(index)`` for each of `total` indices, in the order in which they finish.
 
-    `work` must be picklable for executors other than threads. With `data` it takes whole chunks: it
-    is called with ``data(indices)``, computed in this process, and results have a `Finished.chunk`.
-    `indices` are read only as far as workers need them. With `finish_on_interrupt`, running pieces
-    finish and are yielded after the first interrupt, before KeyboardInterrupt is raised.
+    `work` must be picklable for executors other than threads. With `data` it takes whole chunks,
+    ``work(data(indices))``. With `finish_on_interrupt`, running pieces finish after the first
+    interrupt, before KeyboardInterrupt is raised.
 
     If `executor` is a function, or ``"processes"``, a new executor is made when a worker died. The
     pieces that were running are then run one by one, and those whose worker dies again are yielded
     with a failure. An executor that the caller passes isn't shut down, and BrokenExecutor is raised
-    if it breaks. The exception of the first piece that raised one is raised after the results
-    before it.
-
-    A chunk takes about 0.25 seconds, by the duration of the latest pieces. Towards the end chunks
-    become smaller, down to 0.02 seconds. In threads, without `data`, chunks have one piece.
+    if it breaks.
     """
     pool = _Pool(executor, workers, data)
     queue = Chunks(indices, total, pool.workers, single=pool.threads and data is None)
-    interrupted: KeyboardInterrupt | None = None
     with single_threads(), pool:
-        while True:
-            try:
-                while interrupted is None and pool.wants_more() and (chunk := queue.next()):
-                    pool.submit(work, chunk)
-                if not pool.pending:
-                    break
-                done = pool.wait()
-            except KeyboardInterrupt as interrupt:
-                if not finish_on_interrupt or interrupted is not None:
-                    raise
-                interrupted = interrupt
-                running = pool.cancel_waiting()
-                _log.warning(
-                    "interrupted: finishing %d starts; interrupt again to discard them",
-                    running,
-                )
-                continue
-            suspects: list[int] = []
-            for future in done:
-                chunk = pool.pending.pop(future)
-                try:
-                    results, error = future.result()
-                except Exception as died:
-                    if not worker_died(died) and not work_was_lost(died):
-                        raise
-                    suspects += chunk
-                    reason = died
-                    continue
-                for finished in results:
-                    queue.learn(max(1, len(finished.chunk)), finished.seconds)
-                yield from results
-                if error is not None:
-                    raise error
-            if suspects:
-                yield from _one_by_one(pool, work, suspects, reason)
+        yield from _loop(work, pool, queue, finish_on_interrupt)
+
+
+def _loop(
+    work: Callable[[Any], Result], pool: _Pool, queue: Chunks, finish_on_interrupt: bool
+) -> Iterator[Finished[Result]]:
+    interrupted: KeyboardInterrupt | None = None
+    while True:
+        try:
+            if interrupted is None:
+                pool.fill(work, queue)
+            if not pool.pending:
+                break
+            done = pool.wait()
+        except KeyboardInterrupt as interrupt:
+            if not finish_on_interrupt or interrupted is not None:
+                raise
+            interrupted = interrupt
+            running = pool.cancel_waiting()
+            _log.warning(
+                "interrupted: finishing %d starts; interrupt again to discard them", running
+            )
+        else:
+            yield from _results_of(done, pool, work, queue)
     if interrupted is not None:
         raise interrupted
+
+
+def _results_of(
+    done: list[Future[Any]], pool: _Pool, work: Callable[[Any], Result], queue: Chunks
+) -> Iterator[Finished[Result]]:
+    """Yield the results of finished chunks; run those again whose worker died."""
+    suspects: list[int] = []
+    for future in done:
+        chunk = pool.pending.pop(future)
+        results, error, died = _outcome(future.result)
+        if died is not None:
+            suspects += chunk
+            reason = died
+        for finished in results:
+            queue.learn(max(1, len(finished.chunk)), finished.seconds)
+        yield from results
+        if error is not None:
+            raise error
+    if suspects:
+        yield from _one_by_one(pool, work, suspects, reason)
+
+
+def _outcome(
+    result: Callable[[], tuple[list[Finished[Any]], Exception | None]],
+) -> tuple[list[Finished[Any]], Exception | None, Exception | None]:
+    """Return the results of a chunk, the exception of the work, and that of a lost worker."""
+    try:
+        return *result(), None
+    except Exception as died:
+        if not worker_died(died) and not work_was_lost(died):
+            raise
+        return [], None, died
 
 
 def as_finished(
@@ -199,22 +210,19 @@ def _one_by_one(
         if not pool.renew():
             raise broken_executor(reason, suspects) from reason
     for index in suspects:
-        for attempt in range(_ATTEMPTS):
-            try:
-                results, error = pool.hand_out(work, [index]).result()
-            except Exception as died:
-                if not worker_died(died) and not work_was_lost(died):
-                    raise
-                if pool.broken(died) and not pool.renew():
-                    raise broken_executor(died, [index]) from died
-                if attempt == _ATTEMPTS - 1:
-                    message = f"{type(died).__name__}: {died}"
-                    yield Finished(index, None, failure=message, chunk=[index])
-                continue
-            yield from results
-            if error is not None:
-                raise error
-            break
+        for _ in range(_ATTEMPTS):
+            results, error, died = _outcome(
+                lambda index=index: pool.hand_out(work, [index]).result()  # type: ignore[misc]
+            )
+            if died is None:
+                break
+            if pool.broken(died) and not pool.renew():
+                raise broken_executor(died, [index]) from died
+            message = f"{type(died).__name__}: {died}"
+            results = [Finished(index, None, failure=message, chunk=[index])]
+        yield from results
+        if error is not None:
+            raise error
 
 
 class _Pool:
@@ -265,20 +273,20 @@ class _Pool:
         if self._make is not None:
             self._shut_down(wait=True)
 
-    def wants_more(self) -> bool:
-        return len(self.pending) < _CHUNKS_PER_WORKER * self.workers
-
-    def submit(self, work: Callable[[int], Any], chunk: list[int]) -> None:
-        try:
-            future = self.hand_out(work, chunk)
-        except Exception as error:
-            # a worker died since the last chunk, perhaps while this one's was being started
-            died = BrokenExecutor(str(error)) if _refused(error) else error
-            if not worker_died(died) and not work_was_lost(died):
-                raise
-            future = Future()
-            future.set_exception(died)
-        self.pending[future] = chunk
+    def fill(self, work: Callable[[int], Any], queue: Chunks) -> None:
+        """Hand out chunks until there are enough for all workers."""
+        while len(self.pending) < _CHUNKS_PER_WORKER * self.workers and (chunk := queue.next()):
+            try:
+                future = self.hand_out(work, chunk)
+            except Exception as error:
+                # a worker died since the last chunk, perhaps while this one's was being started
+                refused = isinstance(error, OSError) and not work_was_lost(error)
+                died = BrokenExecutor(str(error)) if refused else error
+                if not worker_died(died) and not work_was_lost(died):
+                    raise
+                future = Future()
+                future.set_exception(died)
+            self.pending[future] = chunk
 
     def hand_out(self, work: Callable[[Any], Any], chunk: list[int]) -> Future[Any]:
         """Submit a chunk to the executor."""
@@ -321,18 +329,13 @@ class _Pool:
     def _shut_down(self, wait: bool) -> None:
         """Shut down an executor that was made here, and kill workers of a broken one.
 
-        A broken `ProcessPoolExecutor` waits for all its workers, including one that it was starting
-        when another died and that it never tells to end.
+        A broken `ProcessPoolExecutor` waits also for a worker that it was starting when another
+        died.
         """
         if getattr(self.executor, "_broken", False):
             for worker in list((getattr(self.executor, "_processes", None) or {}).values()):
                 worker.kill()
         self.executor.shutdown(wait=wait)
-
-
-def _refused(error: Exception) -> bool:
-    """Return whether an executor refused work because it couldn't start a worker."""
-    return isinstance(error, OSError) and not work_was_lost(error)
 
 
 def _workers_of(executor: Any) -> int:

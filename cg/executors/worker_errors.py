@@ -1,7 +1,5 @@
 """Exceptions of executors: workers that died, work that was lost, errors that can't be pickled."""
 
-from __future__ import annotations
-
 import pickle
 from concurrent.futures import BrokenExecutor, CancelledError
 

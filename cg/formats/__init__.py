@@ -1,7 +1,5 @@
 """Export of methods: data files, LaTeX tables, and one step in other languages."""
 
-from __future__ import annotations
-
 from cg.formats.digits import known_digits
 from cg.formats.exporting import FORMATS, export
 from cg.formats.others import to_diffrax, to_nodepy

@@ -1,7 +1,5 @@
 """A step in C: a header file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cg.formats.program import Program

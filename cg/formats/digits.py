@@ -29,11 +29,7 @@ class Numbers:
     digits: int | None
 
     def decimal(self, value: Fraction) -> str:
-        """Return a coefficient, or a sum of coefficients, as a decimal number.
-
-        If `digits` is None, the number has 36 digits, or more if these round to another double
-        than the exact value.
-        """
+        """Return a number in `digits` digits, by default enough of them to give the same double."""
         if self.digits is not None:
             return to_decimal(value, self.digits)
         if float(value) == 0.0:  # compilers reject numbers below the range of doubles
@@ -44,11 +40,7 @@ class Numbers:
         return text
 
     def rounded(self, *, zeros: bool = False) -> Method:
-        """Return the method with coefficients rounded to `digits` digits, except rational ones.
-
-        With `zeros`, decimal numbers keep trailing zeros. ValueError if the rounded coefficients
-        don't define a method of the same kind.
-        """
+        """Return the method with coefficients rounded to `digits` digits, except rational ones."""
         method, digits = self.method, self.digits
         if digits is None:
             return method

@@ -1,7 +1,5 @@
 """A step in Fortran: a module."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cg.formats.program import Program

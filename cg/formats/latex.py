@@ -1,7 +1,5 @@
 """LaTeX tables of methods for the package booktabs, and short formulas for notebooks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
@@ -67,10 +65,10 @@ def short_numbers(method: Method) -> Iterator[list[str]]:
     """Yield the rows of a tableau, abscissae first, or each point's weights, with few digits."""
     if isinstance(method, CommutatorFree):
         for weights in method.point_coefficients:
-            yield [_plain(weight) for weight in weights.values()]
+            yield [_shown(weight) for weight in weights.values()]
     else:
         for row in _entries(method):
-            yield [_plain(entry) if entry else "" for entry in row]
+            yield [_shown(entry) if entry else "" for entry in row]
 
 
 def _entries(
@@ -197,7 +195,7 @@ def _short(entry: Coefficient) -> str:
     return _number(entry) if _is_short(entry) else _power(to_decimal(entry.value, _SHORT))
 
 
-def _plain(entry: Coefficient) -> str:
+def _shown(entry: Coefficient) -> str:
     return entry.text if _is_short(entry) else to_decimal(entry.value, _SHORT)
 
 

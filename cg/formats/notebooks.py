@@ -1,7 +1,5 @@
 """Representations of methods in notebooks."""
 
-from __future__ import annotations
-
 from html import escape
 from itertools import islice
 

@@ -1,7 +1,5 @@
 """Conversion of methods to classical tableaux of diffrax and nodepy."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 
@@ -14,10 +12,7 @@ from cg.method.method import Method
 def to_diffrax(method: str | Method) -> Any:
     """Return the classical tableau of an explicit method as a ``diffrax.ButcherTableau``.
 
-    On vector spaces, where flows commute, the method is the one with this tableau. A pair advances
-    with the weights of higher order. The error weights of a method without second weights are zero,
-    so that it only works with constant steps. ValueError for a single stage, which diffrax doesn't
-    support.
+    A pair advances with the weights of higher order. Without second weights the error is zero.
     """
     method = _explicit(method)
     if method.stages == 1:
@@ -38,9 +33,8 @@ def to_diffrax(method: str | Method) -> Any:
 def to_nodepy(method: str | Method) -> Any:
     """Return the classical tableau of an explicit method as one of nodepy.
 
-    It is an ``ExplicitRungeKuttaMethod``, or for a pair an ``ExplicitRungeKuttaPair`` whose first
-    weights have the higher order. Coefficients are rational numbers of SymPy if all are rational,
-    else doubles.
+    It is an ``ExplicitRungeKuttaPair``, weights of higher order first, or not a pair. Coefficients
+    are rational numbers of SymPy if all are rational, else doubles.
     """
     method = _explicit(method)
     from nodepy import runge_kutta_method

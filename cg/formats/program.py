@@ -6,8 +6,6 @@ precede its evaluation of f. A slot is reused as soon as its point isn't needed 
 chain of flows takes a single slot.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -95,10 +93,10 @@ class Program:
 
 def identifier(name: str) -> str:
     """Return the name of a method as an identifier in lower case, such as ``rkmk8_5_3``."""
-    plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-    if not plain or plain[0].isdigit():
-        plain = f"method_{plain}".strip("_")
-    return plain[:40].rstrip("_")
+    text = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    if not text or text[0].isdigit():
+        text = f"method_{text}".strip("_")
+    return text[:40].rstrip("_")
 
 
 def make_program(numbers: Numbers, title: str) -> Program:
@@ -206,17 +204,17 @@ def _slots(
             last[end] = len(order)
     last[START] = len(order)
     slots = {START: 0}
-    free: list[int] = []
+    unused: list[int] = []
     count = 1
     ended: dict[int, list[int]] = {}
     for k, m in enumerate(order):
-        free.extend(slots[other] for other in ended.pop(k, ()))
+        unused.extend(slots[other] for other in ended.pop(k, ()))
         parent = slots[tree.points[m].parent]
-        if parent in free:
+        if parent in unused:
             slots[m] = parent
-            free.remove(parent)
-        elif free:
-            slots[m] = free.pop()
+            unused.remove(parent)
+        elif unused:
+            slots[m] = unused.pop()
         else:
             slots[m] = count
             count += 1

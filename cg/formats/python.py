@@ -1,7 +1,5 @@
 """A step in Python: for NumPy, or as a pure function for JAX."""
 
-from __future__ import annotations
-
 from cg.formats.program import Program
 from cg.formats.text import comment, fill, wrapped
 
@@ -58,7 +56,7 @@ def _combined(terms, fields, h):
     return total
 '''
 
-_PLAIN = {
+_ON_MANIFOLD = {
     "call": "f, flow, t, y, h",
     "argument": "",
     "coordinates": "",
@@ -117,7 +115,7 @@ def to_python(program: Program) -> str:
     # the docstring comes first, since Python looks for an encoding in comments of two lines
     parts = {
         "output": output,
-        **(_ALGEBRA if program.on_algebra else _PLAIN),
+        **(_ALGEBRA if program.on_algebra else _ON_MANIFOLD),
         "shape": _ERROR_REMARKS.get(len(program.errors), ""),
         "lower": program.lower_order,
         "tables": _tables(program),

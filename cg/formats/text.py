@@ -1,7 +1,5 @@
 """Text functions of all languages: comments, lists over several lines, templates."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Mapping
 

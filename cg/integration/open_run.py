@@ -20,7 +20,8 @@ from cg.integration.problem import Problem
 from cg.integration.rhs.inputs import Inputs
 from cg.integration.stepper_events import FoundEvents, collect_events
 from cg.method.method import Method
-from cg.support.shared_numbers import COUNTERS, Stop
+from cg.support.shared_numbers import Stop
+from cg.support.shared_records import COUNTERS
 
 _FAR = 2.0**40  # fixed steps without a final time
 _NO_LIMIT = 2**62

@@ -26,8 +26,9 @@ from cg.integration.step.paths import paths_of
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
 from cg.jax.stages import Stages, Start
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.support.copies import cached
 
 _ITERATIONS = 3  # of Newton's method; each squares the error, which is of third order first
 

@@ -1,7 +1,5 @@
 """Comparison of given abscissae with the row sums of a method."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any

@@ -41,10 +41,9 @@ class Coefficient:
 
     The text is an integer, a rational like ``"119/216"``, a decimal with all its digits, or a
     double as ``float.hex`` writes it. `unit` is the largest distance of the intended number from
-    `value`: 0 for zero, integers, rationals and decimals with fewer than `MIN_ROUNDED_PLACES`
-    places; one unit in the last place for other decimals, which may have been truncated or rounded,
-    but at least ``2**-52`` of the magnitude with up to 17 digits, which may be a printed double,
-    and ``2**-112`` with more; ``2**-53`` of the magnitude for doubles.
+    `value`. It is 0 for zero, integers, rationals and decimals with fewer than `MIN_ROUNDED_PLACES`
+    places, and ``2**-53`` of the magnitude for doubles. Other decimals have one unit in the last
+    place, at least ``2**-52`` of the magnitude with up to 17 digits and ``2**-112`` with more.
     """
 
     value: Fraction

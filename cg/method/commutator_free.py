@@ -109,9 +109,9 @@ class CommutatorFree(Method):
             raise MethodError("points must have at least one entry, got none")
         tree = PointTree(
             tuple(Point(parent, {k: w.value for k, w in row.items()}) for parent, row in read),
-            tuple(map(plain_index, read_sequence(stage_points, "stage_points", of=""))),
-            len(read) - 1 if result is None else plain_index(result),
-            plain_index(embedded_result),
+            tuple(map(as_index, read_sequence(stage_points, "stage_points", of=""))),
+            len(read) - 1 if result is None else as_index(result),
+            as_index(embedded_result),
         )
         check_tree(tree)
         if tree.embedded_result is not None and tree.same(tree.result, tree.embedded_result):
@@ -193,7 +193,7 @@ def _read_third(third: Iterable[Any], tree: PointTree) -> tuple[Coefficient, ...
     return read_third(third, len(tree.stage_points))
 
 
-def plain_index(index: Any) -> Any:
+def as_index(index: Any) -> Any:
     """Return a NumPy integer as an int, and other values unchanged; `check_tree` refuses those."""
     return int(index) if isinstance(index, np.integer) else index
 
@@ -209,7 +209,7 @@ def _read_point(point: Any, m: int) -> tuple[int, dict[int, Coefficient]]:
         raise MethodError(
             f"point {m} must be a parent and a mapping from stages to weights, got {point!r}"
         ) from None
-    return plain_index(parent), {
-        plain_index(stage): read_coefficient(weight, f"weight of point {m} on stage {stage}")
+    return as_index(parent), {
+        as_index(stage): read_coefficient(weight, f"weight of point {m} on stage {stage}")
         for stage, weight in weights.items()
     }

@@ -13,8 +13,6 @@ vanishes. A combination of the values at stages that vanishes through one power 
 at other times, and on smooth fields it is smaller, so that the larger of both is taken there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -23,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.method.magnus import MagnusMethod
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.structure.points import START, PointTree
+from cg.support.copies import cached
 from cg.trees.ordered import forest
 
 Matrix = NDArray[np.float64]
@@ -38,18 +37,10 @@ _SIZE = 1 / 3  # of `kink_weights`, compared with the weights of the third estim
 
 @dataclass(frozen=True)
 class EndWeights:
-    """Combinations of values at stages and at the result.
+    """Combinations of values at stages and at the result, where their weights are 1."""
 
-    Attributes
-    ----------
-    rows
-        The weights d of one combination or two, that of higher order first, those at the end 1.
-    factor
-        The factor with which the estimate counts: a fifth of the time after the last node.
-    """
-
-    rows: tuple[tuple[Fraction, ...], ...]
-    factor: Fraction
+    rows: tuple[tuple[Fraction, ...], ...]  # one combination or two, that of higher order first
+    factor: Fraction  # of the estimate: a fifth of the time after the last node
 
 
 @cached
@@ -80,8 +71,8 @@ def end_weights(method: Method) -> EndWeights | None:
 def kink_weights(method: Method) -> tuple[Fraction, ...] | None:
     """Return the weights of stages for kinks in a pair with two more results, else None.
 
-    As those of the third result they satisfy the conditions for commuting flows; the sum of their
-    sizes is a third of that of the latter.
+    They satisfy the conditions for commuting flows as the third result does; the sum of their sizes
+    is a third of that of the latter.
     """
     second, third = method.embedded_order, method.third_order
     if isinstance(method, MagnusMethod) or not method.explicit or second is None or third is None:
@@ -122,11 +113,7 @@ def _flat_values(method: Method, order: int) -> Matrix:
 def _word_weights(
     tree: PointTree, points: list[int], word: Any, letters: dict[int, list[Any]]
 ) -> dict[int, float]:
-    """Return the character of each point on a word of trees.
-
-    Of each prefix it is the sum over shorter prefixes of the character of the parent times the
-    remaining n letters, divided by n!.
-    """
+    """Return the character of each point on a word of trees; see `cg.conditions`."""
     prefixes = {START: [1.0] + [0.0] * len(word)}  # by the length of the prefix
     for m in points:
         before = prefixes[tree.points[m].parent]

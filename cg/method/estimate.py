@@ -22,8 +22,6 @@ that share nodes or flows share errors that their difference doesn't see, on any
 ratio of error to estimate is a property of the coefficients, as the order is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
@@ -34,8 +32,9 @@ from numpy.typing import NDArray
 from cg.frames.dexpinv import bernoulli_terms
 from cg.method.end_weights import end_weights, kink_weights
 from cg.method.magnus import MagnusMethod
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.support.copies import cached
 
 Vector = NDArray[Any]
 Flow = Mapping[int, Any]
@@ -63,10 +62,8 @@ _DOP853_FACTOR = 0.1
 def jump_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate where the field jumps.
 
-    The field is constant before and after a time within the step. A pair without a node at the end
-    of the step doesn't see jumps after its last node, so that the ratio is infinite. None without
-    an error estimate, and for Magnus methods, whose estimates also use the nodes of the step
-    before.
+    The ratio is infinite for a pair that has no node at the end of the step. None without an error
+    estimate, and for Magnus methods, whose estimates also use the nodes of the step before.
     """
     return _break_ratio(method, 0)
 
@@ -94,9 +91,9 @@ def _break_ratio(method: Method, power: int) -> float | None:
 def estimate_ratio(method: Method) -> float | None:
     """Return the largest ratio of the error of a step to its estimate; None without an estimate.
 
-    Of all steps of up to `MAX_ANGLE` radians, of Munthe-Kaas methods less than a turn, and of
-    perturbations by the powers 1 to 4 of time; and of the powers of time up to the order plus 4
-    that the quadrature of the result misses.
+    It is that of all steps of up to `MAX_ANGLE` radians (of Munthe-Kaas methods less than a turn)
+    with perturbations by the powers 1 to 4 of time, and of the powers of time up to the order plus
+    4 that the quadrature of the result misses.
     """
     if method.embedded_order is None:
         return None
@@ -145,8 +142,10 @@ def _largest_ratio(method: Method, response: Response, max_angle: float) -> floa
     ratios = [0.0]
     angles = np.arange(_STEP, _NEARBY * max_angle, _STEP)
     first, last = (np.searchsorted(angles, angles * x) for x in (1 / _NEARBY, _NEARBY))
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    s = (nodes + 1) / 2
     for j in _POWERS:
-        exact = _exact_response(j, angles)
+        exact = np.exp(-1j * np.outer(angles, s)) @ (weights / 2 * s**j)
         error, estimate = _compare(method, response(method.c**j, angles), exact)
         for k in np.flatnonzero((error > _ROUNDING) & (angles <= max_angle)).tolist():
             nearby = estimate[first[k] : last[k] + 1].max()
@@ -157,12 +156,6 @@ def _largest_ratio(method: Method, response: Response, max_angle: float) -> floa
         if error > _ROUNDING:
             ratios.append(error / max(estimate, _ROUNDING * error))
     return float(max(ratios))
-
-
-def _exact_response(j: int, angles: Vector) -> Vector:
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-    s = (nodes + 1) / 2
-    return np.asarray(np.exp(-1j * np.outer(angles, s)) @ (weights / 2 * s**j))
 
 
 def _phi1(x: Vector) -> Vector:

@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     """Return the classical order of a tableau, up to the rounding of its coefficients.
 
-    Residuals are exact. Their tolerance is that of `cg.Method.exact_order`, for the derivatives of
-    the classical weights; it is 0 for rational coefficients. With `embedded`, it is the order of
-    the second weights of a pair.
+    The tolerance is that of `cg.Method.exact_order`, for the classical weights. With `embedded`, it
+    is the order of the second weights of a pair.
     """
     weights = tableau.embedded_weights if embedded else tableau.weights
     if weights is None:

@@ -15,8 +15,6 @@ References
    requirements and reuse of exponentials", BIT Numer. Math. 62 (2022), arXiv:2007.04225.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
@@ -35,9 +33,8 @@ def from_two_registers(
 ) -> CommutatorFree:
     """Return the two-register method with coefficients A and B, which `Coefficient.read` takes.
 
-    The first A multiplies an empty register and must be 0, as in publications. No B may be 0, since
-    the next stage would repeat the previous one. Weights are rational if all numbers are exact;
-    otherwise decimals, with as many places as the units of A and B determine.
+    The first A multiplies an empty register and must be 0. Weights are rational if all numbers are
+    exact; otherwise decimals, with as many places as the units of A and B determine.
 
     >>> from_two_registers(["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]).order
     3
@@ -80,10 +77,7 @@ def _text(value: Fraction, unit: Fraction) -> Fraction | str:
 
 
 def two_registers(method: Method) -> Registers | None:
-    """Return the coefficients A and B of a two-register method; None for other methods.
-
-    Rounded weights have to be of this form only up to their units.
-    """
+    """Return A and B of a two-register method, up to the units of its weights; None for others."""
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     if not method.explicit or method.embedded_result is not None:

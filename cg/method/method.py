@@ -1,25 +1,22 @@
-"""The base class of all methods: points, order, principal error."""
+"""The base class of all methods: points, flows, the flat tableau."""
 
 from __future__ import annotations
 
-import weakref
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
-from functools import cached_property, wraps
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, cast
+from typing import Any, ClassVar, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cg import conditions
-from cg.method.coefficients import Coefficient
-from cg.method.tolerance import satisfies, to_floats, tolerance
+from cg.method.orders import Orders
 from cg.structure.layout import Layout, check_length
-from cg.structure.points import FlatSums, MethodError, Point, PointTree
-from cg.support.checks import check_flag, check_integer
+from cg.structure.points import FlatSums, Point, PointTree
+from cg.support.checks import check_flag
 from cg.support.parsing import visible
 
 Result = TypeVar("Result")
@@ -29,7 +26,7 @@ ExactTableau = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]
 _MAX_SHOWN = 200  # coefficients of a method whose repr computes the order: half a second
 
 
-class Method(ABC):
+class Method(Orders):
     """A Runge–Kutta method on manifolds: a tree of points with exact coefficients.
 
     Methods are immutable. They keep all coefficients as they were given; numbers derived from them
@@ -62,25 +59,8 @@ class Method(ABC):
 
     name: str
     source: str
-    nominal_order: int | None = None
-    nominal_residual: Coefficient | None = None
     file: Path | None = None
     _COUNTED: ClassVar = ("evaluation", "flow")  # stages and exponentials, in words
-
-    if TYPE_CHECKING:  # fields in some subclasses, cached properties in others
-
-        @property
-        def tree(self) -> PointTree:
-            """The points of a step."""
-
-        @property
-        def coefficients(self) -> tuple[Coefficient, ...]:
-            """All coefficients."""
-
-    @property
-    @abstractmethod
-    def layout(self) -> Layout:
-        """Positions of the weights in `coefficients`."""
 
     @property
     @abstractmethod
@@ -292,28 +272,6 @@ class Method(ABC):
         """Abscissae, the exact row sums of a rounded to double; shape (s,), read-only."""
         return frozen(tuple(sum(row, Fraction(0)) for row in self.exact[0]))
 
-    @property
-    def order(self) -> int:
-        """The order: `nominal_order` if the method is `approximate`, else `exact_order`."""
-        return self.exact_order if self.nominal_order is None else self.nominal_order
-
-    @property
-    def approximate(self) -> bool:
-        """Whether `order` is only nominal: the order conditions hold approximately."""
-        return self.nominal_order is not None
-
-    @cached_property
-    def exact_order(self) -> int:
-        """The order of the method, up to the rounding of its coefficients.
-
-        The largest q (0 to ``conditions.MAX_ORDER``) such that every condition through
-        order q has an exact residual no larger than `TOLERANCE_FACTOR` times
-        ``Σ_k |∂Φ/∂x_k| u_k``, where u_k is the uncertainty of coefficient k
-        (`Coefficient.unit`). The tolerance is 0 for rational coefficients.
-        """
-        orders = range(1, conditions.MAX_ORDER + 1)
-        return next((q - 1 for q in orders if not self.satisfies(q)), orders[-1])
-
     @cached_property
     def embedded_order(self) -> int | None:
         """Order of the embedded method, computed like `exact_order`; None without."""
@@ -326,105 +284,9 @@ class Method(ABC):
             if self.embedded is not None:
                 vars(self.embedded)["exact_order"] = embedded_order
 
-    def residuals(self, order: int) -> Sequence[Any]:
-        """Return the exact residuals ``Φ(t) - 1/γ(t)`` of all trees through an order.
-
-        Returns
-        -------
-        tuple of Fraction
-            Of the ordered trees `cg.conditions.condition_trees`; of a `cg.MuntheKaas` the classical
-            ones. Those of a `cg.MagnusMethod` are Decimals of 50 digits, of words; see
-            `cg.Splitting.residuals` too.
-
-        Examples
-        --------
-        >>> import crouch_grossman as cg
-        >>> trees = map(cg.trees.forest(5).tree, cg.conditions.condition_trees(4))
-        >>> residuals = cg.methods["CG3"].residuals(4)
-        >>> [str(t) for t, r in zip(trees, residuals, strict=True) if abs(r) > 0.05]
-        ['[[][[[]]]]', '[[[[]]][]]']
-        """
-        return conditions.residuals(self.tree, order, arithmetic="exact")
-
-    def largest_residual(self, order: int | None = None) -> float:
-        """Return the magnitude of the largest residual through an order.
-
-        Parameters
-        ----------
-        order
-            By default the method's own order, or 1 if it has none.
-        """
-        return float(max(map(abs, self.residuals(max(self.order, 1) if order is None else order))))
-
-    @cached_property
-    def principal_error(self) -> float:
-        """Euclidean norm of the residuals of order q + 1, q the order: all trees, q + 2 nodes.
-
-        A ValueError if q is ``conditions.MAX_ORDER``.
-        """
-        return float(np.linalg.norm(self._next_residuals()))
-
-    def _next_residuals(self) -> NDArray[np.float64]:
-        lower = conditions.count(self.order) if self.order else 0
-        return conditions.residuals(self.tree, self.order + 1)[lower:]
-
-    def satisfies(self, order: int) -> bool:
-        """Return whether the conditions through an order hold, up to the rounding of coefficients.
-
-        The tolerance is that of `exact_order`.
-        """
-        order = check_integer("order", order, 1)
-        return satisfies(self.tree, self.layout, self.coefficients, order)
-
-    def tolerance(self, order: int) -> NDArray[np.float64]:
-        """Return the largest residuals that rounded coefficients may cause.
-
-        Parameters
-        ----------
-        order
-
-        Returns
-        -------
-        ndarray, shape (conditions.count(order, independent=True),)
-            See `exact_order`; zeros for rational coefficients.
-        """
-        return tolerance(self.layout, self.coefficients, order)
-
-    def _check_nominal_order(self, error: type[MethodError]) -> None:
-        assert self.nominal_residual is not None
-        try:
-            residuals = conditions.residuals(self.layout, to_floats(self.coefficients), self.order)
-        except (TypeError, ValueError) as problem:
-            raise error(f"nominal_order: {problem}") from None
-        largest = float(np.abs(residuals).max())
-        if not largest <= float(self.nominal_residual.value):
-            raise error(
-                f"residuals through nominal_order {self.order} reach {largest:.3g}, "
-                f"more than nominal_residual = {self.nominal_residual.text}"
-            )
-
 
 def frozen(numbers: Any) -> NDArray[np.float64]:
     """Return numbers as a read-only array of doubles."""
     array = np.array(numbers, dtype=np.float64)
     array.flags.writeable = False
     return array
-
-
-def cached(compute: Callable[[Method], Result]) -> Callable[[Method], Result]:
-    """Return a function that computes its value once for each method object.
-
-    The cache holds no references to methods, and its key is the identity of the method: hashing all
-    coefficients would take longer than most of the computations.
-    """
-    values: dict[int, Result] = {}
-
-    @wraps(compute)
-    def recall(method: Method) -> Result:
-        key = id(method)
-        if key not in values:
-            values[key] = compute(method)
-            weakref.finalize(method, values.pop, key, None)
-        return values[key]
-
-    return recall

@@ -1,7 +1,5 @@
 """Methods made of a layout and a packed vector of coefficients."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,9 +16,7 @@ def make_method(
 ) -> Tableau | CommutatorFree | MagnusMethod:
     """Return the method with a layout and packed coefficients, which `Coefficient.read` takes.
 
-    A layout of a tableau makes a `Tableau`, of nodes a `MagnusMethod`, of points a
-    `CommutatorFree`. Coefficients are rounded to `digits` significant decimals; without it,
-    Fractions count as exact. Further `fields` are those of the class, such as `name` and `source`.
+    Coefficients are rounded to `digits` significant decimals; without it, Fractions count as exact.
     """
     check_length(coefficients, layout.size)
     if digits is not None:

@@ -13,7 +13,7 @@ from cg.method.method import Method
 from cg.support.balls import to_flint, to_fraction
 
 if TYPE_CHECKING:
-    from cg.support.flint import acb, fmpq, fmpq_poly
+    from cg.support.flint import fmpq, fmpq_poly
 
 Polynomial = tuple[Fraction, ...]
 """Coefficients, the constant first."""
@@ -28,21 +28,16 @@ _APART = 1e-13  # relative distance from which roots in double precision count a
 
 @dataclass(frozen=True)
 class StabilityLimits:
-    """Stability limits of a method; infinite if the interval is unbounded, NaN if not computed.
+    """Stability limits of a method; infinite if the interval is unbounded, NaN if not computed."""
 
-    `real` is the largest x such that ``|R(z)| ≤ 1`` for all z in [-x, 0], `imaginary` the largest y
-    such that ``|R(iz)| ≤ 1`` for all z in [0, y].
-    """
-
-    real: float
-    imaginary: float
+    real: float  # largest x such that |R(z)| ≤ 1 for all z in [-x, 0]
+    imaginary: float  # largest y such that |R(iz)| ≤ 1 for all z in [0, y]
 
 
 def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
     """Return numerator and denominator of the stability function R(z), constant coefficients first.
 
-    One step of ``y' = λ y`` multiplies y by R(hλ). With the flat tableau, ``R(z) = det(I - z A + z
-    1 bᵀ) / det(I - z A)``.
+    With the flat tableau, ``R(z) = det(I - z A + z 1 bᵀ) / det(I - z A)``.
     """
     from cg.support.flint import fmpq_mat
 
@@ -64,10 +59,9 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
 def stability_limits(method: Method) -> StabilityLimits:
     """Return the stability limits of a method on the negative real and the imaginary axis.
 
-    The limits are roots of ``|D|² - |N|²`` with R = N / D. They are isolated rigorously, so that no
-    root is missed. Rounded coefficients leave small residuals in the order conditions; these are
-    removed, since their signs would decide whether the method is stable near the origin. NaN for
-    methods whose exact polynomials are too large; see `too_large`.
+    They are roots of ``|D|² - |N|²`` with R = N / D, isolated rigorously, so that none is missed.
+    The small residuals of rounded coefficients are removed first: their signs would decide whether
+    the method is stable near the origin.
     """
     if too_large(method):
         return StabilityLimits(math.nan, math.nan)
@@ -92,8 +86,7 @@ def too_large(method: Method) -> str | None:
     """Return why the stability limits of a method aren't computed; None if they are.
 
     The work is proportional to the fourth power of the stages and to the bits of a coefficient over
-    the common denominator. At the bound it takes 2 to 15 seconds; 60 stages of rationals with six
-    digits would take a minute.
+    the common denominator.
     """
     _check(method)
     (a, b), s = method.exact, method.stages
@@ -118,10 +111,8 @@ def _check(method: object) -> None:
 def _of_order(numerator: Polynomial, denominator: Polynomial, order: int) -> Polynomial:
     """Return the numerator of a method that satisfies its order conditions exactly.
 
-    A method of order p has ``N(z) = D(z) exp(z) + O(z^{p+1})``; the coefficients of an explicit one
-    are 1/k! through order p. Coefficients of 36 decimals make differences of about 1e-36. So
-    ``|N(iy)|² - |D(iy)|²``, which would begin with the power p + 1 or p + 2, has tiny coefficients
-    of lower powers, which dominate near the origin.
+    A method of order p has ``N(z) = D(z) exp(z) + O(z^{p+1})``. Rounding leaves tiny coefficients
+    of powers below p + 1 in ``|N(iy)|² - |D(iy)|²``, which would dominate near the origin.
     """
     exact = [
         sum((d / math.factorial(k - j) for j, d in enumerate(denominator[: k + 1])), Fraction(0))
@@ -159,8 +150,7 @@ def _on_imaginary_axis(p: fmpq_poly, sign: int) -> fmpq_poly:
 def _certain(p: fmpq_poly, sizes: fmpq_poly, noise: fmpq) -> fmpq_poly:
     """Return p without the lowest and highest powers whose coefficients are rounding noise.
 
-    The lowest power determines the sign near zero, the highest one the sign at infinity. `sizes`
-    are the same sums as the coefficients with the absolute values of all terms.
+    Their signs decide near zero and at infinity. `sizes` has sums of the magnitudes of all terms.
     """
     coefficients = p.coeffs()
     significant = [k for k, c in enumerate(coefficients) if abs(c) > noise * sizes[k]]
@@ -171,18 +161,12 @@ def _certain(p: fmpq_poly, sizes: fmpq_poly, noise: fmpq) -> fmpq_poly:
 
 
 def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
-    """Return the point above zero from which a product of polynomials is negative.
-
-    Negative values of at most ``growth * below`` between two roots are ignored.
-    """
+    """Return the point above zero from which a product of factors is below ``-growth * below``."""
     if not all(factors):
         return math.inf
-    roots = sorted(
-        float(root.real)
-        for factor in factors
-        for root in _roots(factor)
-        if root.imag == 0 and root.real > 0
-    )
+    # pairs of a root, a ball, and its multiplicity; real roots have imaginary part 0 exactly
+    pairs: list[Any] = [pair for factor in factors for pair in factor.numer().complex_roots()]
+    roots = sorted(float(root.real) for root, _ in pairs if root.imag == 0 and root.real > 0)
     if math.prod(_sign(next(filter(None, factor.coeffs()))) for factor in factors) < 0:
         return 0.0
     for left, right in pairwise(roots):
@@ -194,12 +178,6 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
     return (
         roots[-1] if math.prod(_sign(factor.coeffs()[-1]) for factor in factors) < 0 else math.inf
     )
-
-
-def _roots(p: fmpq_poly) -> list[acb]:
-    """Return the roots of a polynomial as balls; real roots have imaginary part 0 exactly."""
-    roots: list[Any] = p.numer().complex_roots()  # pairs of a root and its multiplicity
-    return [root for root, _ in roots]
 
 
 def _sign(number: fmpq) -> int:

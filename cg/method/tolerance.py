@@ -5,8 +5,6 @@ coefficients on its weight. Derivatives and exact residuals are computed only wh
 double precision and a cheaper bound of the tolerance don't decide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 

@@ -1,16 +1,15 @@
 """Warnings about methods that don't converge and pairs whose error estimates are unreliable."""
 
-from __future__ import annotations
-
 import warnings
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cg.conditions import MAX_ORDER, residuals
 from cg.method.magnus import MagnusMethod
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.support.copies import cached
 
 MIN_DIFFERENCE = 1e-6
 """Smallest useful difference of elementary weights of both results of a pair."""
@@ -46,7 +45,8 @@ def _fault(method: Method) -> str:
     assert second is not None
     trees = min(order, second) + 1
     if trees <= MAX_ORDER and not isinstance(method, MagnusMethod):
-        results = [_residuals(method, trees, embedded) for embedded in (False, True)]
+        compute = method.residuals if isinstance(method, MuntheKaas) else partial(residuals, method)
+        results = [np.array(compute(trees, embedded=second), float) for second in (False, True)]
         if np.abs(np.subtract(*results)).max() < MIN_DIFFERENCE:
             return "its results nearly coincide, so that the error estimate is next to nothing"
     if second == 0:
@@ -54,12 +54,6 @@ def _fault(method: Method) -> str:
     if second == order:
         return f"both its results have order {order}, so that the error estimate may miss the error"
     return ""
-
-
-def _residuals(method: Method, order: int, embedded: bool) -> NDArray[np.float64]:
-    if isinstance(method, MuntheKaas):
-        return np.array(method.residuals(order, embedded=embedded), dtype=np.float64)
-    return residuals(method, order, embedded=embedded)
 
 
 def _name(method: Method) -> str:

@@ -4,8 +4,6 @@ Each function draws on the axes ``ax``, by default those of a new figure, and re
 are distinguishable for colour-blind readers; lines also differ in dashes and markers.
 """
 
-from __future__ import annotations
-
 from cg.plot.attitude import attitude
 from cg.plot.errors import convergence, work_precision
 from cg.plot.methods import points, tableau

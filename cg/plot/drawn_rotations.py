@@ -42,13 +42,10 @@ def drawn_rotations(y: Any) -> tuple[Rotation, NDArray[np.float64] | None]:
 def rotations_of(
     y: Any, name: str = "y", at: NDArray[np.float64] | None = None
 ) -> tuple[Rotation, NDArray[np.float64] | None]:
-    """Return the rotations of a solution or an array, and the times of a solution.
+    """Return the rotations of a solution or an array, see `cg.plot.attitude`, and its times.
 
-    `y` is a solution on `SO3`, `UnitQuaternion` or `SE3`, or on a product, whose first such factor
-    is taken; rotations of SciPy; matrices, shape (n, 3, 3); or quaternions with the scalar last,
-    shape (n, 4). A solution with dense output is evaluated at the times `at` instead of its own.
-    ValueError, with the `name` of the argument, if `y` has another shape, is empty or isn't finite,
-    or its frame has no rotation.
+    Of a product the first factor with rotations is taken. A solution with dense output is evaluated
+    at the times `at`. ValueError, with the `name` of the argument, if there are no rotations.
     """
     frame, times = getattr(y, "frame", None), None
     if isinstance(frame, Frame):

@@ -1,14 +1,12 @@
 """Plots of tableaux and of trees of points."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
 from cg.catalogue import resolve_method
 from cg.method.method import Method
-from cg.plot.style import COLOURS, FAINT, axes_for, blank, plain
+from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
 from cg.structure.points import START, PointTree
 from cg.support.checks import check_integer
 from cg.support.quads import to_decimal
@@ -74,7 +72,7 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
 
 
 def _set_title(ax: Any, method: Method) -> None:
-    ax.set_title(f"{plain(method.name) or 'without name'}: {method.description()}", fontsize=10)
+    ax.set_title(f"{verbatim(method.name) or 'without name'}: {method.description()}", fontsize=10)
 
 
 def _cell(size: float, colour: str) -> dict[str, Any]:
@@ -155,8 +153,8 @@ def points(method: str | Method, ax: Any = None) -> Any:
 
 def _draw_points(ax: Any, tree: PointTree, places: dict[int, tuple[float, float]]) -> None:
     same = tree.merged
-    plain = [place for m, place in places.items() if m != START]
-    ax.scatter(*zip(*plain, strict=True), s=12, color=FAINT, zorder=2)
+    others = [place for m, place in places.items() if m != START]
+    ax.scatter(*zip(*others, strict=True), s=12, color=FAINT, zorder=2)
     ends = {"s": (tree.result, COLOURS[1], "result")}
     if tree.embedded_result is not None:
         ends["D"] = (tree.embedded_result, COLOURS[2], "second result")

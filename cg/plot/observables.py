@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import check_finite, real_array
 from cg.frames.base import Frame
-from cg.plot.style import axes_for, check_label, check_points, curve_style, plain
+from cg.plot.style import axes_for, check_label, check_points, curve_style, verbatim
 
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 
@@ -75,7 +75,7 @@ def invariants(
             )
         check_finite(curve, f"functions: {name}")
         style = curve_style(ax) | {"marker": ""}
-        ax.plot(times, np.abs(curve - curve[0]), label=plain(name), **style)
+        ax.plot(times, np.abs(curve - curve[0]), label=verbatim(name), **style)
     ax.set_yscale("log", nonpositive="mask")
     ax.set(xlabel="t", ylabel="change since the start")
     ax.legend(frameon=False, fontsize=8)
@@ -131,7 +131,7 @@ def bands(t: ArrayLike, values: ArrayLike, ax: Any = None, *, label: str | None 
     for low, high in _QUANTILES:
         edges = np.nanquantile(numbers, [low, high], axis=1)
         ax.fill_between(times, *edges, color=style["color"], alpha=0.2, linewidth=0)
-    name = None if label is None else plain(label)
+    name = None if label is None else verbatim(label)
     ax.plot(times, np.nanmedian(numbers, axis=1), label=name, **style)
     ax.set_xlabel("t")
     if label is not None:

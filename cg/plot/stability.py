@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cg.catalogue import resolve_method
 from cg.method.method import Method
 from cg.method.stability import stability_function, too_large
-from cg.plot.style import COLOURS, axes_for, plain
+from cg.plot.style import COLOURS, axes_for, verbatim
 
 _POINTS = 301
 _DASHES = ("solid", "dashed", "dashdot", "dotted")
@@ -76,7 +76,7 @@ def stability_region(
         alpha = 0.25 if len(methods) == 1 else 0.12
         ax.contourf(*grid, size, levels=[0.0, 1.0], colors=[colour], alpha=alpha)
         ax.contour(*grid, size, levels=[1.0], colors=[colour], linestyles=[dashes])
-        ax.plot([], [], color=colour, linestyle=dashes, label=plain(one.name) or "without name")
+        ax.plot([], [], color=colour, linestyle=dashes, label=verbatim(one.name) or "without name")
     ax.set_aspect("equal")
     ax.set_xlim(left, right)
     ax.set_ylim(low, high)

@@ -1,7 +1,5 @@
 """Axes, colours and dashes of all plots."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from cg.support.parsing import visible
@@ -68,7 +66,7 @@ def check_points(solution: Any, name: str) -> None:
         raise ValueError(f'{name} must have points, got a solution with store="observed"')
 
 
-def plain(text: str) -> str:
+def verbatim(text: str) -> str:
     """Return a text with dollar signs escaped for matplotlib."""
     return visible(text).replace("$", r"\$")
 

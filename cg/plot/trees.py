@@ -1,7 +1,5 @@
 """Plots of ordered trees."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from cg.plot.style import COLOURS, axes_for, blank

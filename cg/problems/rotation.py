@@ -56,7 +56,7 @@ class StateDependentRotation(QuadraticProblem):
     >>> errors = final_errors(
     ...     problem.f, (0, 1), problem.y0, exact, frame=problem.frame, method="CG3", h=h
     ... )
-    >>> round(observed_order(h, errors).order, 1)
+    >>> round(observed_order(h, errors), 1)
     3.0
     """
 

@@ -4,8 +4,6 @@
 ``python -m cg.proofs --check`` does for the files of the catalogue.
 """
 
-from __future__ import annotations
-
 from cg.proofs.certificate import Box, Certificate, CertificationError, ViolatedCondition
 from cg.proofs.digits import refined_digits
 from cg.proofs.files import certificate_of, check_file, proved

@@ -1,7 +1,5 @@
 """Prove orders from the command line: ``python -m cg.proofs --check [NAME | FILE ...]``."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

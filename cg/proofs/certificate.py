@@ -71,18 +71,12 @@ class ViolatedCondition:
 
 @dataclass(frozen=True)
 class Box:
-    """A box around the stored coefficients in which conditions have exactly one zero.
+    """A box around the stored coefficients in which conditions have exactly one zero."""
 
-    `radius` is 0 for rational methods, which satisfy the conditions themselves. `fixed` are the
-    coefficients that are held, such as ``a_3,1``, ``b_2`` and ``b_embedded_2``. `left_out` are the
-    independent conditions that are no equations, with their rows of weights; their residuals at the
-    zero are below `bound`, None if they follow by orthogonality.
-    """
-
-    radius: Decimal
-    fixed: tuple[str, ...]
-    left_out: tuple[Condition, ...] = ()
-    bound: Decimal | None = None
+    radius: Decimal  # 0 for rational methods, which satisfy the conditions themselves
+    fixed: tuple[str, ...]  # names of the coefficients that are held, such as a_3,1
+    left_out: tuple[Condition, ...] = ()  # independent conditions that aren't equations of the zero
+    bound: Decimal | None = None  # of their residuals; None if they follow by orthogonality
 
     def __post_init__(self) -> None:
         _check_decimal(self.radius)
@@ -91,7 +85,7 @@ class Box:
             if not self.left_out or not 0 < self.bound <= MAX_SMALL:
                 raise CertificationError(
                     f"the bound of conditions that are left out must be at most {MAX_SMALL:e}, "
-                    f"got {_plain(self.bound)} for {len(self.left_out)} conditions"
+                    f"got {_decimal(self.bound)} for {len(self.left_out)} conditions"
                 )
 
 
@@ -182,10 +176,10 @@ class Certificate:
         """What is proved, in a clause."""
         if not self.radius:
             return "the stored coefficients satisfy all order conditions exactly"
-        exact = f"coefficients within {_plain(self.radius)} of the stored ones satisfy all"
+        exact = f"coefficients within {_decimal(self.radius)} of the stored ones satisfy all"
         if self.box.bound is None:
             return f"{exact} order conditions exactly"
-        left, bound = len(self.box.left_out), _plain(self.box.bound)
+        left, bound = len(self.box.left_out), _decimal(self.box.bound)
         return (
             f"{exact} but {left} of the independent conditions exactly; the residuals of the rest "
             f"are below {bound}"
@@ -199,7 +193,7 @@ class Certificate:
         return (
             f"{self.name or 'the method'}: {self.heading}: {self.statement}{follows}{held}; not "
             f"order {self.order + 1}: {self.beyond.tree} is off by at least "
-            f"{_plain(self.beyond.bound)}"
+            f"{_decimal(self.beyond.bound)}"
         )
 
     def dumps(self) -> str:
@@ -207,14 +201,14 @@ class Certificate:
         lines = [
             f"name = {quoted(self.name)}",
             f"order = {self.order}",
-            f'radius = "{_plain(self.radius)}"',
+            f'radius = "{_decimal(self.radius)}"',
             f"bits = {self.bits}",
             f"fixed = {_wrapped(self.fixed)}",
         ]
         if self.box.left_out:
             lines += ["", "[left_out]"]
             if self.box.bound is not None:
-                lines.append(f'bound = "{_plain(self.box.bound)}"')
+                lines.append(f'bound = "{_decimal(self.box.bound)}"')
             for row, key in enumerate(_TREES):
                 trees = [text(one.word) for one in self.box.left_out if one.row == row]
                 lines.append(f"{key} = {_wrapped(trees, 5)}")
@@ -334,12 +328,12 @@ def _no_decimal(value: object) -> CertificationError:
     )
 
 
-def _plain(value: Decimal) -> str:
+def _decimal(value: Decimal) -> str:
     return str(value).lower()
 
 
 def _beyond(violation: ViolatedCondition) -> list[str]:
-    return [f'tree = "{violation.tree}"', f'bound = "{_plain(violation.bound)}"']
+    return [f'tree = "{violation.tree}"', f'bound = "{_decimal(violation.bound)}"']
 
 
 def _wrapped(texts: Sequence[str], each: int = 10) -> str:

@@ -22,12 +22,9 @@ _GUARD_DIGITS = 15
 def refined_digits(method: Method, certificate: Certificate, digits: int) -> list[str]:
     """Return the coefficients of the exact solution that a certificate proves, as texts.
 
-    The zero of the certificate is proved once more. That conditions which it leaves out follow from
-    the others is proved again unless the certificate is the catalogue's.
-
-    The coefficients are packed row by row, second weights last. Fixed ones are as stored; all of
-    the `digits` significant digits of the others, at most `max_digits`, are right, the last one is
-    rounded. CertificationError if the certificate isn't one of the method, or proves fewer digits.
+    The zero is proved again; that left-out conditions follow from others only if the certificate
+    isn't the catalogue's. Fixed coefficients are as stored. All `digits` of the others are right,
+    the last one rounded. CertificationError if the certificate proves fewer digits.
     """
     digits = check_integer("digits", digits, 1, MAX_WRITTEN)
     if not isinstance(certificate, Certificate):
@@ -40,9 +37,9 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
         )
     texts = [coefficient.text for coefficient in packed.coefficients]
     box = certificate.box
-    free = packed.free(box)
+    movable = packed.movable(box)
     with precision(certificate.bits):
-        if certificate.radius == 0 or not free:
+        if certificate.radius == 0 or not movable:
             check_rational(packed)
             return texts
         attempt = prove_zero(packed, box)
@@ -52,9 +49,9 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
         places = max(digits, -certificate.radius.adjusted()) + guard
         with precision(precise(places, certificate.bits)):
             zero = zero_of(packed, box, attempt, places)
-            rounded = [_rounded(zero[k], digits) for k in free]
+            rounded = [_rounded(zero[k], digits) for k in movable]
         if all(rounded):
-            for k, text in zip(free, rounded, strict=True):
+            for k, text in zip(movable, rounded, strict=True):
                 texts[k] = text or ""
             return texts
     raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
@@ -63,8 +60,8 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
 def max_digits(certificate: Certificate) -> int:
     """Return how many digits a certificate proves.
 
-    Where conditions are only shown to be below a bound, these are half of the bound's: residuals
-    may be quadratic in the distance from a solution of all conditions.
+    With a bound on residuals these are half of its digits: residuals may be quadratic in the
+    distance from a solution of all conditions.
     """
     bound = certificate.box.bound
     return MAX_WRITTEN if bound is None else min(MAX_WRITTEN, -bound.adjusted() // 2)

@@ -1,7 +1,5 @@
 """The certificates of the catalogue: one TOML file for each method that has one."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
@@ -53,8 +51,7 @@ def certificate_of(method: Method) -> Certificate:
 def proved(method: Method) -> str:
     """Return how much of a method's order its certificate proves.
 
-    ``"yes"``; ``"in part"`` if some conditions are only shown to be small; ``"classical"`` for a
-    Munthe-Kaas method, which has the order of its tableau; ``"no"`` without a certificate.
+    ``"yes"``, ``"in part"`` or ``"no"``; ``"classical"`` for Munthe-Kaas methods.
     """
     if isinstance(method, MuntheKaas):
         return "classical"

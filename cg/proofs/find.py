@@ -1,6 +1,10 @@
-"""How a proof of a zero is found: what to hold, what to leave out, which radius."""
+"""How a proof of a zero is found: what to hold, what to leave out, which radius.
 
-from __future__ import annotations
+The pivots of a QR factorisation of the Jacobian choose the coefficients that move, those of the
+matrix of relations between residuals the conditions to leave out: both keep the remaining square
+Jacobian well conditioned, on which the radius of Krawczyk's test depends. Nothing here is trusted:
+`zero` proves what was found.
+"""
 
 import math
 from decimal import Decimal
@@ -12,7 +16,7 @@ from scipy import linalg
 
 from cg.proofs.certificate import Box, CertificationError
 from cg.proofs.dependent.orthogonality import find_relations
-from cg.proofs.krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
+from cg.proofs.krawczyk import KrawczykTest, choose_movable, krawczyk, numerical_rank, to_double
 from cg.proofs.statement import Packed
 from cg.proofs.zero import check_left_out, check_places, largest_residual
 
@@ -28,10 +32,9 @@ class _Proved(NamedTuple):
 
 
 def find_box(packed: Packed, bits: int, complete: bool = False) -> Box:
-    """Return a box in which the conditions have a zero that is proved.
+    """Return a box in which the conditions have a zero that is proved, or raise.
 
-    Conditions that depend on others for unknown reasons are only shown to be small, unless
-    `complete` proofs are demanded. CertificationError if no zero can be proved.
+    Unless `complete`, conditions that depend on others for unknown reasons are shown to be small.
     """
     values, derivatives = packed.system().linearise(packed.balls())
     check_places(packed, values, derivatives)
@@ -79,8 +82,8 @@ def _try(
     rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     measures: dict[str, float] = {}
-    for movable in (rough, nonzero):  # better to hold all that are exact, not zeros only
-        rank, singular = numerical_rank(jacobian[:, movable])
+    for candidates in (rough, nonzero):  # better to hold all that are exact, not zeros only
+        rank, singular = numerical_rank(jacobian[:, candidates])
         measures = {
             "conditions": len(jacobian),
             "rank": rank,
@@ -89,11 +92,11 @@ def _try(
         }
         if rank < len(jacobian):
             continue
-        free = choose_free(jacobian * packed.preferences, movable)
-        attempt = krawczyk(system, packed.balls(), free)
+        movable = choose_movable(jacobian * packed.preferences, candidates)
+        attempt = krawczyk(system, packed.balls(), movable)
         measures |= attempt.quantities
         if attempt.proved:
-            held = sorted(set(range(packed.layout.size)) - set(free))
+            held = sorted(set(range(packed.layout.size)) - set(movable))
             fixed = tuple(packed.layout.names[k] for k in held)
             radius = Decimal(f"{float(attempt.radius):.1e}")
             return _Proved(Box(radius, fixed, tuple(omitted)), attempt)

@@ -1,7 +1,7 @@
 """Krawczyk's test: a zero of a system exists, and is unique, in a box.
 
-Let f have m equations in m free unknowns, y be a point, X the box ``y ± r``, J(X) an
-enclosure of the derivatives on X and A any matrix. If
+Let f have m equations in m unknowns that may move (`movable`), y be a point, X the box ``y ± r``,
+J(X) an enclosure of the derivatives on X and A any matrix. If
 
     |A f(y)|_i + r Σ_j |I - A J(X)|_ij < r   for all i,
 
@@ -30,18 +30,13 @@ RANK_THRESHOLD = 1e-12
 
 @dataclass(frozen=True)
 class KrawczykTest:
-    """Result of Krawczyk's test of a box of some radius.
-
-    `ratio` is an upper bound of the largest radius of the image in units of `radius`; the zero is
-    proved if it is below 1. `correction` and `contraction` are upper bounds of ``max |A f(y)|`` and
-    of the maximum norm of ``I - A J(X)``; `inverse` is A.
-    """
+    """Result of Krawczyk's test of a box of some radius."""
 
     radius: flint.arb
-    ratio: float
-    correction: float
-    contraction: float
-    inverse: flint.arb_mat | None = None
+    ratio: float  # bound of the image's radius in units of `radius`; below 1 the zero is proved
+    correction: float  # upper bound of max |A f(y)|
+    contraction: float  # upper bound of the maximum norm of I - A J(X)
+    inverse: flint.arb_mat | None = None  # A
 
     @property
     def proved(self) -> bool:
@@ -71,7 +66,7 @@ def numerical_rank(jacobian: NDArray[np.float64]) -> tuple[int, NDArray[np.float
     return int(np.sum(values > RANK_THRESHOLD * values[0])), values
 
 
-def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> list[int]:
+def choose_movable(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> list[int]:
     """Choose as many of the candidates as there are equations, by QR with column pivoting."""
     indices = np.array(candidates)
     pivots = linalg.qr(jacobian[:, indices], mode="r", pivoting=True)[1]
@@ -81,17 +76,16 @@ def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> lis
 def krawczyk(
     system: EquationSystem,
     y: Sequence[flint.arb],
-    free: Sequence[int],
+    movable: Sequence[int],
     radius: flint.arb | None = None,
 ) -> KrawczykTest:
-    """Try to prove that a system of m equations has a zero near y.
+    """Try to prove that m equations have a zero near y in the m unknowns `movable`.
 
-    `free` are the m unknowns that may move; the others of `y` are held. By default the radius is
-    twice the size of the correction. If the derivatives aren't regular at y, nothing is proved and
-    the ratio is infinite.
+    By default the radius is twice the size of the correction. If the derivatives aren't regular at
+    y, nothing is proved and the ratio is infinite.
     """
     values, at_point = system.linearise(y)
-    columns = list(free)
+    columns = list(movable)
     inverse = _approximate_inverse(_take(at_point, columns))
     unknown = flint.arb("inf") if radius is None else radius
     infinite = KrawczykTest(unknown, float("inf"), float("inf"), float("inf"))
@@ -123,19 +117,18 @@ def krawczyk(
 def enclose_zero(
     system: EquationSystem,
     y: Sequence[flint.arb],
-    free: Sequence[int],
+    movable: Sequence[int],
     test: KrawczykTest,
     places: int,
 ) -> list[flint.arb]:
     """Return balls with radii below ``10**-places`` around the zero that a test at y proved.
 
-    Repeats ``z ↦ z - A f(z)``. Each step gains as many digits as A has, so that no further
-    derivatives are needed. CertificationError if the precision of balls doesn't suffice.
+    Repeats ``z ↦ z - A f(z)``: each step gains as many digits as A has, without new derivatives.
     """
     if test.inverse is None or not test.proved:
         raise CertificationError("no zero is proved", **test.quantities)
     z = list(y)
-    for k in free:
+    for k in movable:
         z[k] = y[k].mid()
     target = flint.arb(10) ** -places
     last = flint.arb("inf")
@@ -143,13 +136,13 @@ def enclose_zero(
         changes = (test.inverse * flint.arb_mat([[v] for v in system.residuals(z)])).entries()
         distance = max_abs(changes) / (1 - flint.arb(test.contraction))
         if distance < target:
-            for k in free:
+            for k in movable:
                 z[k] = z[k] + flint.arb(0, distance.upper())
             return z
         if not 2 * distance < last:
             raise CertificationError(f"{places} places aren't proved", **test.quantities)
         last = distance
-        for k, change in zip(free, changes, strict=True):
+        for k, change in zip(movable, changes, strict=True):
             z[k] = (z[k] - change).mid()
             if not abs(z[k] - y[k]) < test.radius:
                 raise CertificationError("the box doesn't contain its image", **test.quantities)

@@ -1,7 +1,5 @@
 """Proofs that a method has an order: `certify` finds them, `check` repeats them."""
 
-from __future__ import annotations
-
 import math
 from decimal import Decimal
 

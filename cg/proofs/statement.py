@@ -1,4 +1,9 @@
-"""The statement of a certificate: conditions, unknowns and box."""
+"""The statement of a certificate: conditions, unknowns and box.
+
+It reads: the coefficients y of the method, except those that `box` fixes, can be changed by at most
+``box.radius`` so that all `conditions` of `orders` hold. Whether a certificate fits its method is
+checked here before anything is proved.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +30,7 @@ _MAX_BITS = 1 << 14
 
 @dataclass(frozen=True)
 class Packed:
-    """A method as a vector of coefficients, row by row, with the orders of its rows of weights."""
+    """A method as a vector of coefficients, point by point, with the orders of its results."""
 
     name: str
     layout: Layout
@@ -44,7 +49,7 @@ class Packed:
 
     @property
     def preferences(self) -> NDArray[np.float64]:
-        """How much each coefficient is preferred to be free: exact ones are held if possible."""
+        """How much each coefficient is preferred to be movable: exact ones are held if possible."""
         return np.where([c.unit == 0 for c in self.coefficients], 1e-6, 1.0)
 
     @property
@@ -62,7 +67,7 @@ class Packed:
         """Return balls, as small as the precision allows, that hold the values."""
         return [to_ball(v) for v in self.values]
 
-    def free(self, box: Box) -> list[int]:
+    def movable(self, box: Box) -> list[int]:
         """Return the indices of the coefficients that aren't fixed."""
         held = set(box.fixed)
         return [k for k, name in enumerate(self.layout.names) if name not in held]
@@ -71,7 +76,7 @@ class Packed:
         """Return balls that hold the exact solution."""
         y = self.balls()
         radius = to_ball(Fraction(box.radius)).upper()
-        for k in self.free(box):
+        for k in self.movable(box):
             y[k] = y[k] + flint.arb(0, radius)
         return y
 

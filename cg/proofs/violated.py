@@ -1,6 +1,8 @@
-"""Proofs that the order of a method isn't higher: a condition of the next one is violated."""
+"""Proofs that the order of a method isn't higher: a condition of the next one is violated.
 
-from __future__ import annotations
+The lower bound of ``|Φ(w) - 1/γ(w)|`` over all coefficients in the box, in ball arithmetic, must be
+at least `_MIN_BOUND`: so it holds for the exact solution in the box, wherever that is.
+"""
 
 from collections.abc import Sequence
 from decimal import ROUND_FLOOR, Context, Decimal

@@ -1,4 +1,10 @@
-"""Proofs that there is a zero in a box, and that all conditions hold there."""
+"""Proofs that there is a zero in a box, and that all conditions hold there.
+
+Krawczyk's test (`krawczyk`) needs as many equations as unknowns: some coefficients are held, some
+conditions left out. It proves one zero z of the others within ``radius`` of the coefficients. The
+conditions left out are then either shown to follow from the others (`dependent`), or to be below
+``bound`` at z, enclosed in balls of `places` decimal places.
+"""
 
 from __future__ import annotations
 
@@ -33,16 +39,16 @@ def prove_box(packed: Packed, box: Box, bits: int) -> None:
 def prove_zero(packed: Packed, box: Box) -> KrawczykTest:
     """Prove that the equations have exactly one zero in a box, or raise."""
     system = packed.system(box.left_out)
-    free = packed.free(box)
-    if len(free) != len(system.conditions):
+    movable = packed.movable(box)
+    if len(movable) != len(system.conditions):
         raise CertificationError(
-            "there must be as many free coefficients as equations",
-            free=len(free),
+            "there must be as many movable coefficients as equations",
+            movable=len(movable),
             equations=len(system.conditions),
         )
     y = packed.balls()
     check_places(packed, *packed.system().linearise(y))
-    attempt = krawczyk(system, y, free, to_ball(Fraction(box.radius)))
+    attempt = krawczyk(system, y, movable, to_ball(Fraction(box.radius)))
     if not attempt.proved:
         raise CertificationError(f"{packed.name}: no zero is proved", **attempt.quantities)
     return attempt
@@ -69,8 +75,8 @@ def check_left_out(packed: Packed, box: Box, attempt: KrawczykTest, bits: int) -
 
 def zero_of(packed: Packed, box: Box, attempt: KrawczykTest, places: int) -> list[flint.arb]:
     """Return balls with radii below ``10**-places`` around the zero that a test proved."""
-    system, free = packed.system(box.left_out), packed.free(box)
-    return enclose_zero(system, packed.balls(), free, attempt, places)
+    system, movable = packed.system(box.left_out), packed.movable(box)
+    return enclose_zero(system, packed.balls(), movable, attempt, places)
 
 
 def largest_residual(
@@ -92,8 +98,7 @@ def precise(places: int, bits: int) -> int:
 def check_places(packed: Packed, values: Sequence[flint.arb], jacobian: flint.arb_mat) -> None:
     """Refuse coefficients that are further off than their last places can explain.
 
-    Otherwise a solution close to wrong coefficients would pass as theirs. `values` and `jacobian`
-    are those of all conditions.
+    Otherwise a solution close to wrong coefficients would pass as theirs.
     """
     units = np.array([float(coefficient.unit) for coefficient in packed.coefficients])
     allowed = TOLERANCE_FACTOR * (np.abs(to_double(jacobian)) @ units)

@@ -1,7 +1,5 @@
 """Long runs, with a store for their results."""
 
-from __future__ import annotations
-
 from cg.runs.database import StoreError
 from cg.runs.long_run import LongRun, RunOptions, stored_run
 from cg.runs.one_run import StoredRun

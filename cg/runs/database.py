@@ -5,8 +5,6 @@ moves the log into the file when the last connection closes, but not if two conn
 the same moment or the last one is read-only. `fold_log` moves it in these cases.
 """
 
-from __future__ import annotations
-
 import errno
 import logging
 import os

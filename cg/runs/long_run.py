@@ -69,8 +69,8 @@ class LongRun(Generic[Result]):
     ) -> Iterator[tuple[StoredRun | None, Iterator[tuple[int, Result | Failure]]]]:
         """Open the store and yield its run, and an iterator over numbers and results.
 
-        The iterator yields first what the store has, then every piece as it finishes, after
-        storing it and reporting progress.
+        The iterator yields what the store has, then every piece as it finishes and after storing
+        it.
         """
         with ExitStack() as stack:
             stored = None
@@ -85,7 +85,7 @@ class LongRun(Generic[Result]):
     ) -> Generator[tuple[int, Result | Failure], None, None]:
         tally = Tally(options.line, self.pieces, total)
         known = bytearray(total)
-        for number, result in self._stored_results(stored):
+        for number, result in self._known(stored):
             if number < total:
                 known[number] = 1
                 tally.count(self._score(result))
@@ -102,26 +102,28 @@ class LongRun(Generic[Result]):
             for finished in running:
                 failure = Failure(finished.index, str(finished.failure))
                 result = failure if finished.result is None else finished.result
-                if stored is not None:
-                    if isinstance(result, Failure):
-                        stored.fail(result)
-                    else:
-                        stored.append([self.to_record(result, finished.seconds)])
+                self._store(stored, result, finished.seconds)
                 tally.report(self._score(result))
                 if options.progress:
                     options.progress(tally.done, total)
                 yield finished.index, result
 
+    def _store(self, stored: StoredRun | None, result: Result | Failure, seconds: float) -> None:
+        if stored is None:
+            return
+        if isinstance(result, Failure):
+            stored.fail(result)
+        else:
+            stored.append([self.to_record(result, seconds)])
+
     def _score(self, result: Result | Failure) -> Score | None:
         return None if isinstance(result, Failure) else self.score(result)
 
-    def _stored_results(self, stored: StoredRun | None) -> Iterator[tuple[int, Result | Failure]]:
-        if stored is None:
-            return
-        for record in stored.records():
-            yield record.number, self.from_record(record)
-        for failure in stored.failures():
-            yield failure.index, failure
+    def _known(self, stored: StoredRun | None) -> Iterator[tuple[int, Result | Failure]]:
+        """Yield the numbers and results that a store has."""
+        if stored is not None:
+            yield from ((record.number, self.from_record(record)) for record in stored.records())
+            yield from ((failure.index, failure) for failure in stored.failures())
 
 
 @contextmanager

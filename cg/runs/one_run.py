@@ -1,7 +1,5 @@
 """One run of a store: its settings, starts and failures."""
 
-from __future__ import annotations
-
 import json
 import math
 import sqlite3
@@ -49,11 +47,7 @@ class StoredRun:
         return settings
 
     def decades(self) -> dict[int, int]:
-        """Return the number of starts by the decade of f, with exponents of ten as keys.
-
-        f is taken after the refinement if there was one. Starts whose f isn't finite are left
-        out, and values below 1e-99 count as 1e-99.
-        """
+        """Return the number of starts by the decade of the final f; 1e-99 is the lowest one."""
         counts: dict[int, int] = {}
         query = "SELECT coalesce(refined_f, f) FROM starts WHERE run = ?"
         for (f,) in self._query(query):
@@ -80,13 +74,7 @@ class StoredRun:
             yield _record(row)
 
     def append(self, records: Iterable[Record]) -> None:
-        """Store records of starts in one transaction.
-
-        Raises
-        ------
-        OSError
-            If the file can't be written, for instance because the disk is full.
-        """
+        """Store records of starts in one transaction."""
         now = time.time()
         rows = [(self.number, now, *astuple(record)) for record in records]
         with transaction(self._connection, self.path):

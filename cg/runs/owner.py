@@ -1,7 +1,5 @@
 """The process that carries out a run, and whether it is still running."""
 
-from __future__ import annotations
-
 import json
 import os
 import secrets
@@ -30,8 +28,8 @@ def new_owner() -> str:
 def is_active(owner: str, changed: float) -> bool:
     """Return whether the process of a run, given by `new_owner`, is still carrying it out.
 
-    `changed` is when the run last changed, in seconds since 1970. It decides where processes can't
-    be looked up: on other machines, and on Windows, where a signal of 0 would end the process.
+    The time since the run last `changed` decides where processes can't be looked up: on other
+    machines, and on Windows, where a signal of 0 would end the process.
     """
     identity = json.loads(owner)
     if identity["machine"] != socket.gethostname() or os.name == "nt":

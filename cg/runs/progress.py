@@ -33,18 +33,9 @@ class Score:
 class ProgressLine:
     """A line that shows the progress of a search or a construction.
 
-    It shows the number of finished starts, their rate, the best result, the number of solved starts
-    and failures, and the remaining time. On a terminal the line is redrawn. In a file, a line is
-    written every 30 seconds, and a last one at the end if there was one before.
-
-    Parameters
-    ----------
-    stream
-        Standard error by default.
-    every
-        Seconds between lines; by default 0.1 on a terminal and 30 elsewhere.
-    clock
-        Returns the time in seconds.
+    On a terminal it is redrawn. In a file, a line is written every 30 seconds, and a last one at
+    the end if there was one before. `stream` is standard error by default, `every` the seconds
+    between lines, and `clock` returns the time in seconds.
     """
 
     def __init__(

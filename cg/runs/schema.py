@@ -1,7 +1,5 @@
 """Tables of a store."""
 
-from __future__ import annotations
-
 APPLICATION_ID = 0x63675247
 """Number in the header of an SQLite file that identifies stores of this package."""
 

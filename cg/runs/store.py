@@ -40,24 +40,9 @@ _log = logging.getLogger("cg")
 class Store:
     """An open store; also a context manager that closes it.
 
-    Parameters
-    ----------
-    path
-        The file; created if it doesn't exist.
-    read
-        Open an existing file for reading only, and leave it unchanged.
+    With `read` an existing file is opened for reading only, and stays unchanged. ValueError if the
+    file isn't a store of this version, OSError if it can't be written or read.
 
-    Raises
-    ------
-    TypeError
-        If `path` isn't a path.
-    ValueError
-        If `path` isn't a regular file, or the file isn't a store of this version.
-    OSError
-        If the file can't be written, or read.
-
-    Examples
-    --------
     >>> import tempfile, cg
     >>> path = tempfile.mkdtemp() + "/runs.db"
     >>> _ = cg.search(order=2, stages=2, starts=3, seed=1, store=path)
@@ -167,10 +152,7 @@ class Store:
             fold_log(self.path)
 
     def begin(self, kind: str, settings: Mapping[str, Any]) -> StoredRun:
-        """Begin a run, or resume the one with the same settings, which are plain data.
-
-        OSError if another process is carrying out the same run.
-        """
+        """Begin a run, or resume that with the same settings; OSError if another process has it."""
         text = json.dumps(settings, sort_keys=True)
         connection, owner = self._connection, new_owner()
         with transaction(connection, self.path):

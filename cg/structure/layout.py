@@ -21,11 +21,8 @@ T = TypeVar("T")
 class Rows(IntEnum):
     """Which entries of ``a`` a tableau may have.
 
-    Examples
-    --------
-    >>> from cg.conditions import Rows, unknowns
-    >>> [unknowns(4, rows) for rows in Rows]
-    [10, 14, 20]
+    >>> [rows.name for rows in Rows]
+    ['EXPLICIT', 'DIAGONAL', 'FULL']
     """
 
     EXPLICIT = 0
@@ -52,10 +49,8 @@ def check_rows(rows: Rows | str | int) -> Rows:
 def unknowns(stages: int, rows: Rows | str | int = Rows.EXPLICIT) -> int:
     """Return the number of entries of a tableau: s(s + 1)/2 for explicit ones.
 
-    Examples
-    --------
-    >>> unknowns(5), unknowns(16)
-    (15, 136)
+    >>> [unknowns(4, rows) for rows in Rows]
+    [10, 14, 20]
     """
     s = check_integer("stages", stages, 1)
     above = {Rows.EXPLICIT: s * (s - 1) // 2, Rows.DIAGONAL: s * (s + 1) // 2, Rows.FULL: s * s}
@@ -72,25 +67,18 @@ def rows_of(a: Sequence[Sequence[Any]] | NDArray[Any]) -> Rows:
 
 @dataclass(frozen=True)
 class Layout:
-    """The structure of a method without its numbers: flows, and the stages of each flow.
+    """A method without its numbers: its flows, and the stages whose fields each flow combines.
 
     The unknowns are the weights, packed point by point. In the layout of a tableau each entry, also
     a zero, is a point of its own: the rows of ``a``, then ``b``, then the second weights of a pair.
-
-    `parents` are the points where the flows to the points start, `START` for the initial point;
-    `weights` the increasing stages (from 0) of each point's weights; `stage_points` the points of
-    the stages, `results` those of the result and of the second result of a pair. `rows` is the
-    pattern of a tableau, None for other methods. `of_time` says that coefficients depend on time
-    alone. Then a stage is at the end of a flow from the initial point along its own field, whose
-    weight is its node.
     """
 
-    parents: tuple[int, ...]
-    weights: tuple[tuple[int, ...], ...]
+    parents: tuple[int, ...]  # of each point; `START` for the initial point
+    weights: tuple[tuple[int, ...], ...]  # increasing stages, from 0, of each point's weights
     stage_points: tuple[int, ...]
-    results: tuple[int, ...]
-    rows: Rows | None = None
-    of_time: bool = False
+    results: tuple[int, ...]  # point of the result, and of the second result of a pair
+    rows: Rows | None = None  # pattern of a tableau, None for other methods
+    of_time: bool = False  # for linear equations: a stage's weight is its node
 
     @classmethod
     def tableau(
@@ -174,8 +162,8 @@ class Layout:
     def names(self) -> list[str]:
         """Names of the unknowns, with points and stages counted from 1.
 
-        Those of a tableau are ``a_3,1``, ``b_2`` and ``b_embedded_2``, other weights
-        ``w_3,1`` for point 3 and stage 1. With nodes they are ``c_2``, and ``w_3,1`` for flow 3.
+        Those of a tableau are ``a_3,1``, ``b_2`` and ``b_embedded_2``, other weights ``w_3,1`` for
+        point 3 and stage 1, nodes ``c_2``.
         """
         if self.of_time:
             nodes = sum(point != START for point in self.stage_points)
@@ -201,8 +189,7 @@ class Layout:
     def fixed(self) -> list[int]:
         """The unknowns that are fixed at zero: the second weight of the last stage of a pair.
 
-        Otherwise both weights of this stage could be equal, and the error estimate would not
-        depend on it.
+        With equal weights of this stage the error estimate would not depend on it.
         """
         if self.rows is None or not self.pair:
             return []
@@ -252,7 +239,7 @@ class Layout:
 
     @cached_property
     def segments(self) -> int:
-        """Upper bound of the number of runs of points without branch, stage or result inside."""
+        """Upper bound of the number of chains of points with no branch, stage or result inside."""
         after = {m - 1 for m, parent in enumerate(self.parents) if parent != m - 1}
         branches = {parent for m, parent in enumerate(self.parents) if parent != m - 1}
         return len(({*self.ends, len(self.parents) - 1} | after | branches) - {START})

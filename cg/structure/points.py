@@ -65,10 +65,7 @@ class Point:
 
 @dataclass(frozen=True)
 class PointTree:
-    """The points of a step, parents before children, with the points of its stages and results.
-
-    The first stage of an explicit method is at `START`; a pair has an `embedded_result`.
-    """
+    """The points of a step, parents before children, with the points of its stages and results."""
 
     points: tuple[Point, ...]
     stage_points: tuple[int, ...]
@@ -225,8 +222,7 @@ def tree_of_rows(
 ) -> PointTree:
     """Return the tree of a Crouch–Grossman tableau: each nonzero entry of a row is a point.
 
-    Rows with equal first entries share the points of these. ``a`` is strictly lower for an explicit
-    method.
+    Rows with equal first entries share the points of these.
     """
     index: dict[Point, int] = {}
 

@@ -1,7 +1,5 @@
 """Checks of arguments that several modules share."""
 
-from __future__ import annotations
-
 import math
 import operator
 import os
@@ -24,10 +22,7 @@ MAX_HALF_WIDTH = 1e300
 
 
 def similar_names(name: str, names: Iterable[str]) -> str:
-    """Return a part of an error message: the names most similar to `name`, after a semicolon.
-
-    Names of pairs such as CF5(4) come first if `name` is CF5, and alone if it is CF54.
-    """
+    """Return the names most similar to `name`, as the end of an error message, pairs first."""
     known = {each.upper(): each for each in names}
     same = [each for key, each in known.items() if _letters(key) == _letters(name.upper())]
     pairs = [each for key, each in known.items() if key.startswith(f"{name.upper()}(")]

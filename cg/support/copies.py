@@ -1,10 +1,14 @@
-"""Copies and pickles of objects with read-only arrays."""
+"""Copies and pickles of objects with read-only arrays, and values cached by object."""
 
-from __future__ import annotations
-
-from typing import Any
+import weakref
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
+
+Keyed = TypeVar("Keyed")
+Result = TypeVar("Result")
 
 
 class ReadOnly:
@@ -23,3 +27,22 @@ class ReadOnly:
         vars(self).update(state)
         for name in fixed:
             state[name].flags.writeable = False
+
+
+def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
+    """Return a function that computes its value once for each object.
+
+    The key is the identity, since to hash all coefficients of a method takes longer than most
+    computations. The cache keeps no object alive.
+    """
+    values: dict[int, Result] = {}
+
+    @wraps(compute)
+    def recall(one: Keyed) -> Result:
+        key = id(one)
+        if key not in values:
+            values[key] = compute(one)
+            weakref.finalize(one, values.pop, key, None)
+        return values[key]
+
+    return recall

@@ -1,7 +1,5 @@
 """Locks in forked processes, in which the threads that held them don't exist."""
 
-from __future__ import annotations
-
 import os
 import sys
 import threading
@@ -19,8 +17,7 @@ def in_children(call: Callable[[], object]) -> None:
 def at_forks(lock: Any, in_child: Callable[[], object]) -> None:
     """Let this process fork only while no other thread holds a lock; then call `in_child` there.
 
-    The lock must be reentrant, since a signal handler may fork. No thread may hold it for long. The
-    child releases it before the call.
+    The lock must be reentrant, since a signal handler may fork. The child releases it first.
     """
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(before=lock.acquire, after_in_parent=lock.release)
@@ -30,12 +27,11 @@ def at_forks(lock: Any, in_child: Callable[[], object]) -> None:
 
 def _free_properties() -> None:
     """Replace the locks of all cached properties of the package."""
-    for name, module in list(sys.modules.items()):
-        if name.partition(".")[0] == "cg":
-            for kind in list(vars(module).values()):
-                for one in list(vars(kind).values()) if isinstance(kind, type) else ():
-                    if isinstance(one, cached_property):
-                        one.lock = threading.RLock()  # type: ignore[attr-defined]
+    modules = [module for name, module in sys.modules.items() if name.partition(".")[0] == "cg"]
+    kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
+    for one in [one for kind in kinds for one in vars(kind).values()]:
+        if isinstance(one, cached_property):
+            one.lock = threading.RLock()  # type: ignore[attr-defined]
 
 
 if sys.version_info < (3, 12):

@@ -5,8 +5,6 @@ If it was installed later, it has replaced ``cg/__init__.py``, and `crouch_gross
 error.
 """
 
-from __future__ import annotations
-
 import os
 
 _REPAIR = (

@@ -4,8 +4,6 @@ A failed ``allocate`` in Fortran stops the program, and so does an automatic arr
 call follows from its arguments, and is compared here with the available memory.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,9 +31,7 @@ at_forks(_changed, _forget_calls)
 def reserved(needed: int, what: str) -> Iterator[None]:
     """Reserve memory for a compiled call; wait while calls in other threads leave too little.
 
-    `needed` is an upper bound of the bytes that the call allocates at any one time; `what` names
-    the call in messages. MemoryError if `needed` exceeds the physical memory or the limits of the
-    process.
+    `needed` bounds the bytes that it allocates at any one time; `what` names it in messages.
     """
     in_use = _in_use  # a forked child replaces the global one
     with _changed:

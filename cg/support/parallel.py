@@ -6,8 +6,6 @@ its workers. Long calls therefore go through `stoppable`: they read a flag, and 
 is set.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -89,8 +87,8 @@ _limit = _Limit()
 def single_threads() -> Iterator[None]:
     """Limit linear algebra to one thread, so that results don't depend on the number of threads.
 
-    The limit holds for the whole process; the first user sets it, and the last one lifts it. A
-    limit that other code sets in the meantime is kept. A forked child lifts the limit.
+    The limit holds for the whole process; the first user sets it, and the last one lifts it, unless
+    other code has changed it in the meantime.
     """
     limit = _limit  # a forked child replaces the global one
     limit.begin()
@@ -120,10 +118,9 @@ def _take_control() -> None:
 def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Result:
     """Return ``call(flag)`` for a compiled call that reads the flag and releases the GIL.
 
-    In a worker of `cg.executors` the flag is that of its run, and `Stopped` is raised if the
-    run has ended, after which the call may be incomplete. Otherwise, in the main thread, the call
-    runs in a new thread, so that an interrupt takes effect at once; with `brief` it runs in the
-    main thread itself, since a new thread may take a millisecond on a busy machine.
+    In a worker of `cg.executors`, `Stopped` is raised if its run has ended. In the main thread the
+    call runs in a new thread, so that an interrupt takes effect at once, but not with `brief`: a
+    new thread may take a millisecond on a busy machine.
     """
     if _worker.stop_flag is not None:
         result = call(_worker.stop_flag)

@@ -1,7 +1,5 @@
 """Reading and writing of numbers, TOML, JSON and files, with bounds and clear errors."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -82,11 +80,7 @@ def read_fraction(value: Any) -> Fraction:
 
 
 def read_file(path: Traversable, error: type[Exception]) -> str:
-    """Return the text of a file in UTF-8.
-
-    An `error` is raised if it isn't a regular file, since reading a device or a pipe may never end,
-    is longer than `MAX_CHARACTERS`, or isn't UTF-8. OSError if it can't be read.
-    """
+    """Return the text of a regular file, since a pipe may never end, in UTF-8; or raise `error`."""
     if isinstance(path, Path) and path.exists() and not (path.is_file() or path.is_dir()):
         raise error("not a regular file")
     with path.open("rb") as file:
@@ -115,7 +109,7 @@ def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
         return table
 
     def refuse(number: str) -> None:
-        raise ValueError(f"{number} is no number")
+        raise ValueError(f"{number} isn't a finite number")
 
     options: dict[str, Any] = {"parse_constant": refuse, "object_pairs_hook": unique}
     return _read("JSON", partial(json.loads, parse_float=str, **options), text, error)
@@ -172,10 +166,8 @@ def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Pa
 def write_file(path: str | PathLike[str], data: str | bytes) -> None:
     """Write a file atomically, texts in UTF-8: after an error the old file is unchanged.
 
-    The data are written to a temporary file beside it, which then replaces it. Symbolic links and
-    permissions are kept. An existing path that isn't a regular file, such as a device, is written
-    directly. OSError, with the name of the file, if it can't be written; ValueError if UTF-8 can't
-    hold the text.
+    The data go to a temporary file beside it, which then replaces it. Symbolic links and
+    permissions are kept. A device is written directly. Errors name the file.
     """
     path, content = Path(path), data.encode("utf-8") if isinstance(data, str) else data
     if path.exists() and not path.is_file():

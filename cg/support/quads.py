@@ -5,8 +5,6 @@ portable type for them. An array of such numbers is an ``int8`` array whose last
 length 16, in little-endian byte order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from decimal import MAX_EMAX, MIN_EMIN, ROUND_HALF_EVEN, Context, Decimal
 from fractions import Fraction
@@ -73,15 +71,16 @@ def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
     """Round exact values, or texts that `fractions.Fraction` reads, to binary128; shape (n, 16)."""
     if not isinstance(values, Iterable) or (isinstance(values, np.ndarray) and values.ndim == 0):
         raise TypeError(f"values must be a sequence of numbers, got {values!r}")
-    packed = b"".join(_encode_one(_exact(value)) for value in values)
+    packed = b"".join(_encode_one(finite_fraction(value, "values must be")) for value in values)
     return np.frombuffer(packed, dtype=np.int8).reshape(-1, 16).copy()
 
 
-def _exact(value: Any) -> Fraction:
+def finite_fraction(value: Any, claim: str) -> Fraction:
+    """Return a finite real number exactly; the ValueError for others begins with `claim`."""
     try:
-        return read_fraction(value)
+        return read_fraction(value.item() if isinstance(value, np.generic) else value)
     except (TypeError, ValueError, OverflowError, ZeroDivisionError):
-        raise ValueError(f"values must be finite real numbers, got {value!r}") from None
+        raise ValueError(f"{claim} finite real numbers, got {value!r}") from None
 
 
 def _encode_one(value: Fraction) -> bytes:
@@ -154,10 +153,9 @@ def from_float(values: Any) -> Quads:
 
 
 def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = False) -> str:
-    """Return an exact value in decimal, rounded to significant digits.
+    """Return an exact value in decimal, rounded to significant digits, at most 100000.
 
-    The number of digits is from 1 to 100000; 36 distinguish all binary128 numbers. Trailing zeros
-    are left out unless `zeros` is true; zero is ``"0"``. The text is positional, except that
+    Trailing zeros are left out unless `zeros` is true. The text is positional, except that
     magnitudes beyond ``10**±100`` are written as in ``"-1.25e-4950"``.
     """
     if not isinstance(value, Fraction | int) or isinstance(value, bool):

@@ -1,14 +1,17 @@
-"""Numbers and records that Python and the compiled core share.
+"""Numbers that Python and the compiled core share.
 
 The build runs this file to write the Fortran module ``shared_numbers``, in which a member of an
 enumeration has its own name in lower case, followed by the suffix of the enumeration.
 """
 
-from __future__ import annotations
-
 import argparse
 from enum import IntEnum
 from pathlib import Path
+
+if __package__:
+    from cg.support.shared_records import RECORDS, record_type
+else:  # run by the build, beside shared_records.py
+    from shared_records import RECORDS, record_type  # type: ignore[import-not-found,no-redef]
 
 
 class Stop(IntEnum):
@@ -199,186 +202,6 @@ _SUFFIXES = {
 }
 
 
-RECORD = {
-    # a run
-    "members": "integer",
-    "lanes": "integer",  # members integrated at the same time
-    "common": "integer",  # whether all members take the same steps
-    "of_time": "integer",  # whether the right-hand side doesn't depend on the point
-    "keep_last": "integer",  # whether the interpolant of the last step may be requested
-    "free": "integer",  # whether small coefficients determine the end of their flow
-    "jacobian": "integer",  # of f, a `JacobianKind`
-    "t0": "real",
-    "segments": "integer",
-    "stops": "address",  # ends of segments
-    # functions
-    "context": "address",  # the `Callbacks` of the run
-    "function": "address",  # the right-hand side
-    "vectorized": "integer",  # whether it takes many points, and is called through the context
-    "data": "address",
-    "data_stride": "integer",  # bytes from one member's data to the next
-    "curves": "integer",  # inputs of compiled functions
-    "inputs": "address",  # a row for each curve, see fortran/steps/inputs.f90
-    "functions": "integer",  # number of events
-    "event_width": "integer",  # numbers of a point that they depend on
-    "event_table": "address",  # `EVENT`
-    "observations": "integer",  # numbers that are evaluated at output times
-    "observers": "integer",  # functions in C for them, 0 for one in Python
-    "observer_table": "address",  # `EVENT`
-    "observer": "address",  # the function in Python
-    "observer_data": "address",
-    "observer_stride": "integer",
-    # steps
-    "h": "real",  # size of equal steps, zero for adaptive ones
-    "rtol": "real",  # the smallest one
-    "tolerances": "integer",
-    "rtols": "address",  # one tolerance, or one for each coordinate or entry
-    "atol": "address",  # likewise
-    "in_entries": "integer",
-    "parts": "integer",  # of an entry: two if it is complex
-    "exponent": "real",  # power of an error that sizes are proportional to
-    "max_step": "real",
-    "first_step": "real",  # zero to choose it
-    "max_steps": "integer",
-    # input of each call
-    "budget": "integer",  # steps to try until the call returns
-    # output of each call
-    "ended": "integer",  # trajectories that have ended
-    "failed": "integer",  # those that reached neither the final time nor a terminal event
-    "raised": "integer",  # whether Python raised an exception
-    "step_size": "real",  # signed, of the last step of a single trajectory
-    "residual": "real",  # of the stage equations in the last iteration of a single trajectory
-    # of each member
-    "states": "address",  # its point (at first the initial one), its time, the time of a failure
-    "counters": "address",  # `COUNTERS`
-    # points at output times
-    "outputs": "integer",
-    "times": "address",
-    "y": "address",  # 0 to store no points
-    "observed": "address",
-    # ends of steps
-    "every": "integer",
-    "step_capacity": "integer",
-    "steps": "integer",
-    "step_t": "address",
-    "step_y": "address",  # 0 to store no points
-    "step_observed": "address",
-    # interpolants
-    "dense": "integer",
-    "dense_capacity": "integer",
-    "interpolants": "integer",
-    "dense_member": "address",
-    "dense_t": "address",
-    "dense_y": "address",
-    "dense_field": "address",
-    # events
-    "event_capacity": "integer",
-    "events": "integer",
-    "event_of": "address",
-    "event_t": "address",
-    "event_y": "address",
-}
-"""The record shared by Python and the compiled loop over steps: names and kinds of entries."""
-
-METHOD = {
-    # numbers of paths, of their flows, of terms of these, and of stages
-    "paths": "integer",
-    "flows": "integer",
-    "terms": "integer",
-    "stages": "integer",
-    # C integers from 1
-    "origin": "address",  # (paths) the path to the start of each, 0 for the start of the step
-    "path_first": "address",  # (paths + 1) the first flow of each
-    "flow_first": "address",  # (flows + 1) the first term of each
-    "flow_stage": "address",  # (terms)
-    "stage_path": "address",  # (stages) the path to each, 0 for the start
-    # doubles
-    "weight": "address",  # (terms)
-    "c": "address",  # (stages)
-    "registers": "address",  # A and B of a method of two registers, else 0
-    "error": "address",  # (stages, errors) weights
-    "transformation": "address",  # the numbers of transformation_t, of a collocation method
-    "drifts": "address",  # (flows) of a splitting method, whose flows are kicks before them, else 0
-    "errors": "integer",
-    # the paths to the results, 0 where there is none, and the stage at the end of the step
-    "result": "integer",
-    "embedded": "integer",
-    "third": "integer",
-    "final_stage": "integer",
-    "series": "integer",  # on a Lie algebra, the order of that of dexp⁻¹, else 0
-    "power": "integer",  # of the quotient of two error estimates
-    "factor": "real",  # of the second one in it
-    "blocks": "integer",  # of stages that an implicit method solves together
-    "polynomial": "integer",  # whether the flows of a path are one along a polynomial
-}
-"""The record of a method as paths of flows: names and kinds of entries."""
-
-COUNTERS = {
-    "status": "integer",  # a `Stop`
-    "flag": "integer",  # what a compiled function returned
-    "nfev": "integer",
-    "nexp": "integer",  # flows
-    "njev": "integer",
-    "nlu": "integer",
-    "steps": "integer",
-    "nrejected": "integer",
-}
-"""What is counted of a member: names and kinds of entries."""
-
-EVENT = {
-    "function": "address",  # in C, 0 for one in Python
-    "data": "address",  # 0 for that of the member, -1 for none
-    "direction": "integer",  # sign of the slope at an event, 0 for any
-    "most": "integer",  # this event ends the trajectory
-    "jumps": "integer",  # whether the solution jumps
-}
-"""A function whose zeros are events: names and kinds of entries."""
-
-VARIATION = {
-    # functions in C (0: use differences) and their data (0: use the data of the members)
-    "f": "address",
-    "f_data": "address",
-    "jac": "address",
-    "jac_data": "address",
-    "df_dp": "address",
-    "df_dp_data": "address",
-    "noise": "address",  # spectral density; without a function its data are the matrix
-    "noise_data": "address",
-    "data": "address",  # of functions without data of their own, if there are no parameters
-    "frame": "address",  # the plan of the frame alone
-    "dimension": "integer",
-    "width": "integer",  # doubles of a point without its derivatives
-    "parameters": "integer",  # numbers with respect to which there are derivatives
-    "inputs": "integer",  # numbers behind the parameters, or the last of these
-    "moments": "integer",  # how many of the last derivatives are there a second time,
-    "origin": "real",  # times the time from this one on
-    "noises": "integer",  # columns of the covariance of noise, 0 or `dimension`
-    # structure constants that aren't zero: i, j, k and the coefficient along E_k of [E_i, E_j]
-    "constants": "integer",
-    "index": "address",
-    "constant": "address",
-    "step": "real",  # of differences, relative
-    "nan": "real",
-    "failed": "integer",  # which function failed last: 0 f, 1 jac, 2 df_dp, 3 products, 4 noise
-}
-"""The record of a right-hand side with derivatives: names and kinds of entries."""
-
-_KINDS = {
-    "integer": "integer(c_int64_t)",
-    "real": "real(c_double)",
-    "address": "integer(c_intptr_t)",
-}
-
-
-def record_type(name: str, entries: dict[str, str]) -> list[str]:
-    """Return the Fortran type of a record."""
-    lines = [f"  type, bind(c) :: {name}"]
-    for entry, kind in entries.items():
-        zero = "0.0_c_double" if kind == "real" else "0"
-        lines.append(f"    {_KINDS[kind]} :: {entry} = {zero}")
-    return [*lines, f"  end type {name}"]
-
-
 def fortran_module() -> str:
     """Return the Fortran module with all members as parameters."""
     lines = [
@@ -392,13 +215,7 @@ def fortran_module() -> str:
         for member in enumeration:
             name = member.name.lower() + suffix
             lines.append(f"  integer, parameter :: {name} = {member.value}")
-    for name, entries in (
-        ("record_t", RECORD),
-        ("method_record_t", METHOD),
-        ("counters_t", COUNTERS),
-        ("event_record_t", EVENT),
-        ("variation_t", VARIATION),
-    ):
+    for name, entries in RECORDS.items():
         lines += record_type(name, entries)
     return "\n".join([*lines, "end module shared_numbers", ""])
 

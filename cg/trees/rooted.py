@@ -1,10 +1,8 @@
 """Rooted trees whose children have no order: the index set of the classical order conditions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, product
 from math import prod
 
 from cg.support.checks import check_integer
@@ -36,9 +34,10 @@ def _multisets(nodes: int, largest: int) -> Iterator[tuple[RootedTree, ...]]:
         yield ()
     for size in range(min(nodes, largest), 0, -1):
         for multiplicity in range(nodes // size, 0, -1):
-            for trees in combinations_with_replacement(_rooted_trees(size), multiplicity):
-                for rest in _multisets(nodes - size * multiplicity, size - 1):
-                    yield trees + rest
+            largest_ones = combinations_with_replacement(_rooted_trees(size), multiplicity)
+            others = _multisets(nodes - size * multiplicity, size - 1)
+            for trees, rest in product(largest_ones, others):
+                yield trees + rest
 
 
 @cache

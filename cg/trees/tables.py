@@ -4,8 +4,6 @@ The build runs this file as a script, so it imports only the standard library.
 It replaces the Maple program of the paper, Section 3.1.
 """
 
-from __future__ import annotations
-
 import argparse
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -28,11 +26,7 @@ def _data(name: str, values: Sequence[int]) -> Iterator[str]:
 
 
 def fortran_tables(trees: Forest) -> str:
-    """Return the Fortran module ``tree_tables`` for conditions up to order ``max_nodes - 1``.
-
-    The table ``condition`` has the index of each tree, or 0 if its order condition follows from
-    conditions of lower order (Section 3.1).
-    """
+    """Return the Fortran module ``tree_tables`` for conditions up to order ``max_nodes - 1``."""
     total = len(trees)
     child_start = [1]
     for word in trees.children:

@@ -1,8 +1,10 @@
-! The order conditions Phi(t) = 1/gamma(t) as a least-squares problem in a method's weights.
+! The order conditions as a least-squares problem in a method's weights x: one residual
+! f_i = Phi(t_i) - 1/gamma(t_i) for each ordered tree t_i (Owren and Marthinsen, Runge-Kutta methods
+! adapted to manifolds and based on rigid frames, BIT 39, 1999), and its derivatives.
 module conditions_m
   use kinds, only: wp
   use tree_tables, only: density, node_count
-  use least_squares_m, only: differentiable_t
+  use least_squares_m, only: least_squares_t
   use weights_m, only: weights_t
   use gradient_m, only: weights_jacobian, abscissa
   use shared_numbers, only: middle_abscissa, second_result
@@ -10,7 +12,7 @@ module conditions_m
   private
   public :: order_conditions_t
 
-  type, extends(differentiable_t) :: order_conditions_t
+  type, extends(least_squares_t) :: order_conditions_t
     type(weights_t) :: weights
     integer, allocatable :: trees(:)      ! (conditions) zero: discarded, its residual is zero
     integer, allocatable :: owner(:)      ! (conditions) see set_up
@@ -59,12 +61,12 @@ contains
       f(i) = 0.0_wp
       if (self%owner(i) > 0) then
         k = self%owner(i)
-        c = self%weights%stage_weight(abscissa, k)
+        c = self%weights%chi(self%weights%pattern%stage_segment(k), abscissa)
         if (self%trees(i) == middle_abscissa) then
           b = self%weights%pattern%weight_start(self%weights%result_path(1))
           f(i) = c - sum(x(b:b + k - 2)) - x(b + k - 1)/2.0_wp
         else
-          f(i) = self%weights%stage_weight(self%trees(i), k) &
+          f(i) = self%weights%chi(self%weights%pattern%stage_segment(k), self%trees(i)) &
             - self%target(i)*c**(node_count(self%trees(i)) - 1)
         end if
       else if (self%trees(i) > 0) then

@@ -4,7 +4,13 @@
 ! is made of: to the weights of shorter words at the end of the segment before, and to those of
 ! the letters of t at the stages that the segment's flows use. Z(p, m) is the derivative of the
 ! weight of a segment by the letter of point p at place m of the word t. It sums over all subwords
-! that the flow to p may take around place m.
+! that the flow to p may take around place m, with i letters before it and j after:
+!
+!     Z(p, m) = sum_ij i! j! / (i + j + 1)! left_p(..) E_p(i letters) E_p(j letters) right_p(..),
+!
+! left_p and right_p being the weights of what the points before and after p take of the word. In
+! the forward direction every weight would carry derivatives by all unknowns, most of them zero
+! (A. Griewank, A. Walther, Evaluating Derivatives, SIAM, 2008).
 !
 ! The rows of results are the last, and what they need is single words, one for each condition:
 ! there Z runs over the whole path from the start, so that no adjoints of long words are kept.
@@ -134,7 +140,7 @@ contains
 
     do c = 1, size(trees)
       if (owner(c) <= 0) cycle
-      r = weights%pattern%segment_of_stage(owner(c))
+      r = weights%pattern%stage_segment(owner(c))
       if (trees(c) == middle_abscissa) then
         begin = weights%pattern%weight_start(weights%result_path(1))
         adjoint(c, abscissa, r) = 1.0_wp

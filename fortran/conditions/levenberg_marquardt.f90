@@ -1,27 +1,29 @@
-! MINPACK's lmdif: nonlinear least squares with a Jacobian by forward differences, by steps within
-! an elliptic trust region |D p| <= delta. J. J. More, The Levenberg-Marquardt algorithm:
-! implementation and theory, LNM 630 (1978).
+! MINPACK's lmdif: minimises |f(x)| by steps p within an elliptic trust region |D p| <= delta, that
+! minimise |J p + f|**2 + par |D p|**2, with J by forward differences. delta grows where the linear
+! model foretells |f| well, and shrinks where it doesn't. J. J. More, The Levenberg-Marquardt
+! algorithm: implementation and theory, LNM 630 (1978).
+!
+! The paper's searches ran with it; in real(8) its steps repeat MINPACK's bit for bit.
 module levenberg_marquardt_m
   use kinds, only: wp
-  use least_squares_m, only: least_squares_t, residual_calls, jacobian_calls
-  use linalg_m, only: enorm, lmpar, qrfac
+  use least_squares_m, only: least_squares_t
+  use linalg_m, only: enorm, lmpar, qrfac, reflect
+  use stop_flag_m, only: stop_requested
   use shared_numbers, only: stopped_by_user, improper_input, small_reduction, small_step, &
       small_reduction_and_step, small_gradient, too_many_evaluations, &
       ftol_too_small, xtol_too_small, gtol_too_small
   implicit none
   private
-  public :: lmdif, solver_t
+  public :: lmdif, lmdif_t
 
-  ! Values of `mode`: the scaling D comes from the columns of the Jacobian, or from the caller.
-  integer, parameter :: scale_by_columns = 1
-  integer, parameter :: scale_as_given = 2
+  integer, parameter :: scale_as_given = 2  ! a `mode`; else D comes from the columns of J
 
   ! The settings and the results of one solve, under MINPACK's names
-  type :: solver_t
+  type :: lmdif_t
     real(wp) :: ftol = 0.0_wp, xtol = 0.0_wp, gtol = 0.0_wp    ! >= 0
     integer :: maxfev = 0                    ! > 0: largest number of evaluations
     real(wp) :: epsfcn = 0.0_wp              ! relative error of f, at least epsilon is taken
-    integer :: mode = scale_by_columns
+    integer :: mode = 1
     real(wp) :: factor = 100.0_wp            ! > 0: the first delta is factor * |D x|
     real(wp), allocatable :: diag(:)         ! (n): D; needed if mode is scale_as_given
     integer :: info = improper_input         ! a Status, or the negative flag of the problem
@@ -29,7 +31,7 @@ module levenberg_marquardt_m
     real(wp), allocatable :: fjac(:, :)      ! (m, n): R and the reflections of the last Jacobian
     integer, allocatable :: ipvt(:)          ! (n): its pivots
     real(wp), allocatable :: qtf(:)          ! (n): first n elements of Q^T f
-  end type solver_t
+  end type lmdif_t
 
   real(wp), parameter :: eps = epsilon(1.0_wp)
 
@@ -37,7 +39,7 @@ contains
 
   ! Whether MINPACK would accept the settings for m residuals of n unknowns
   pure logical function proper_input(solver, n, m)
-    type(solver_t), intent(in) :: solver
+    type(lmdif_t), intent(in) :: solver
     integer, intent(in) :: n, m
 
     proper_input = n > 0 .and. m >= n .and. solver%ftol >= 0 .and. solver%xtol >= 0 &
@@ -50,7 +52,7 @@ contains
     class(least_squares_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)                   ! (n): start in, last accepted point out
     real(wp), intent(out) :: fvec(:)                  ! (m): f(x)
-    type(solver_t), intent(inout) :: solver
+    type(lmdif_t), intent(inout) :: solver
     real(wp) :: step(size(x)), trial(size(x)), acnorm(size(x)), work(size(x))
     real(wp) :: fnorm, fnorm_trial, gnorm, xnorm, pnorm, delta, par
     real(wp) :: actual, predicted, slope, ratio
@@ -68,7 +70,6 @@ contains
 
     main: block
       if (.not. proper_input(solver, size(x), size(fvec))) exit main
-      flag = residual_calls
       call problem%residual(x, fvec, flag)
       solver%nfev = 1
       if (flag < 0) exit main
@@ -77,11 +78,10 @@ contains
       iteration = 1
 
       outer: do
-        flag = jacobian_calls
         call difference_jacobian(problem, x, fvec, solver, flag)
         if (flag < 0) exit main
         call qrfac(solver%fjac, solver%ipvt, work, acnorm, problem%stop_flag)
-        if (problem%stopped()) flag = stopped_by_user
+        if (stop_requested(problem%stop_flag)) flag = stopped_by_user
         if (flag < 0) exit main
 
         if (iteration == 1) then
@@ -103,14 +103,13 @@ contains
         inner: do
           call lmpar(solver%fjac, solver%ipvt, solver%diag, solver%qtf, delta, par, step, work, &
                      problem%stop_flag)
-          if (problem%stopped()) flag = stopped_by_user
+          if (stop_requested(problem%stop_flag)) flag = stopped_by_user
           if (flag < 0) exit main
           step = -step
           trial = x + step
           pnorm = enorm(solver%diag * step)
           if (iteration == 1) delta = min(delta, pnorm)
 
-          flag = residual_calls
           call problem%residual(trial, ftrial, flag)
           solver%nfev = solver%nfev + 1
           if (flag < 0) exit main
@@ -146,7 +145,7 @@ contains
     class(least_squares_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)     ! (n): unchanged on return
     real(wp), intent(in) :: fvec(:)     ! (m): f(x)
-    type(solver_t), intent(inout) :: solver
+    type(lmdif_t), intent(inout) :: solver
     integer, intent(inout) :: flag
     real(wp) :: step, held
     integer :: j
@@ -159,7 +158,7 @@ contains
       call problem%residual(x, solver%fjac(:, j), flag)
       solver%nfev = solver%nfev + 1
       x(j) = held
-      if (problem%stopped()) flag = stopped_by_user
+      if (stop_requested(problem%stop_flag)) flag = stopped_by_user
       if (flag < 0) return
       solver%fjac(:, j) = (solver%fjac(:, j) - fvec) / step
     end do
@@ -172,14 +171,10 @@ contains
     real(wp), intent(in) :: rdiag(:)                ! (n)
     real(wp), intent(inout), contiguous :: f(:)     ! (m)
     real(wp), intent(out) :: qtf(:)                 ! (n)
-    real(wp) :: factor
     integer :: j
 
     do j = 1, size(qr, 2)
-      if (abs(qr(j, j)) > 0) then
-        factor = -dot_product(qr(j:, j), f(j:)) / qr(j, j)
-        f(j:) = f(j:) + qr(j:, j) * factor
-      end if
+      if (abs(qr(j, j)) > 0) call reflect(qr(j:, j), f(j:))
       qr(j, j) = rdiag(j)
       qtf(j) = f(j)
     end do
@@ -206,7 +201,7 @@ contains
   ! Relative reduction of |f|**2 in the linear model, and half its derivative
   ! along the step.
   pure subroutine predict(solver, step, fnorm, par, pnorm, reduction, slope)
-    type(solver_t), intent(in) :: solver        ! whose fjac has R in the upper triangle
+    type(lmdif_t), intent(in) :: solver        ! whose fjac has R in the upper triangle
     real(wp), intent(in) :: step(:)             ! (n)
     real(wp), intent(in) :: fnorm, par, pnorm
     real(wp), intent(out) :: reduction, slope
@@ -246,7 +241,7 @@ contains
   ! MINPACK's tests in MINPACK's order; improper_input stands for "go on".
   pure integer function stop_reason(solver, actual, predicted, ratio, delta, xnorm, gnorm) &
       result(info)
-    type(solver_t), intent(in) :: solver
+    type(lmdif_t), intent(in) :: solver
     real(wp), intent(in) :: actual, predicted, ratio, delta, xnorm, gnorm
 
     info = improper_input

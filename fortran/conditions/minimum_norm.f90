@@ -1,16 +1,18 @@
-! Levenberg-Marquardt for fewer equations than unknowns: steps of least norm, with the second
-! derivative along them taken into account.
+! Levenberg-Marquardt for order conditions r(x) = 0, which are fewer than the unknowns: steps of
+! least norm, with the second derivative along them taken into account.
 !
-! A step p minimises |J p + r|^2 + lambda |p|^2 by p = -J^T y, (J J^T + lambda I) y = r, and is
-! bent by half the acceleration a of the curve on which the linear model holds (M. Transtrum and
-! J. Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares
-! minimization, arXiv:1201.5885). Narrow bent valleys, which order conditions are full of, are
-! followed in steps many times longer. lambda changes by H. B. Nielsen's rule (IMM-REP-1999-05).
+! With J = dr/dx, a step p minimises |J p + r|^2 + lambda |p|^2 by p = -J^T y,
+! (J J^T + lambda I) y = r, and is bent by half the acceleration a of the curve on which the linear
+! model holds (M. Transtrum and J. Sethna, Improvements to the Levenberg-Marquardt algorithm for
+! nonlinear least-squares minimization, arXiv:1201.5885). Narrow bent valleys, which order
+! conditions are full of, are followed in steps many times longer. lambda, the variable `damping`,
+! changes by H. B. Nielsen's rule (IMM-REP-1999-05).
 module minimum_norm_m
   use kinds, only: wp
+  use conditions_m, only: order_conditions_t
   use lapack_m, only: dgeqrf, dpotrf, dpotrs, dsyrk
-  use least_squares_m, only: differentiable_t
   use shared_numbers, only: no_descent, not_finite, out_of_iterations, solved, stopped
+  use stop_flag_m, only: stop_requested
   implicit none
   private
   public :: minimise_norm
@@ -23,13 +25,13 @@ module minimum_norm_m
 
 contains
 
-  ! Minimises the sum of squared residuals over the unknowns listed in `free`.
-  subroutine minimise_norm(problem, x, conditions, free, ftol, first_damping, max_iterations, &
+  ! Minimises the sum of squared residuals over the unknowns listed in `moving`.
+  subroutine minimise_norm(problem, x, conditions, moving, ftol, first_damping, max_iterations, &
                            accurate, f, iterations, evaluations, status)
-    class(differentiable_t), intent(inout) :: problem
+    class(order_conditions_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)        ! (unknowns)
     integer, intent(in) :: conditions      ! number of residuals
-    integer, intent(in) :: free(:)         ! (free unknowns) indices
+    integer, intent(in) :: moving(:)         ! (moving unknowns) indices
     real(wp), intent(in) :: ftol           ! >= 0
     real(wp), intent(in) :: first_damping  ! over the largest diagonal entry of J J^T
     integer, intent(in) :: max_iterations
@@ -41,9 +43,9 @@ contains
     real(wp) :: damping, growth, f_trial, predicted, gain, least
     integer :: flag, info
 
-    allocate (full(conditions, size(x)), jac(conditions, size(free)))
+    allocate (full(conditions, size(x)), jac(conditions, size(moving)))
     allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
-    allocate (r(conditions), r_trial(conditions), y(conditions), step(size(free)), trial(size(x)))
+    allocate (r(conditions), r_trial(conditions), y(conditions), step(size(moving)), trial(size(x)))
 
     least = merge(min_damping_accurate, min_damping, accurate)
     status = not_finite
@@ -61,7 +63,7 @@ contains
     growth = 2.0_wp
 
     do while (status == out_of_iterations .and. iterations < max_iterations)
-      if (problem%stopped()) then
+      if (stop_requested(problem%stop_flag)) then
         status = stopped
         exit
       end if
@@ -74,9 +76,9 @@ contains
       y = r
       call dpotrs('L', conditions, 1, factor, conditions, y, conditions, info)
       step = -matmul(y, jac)
-      call add_acceleration(problem, x, r, jac, factor, free, step, trial, r_trial)
+      call add_acceleration()
       trial = x
-      trial(free) = x(free) + step
+      trial(moving) = x(moving) + step
       flag = 0
       call problem%residual(trial, r_trial, flag)
       evaluations = evaluations + 2
@@ -113,11 +115,26 @@ contains
 
       flag = 0
       call problem%jacobian(x, full, flag)
-      jac = full(:, free)
-      if (.not. accurate) call dsyrk('L', 'N', conditions, size(free), 1.0_wp, jac, conditions, &
+      jac = full(:, moving)
+      if (.not. accurate) call dsyrk('L', 'N', conditions, size(moving), 1.0_wp, jac, conditions, &
                                      0.0_wp, gram, conditions)
       largest = maxval([(dot_product(jac(i, :), jac(i, :)), i=1, conditions)])
     end subroutine linearise
+
+    ! Adds half of the acceleration a to the step: J a is minus the second derivative of r along it.
+    subroutine add_acceleration()
+      real(wp) :: second(conditions), acceleration(size(moving))
+
+      trial = x
+      trial(moving) = x(moving) + probe*step
+      flag = 0
+      call problem%residual(trial, r_trial, flag)
+      if (flag < 0) return
+      second = (2.0_wp/probe)*((r_trial - r)/probe - matmul(jac, step))
+      call dpotrs('L', conditions, 1, factor, conditions, second, conditions, info)
+      acceleration = -matmul(second, jac)
+      if (norm2(acceleration) <= max_bend*norm2(step)) step = step + 0.5_wp*acceleration
+    end subroutine add_acceleration
   end subroutine minimise_norm
 
   ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
@@ -161,28 +178,4 @@ contains
       end do
     end associate
   end subroutine cholesky_of_gram
-
-  ! Adds half of the acceleration to a step.
-  subroutine add_acceleration(problem, x, r, jac, factor, free, step, trial, r_trial)
-    class(differentiable_t), intent(inout) :: problem
-    real(wp), intent(in) :: x(:)                      ! (unknowns)
-    real(wp), intent(in) :: r(:)                      ! (conditions) residual at x
-    real(wp), intent(in) :: jac(:, :)                 ! (conditions, free unknowns)
-    real(wp), intent(in), contiguous :: factor(:, :)  ! (conditions, conditions)
-    integer, intent(in) :: free(:)                    ! (free unknowns)
-    real(wp), intent(inout) :: step(:)                ! (free unknowns)
-    real(wp), intent(inout) :: trial(:), r_trial(:)   ! workspace
-    real(wp) :: second(size(r)), acceleration(size(step))
-    integer :: flag, info
-
-    trial = x
-    trial(free) = x(free) + probe*step
-    flag = 0
-    call problem%residual(trial, r_trial, flag)
-    if (flag < 0) return
-    second = (2.0_wp/probe)*((r_trial - r)/probe - matmul(jac, step))
-    call dpotrs('L', size(r), 1, factor, size(r), second, size(r), info)
-    acceleration = -matmul(second, jac)
-    if (norm2(acceleration) <= max_bend*norm2(step)) step = step + 0.5_wp*acceleration
-  end subroutine add_acceleration
 end module minimum_norm_m

@@ -21,18 +21,14 @@ module weights_m
   type :: pattern_t  ! the shape of a method; numbers 0 of points and segments mean the start
     integer :: stages = 0, points = 0, unknowns = 0, segments = 0
     integer :: results(2) = 0                 ! points; the second is 0 where there is none
-    logical :: one_weight = .false.           ! at each point
     integer, allocatable :: parent(:)         ! (points) a point before
     integer, allocatable :: weight_start(:)   ! (points + 1) where a point's weights begin
     integer, allocatable :: at(:)             ! (unknowns) segment at whose end their stages are
-    integer, allocatable :: stage_point(:)    ! (stages)
+    integer, allocatable :: stage_segment(:)  ! (stages) segment at whose end they are
     integer, allocatable :: segment_start(:)  ! (segments + 1) first point
     integer, allocatable :: origin(:)         ! (segments) segment at whose end it begins
     integer, allocatable :: segment_at(:)     ! (0:points) that ends there, where one does
     integer :: inner = 0                      ! segments on the paths to stages are among the first
-  contains
-    procedure :: path
-    procedure :: segment_of_stage
   end type pattern_t
 
   type :: weights_t  ! workspace, and the result of evaluate
@@ -52,7 +48,6 @@ module weights_m
     procedure :: set_up
     procedure :: evaluate
     procedure :: weight
-    procedure :: stage_weight
   end type weights_t
 
 contains
@@ -64,13 +59,14 @@ contains
     integer, intent(in) :: layout(:)
     type(pattern_t), intent(inout) :: pattern
     integer :: m, k, begin
-    logical, allocatable :: ends(:)  ! (0:points) whether a segment must end at a point
+    integer :: stage_point(layout(1))  ! (stages)
+    logical :: ends(0:layout(2))       ! (0:points) whether a segment must end at a point
 
     pattern%stages = layout(1)
     pattern%points = layout(2)
     pattern%results = layout(3:4)
     begin = 4
-    pattern%stage_point = layout(begin + 1:begin + pattern%stages)
+    stage_point = layout(begin + 1:begin + pattern%stages)
     begin = begin + pattern%stages
     pattern%parent = layout(begin + 1:begin + pattern%points)
     begin = begin + pattern%points
@@ -80,11 +76,10 @@ contains
       pattern%weight_start(m + 1) = pattern%weight_start(m) + layout(begin + m)
     end do
     pattern%unknowns = pattern%weight_start(pattern%points + 1) - 1
-    pattern%one_weight = all(layout(begin + 1:begin + pattern%points) == 1)
     begin = begin + pattern%points
 
-    allocate (ends(0:pattern%points), source=.false.)
-    ends(pattern%stage_point) = .true.
+    ends = .false.
+    ends(stage_point) = .true.
     ends(pattern%results) = .true.
     if (pattern%points > 0) ends(pattern%points) = .true.
     do m = 1, pattern%points
@@ -107,40 +102,25 @@ contains
     do k = 1, pattern%segments
       pattern%origin(k) = pattern%segment_at(pattern%parent(pattern%segment_start(k)))
     end do
-    pattern%at = pattern%segment_at(pattern%stage_point(layout(begin + 1:)))
-    pattern%inner = 0
-    if (pattern%stages > 0) pattern%inner = maxval(pattern%segment_at(pattern%stage_point))
+    pattern%stage_segment = pattern%segment_at(stage_point)
+    pattern%at = pattern%stage_segment(layout(begin + 1:))
+    pattern%inner = maxval([0, pattern%stage_segment])
   end subroutine read_layout
 
   ! The points from the start to a point, in this order.
-  pure function path(self, point) result(points)
-    class(pattern_t), intent(in) :: self
+  pure function path(pattern, point) result(points)
+    type(pattern_t), intent(in) :: pattern
     integer, intent(in) :: point
     integer, allocatable :: points(:)
-    integer :: m, length
+    integer :: m
 
-    length = 0
+    points = [integer ::]
     m = point
     do while (m > 0)
-      length = length + 1
-      m = self%parent(m)
-    end do
-    allocate (points(length))
-    m = point
-    do while (m > 0)
-      points(length) = m
-      length = length - 1
-      m = self%parent(m)
+      points = [m, points]
+      m = pattern%parent(m)
     end do
   end function path
-
-  ! The segment at whose end a stage is
-  pure integer function segment_of_stage(self, stage) result(segment)
-    class(pattern_t), intent(in) :: self
-    integer, intent(in) :: stage
-
-    segment = self%segment_at(self%stage_point(stage))
-  end function segment_of_stage
 
   ! head(i), tail(i): the words of the first i children, and of the others, 0 <= i <= children.
   pure subroutine split_word(tree, children, head, tail)
@@ -168,8 +148,8 @@ contains
 
     call read_layout(layout, self%pattern)
     self%order = order
-    self%result_path = self%pattern%path(self%pattern%results(1))
-    self%second_path = self%pattern%path(self%pattern%results(2))
+    self%result_path = path(self%pattern, self%pattern%results(1))
+    self%second_path = path(self%pattern, self%pattern%results(2))
     self%stage_trees = tree_start(order + 1) - 1
     trees = tree_start(order + 2) - 1
     n = self%pattern%points
@@ -206,30 +186,28 @@ contains
     integer :: t
 
     self%x = x
-    call letters(self, 1)
+    call letters(self%pattern, x, self%chi(:, 1), self%letter(:, 1))
     do t = 2, self%stage_trees
       call exponential(self, t, 1, self%pattern%points, self%e(:, t))
       change = self%e(:, t)
       call add_splits(self, t, 1, self%pattern%points, change)
-      call add_up(self%pattern%points, self%pattern%segments, self%pattern%segment_start, &
-                  self%pattern%origin, change, self%left(:, t), self%chi(:, t))
-      call letters(self, t)
+      call add_up(self%pattern, change, self%left(:, t), self%chi(:, t))
+      call letters(self%pattern, x, self%chi(:, t), self%letter(:, t))
     end do
   end subroutine evaluate
 
   ! Sums of what the flows add to a weight, along each segment. The weight at the start is given.
-  pure subroutine add_up(points, segments, segment_start, origin, change, left, chi)
-    integer, intent(in) :: points, segments
-    integer, intent(in) :: segment_start(segments + 1), origin(segments)
-    real(wp), intent(in) :: change(points)
-    real(wp), intent(out) :: left(points)
-    real(wp), intent(inout) :: chi(0:segments)
+  pure subroutine add_up(pattern, change, left, chi)
+    type(pattern_t), intent(in) :: pattern
+    real(wp), intent(in) :: change(:)              ! (points)
+    real(wp), intent(out), contiguous :: left(:)   ! (points)
+    real(wp), intent(inout), contiguous :: chi(0:) ! (0:segments)
     real(wp) :: total
     integer :: k, m
 
-    do k = 1, segments
-      total = chi(origin(k))
-      do m = segment_start(k), segment_start(k + 1) - 1
+    do k = 1, pattern%segments
+      total = chi(pattern%origin(k))
+      do m = pattern%segment_start(k), pattern%segment_start(k + 1) - 1
         left(m) = total
         total = total + change(m)
       end do
@@ -238,50 +216,22 @@ contains
   end subroutine add_up
 
   ! Computes the letters of a tree at all points.
-  pure subroutine letters(self, t)
-    class(weights_t), intent(inout) :: self
-    integer, intent(in) :: t
-
-    associate (pattern => self%pattern)
-      if (pattern%one_weight) then
-        call scale_by_weights(pattern%points, pattern%segments, self%x, pattern%at, self%chi(:, &
-                                                                                             t), &
-                   self%letter(:, t))
-      else
-        call combine(pattern%points, pattern%unknowns, pattern%segments, pattern%weight_start, &
-                     self%x, pattern%at, self%chi(:, t), self%letter(:, t))
-      end if
-    end associate
-  end subroutine letters
-
-  ! Letters where each point has one weight
-  pure subroutine scale_by_weights(points, segments, x, at, chi, letter)
-    integer, intent(in) :: points, segments
-    real(wp), intent(in) :: x(points), chi(0:segments)
-    integer, intent(in) :: at(points)
-    real(wp), intent(out) :: letter(points)
-    integer :: m
-
-    do m = 1, points
-      letter(m) = x(m)*chi(at(m))
-    end do
-  end subroutine scale_by_weights
-
-  ! Letters where points have several weights
-  pure subroutine combine(points, unknowns, segments, weight_start, x, at, chi, letter)
-    integer, intent(in) :: points, unknowns, segments
-    integer, intent(in) :: weight_start(points + 1), at(unknowns)
-    real(wp), intent(in) :: x(unknowns), chi(0:segments)
-    real(wp), intent(out) :: letter(points)
+  pure subroutine letters(pattern, x, chi, letter)
+    type(pattern_t), intent(in) :: pattern
+    real(wp), intent(in) :: x(:)                   ! (unknowns)
+    real(wp), intent(in), contiguous :: chi(0:)    ! (0:segments)
+    real(wp), intent(out), contiguous :: letter(:) ! (points)
+    real(wp) :: total
     integer :: m, k
 
-    do m = 1, points
-      letter(m) = 0.0_wp
-      do k = weight_start(m), weight_start(m + 1) - 1
-        letter(m) = letter(m) + x(k)*chi(at(k))
+    do m = 1, pattern%points
+      total = 0.0_wp
+      do k = pattern%weight_start(m), pattern%weight_start(m + 1) - 1
+        total = total + x(k)*chi(pattern%at(k))
       end do
+      letter(m) = total
     end do
-  end subroutine combine
+  end subroutine letters
 
   ! Phi(t) of a result after evaluate, for any tree with at most order + 1 nodes.
   function weight(self, t, second) result(phi)
@@ -292,13 +242,10 @@ contains
 
     if (t <= self%stage_trees) then
       phi = self%chi(self%pattern%segment_at(self%pattern%results(merge(2, 1, second))), t)
+    else if (second) then
+      phi = along(self, t, self%second_path)
     else
-      phi = 0.0_wp
-      if (second) then
-        if (size(self%second_path) > 0) phi = along(self, t, self%second_path)
-      else
-        if (size(self%result_path) > 0) phi = along(self, t, self%result_path)
-      end if
+      phi = along(self, t, self%result_path)
     end if
   end function weight
 
@@ -306,33 +253,18 @@ contains
   function along(self, t, path) result(phi)
     class(weights_t), intent(in) :: self
     integer, intent(in) :: t
-    integer, intent(in) :: path(:)  ! points, increasing, at least one
+    integer, intent(in) :: path(:)  ! points, increasing
     real(wp) :: phi
-    real(wp) :: change(path(1):path(size(path)))
-    integer :: i
+    real(wp) :: change(self%pattern%points)
 
+    phi = 0.0_wp
+    if (size(path) == 0) return
     associate (begin => path(1), last => path(size(path)))
-      call exponential(self, t, begin, last, change)
-      call add_splits(self, t, begin, last, change)
+      call exponential(self, t, begin, last, change(begin:last))
+      call add_splits(self, t, begin, last, change(begin:last))
     end associate
-    if (size(change) == size(path)) then
-      phi = sum(change)
-    else
-      phi = 0.0_wp
-      do i = 1, size(path)
-        phi = phi + change(path(i))
-      end do
-    end if
+    phi = sum(change(path))
   end function along
-
-  ! Phi_k(t) after evaluate, for trees with at most order nodes.
-  pure function stage_weight(self, t, stage) result(phi)
-    class(weights_t), intent(in) :: self
-    integer, intent(in) :: t, stage
-    real(wp) :: phi
-
-    phi = self%chi(self%pattern%segment_of_stage(stage), t)
-  end function stage_weight
 
   ! Computes E_m(t) of a tree, the exponential of the letters, at some points.
   pure subroutine exponential(self, t, begin, last, e)

@@ -40,7 +40,7 @@ subroutine core_lmdif_callback(evaluate, n, m, x, fvec, ftol, xtol, gtol, maxfev
     mode, factor, info, nfev, fjac, ipvt, qtf)
   use, intrinsic :: iso_fortran_env, only: real64
   use lmdif_callback_m, only: callback_t, evaluate_i
-  use levenberg_marquardt_m, only: lmdif, solver_t
+  use levenberg_marquardt_m, only: lmdif, lmdif_t
   implicit none
   procedure(evaluate_i) :: evaluate
   integer, intent(in) :: n, m, maxfev, mode
@@ -49,10 +49,10 @@ subroutine core_lmdif_callback(evaluate, n, m, x, fvec, ftol, xtol, gtol, maxfev
   real(real64), intent(out) :: fvec(m), fjac(m, n), qtf(n)
   integer, intent(out) :: info, nfev, ipvt(n)
   type(callback_t) :: problem
-  type(solver_t) :: solver
+  type(lmdif_t) :: solver
 
   problem%evaluate => evaluate
-  solver = solver_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, mode=mode, &
+  solver = lmdif_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, mode=mode, &
                     factor=factor, diag=diag)
   call lmdif(problem, x, fvec, solver)
   diag = solver%diag

@@ -11,7 +11,7 @@ subroutine core_set_lapack(addresses)
 end subroutine core_set_lapack
 
 ! The caller has set the addresses of LAPACK.
-subroutine core_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, free, ftol, &
+subroutine core_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, moving, ftol, &
                                 damping, max_iterations, accurate, stop_flag, x, f, iterations, &
                                 evaluations, status)
   use kinds, only: wp
@@ -23,7 +23,7 @@ subroutine core_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, fr
   real(wp), intent(in) :: x0(n)         ! packed weights
   integer, intent(in) :: trees(m)       ! none of them zero
   integer, intent(in) :: owner(m)       ! zero for the first result, see order_conditions_t
-  integer, intent(in) :: free(k)        ! indices of the unknowns that may move, from 1
+  integer, intent(in) :: moving(k)        ! indices of the unknowns that may move, from 1
   real(wp), intent(in) :: ftol, damping
   integer, intent(in) :: max_iterations
   integer, intent(in) :: accurate       ! zero or one
@@ -35,6 +35,6 @@ subroutine core_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, fr
   call conditions%set_up(order, layout, trees, owner)
   conditions%stop_flag => stop_flag(1)
   x = x0
-  call minimise_norm(conditions, x, m, free, ftol, damping, max_iterations, accurate /= 0, f, &
+  call minimise_norm(conditions, x, m, moving, ftol, damping, max_iterations, accurate /= 0, f, &
                      iterations, evaluations, status)
 end subroutine core_fit_minimum_norm

@@ -7,7 +7,7 @@ subroutine core_fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev,
                            x, f, info, nfev)
   use kinds, only: wp
   use conditions_m, only: order_conditions_t
-  use levenberg_marquardt_m, only: lmdif, solver_t
+  use levenberg_marquardt_m, only: lmdif, lmdif_t
   implicit none
   integer, intent(in) :: order, l, n, m
   integer, intent(in) :: layout(l)   ! see read_layout
@@ -20,13 +20,13 @@ subroutine core_fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev,
   real(wp), intent(out) :: f(1)               ! sum of squared residuals
   integer, intent(out) :: info, nfev
   type(order_conditions_t) :: conditions
-  type(solver_t) :: solver
+  type(lmdif_t) :: solver
   real(wp) :: residual(m)
 
   call conditions%set_up(order, layout, trees)
   conditions%stop_flag => stop_flag(1)
   x = x0
-  solver = solver_t(ftol=ftol(1), xtol=xtol(1), maxfev=maxfev)
+  solver = lmdif_t(ftol=ftol(1), xtol=xtol(1), maxfev=maxfev)
   call lmdif(conditions, x, residual, solver)
   info = solver%info
   nfev = solver%nfev

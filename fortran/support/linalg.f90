@@ -1,8 +1,9 @@
-! The linear algebra under the Levenberg-Marquardt solvers, after MINPACK
-! (More, Garbow, Hillstrom, User Guide for MINPACK-1, ANL-80-74, 1980).
+! The linear algebra of MINPACK's lmdif: a pivoted QR factorisation a P = Q R, and the damped
+! steps x that minimise |a x - b|**2 + par |D x|**2, by Givens rotations that eliminate the rows of
+! sqrt(par) D from R. More, Garbow, Hillstrom, User Guide for MINPACK-1, ANL-80-74 (1980).
 !
-! Sums run in MINPACK's order, so that in real(8) a solve takes its path bit
-! for bit; where a loop looks as if it could be a library call, that is why.
+! LAPACK isn't called, because it has no real(16), and because sums run in MINPACK's order: in
+! real(8) a solve repeats MINPACK's bit for bit.
 !
 ! What takes long in real(16) can be ended by a flag; its results are then of no use.
 module linalg_m
@@ -10,7 +11,7 @@ module linalg_m
   use stop_flag_m, only: stop_requested
   implicit none
   private
-  public :: enorm, qrfac, lmpar, qrsolv
+  public :: enorm, qrfac, lmpar, reflect
 
   ! Squares of numbers between these two neither underflow nor overflow in any
   ! kind with at least the exponent range of single precision. They are
@@ -96,7 +97,7 @@ contains
     do j = 1, min(m, n)
       k = j - 1 + maxloc(rdiag(j:), dim=1)
       if (k /= j) then
-        call swap_columns(a, j, k)
+        a(:, [j, k]) = a(:, [k, j])
         rdiag(k) = rdiag(j)
         reference(k) = reference(j)
         ipvt([j, k]) = ipvt([k, j])
@@ -116,20 +117,6 @@ contains
       rdiag(j) = -norm
     end do
   end subroutine qrfac
-
-  ! Exchanges two columns.
-  pure subroutine swap_columns(a, j, k)
-    real(wp), intent(inout), contiguous :: a(:,:)  ! (m, n)
-    integer, intent(in) :: j, k
-    real(wp) :: held
-    integer :: i
-
-    do i = 1, size(a, 1)
-      held = a(i, j)
-      a(i, j) = a(i, k)
-      a(i, k) = held
-    end do
-  end subroutine swap_columns
 
   ! y := (1 - u u^T / u_1) y
   pure subroutine reflect(u, y)
@@ -188,7 +175,9 @@ contains
       r(j, j) = rdiag(j)
     end do
 
-    rank = leading_nonzeros(sdiag)
+    do rank = 0, n - 1
+      if (.not. abs(sdiag(rank + 1)) > 0) exit
+    end do
     rhs(rank + 1:) = 0
     do j = rank, 1, -1
       rhs(j) = (rhs(j) - dot_product(r(j + 1:rank, j), rhs(j + 1:rank))) / sdiag(j)
@@ -233,26 +222,6 @@ contains
     end do
   end subroutine rotate_in
 
-  ! The number of elements before the first zero
-  pure integer function leading_nonzeros(d)
-    real(wp), intent(in) :: d(:)  ! (n)
-
-    do leading_nonzeros = 0, size(d) - 1
-      if (.not. abs(d(leading_nonzeros + 1)) > 0) return
-    end do
-  end function leading_nonzeros
-
-  ! The diagonal of a matrix
-  pure function diagonal(r)
-    real(wp), intent(in), contiguous :: r(:,:)  ! (>= n, n)
-    real(wp) :: diagonal(size(r, 2))
-    integer :: j
-
-    do j = 1, size(r, 2)
-      diagonal(j) = r(j, j)
-    end do
-  end function diagonal
-
   ! The Levenberg-Marquardt parameter: with x minimising
   ! |a x - b|**2 + par |D x|**2, either par = 0 and |D x| <= 1.1 delta, or
   ! par > 0 and |D x| is within a tenth of delta (More, 1978).
@@ -269,11 +238,11 @@ contains
     integer, parameter :: max_iterations = 10
     real(wp) :: scaled(size(r, 2)), work(size(r, 2))
     real(wp) :: excess, previous, xnorm, gnorm, lower, upper
-    integer :: iteration, j, n
+    integer :: iteration, j, n, rank
 
     n = size(r, 2)
     sdiag = 0
-    call gauss_newton(r, ipvt, qtb, x)
+    call gauss_newton(r, ipvt, qtb, x, rank)
     scaled = diag * x
     xnorm = enorm(scaled)
     excess = xnorm - delta
@@ -283,7 +252,7 @@ contains
     end if
 
     lower = 0
-    if (leading_nonzeros(diagonal(r)) == n) then
+    if (rank == n) then
       work = diag(ipvt) * (scaled(ipvt) / xnorm)
       do j = 1, n
         work(j) = (work(j) - dot_product(r(:j - 1, j), work(:j - 1))) / r(j, j)
@@ -338,15 +307,18 @@ contains
   end subroutine lmpar
 
   ! x = P R^-1 Q^T b; from the first zero on R's diagonal on, zeros instead.
-  pure subroutine gauss_newton(r, ipvt, qtb, x)
+  pure subroutine gauss_newton(r, ipvt, qtb, x, rank)
     real(wp), intent(in), contiguous :: r(:,:)  ! (>= n, n)
     integer, intent(in) :: ipvt(:)              ! (n)
     real(wp), intent(in) :: qtb(:)              ! (n)
     real(wp), intent(out) :: x(:)               ! (n)
+    integer, intent(out) :: rank                ! elements of the diagonal before the first zero
     real(wp) :: work(size(r, 2))
-    integer :: j, rank
+    integer :: j
 
-    rank = leading_nonzeros(diagonal(r))
+    do rank = 0, size(r, 2) - 1
+      if (.not. abs(r(rank + 1, rank + 1)) > 0) exit
+    end do
     work(:rank) = qtb(:rank)
     work(rank + 1:) = 0
     do j = rank, 1, -1

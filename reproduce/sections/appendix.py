@@ -1,7 +1,5 @@
 """Appendix A, coefficient by coefficient."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
@@ -21,17 +19,13 @@ from ..item import Item
 
 
 def compute(context: Context) -> Data:
-    """Compare every printed coefficient with the catalogue's.
+    """Compare every printed coefficient with the catalogue's, by method.
 
-    Returns
-    -------
-    Data
-        By method: ``coefficients`` with ``label``, ``paper``, ``ours`` (36 digits) and
-        ``difference``; the largest difference, of c against row sums of printed a too; how far
-        exact methods are off ``if_truncated`` and ``if_rounded``, see
-        `appendix_a.nearest_exact`, null where there are none; the Euclidean norm of all
-        residuals (root of f over all trees), f over the independent ones, and the largest
-        residual, exactly evaluated, of the ``paper``'s and of ``our`` coefficients.
+    ``coefficients`` have ``label``, ``paper``, ``ours`` (36 digits) and ``difference``. There are
+    the largest difference, of c against row sums of printed a too; how far exact methods are off
+    ``if_truncated`` and ``if_rounded`` (`appendix_a.nearest_exact`; null where there are none); and
+    of the ``paper``'s and ``our`` coefficients, exactly evaluated, the norm of all residuals, f
+    over the independent ones, and the largest residual.
     """
     by_method = {}
     for done, (name, paper) in enumerate(printed().items()):

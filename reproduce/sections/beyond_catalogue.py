@@ -1,7 +1,5 @@
 """The catalogue as a table, computed from coefficients except for the column of certificates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
@@ -36,13 +34,7 @@ _EXPLANATION = (
 
 
 def compute(context: Context) -> Data:
-    """Describe all methods of flows, the explicit ones first, by order.
-
-    Returns
-    -------
-    Data
-        ``methods``: a list of what `describe` returns.
-    """
+    """Return ``methods``, what `describe` returns of all, the explicit ones first, by order."""
     entries = []
     described = [m for m in methods.values() if isinstance(m, Tableau | CommutatorFree)]
     for done, method in enumerate(described):

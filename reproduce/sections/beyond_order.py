@@ -1,7 +1,5 @@
 """Convergence in quadruple precision of methods of order six and more, beside the paper's CG6a."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 
@@ -46,13 +44,10 @@ def select(catalogue: Mapping[str, Method] = methods) -> list[str]:
 def compute(context: Context) -> Data:
     """Integrate in quadruple precision with stepsizes from 1/4 down to 1/2048.
 
-    Returns
-    -------
-    Data
-        By reading the ``reference_error``, and by method what `quad_orders.order_data` returns,
-        ``order``, whether it is only nominal (``approximate``), ``stages``, and ``decades``: over
-        how many decades of the error, up from the smallest, slopes between neighbours are within
-        ``near`` of the order.
+    By reading, there is the ``reference_error``, and by method what `quad_orders.order_data`
+    returns, ``order``, whether it is only nominal (``approximate``), ``stages``, and ``decades``:
+    over how many decades of the error, up from the smallest, slopes between neighbours are within
+    ``near`` of the order.
     """
     steps = {
         name: [2**power for power in _POWERS if 2**power * methods[name].exponentials <= _FLOWS]

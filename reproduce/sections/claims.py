@@ -1,7 +1,5 @@
 """The results that the paper claims, each with a verdict and its evidence."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -207,14 +205,10 @@ CLAIMS = (
 
 
 def compute(context: Context) -> Data:
-    """Judge all claims.
+    """Judge all ``claims``; return their ``count`` by verdict too, and the ``numbers`` of `gather`.
 
-    Returns
-    -------
-    Data
-        ``claims``, each with ``section``, ``claim``, ``verdict`` ("pass", "fail" or "not
-        reproducible"), ``evidence``, and ``interpretation``, empty unless it fails; ``count`` by
-        verdict; ``numbers``, the result of `evidence.gather`.
+    Each claim has ``section``, ``claim``, ``verdict`` ("pass", "fail" or "not reproducible"),
+    ``evidence``, and ``interpretation``, empty unless it fails.
     """
     numbers = gather(context.settings.seed)
     judged = []

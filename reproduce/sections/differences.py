@@ -1,7 +1,5 @@
 """Differences from the paper, and choices that the paper leaves open."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cg import conditions
@@ -14,13 +12,7 @@ from .search import PLANS
 
 
 def compute(context: Context) -> Data:
-    """List the differences.
-
-    Returns
-    -------
-    Data
-        ``differences``: a list with ``what`` differs, the ``paper``'s way and ``ours``.
-    """
+    """Return ``differences``, each with ``what`` differs, the ``paper``'s way and ``ours``."""
     keys = ("what", "paper", "ours")
     rows = (*_algorithms(), *_search(), *_PROBLEM)
     return {"differences": [dict(zip(keys, row, strict=True)) for row in rows]}

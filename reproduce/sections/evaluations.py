@@ -1,7 +1,5 @@
 """Order six: f against the number of evaluations, in double and in real(16)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,19 +28,13 @@ COUNTS = (10 * _ONCE, 20 * _ONCE, 40 * _ONCE, _PLAN.maxfev + _PLAN.refine_maxfev
 
 
 def compute(context: Context) -> Data:
-    """Run the first starts of the search again, with other limits of evaluations.
+    """Run the first starts of the search again, with other ``limits`` of evaluations in double.
 
-    Returns
-    -------
-    Data
-        ``paper``, its two values of f, and ``paper_exact``, those of order four, beside the
-        ``smallest_exact`` of ours; ``f_printed``, f of CG6a as printed; ``starts``, how many of
-        those of the search; ``limits``, the limits in double in rising order, that of the search
-        among them; for each of them
-        ``f``, by start, and ``f_quartiles``; ``limit_quad``, evaluations in real(16) after the
-        search in double; what either phase multiplies f by, ``ratio_quad``, and what as many
-        more evaluations in double do, ``ratio_double``, by start; ``stopped``, with its ``limit``
-        and ``limit_quad``, ``f_double`` and ``f_quad`` of the first starts if double stops early.
+    For each limit there are ``f``, by start, and ``f_quartiles``. ``limit_quad`` evaluations in
+    real(16) follow the search's own; ``ratio_quad`` is what they multiply f by, ``ratio_double``
+    what as many more in double do. ``stopped`` has ``f_double`` and ``f_quad`` of the first starts
+    if double stops early, at ``limit``. To compare with: ``paper`` and ``paper_exact``, its values
+    of f at orders six and four, ``smallest_exact`` of ours, ``f_printed`` of CG6a, and ``starts``.
     """
     searched = context.results["search6"]
     starts = min(_PLAN.starts, len(searched["f_double"]))

@@ -1,7 +1,5 @@
 """Figure 4.1: global error of either component of the spinning top over time, h = 0.1."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from matplotlib.figure import Figure
@@ -21,11 +19,8 @@ _COMPONENTS = {"rotation": "B", "momentum": "ω"}
 def compute(context: Context) -> Data:
     """Integrate with the four methods, for both readings of the initial momentum.
 
-    Returns
-    -------
-    Data
-        ``t`` and, by reading, ``reference_error`` and by method the lists ``rotation`` and
-        ``momentum`` of 2-norms of errors at every time.
+    By reading, there are ``reference_error`` and by method the lists ``rotation`` and ``momentum``
+    of 2-norms of errors at every time of ``t``.
     """
     readings = {}
     for done, reading in enumerate(top.READINGS):

@@ -3,8 +3,6 @@
 The distance is shown as the package integrates and, beside it, of the flows alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
@@ -34,15 +32,11 @@ _MAX_H = 0.07
 def compute(context: Context) -> Data:
     """Integrate with many stepsizes.
 
-    Returns
-    -------
-    Data
-        By reading and method: ``distance`` from SO(3) at the times ``t`` for h = 0.1, and
-        ``distance_flows`` where flows are followed and nothing else is done; ``long_distance``
-        and ``long_distance_flows``, the largest ones for the stepsize ``long_h``; ``error``
-        of B at t = 1 for every one of ``h``; ``slope`` fitted over ``fitted`` points, null where
-        fewer than two lie between rounding and the asymptotic range. By reading the
-        ``reference_error`` at t = 1.
+    By reading and method: ``distance`` from SO(3) at the times ``t`` for h = 0.1, and
+    ``distance_flows`` of flows alone; ``long_distance`` and ``long_distance_flows``, the largest
+    ones for the stepsize ``long_h``; ``error`` of B at t = 1 for every one of ``h``; ``slope``
+    fitted over ``fitted`` points, null where fewer than two lie between rounding and the asymptotic
+    range. By reading: ``reference_error`` at t = 1.
     """
     readings: dict[str, dict[str, dict[str, object]]] = {}
     runs = list(product(top.READINGS, top.METHODS))
@@ -73,7 +67,7 @@ def _slope(h: Sequence[float], error: Sequence[float]) -> tuple[float | None, in
     used = sum(size <= _MAX_H and value > _FLOOR for size, value in zip(h, error, strict=True))
     if used < 2:
         return None, used
-    return observed_order(h, error, floor=_FLOOR, h_range=(0.0, _MAX_H)).order, used
+    return observed_order(h, error, floor=_FLOOR, h_range=(0.0, _MAX_H)), used
 
 
 def present(data: Data) -> Sequence[Block]:

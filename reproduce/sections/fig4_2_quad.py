@@ -1,7 +1,5 @@
 """Figure 4.2, right, in quadruple precision: where rounding in double hides the order no more."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from matplotlib.figure import Figure
@@ -20,13 +18,7 @@ _POWERS = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16)
 
 
 def compute(context: Context) -> Data:
-    """Integrate in quadruple precision with stepsizes down to 1/65536.
-
-    Returns
-    -------
-    Data
-        ``readings``: what `quad_orders.convergence` returns.
-    """
+    """Return ``readings``, the `quad_orders.convergence` with stepsizes down to 1/65536."""
     steps = {
         method: [2**power for power in _POWERS if power <= _MAX_POWER[method]]
         for method in top.METHODS

@@ -1,7 +1,5 @@
 """The computer search of Section 3.2: the values of f and the methods found."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence
@@ -85,22 +83,16 @@ PLANS = {
 
 
 def compute(plan: Plan, context: Context) -> Data:
-    """Search, or continue a search from its store.
+    """Search, or continue a search from its store; publish partial results from time to time.
 
-    Partial results are published from time to time. If an interrupt or the time limit ends the
-    search, its result is that of the starts before the first unfinished one, so that slow starts
-    are not underrepresented.
-
-    Returns
-    -------
-    Data
-        ``settings`` of the search and the ``paper``'s values of f; by start the lists
-        ``f_double``, ``nfev_double``, ``info_double``, ``f_quad``, ``nfev_quad`` (null where not
-        refined) and ``exact``; how many starts are ``at_limit`` of evaluations in double; the
-        number of ``distinct`` exact methods, of those with ``abscissae_in_unit_interval``, their
-        ``largest_coefficients``; ``methods``, the chosen ones with all coefficients; ``best``,
-        the start with the smallest residual; ``partial``, null or how many ``starts`` ``of``
-        how many these are.
+    If an interrupt or the time limit ends the search, its result is that of the starts before the
+    first unfinished one, so that slow starts are not underrepresented; ``partial`` then has how
+    many ``starts`` ``of`` how many. By start there are ``f_double``, ``nfev_double``,
+    ``info_double``, ``f_quad``, ``nfev_quad`` (null where not refined) and ``exact``; in all, how
+    many starts are ``at_limit`` of evaluations in double, how many exact methods are ``distinct``,
+    how many of these have ``abscissae_in_unit_interval``, their ``largest_coefficients``, the
+    chosen ``methods``, and ``best``, the start with the smallest residual. ``settings`` and the
+    ``paper``'s values of f are there to compare.
     """
     starts = plan.full_starts if context.settings.full else plan.starts
     arguments = plan.arguments(context.settings.seed)

@@ -1,7 +1,5 @@
 """The table of Section 3.2: parameters and order conditions of the methods searched for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cg.conditions import count, table_rows, unknowns
@@ -22,12 +20,8 @@ PAPER = (
 def compute(context: Context) -> Data:
     """Count unknowns and conditions anew.
 
-    Returns
-    -------
-    Data
-        ``rows``: for every row of the table the ``paper`` and ``computed`` numbers, whether
-        they ``agree``, and the rows of the integer table of Section 3.1: ``trees`` in all,
-        ``discarded`` among them.
+    Each of ``rows`` has the ``paper`` and ``computed`` numbers, whether they ``agree``, and the
+    rows of the integer table of Section 3.1: ``trees`` in all, ``discarded`` among them.
     """
     rows = []
     for paper in PAPER:

@@ -3,8 +3,6 @@
 `check` multiplies a proof out; ``python -m research.impossibility`` does it for all proofs.
 """
 
-from __future__ import annotations
-
 from .proof import Claim, ImpossibilityError, Lemma, Proof, check, proof_names, read_proof
 from .shapes import PathShape, PointsShape, TableauShape, point_shapes, read_shape
 

@@ -1,7 +1,5 @@
 """Check proofs from the command line: ``python -m research.impossibility [NAME ...]``."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

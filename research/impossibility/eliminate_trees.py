@@ -10,8 +10,6 @@ letters with two or three nodes on the flows to the result, and Φ_i([τ]) at th
 of their own for these, conditions have low degrees.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess
@@ -32,11 +30,7 @@ MIN_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: resea
 class Conditions:
     """Order conditions of a tree of points, with names for common subexpressions.
 
-    Attributes
-    ----------
-    ring : Ring
-    equations : list of polynomials
-        The definitions of the names, and the conditions.
+    `equations` are the definitions of the names, and the conditions.
     """
 
     def __init__(self, shape: PointsShape, order: int) -> None:

@@ -4,8 +4,6 @@
 ``python -m research.impossibility`` checks without Singular.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

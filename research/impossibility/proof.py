@@ -5,8 +5,6 @@ have polynomials g_k with Σ g_k f_k = 1. A proof is a list of such g_k. To chec
 out, in exact rational arithmetic.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -27,51 +25,26 @@ class ImpossibilityError(ArithmeticError):
 
 @dataclass(frozen=True)
 class Lemma:
-    """A polynomial that is zero at all flat methods of the order.
-
-    Attributes
-    ----------
-    polynomial : str
-    factors : mapping from str to str
-        Factors of flat conditions, named by their trees, and earlier lemmas, named ``lemma`` and
-        their number, whose sum of products is the polynomial.
-    """
+    """A polynomial that is zero at all flat methods of the order."""
 
     polynomial: str
-    factors: Mapping[str, str]
+    factors: Mapping[str, str]  # of flat conditions, by tree, and of lemmas before
 
 
 @dataclass(frozen=True)
 class Claim:
-    """That no method of a shape has an order: one is a combination of its conditions.
+    """That no method of a shape has an order: one is a combination of its conditions."""
 
-    Attributes
-    ----------
-    shape : str
-        As for `research.impossibility.shapes.read_shape`.
-    factors : mapping from str to str
-        Factors of conditions, named by their trees, and of lemmas.
-    """
-
-    shape: str
-    factors: Mapping[str, str]
+    shape: str  # as for `read_shape`
+    factors: Mapping[str, str]  # of conditions, by their trees, and of lemmas
 
 
 @dataclass(frozen=True)
 class Proof:
-    """Claims about methods of one order, and lemmas that they share.
-
-    Attributes
-    ----------
-    order : int
-    stages : int
-        Of the tableaux and trees of points that claims are about, 0 if none are.
-    lemmas : tuple of Lemma
-    claims : tuple of Claim
-    """
+    """Claims about methods of one order, and lemmas that they share."""
 
     order: int
-    stages: int
+    stages: int  # of the tableaux and trees of points that claims are about, 0 if none are
     lemmas: tuple[Lemma, ...]
     claims: tuple[Claim, ...]
 
@@ -114,14 +87,9 @@ class Proof:
             given[name] = polynomial
 
     def check_claim(self, claim: Claim) -> None:
-        """Multiply out that one is a combination of the conditions of a shape.
+        """Multiply out that one is a combination of the conditions of a shape; raise if it isn't.
 
         Lemmas are used only after it is shown that flat conditions are sums of conditions.
-
-        Raises
-        ------
-        ImpossibilityError
-            If it isn't.
         """
         shape = read_shape(claim.shape, self.stages)
         given = shape.conditions(self.order)

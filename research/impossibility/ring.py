@@ -1,7 +1,5 @@
 """Polynomials with rational coefficients, and how they are written."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from fractions import Fraction
@@ -19,19 +17,7 @@ _POWER = re.compile(r"([a-z]\w*)(?:\^(\d+))?", re.ASCII)
 
 
 class Ring:
-    """Polynomials in named unknowns over the rational numbers.
-
-    Parameters
-    ----------
-    names : sequence of str
-        The unknowns: a letter, then letters, digits and underscores.
-
-    Examples
-    --------
-    >>> ring = Ring(["x", "y"])
-    >>> ring.read("x^2-1/2*x*y") == ring["x"] * (ring["x"] - ring["y"] / 2)
-    True
-    """
+    """Polynomials in named unknowns over the rational numbers."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
@@ -50,19 +36,7 @@ class Ring:
         return self._context.constant(value) if isinstance(value, int) else value
 
     def read(self, text: str) -> Polynomial:
-        """Return the polynomial that is written in a text.
-
-        Parameters
-        ----------
-        text : str
-            A sum of products of rational numbers and powers, as in ``-3/2*x*y^2+7``. White
-            space is ignored.
-
-        Raises
-        ------
-        ValueError
-            If the text isn't of this form; the message tells at which term.
-        """
+        """Return the polynomial in a text such as ``-3/2*x*y^2+7``; ValueError for other texts."""
         packed = "".join(text.split())
         terms: dict[tuple[int, ...], fmpq] = {}
         end = 0

@@ -6,8 +6,6 @@ but for the last, which is the result, has the same number of weights: they are 
 of its flat tableau.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,14 +29,9 @@ _LETTERS = (1, 2)  # the indices of τ and [τ]
 class PathShape:
     """Explicit methods whose result is reached by a given number of flows.
 
-    Conditions are taken of words in the letters τ and [τ] alone, whose values on a flow are
-    Σ_k α_k and Σ_k α_k c_k, whatever stages and weights they come from. The unknowns are these
-    values on all flows but the last, x{k}_1 and x{k}_2. There they follow from Φ([τ]) = 1 and
-    Φ([[τ]]) = 1/2.
-
-    Attributes
-    ----------
-    flows : int
+    Conditions are taken of words in the letters τ and [τ] alone, whose values on a flow are Σ_k α_k
+    and Σ_k α_k c_k, whatever stages and weights they come from. The unknowns are these values on
+    all flows but the last, x{k}_1 and x{k}_2. There they follow from Φ([τ]) = 1 and Φ([[τ]]) = 1/2.
     """
 
     flows: int
@@ -232,17 +225,7 @@ def point_shapes(stages: int) -> Iterator[PointsShape]:
 
 
 def read_shape(text: str, stages: int) -> Shape | PathShape:
-    """Return the shape that a text names.
-
-    These are ``tableau``, ``path of`` a number of flows, or the parents of points.
-
-    Raises
-    ------
-    ValueError
-        If it names no shape with this number of stages.
-    TypeError
-        If it is no str, or `stages` no integer.
-    """
+    """Return the shape of a text: ``tableau``, ``path of`` some flows, or the parents of points."""
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
     stages = check_integer("stages", stages, 0, MAX_STAGES)

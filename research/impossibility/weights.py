@@ -3,8 +3,6 @@
 This module shares no code with `cg.conditions`, which the tests compare with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from math import factorial

@@ -69,7 +69,7 @@ def test_observed_order_of_magnus_methods(order):
         method = Magnus(case.f, case.frame, order)
         errors.append(case.error(method.integrate(case.end, case.y0, count)[-1]))
         assert (method.nfev, method.nexp) == (count * order // 2, count)
-    assert observed_order([1 / n for n in counts], errors).order == pytest.approx(order, abs=0.1)
+    assert observed_order([1 / n for n in counts], errors) == pytest.approx(order, abs=0.1)
 
 
 def test_curves_interpolate_work_and_best_solver():

@@ -54,7 +54,7 @@ class TestFiles:
             ("{", "not a JSON file"),
             ('{"name": "x"}', "lacks a, b"),
             ('{"name": "x", "name": "y"}', "'name' is there twice"),
-            ('{"a": NaN}', "NaN is no number"),
+            ('{"a": NaN}', "NaN isn't a finite number"),
             ('{"a": 1' + "0" * 5000 + "}", "not a file of this kind"),
             ('{"a": ' + "[" * 50 + "]" * 50 + "}", "nested too deeply"),
             ('{"a": ' + "[" * 100000 + "]" * 100000 + "}", "nested too deeply"),

@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses
-from strategies import dyadics, rationals, tableaux
+from strategies import rationals, tableaux
 
 import cg
 from cg import conditions
 from cg.conditions import Rows
-from cg.structure.layout import Layout
 from cg.trees.ordered import OrderedTree, forest
 from cg.trees.tables import fortran_tables, main
 
@@ -109,49 +108,6 @@ class TestExactOracle:
         for phi in (weight, exact):
             assert phi[index[u]] * phi[index[v]] == sum(phi[index[w]] for w in shuffles(u, v))
 
-    @pytest.mark.parametrize(
-        ("a", "b", "message"),
-        [
-            ([[0]], [], "a must have shape"),
-            ([[0, 0], [0]], [1, 0], "a must have shape"),
-            ([[0]], [1, 0], "a must have shape"),
-            ([[0]], [float("nan")], "b must hold finite real numbers, got nan"),
-            (0, [1], "a must be a sequence of rows, got 0"),
-            ("0", [1], "a must be a sequence of rows, got '0'"),
-        ],
-    )
-    def test_bad_input(self, a, b, message):
-        refuses(ValueError, message, exactly, a, b, 2)
-
-
-class TestCompiledCore:
-    @given(tableaux(max_stages=3), st.data())
-    @settings(max_examples=40, deadline=None)
-    def test_jacobian_agrees_with_exact_derivatives(self, tableau, data):
-        a, b = tableau
-        order, stages = 5, len(b)
-        rows = data.draw(st.sampled_from([r for r in Rows if r >= conditions.rows_of(a)]))
-        lengths = Layout.tableau(stages, rows).lengths
-        x = [e for row, m in zip([*a, b], lengths, strict=True) for e in row[:m]]
-        v = data.draw(st.lists(dyadics, min_size=len(x), max_size=len(x)))
-
-        def along(h):
-            moved = [p + h * q for p, q in zip(x, v, strict=True)]
-            return exactly(*conditions.unpack(moved, stages, rows), order)
-
-        # residuals have degree 5 at most, so this difference formula has no error
-        stencil = {3: Fraction(1, 60), 2: Fraction(-3, 20), 1: Fraction(3, 4)}
-        exact = [Fraction(0)] * conditions.count(order)
-        for step, factor in stencil.items():
-            pairs = zip(exact, along(step), along(-step), strict=True)
-            exact = [total + factor * (up - down) for total, up, down in pairs]
-
-        jacobian = conditions.jacobian(*as_floats(a, b), order, rows=rows)
-        assert jacobian.shape == (conditions.count(order), len(x))
-        scale = np.abs(jacobian) @ np.abs(np.array(v, **FLOATS)) + 1
-        error = jacobian @ np.array(v, **FLOATS) - np.array(exact, **FLOATS)
-        assert np.all(np.abs(error) <= 1e-10 * scale)
-
 
 class TestPacking:
     @given(tableaux(), st.data())
@@ -190,18 +146,6 @@ COMPILED = [conditions.residuals, conditions.weights, conditions.jacobian]
 
 
 class TestBadInput:
-    @pytest.mark.parametrize("function", COMPILED)
-    @pytest.mark.parametrize(
-        ("order", "error", "message"),
-        [
-            (0, ValueError, "order must be at least 1, got 0"),
-            (conditions.MAX_ORDER + 1, ValueError, "build option highest_order"),
-            (2.0, TypeError, "order must be an integer, got 2.0"),
-        ],
-    )
-    def test_order(self, function, order, error, message):
-        refuses(error, re.escape(message), function, [[0]], [1], order)
-
     @pytest.mark.parametrize("function", COMPILED)
     @pytest.mark.parametrize(
         ("a", "b", "message"),

@@ -5,6 +5,7 @@ from fractions import Fraction
 from functools import partial
 
 import numpy as np
+import pytest
 from flint import arb, fmpq
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -15,6 +16,7 @@ from word_residuals import word_residuals
 
 from cg import CommutatorFree, conditions
 from cg.catalogue import methods
+from cg.conditions import Rows
 from cg.conditions.systems import EquationSystem
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import condition_words, conditions_of
@@ -142,6 +144,16 @@ class TestBalls:
         expected = conditions.jacobian(layout, x, order, independent=True)
         scale = 1 + np.abs(expected).max()
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13 * scale)
+
+    @pytest.mark.parametrize("rows", Rows)
+    def test_derivatives_of_tableaux_agree_with_the_compiled_core(self, rows):
+        layout = Layout.tableau(4, rows)
+        x = np.random.default_rng(5).uniform(-1, 1, layout.size)
+        system = EquationSystem(layout, tuple(conditions_of([5])))
+        a, b = (np.array(part, float) for part in conditions.unpack(x, 4, rows))
+        expected = conditions.jacobian(a, b, 5, independent=True, rows=rows)
+        actual = to_double(system.linearise([arb(v) for v in x])[1])
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-13)
 
     @settings(deadline=None, max_examples=20)
     @given(point_trees(), st.integers(0, 2**32 - 1))

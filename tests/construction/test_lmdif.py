@@ -158,16 +158,16 @@ def test_scaling_by_powers_of_two(name, power, what):
     problem, unit = BY_NAME[name], 2.0**power
     residual, start, diag = problem.residual, problem.start(1), 0.5 + np.arange(problem.n)
     if what == "residuals":
-        plain = cg.lmdif(residual, start)
+        unscaled = cg.lmdif(residual, start)
         scaled = cg.lmdif(lambda x: residual(x) * unit, start)
     elif what == "x":
-        plain = cg.lmdif(residual, start)
+        unscaled = cg.lmdif(residual, start)
         scaled = cg.lmdif(lambda x: residual(x * unit), start / unit)
     else:
-        plain = cg.lmdif(residual, start, diag=diag)
+        unscaled = cg.lmdif(residual, start, diag=diag)
         scaled = cg.lmdif(residual, start, diag=diag * unit)
-    assert (scaled.info, scaled.nfev) == (plain.info, plain.nfev)
-    assert_array_equal(scaled.x * (unit if what == "x" else 1.0), plain.x)
+    assert (scaled.info, scaled.nfev) == (unscaled.info, unscaled.nfev)
+    assert_array_equal(scaled.x * (unit if what == "x" else 1.0), unscaled.x)
 
 
 @pytest.mark.parametrize("power", [-520, -70, 70, 520])

@@ -36,25 +36,27 @@ class TestRefine:
 
     def test_fixed_entries_are_kept(self):
         near = quads.encode(packed("CG4a"))
-        free = [k for k in range(15) if k not in (0, 7)]
+        movable = [k for k in range(15) if k not in (0, 7)]
         moved = quads.from_float(quads.to_float(near))
-        fit = refine(moved, ConditionSystem.tableau(4, 5), free=free)
+        fit = refine(moved, ConditionSystem.tableau(4, 5), movable=movable)
         assert fit.largest_residual < 1e-32
         np.testing.assert_array_equal(fit.x[[0, 7]], moved[[0, 7]])
         assert (fit.x != moved).any()
 
-    def test_order_of_free_entries_does_not_matter(self):
+    def test_order_of_movable_entries_does_not_matter(self):
         near = quads.from_float(np.array(packed("CG4a"), float))
-        expected = refine(near, ConditionSystem.tableau(4, 5), free=[1, 3, 4, *range(8, 15)])
-        fit = refine(near, ConditionSystem.tableau(4, 5), free=[*range(14, 7, -1), 4, 4, 3, 1, 1])
+        expected = refine(near, ConditionSystem.tableau(4, 5), movable=[1, 3, 4, *range(8, 15)])
+        fit = refine(
+            near, ConditionSystem.tableau(4, 5), movable=[*range(14, 7, -1), 4, 4, 3, 1, 1]
+        )
         np.testing.assert_array_equal(fit.x, expected.x)
 
-    def test_refine_without_free_entries(self):
+    def test_refine_without_movable_entries(self):
         near = np.full(6, 0.3)
         np.testing.assert_array_equal(
-            fit_conditions(near, ConditionSystem.tableau(3, 3), free=[]).x, near
+            fit_conditions(near, ConditionSystem.tableau(3, 3), movable=[]).x, near
         )
-        fit = refine(quads.from_float(near), ConditionSystem.tableau(3, 3), free=[])
+        fit = refine(quads.from_float(near), ConditionSystem.tableau(3, 3), movable=[])
         np.testing.assert_array_equal(quads.to_float(fit.x), near)
 
 

@@ -64,11 +64,11 @@ def test_connected_solutions_are_one_family(store):
     candidate = first.candidate
     system, x = candidate.system, candidate.x
     for _ in range(12):  # away from there along the set
-        near = decompose(system.jacobian(x)[:, system.free])
+        near = decompose(system.jacobian(x)[:, system.movable])
         assert near.kernel.shape[1] == 1  # six unknowns, five conditions
         trial = x.copy()
-        trial[system.free] += 0.05 * near.kernel[:, 0] * np.sign(near.kernel[0, 0])
-        x = retract(system, trial, system.free, near)
+        trial[system.movable] += 0.05 * near.kernel[:, 0] * np.sign(near.kernel[0, 0])
+        x = retract(system, trial, system.movable, near)
         assert x is not None
     moved = Candidate(system, x)
     assert np.linalg.norm(moved.x - candidate.x) > 0.1

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.sanitize
 
 def random_x(system, seed=0):
     x = np.random.default_rng(seed).uniform(-1, 1, system.size)
-    x[np.setdiff1d(np.arange(system.size), system.free)] = 0
+    x[np.setdiff1d(np.arange(system.size), system.movable)] = 0
     return x
 
 
@@ -43,12 +43,12 @@ class TestEquations:
         )
 
     def test_assumptions_come_after_conditions(self, structure):
-        system, plain = (
+        system, general = (
             ConditionSystem.tableau(5, 6, structure=structure),
             ConditionSystem.tableau(5, 6),
         )
         x = random_x(system)
-        values, conditions = system.residual(x), plain.residual(x)
+        values, conditions = system.residual(x), general.residual(x)
         np.testing.assert_array_equal(values[: conditions.size], conditions)
         a, b = cg.conditions.unpack(x, 6)
         a, b = np.array(a), np.array(b)
@@ -59,14 +59,14 @@ class TestEquations:
         np.testing.assert_allclose(values[conditions.size :], expected, atol=1e-14)
 
 
-def test_zeros_of_structures_are_not_free():
-    plain, one, two = (
+def test_zeros_of_structures_are_not_movable():
+    general, one, two = (
         ConditionSystem.tableau(6, 7, structure=structure) for structure in Structure
     )
-    weights = plain.size - 7
-    assert plain.free.size == plain.size
-    assert np.setdiff1d(plain.free, one.free).tolist() == [weights + 1]
-    assert np.setdiff1d(plain.free, two.free).tolist() == [weights, weights + 1]
+    weights = general.size - 7
+    assert general.movable.size == general.size
+    assert np.setdiff1d(general.movable, one.movable).tolist() == [weights + 1]
+    assert np.setdiff1d(general.movable, two.movable).tolist() == [weights, weights + 1]
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_rank_is_number_of_equations():
         if fit.f < 1e-26:
             break
     assert fit.f < 1e-26
-    values = np.linalg.svd(system.jacobian(fit.x)[:, system.free], compute_uv=False)
+    values = np.linalg.svd(system.jacobian(fit.x)[:, system.movable], compute_uv=False)
     assert np.sum(values > 1e-9 * values[0]) == rank
     refined = refine(quads.from_float(fit.x), system)
     assert refined.largest_residual < 1e-32
@@ -104,10 +104,10 @@ def test_accurate_steps_reach_zeros_that_normal_equations_miss():
     method = cg.methods["CG7b"]
     system = ConditionSystem.tableau(7, method.stages, structure=Structure.MIDDLE)
     x = np.asarray(cg.conditions.pack(method.a, method.b))
-    x[system.free] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.free.size)
-    plain, accurate = (
+    x[system.movable] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.movable.size)
+    usual, accurate = (
         fit_conditions(x, system, damping=1e-12, max_iterations=40, accurate=accurate).f
         for accurate in (False, True)
     )
     assert accurate <= 1e-27
-    assert plain > 100 * accurate
+    assert usual > 100 * accurate

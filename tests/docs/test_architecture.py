@@ -83,3 +83,27 @@ def test_folders_import_only_from_earlier_layers():
 def test_files_do_not_import_each_other_in_a_circle():
     assert len(IMPORTS["cg.integration.problem"]) > 10
     TopologicalSorter(IMPORTS).prepare()  # CycleError names the files of a circle
+
+
+# what is longer than a file or a function should be
+LONG = {
+    *("cg/frames/matrix_group.py", "cg/integration/stepper.py", "cg/jax/solver.py"),
+    *("cg/integration/step/paths.py: paths_of", "cg/integration/stepper.py: _drive"),
+    *("fortran/frames/linear_action.f90", "fortran/frames/algebra.f90", "fortran/steps/step.f90"),
+    *("fortran/interface/api_run.f90", "fortran/interface/run.f90"),
+    "fortran/steps/interpolant.f90",
+}
+
+
+def test_files_have_350_lines_and_functions_40():
+    """Docstrings of functions don't count."""
+    paths = {str(p.relative_to(ROOT)): p for p in [*FILES.values(), *ROOT.glob("fortran/*/*.f90")]}
+    lines = {name: path.read_text("utf-8").count("\n") for name, path in paths.items()}
+    long = {name for name, count in lines.items() if count > 350}
+    for name in filter(lambda name: name.endswith(".py"), paths):
+        for node in ast.walk(ast.parse(paths[name].read_text("utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                begin = node.body[ast.get_docstring(node) is not None :] or node.body
+                if node.end_lineno - begin[0].lineno >= 40:
+                    long.add(f"{name}: {node.name}")
+    assert long == LONG

@@ -92,13 +92,16 @@ def python_program(names):
     return "\n".join(lines)
 
 
+def output_of(*command, folder):
+    """Run a program in a folder, without errors; return what it prints."""
+    run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=folder)
+    return run.stdout
+
+
 def check_python(names, tmp_path):
     program = tmp_path / "program.py"
     program.write_text(python_program(names), encoding="utf-8")
-    run = subprocess.run(
-        [sys.executable, "-I", program], capture_output=True, text=True, check=True, cwd=tmp_path
-    )
-    agree(run.stdout, names)
+    agree(output_of(sys.executable, "-I", program, folder=tmp_path), names)
 
 
 def test_python_module_runs_alone(tmp_path):
@@ -136,9 +139,8 @@ def check_c(names, folder):
         headers.append(f'#include "{header.name}"\n')
     (folder / "program.c").write_text("".join(headers) + c_program(names), encoding="utf-8")
     flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-pedantic", "-Werror"]
-    subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=folder)
-    run = subprocess.run([folder / "program"], capture_output=True, text=True, check=True)
-    agree(run.stdout, names)
+    output_of("gcc", *flags, "program.c", "-o", "program", folder=folder)
+    agree(output_of(folder / "program", folder=folder), names)
 
 
 def test_c(tmp_path):
@@ -159,9 +161,9 @@ def fortran_program(names):
         method = resolve_method(name)
         functions = "field, flow, dexpinv" if on_algebra(method) else "field, flow"
         rows = len(sums_of(method))
-        more = f", errors(:, :{rows})" if rows else ", other" if method.embedded_order else ""
+        extra = f", errors(:, :{rows})" if rows else ", other" if method.embedded_order else ""
         lines += ["  y = start"]
-        lines += [f"  call {identifier(name)}_step({functions}, 3, t, h, y{more})"]
+        lines += [f"  call {identifier(name)}_step({functions}, 3, t, h, y{extra})"]
         lines += ["  call show(y)"]
         lines += [f"  call show(errors(:, {k + 1}))" for k in range(rows)]
         if method.embedded_order and not rows:
@@ -184,9 +186,9 @@ def check_fortran(names, folder):
     (folder / "program.f90").write_text(text, encoding="utf-8")
     flags = ["-std=f2018", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
     flags += ["-Wno-unused-function"]
-    subprocess.run(["gfortran", *flags, "program.f90", "-o", "program"], check=True, cwd=folder)
-    run = subprocess.run([folder / "program"], capture_output=True, text=True, check=True)
-    words = [[int(word, 16) for word in line.split()] for line in run.stdout.splitlines()]
+    output_of("gfortran", *flags, "program.f90", "-o", "program", folder=folder)
+    shown = output_of(folder / "program", folder=folder)
+    words = [[int(word, 16) for word in line.split()] for line in shown.splitlines()]
     rows = np.array(words, dtype=np.uint64).view(np.float64)
     agree("\n".join(" ".join(x.hex() for x in row) for row in rows.tolist()), names)
 
@@ -220,11 +222,10 @@ int main(void)
 """
     (tmp_path / "program.c").write_text(program, encoding="utf-8")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
-    subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=tmp_path)
-    run = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)
-    assert abs(Fraction(run.stdout.strip()) - GROWTH) < Fraction(
-        4 * float(np.finfo(np.longdouble).eps)
-    )
+    output_of("gcc", *flags, "program.c", "-o", "program", folder=tmp_path)
+    assert abs(
+        Fraction(output_of(tmp_path / "program", folder=tmp_path).strip()) - GROWTH
+    ) < Fraction(4 * float(np.finfo(np.longdouble).eps))
 
 
 def test_quadruple_in_fortran(tmp_path):
@@ -253,9 +254,10 @@ contains
 end program main
 """
     (tmp_path / "program.f90").write_text(module + program, encoding="utf-8")
-    subprocess.run(["gfortran", "program.f90", "-o", "program"], check=True, cwd=tmp_path)
-    run = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)
-    assert abs(Fraction(run.stdout.strip()) - GROWTH) < Fraction(1, 10**32)
+    output_of("gfortran", "program.f90", "-o", "program", folder=tmp_path)
+    assert abs(
+        Fraction(output_of(tmp_path / "program", folder=tmp_path).strip()) - GROWTH
+    ) < Fraction(1, 10**32)
 
 
 def check_octave(names, folder):
@@ -272,14 +274,8 @@ def check_octave(names, folder):
         # rounded to 17 digits, doubles come back as they were
         lines.append("printf('%.17g %.17g %.17g\\n', rows);")
     (folder / "program.m").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    run = subprocess.run(
-        ["octave-cli", "--norc", "program.m"],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=folder,
-    )
-    rows = [list(map(float, line.split())) for line in run.stdout.splitlines()]
+    shown = output_of("octave-cli", "--norc", "program.m", folder=folder)
+    rows = [list(map(float, line.split())) for line in shown.splitlines()]
     agree("\n".join(" ".join(x.hex() for x in row) for row in rows), names)
 
 
@@ -311,15 +307,15 @@ def test_methods_without_flows(what, tmp_path):
         text = cg.export(NO_FLOWS[what], format)
         (tmp_path / f"still_step.{suffix}").write_text(text, encoding="utf-8")
     warn = ["-Wall", "-Wextra", "-pedantic", "-Werror", "-c"]
-    subprocess.run(["gcc", "-std=c99", *warn, "still_step.c"], check=True, cwd=tmp_path)
-    subprocess.run(["gfortran", "-std=f2018", *warn, "still_step.f90"], check=True, cwd=tmp_path)
+    output_of("gcc", "-std=c99", *warn, "still_step.c", folder=tmp_path)
+    output_of("gfortran", "-std=f2018", *warn, "still_step.f90", folder=tmp_path)
     names = {}
     exec((tmp_path / "still_step.py").read_text(encoding="utf-8"), names)
     point = names["step"](lambda t, y: [1.0], lambda v, y: y + v, 0.0, np.ones(1), 0.1)
     assert point == (1.1 if what == "a pair" else 1.0)
     if shutil.which("octave-cli") is not None:
         call = f"assert(still_step(@(t, y) 1, @(v, y) y + v, 0, 1, 0.1) == {point[0]})"
-        subprocess.run(["octave-cli", "--norc", "--eval", call], check=True, cwd=tmp_path)
+        output_of("octave-cli", "--norc", "--eval", call, folder=tmp_path)
 
 
 def swapped():

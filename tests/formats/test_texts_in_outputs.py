@@ -46,14 +46,14 @@ def test_python_reads_code_and_comments(what):
 @pytest.mark.parametrize("what", TEXTS)
 def test_texts_stay_in_comments(what, format):
     method = method_of(what)
-    plain = cg.Tableau(method.entries, method.weights, name=method.name)
+    other = cg.Tableau(method.entries, method.weights, name=method.name)
     text = cg.export(method, format)
     mark = {"c": "// ", "fortran": "! ", "matlab": "% "}.get(format, "# ")
 
     def rest(text):
         return [line for line in text.split("\n") if not f"{line} ".startswith(mark)]
 
-    assert rest(text) == rest(cg.export(plain, format))
+    assert rest(text) == rest(cg.export(other, format))
     assert text.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
     comments = [line for line in text.split("\n") if line.startswith(mark)]
     assert not any(line.endswith(("\\", "??/")) for line in comments)

@@ -64,11 +64,11 @@ def test_idle_points_do_not_change_steps(frame, name, data):
 def test_stage_shares_points_of_a_flow(frame):
     """A stage at a point without weights is a stage at the initial point."""
     idle = cg.CommutatorFree([(START, {}), (START, {0: "1/2", 1: "1/2"})], [START, 0], 1)
-    plain = cg.CommutatorFree([(START, {0: "1/2", 1: "1/2"})], [START, START], 0)
+    simple = cg.CommutatorFree([(START, {0: "1/2", 1: "1/2"})], [START, START], 0)
     y0 = frame.random_point(np.random.default_rng(1))
     runs = [
         cg.integrate(f_of(frame), (0, 1), y0, frame=frame, method=one, h=0.25)
-        for one in (idle, plain)
+        for one in (idle, simple)
     ]
     np.testing.assert_array_equal(runs[0].y, runs[1].y)
 

@@ -48,8 +48,8 @@ def test_notebook_output_is_bounded(monkeypatch):
     from cg.formats import latex
 
     written = []
-    plain = latex._plain
-    monkeypatch.setattr(latex, "_plain", lambda entry: written.append(entry) or plain(entry))
+    shown = latex._shown
+    monkeypatch.setattr(latex, "_shown", lambda entry: written.append(entry) or shown(entry))
     text = to_html(dense(100))
     assert "and 61 more" in text
     assert len(written) <= 40 * 101

@@ -117,23 +117,25 @@ class TestProofs:
         method = search(order=4, stages=5, starts=20)
         certificate = certify(method)
         packed = fitting(certificate, method)
-        free = [k for k, n in enumerate(packed.layout.names) if n not in certificate.fixed]
+        movable = [k for k, n in enumerate(packed.layout.names) if n not in certificate.fixed]
         start = cg.support.quads.encode(
-            [v + Fraction(k in free, 10**12) for k, v in enumerate(packed.values)]
+            [v + Fraction(k in movable, 10**12) for k, v in enumerate(packed.values)]
         )
-        refined = cg.support.quads.decode(refine(start, ConditionSystem.tableau(4, 5), free=free).x)
+        refined = cg.support.quads.decode(
+            refine(start, ConditionSystem.tableau(4, 5), movable=movable).x
+        )
         with precision(certificate.bits):
             for k, ball in enumerate(packed.enclosure(certificate.box)):
                 actual = arb(refined[k].numerator) / refined[k].denominator
                 assert (ball + arb(0, 1e-31)).contains(actual)  # what binary128 can tell
-                assert k in free or abs(packed.values[k] - refined[k]) < Fraction(1, 10**33)
+                assert k in movable or abs(packed.values[k] - refined[k]) < Fraction(1, 10**33)
 
 
 def pair_of_order_four():
     system = ConditionSystem.tableau(4, 6, embedded=True)
     for seed in range(20):
         guess = np.zeros(system.size)
-        guess[system.free] = np.random.default_rng(seed).uniform(-1, 1, len(system.free))
+        guess[system.movable] = np.random.default_rng(seed).uniform(-1, 1, len(system.movable))
         fit = fit_conditions(guess, system, ftol=1e-27)
         if fit.f < 1e-24:
             actual = cg.support.quads.decode(refine(cg.support.quads.from_float(fit.x), system).x)
@@ -196,7 +198,7 @@ class TestFailures:
         with pytest.raises(CertificationError):
             check(replace(honest, **change), methods["CG4a"])
 
-    def test_a_dependent_choice_of_free_coefficients(self):
+    def test_a_dependent_choice_of_movable_coefficients(self):
         honest = certificate_of(methods["CG5a"])
         names = methods["CG5a"].layout.names
         zeros = ("a_9,1", "b_2")

@@ -197,9 +197,9 @@ def test_the_second_way_refuses_a_condition_left_out_too_many():
     certificate = CERTIFICATES["CF5d.toml"]
     trees = certificate["left_out"]["trees"]
     held = set(certificate["fixed"])
-    free = [name for name in cg.methods["CF5d"].layout.names if name not in held]
+    movable = [name for name in cg.methods["CF5d"].layout.names if name not in held]
     changes = [
-        {"left_out": {"trees": [*trees, "[[]]"]}, "fixed": [*held, free[0]]},
+        {"left_out": {"trees": [*trees, "[[]]"]}, "fixed": [*held, movable[0]]},
         {"left_out": {"trees": [*trees, "[[][]]"]}},
         {"left_out": {"trees": trees[:-1]}},
     ]

@@ -187,11 +187,11 @@ def test_a_certificate_that_leaves_out_an_independent_condition():
     """The others have a zero with one more coefficient fixed; only `follow` rejects it."""
     method = cg.methods["CF5d"]
     certificate = certify(method)
-    free = [name for name in method.layout.names if name not in certificate.fixed]
+    movable = [name for name in method.layout.names if name not in certificate.fixed]
     forged = leaving_out(
         certificate,
         [*certificate.left_out, TREE],
-        fixed=(*certificate.fixed, free[0]),
+        fixed=(*certificate.fixed, movable[0]),
         radius=Decimal("1e-33"),
     )
     refuses(CertificationError, "that conditions follow from others is not", check, forged, method)

@@ -63,12 +63,12 @@ def test_an_independent_condition_is_not_as_small():
     """Its residual is 1e-36, the rounding of coefficients, not that of a zero of the others."""
     method = methods["CG4a"]
     certificate = certify(method)
-    free = [name for name in method.layout.names if name not in certificate.fixed]
+    movable = [name for name in method.layout.names if name not in certificate.fixed]
     wrong = changed(
         certificate,
         left_out=(Condition(0, parse("[[[[[]]]]]")),),
         bound=Decimal("1e-41"),
-        fixed=(*certificate.fixed, free[0]),
+        fixed=(*certificate.fixed, movable[0]),
     )
     refuses(CertificationError, "that conditions are small is not proved", check, wrong, method)
 
@@ -78,24 +78,23 @@ def test_where_the_zero_is():
     method = methods["CG4a"]
     certificate = certify(method)
     packed = fitting(certificate, method)
-    system, free = packed.system(), packed.free(certificate.box)
+    system, movable = packed.system(), packed.movable(certificate.box)
     with precision(1000):
+        balls = packed.balls()
         wide, narrow = (
-            enclose_zero(
-                system, packed.balls(), free, krawczyk(system, packed.balls(), free, arb(r)), places
-            )
+            enclose_zero(system, balls, movable, krawczyk(system, balls, movable, arb(r)), places)
             for r, places in (("1e-12", 60), ("1e-35", 250))
         )
-        assert all(wide[k].contains(narrow[k]) for k in free)
-        assert max(float(narrow[k].rad()) for k in free) < 1e-250
+        assert all(wide[k].contains(narrow[k]) for k in movable)
+        assert max(float(narrow[k].rad()) for k in movable) < 1e-250
         assert all(abs(value) < arb("1e-248") for value in system.residuals(narrow))
-        none = krawczyk(system, packed.balls(), free, arb("1e-40"))
+        none = krawczyk(system, packed.balls(), movable, arb("1e-40"))
         with pytest.raises(CertificationError, match="no zero is proved"):
-            enclose_zero(system, packed.balls(), free, none, 60)
+            enclose_zero(system, packed.balls(), movable, none, 60)
     with precision(200):
-        test = krawczyk(system, packed.balls(), free, arb("1e-35"))
+        test = krawczyk(system, packed.balls(), movable, arb("1e-35"))
         with pytest.raises(CertificationError, match="100 places aren't proved"):
-            enclose_zero(system, packed.balls(), free, test, 100)
+            enclose_zero(system, packed.balls(), movable, test, 100)
 
 
 @pytest.mark.parametrize("name", ["CG3", "CF5c"])

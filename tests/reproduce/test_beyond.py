@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from kinds import FROZEN, MAGNUS
 from refusals import refuses
-from test_reproduce import check_page, read
+from report_pages import check_page, read
 
 from cg.catalogue import methods
 from cg.conditions import count

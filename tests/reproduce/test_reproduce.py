@@ -1,13 +1,11 @@
-import json
-import sys
 from contextlib import suppress
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from refusals import refuses
+from report_pages import Page, check_page, read
 from tests_of_pages import power_of_ten, words_of
 
 from cg.catalogue import methods
@@ -26,103 +24,9 @@ from cg.support.quads import to_decimal
 
 pytestmark = pytest.mark.no_core
 
-VOID = {"meta", "link", "img", "br", "hr", "input"}
-
 
 def context(folder, **changes):
     return Context(Settings(), folder, 2, **changes)
-
-
-def read(out):
-    def refuse(constant):
-        raise ValueError(f"{constant} is no JSON")
-
-    return json.loads((out / "results.json").read_text("utf-8"), parse_constant=refuse)
-
-
-class Page(HTMLParser):
-    """What a page loads, and whether its elements nest."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.loads, self.ids, self.links, self.tags = [], [], [], [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        values = dict(attrs)
-        for name, value in attrs:
-            if name in ("src", "srcset", "data", "poster") or (tag == "link" and name == "href"):
-                self.loads.append(value)
-            if name in ("href", "xlink:href"):
-                self.links.append(value)
-        if "id" in values:
-            self.ids.append(values["id"])
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.handle_starttag(tag, attrs)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-
-def check_page(text):
-    parsed = Page(text)
-    assert parsed.open == []
-    assert parsed.loads == []
-    assert len(parsed.ids) == len(set(parsed.ids))
-    assert all(link.startswith("#") and link[1:] in parsed.ids for link in parsed.links)
-    for forbidden in ("http://", "https://", "@import", "<script", "url(//"):
-        assert forbidden not in text
-    return parsed
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["--seed", "-1"], "--seed"),
-        (["--seed", "one"], "--seed"),
-        (["--workers", "0"], "--workers"),
-        (["--workers", "1.5"], "--workers"),
-        (["--frequency"], "--frequency"),
-        (["--minutes", "-1"], "--minutes"),
-        (["--minutes", "nan"], "--minutes"),
-        (["--only", "fig9.9"], "fig9.9"),
-    ],
-)
-def test_rejects_wrong_arguments(arguments, named, capsys):
-    assert main(arguments) == 2
-    assert named in capsys.readouterr().err
-
-
-@pytest.fixture
-def no_work(monkeypatch):
-    def refuse(*arguments):
-        raise AssertionError("work has begun")
-
-    monkeypatch.setattr("cg.reproduce.run.run", refuse)
-
-
-@pytest.mark.usefixtures("no_work")
-def test_rejects_out_that_is_a_file(tmp_path, capsys):
-    path = tmp_path / "taken"
-    path.write_text("mine")
-    assert main(["--out", str(path)]) == 2
-    assert f"{path} is not a directory" in capsys.readouterr().err
-    assert main(["--out", str(path / "below")]) == 2
-    assert "is not a directory" in capsys.readouterr().err
-    assert path.read_text() == "mine"
-
-
-@pytest.mark.usefixtures("no_work")
-@pytest.mark.skipif(sys.platform != "linux", reason="/proc takes no folders, not even from root")
-def test_rejects_out_that_is_not_writable(capsys):
-    assert main(["--out", "/proc/nothing"]) == 2
-    assert "/proc/nothing is not writable" in capsys.readouterr().err
 
 
 def test_needed_items_run_first():

@@ -9,7 +9,6 @@ import sys
 import time
 from concurrent.futures import (
     BrokenExecutor,
-    Executor,
     Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
@@ -26,6 +25,7 @@ import pytest
 
 import cg
 from cg.executors import completed, execution
+from cg.executors.chunks import Chunks
 from cg.runs import Store
 
 SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
@@ -74,32 +74,6 @@ def die_twice(folder, index):
     return index
 
 
-class Unfair(Executor):
-    """An executor that runs the newest piece first."""
-
-    def __init__(self):
-        self._pool = ThreadPoolExecutor(1)
-        self._jobs = []
-
-    def submit(self, function, /, *args, **kwargs):
-        future = Future()
-        self._jobs.append((future, partial(function, *args, **kwargs)))
-        self._pool.submit(self._run_one)
-        return future
-
-    def _run_one(self):
-        time.sleep(0.001)
-        future, call = self._jobs.pop()
-        if future.set_running_or_notify_cancel():
-            try:
-                future.set_result(call())
-            except BaseException as error:
-                future.set_exception(error)
-
-    def shutdown(self, wait=True, *, cancel_futures=False):
-        self._pool.shutdown(wait)
-
-
 class Losing(ThreadPoolExecutor):
     """An executor that loses its pending work after a number of pieces."""
 
@@ -119,7 +93,7 @@ class Losing(ThreadPoolExecutor):
         return future
 
 
-@pytest.mark.parametrize("executor", [None, "threads", ThreadPoolExecutor, Unfair])
+@pytest.mark.parametrize("executor", [None, "threads", ThreadPoolExecutor])
 @pytest.mark.parametrize("workers", [None, 1, 3])
 def test_same_result_on_any_executor(executor, workers, tmp_path):
     whole = cg.search(**SEARCH, workers=1)
@@ -152,33 +126,27 @@ def test_lmdif_is_the_same_on_other_processors(tmp_path):
     assert stored[0] == stored[1]
 
 
-def sizes_of_chunks(work, total):
-    """Return how many pieces each chunk has, on two workers."""
-    sizes = []
-
-    class Counting(ThreadPoolExecutor):
-        def submit(self, function, /, *args, **kwargs):
-            sizes.append(len(args[-1]))
-            return super().submit(function, *args, **kwargs)
-
-    with Counting(2) as pool:
-        indices = (finished.index for finished in completed(work, range(total), total, None, pool))
-        assert sorted(indices) == list(range(total))
+def sizes_of_chunks(seconds, total):
+    """Return how many pieces each chunk for two workers has, if a piece takes `seconds` of it."""
+    queue, sizes = Chunks(range(total), total, 2, single=False), []
+    while chunk := queue.next():
+        sizes.append(len(chunk))
+        for index in chunk:
+            queue.learn(1, seconds(index))
     assert sum(sizes) == total
     return sizes
 
 
 def test_chunks_have_equal_duration():
-    sizes = sizes_of_chunks(lambda index: time.sleep(0.002), 600)
+    sizes = sizes_of_chunks(lambda index: 0.002, 600)
     assert sizes[0] == 1  # nothing is known yet
     assert 20 < max(sizes) < 600 * 0.25
     assert sizes[-1] < 20  # the last ones are small
-    sizes = sizes_of_chunks(lambda index: time.sleep(0.05), 30)
-    assert sizes[-1] == 1
+    assert sizes_of_chunks(lambda index: 0.05, 30)[-1] == 1
 
 
 def test_chunks_grow_after_slow_first_pieces():
-    sizes = sizes_of_chunks(lambda index: time.sleep(0.2 if index < 2 else 0.0001), 2000)
+    sizes = sizes_of_chunks(lambda index: 0.2 if index < 2 else 0.0001, 2000)
     assert len(sizes) < 40
     assert min(sizes[-4:-1]) > 4  # handing out takes longer than a piece
 
@@ -368,23 +336,6 @@ class TestInterrupt:
         with pytest.raises(KeyboardInterrupt):
             collect(dropped, run)
         assert not dropped
-
-
-@pytest.mark.parametrize(
-    ("executor", "error", "message"),
-    [
-        ("fast", ValueError, "executor must be 'threads', 'processes' or an executor, got 'fast'"),
-        (3, TypeError, "executor must be a concurrent.futures.Executor, a function that makes one"),
-        (ThreadPoolExecutor, TypeError, "got the class ThreadPoolExecutor; call it"),
-    ],
-)
-@pytest.mark.parametrize("call", [cg.search, cg.construct])
-def test_rejects_invalid_executors(call, executor, error, message, tmp_path):
-    path = tmp_path / "runs.db"
-    options = {"starts": 1} if call is cg.search else {}
-    with pytest.raises(error, match=message):
-        call(order=3, stages=3, seed=1, executor=executor, store=path, **options)
-    assert not path.exists()
 
 
 if __name__ == "__main__":

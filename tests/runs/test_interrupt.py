@@ -39,9 +39,9 @@ def guess(stages=STAGES):
 def fit_fast(stop_flag):
     x0 = guess(TOO_FEW)
     trees, owner = ConditionSystem.tableau(ORDER, TOO_FEW).conditions(independent=True)
-    free = np.arange(1, x0.size + 1, dtype=np.intc)
+    movable = np.arange(1, x0.size + 1, dtype=np.intc)
     return _core_r64.fit_minimum_norm(
-        ORDER, LAYOUT.code, x0, trees, owner, free, 0.0, 1e-2, FOREVER, False, stop_flag
+        ORDER, LAYOUT.code, x0, trees, owner, movable, 0.0, 1e-2, FOREVER, False, stop_flag
     )
 
 

@@ -1,7 +1,5 @@
 """The result of diagnosing a method, and the function that diagnoses."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Trees and points of steps as text."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -21,10 +19,7 @@ def draw_tree(tree: OrderedTree) -> str:
 
 
 def draw_points(method: Any, *, digits: int = 6) -> str:
-    """Return the points of a step of an explicit method as lines of text, each above its children.
-
-    Each line is one flow: the number of the point, the combination of frozen fields, and the role
-    of the point.
+    """Return the points of an explicit method as text, one flow a line, each above its children.
 
     >>> import crouch_grossman as cg
     >>> print(draw_points(cg.methods["CF3"]))

@@ -22,19 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FailingCondition:
-    """A violated order condition ``Φ(t) = 1/γ(t)``, with its residual ``Φ(t) - 1/γ(t)``.
-
-    For a Munthe-Kaas method the tree stands for a rooted tree, whose children have no order.
-    `right_side` is 1/γ(t). Of the `of` independent conditions of that order, `failing` are
-    violated.
-    """
+    """A violated order condition ``Φ(t) = 1/γ(t)``, of an ordered or a planted rooted tree."""
 
     order: int
     tree: OrderedTree
-    residual: float
-    right_side: Fraction
-    failing: int
-    of: int
+    residual: float  # Φ(t) - 1/γ(t)
+    right_side: Fraction  # 1/γ(t)
+    failing: int  # number of violated ones
+    of: int  # the number of independent conditions of that order
 
     @property
     def weight(self) -> float:

@@ -1,7 +1,5 @@
 """Diagnosis of files, also of tableaux that `cg.Tableau` rejects."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from os import PathLike
 from typing import Any
@@ -14,11 +12,7 @@ from cg.support.parsing import read_file
 
 
 def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
-    """Diagnose the method in a file as `cg.catalogue.load` reads it.
-
-    Abscissae ``c`` may be wrong, and second weights may equal the first, which `cg.Tableau`
-    rejects. MethodError, which names the file, if it doesn't define a method.
-    """
+    """Diagnose the method in a file; unlike `cg.load`, accept wrong ``c`` and equal weights."""
     path = check_path(path)
     with errors_naming(path):
         return diagnose_entry(read_entry(read_file(path, TableauError)), path.stem)

@@ -1,19 +1,13 @@
 """Findings of a diagnosis."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A recognised mistake, or a known property of a method, as a sentence.
+    """A recognised mistake, or a known property of a method, as a sentence."""
 
-    `kind` is ``"reversed"``, ``"transposed"``, ``"slip"``, ``"changed"``, ``"digits"``,
-    ``"fractions"``, ``"equal weights"``, ``"flat"``, ``"abscissae"``; ``"known"`` is no mistake.
-    """
-
-    kind: str
+    kind: str  # such as "reversed", "slip" or "digits"; "known" is no mistake
     message: str
 
     @property

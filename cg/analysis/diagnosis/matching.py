@@ -1,7 +1,5 @@
 """The method of the catalogue that has the same coefficients, but for one or two."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -29,23 +27,17 @@ class CatalogueMatch:
 def closest_match(method: Method, *, within: Fraction = Fraction(0)) -> CatalogueMatch | None:
     """Return the method of the catalogue with the fewest different coefficients; None if none fits.
 
-    Coefficients agree if they differ by at most the sum of their uncertainties, or by `within`. At
-    most two may differ, and then at least three nonzero others must agree.
+    Coefficients agree within their uncertainties or `within`. Two may differ if three others agree.
     """
-    compared = (_compare(method, known, within) for known in _comparable(method))
-    matches = [match for match in compared if match is not None]
 
-    def distance(match: CatalogueMatch) -> tuple[int, bool]:
-        return len(match.changed), match.method.layout.pair != method.layout.pair
+    def distance(match: CatalogueMatch) -> tuple[int, bool, bool]:
+        known = match.method
+        other_kind = isinstance(known, MuntheKaas) != isinstance(method, MuntheKaas)
+        return len(match.changed), known.layout.pair != method.layout.pair, other_kind
 
+    comparable = (known for known in methods.values() if known.stages == method.stages)
+    matches = filter(None, (_compare(method, known, within) for known in comparable))
     return min(matches, key=distance, default=None)
-
-
-def _comparable(method: Method) -> list[Method]:
-    return sorted(
-        (known for known in methods.values() if known.stages == method.stages),
-        key=lambda known: isinstance(known, MuntheKaas) != isinstance(method, MuntheKaas),
-    )
 
 
 def _compare(method: Method, known: Method, within: Fraction) -> CatalogueMatch | None:

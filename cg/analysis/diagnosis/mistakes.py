@@ -1,7 +1,5 @@
 """Known mistakes, recognised by the method that results when they are undone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
@@ -123,10 +121,12 @@ def _truncated_digits(method: Method, order: int, place: Fraction | None) -> lis
         except MethodError:
             return []
         if full > order:
+            places = f"{len(str(place.denominator)) - 1} places"
+            precision = "single precision" if place < 0 else places
             return [
                 Finding(
                     "digits",
-                    f"its coefficients are truncated to {_precision(place)}: with all digits the "
+                    f"its coefficients are truncated to {precision}: with all digits the "
                     f"order would be {full}; now conditions are off by "
                     f"{method.largest_residual(full):.1g}, and errors can't fall below that",
                 )
@@ -162,10 +162,6 @@ def _unit(coefficient: Coefficient, place: Fraction) -> Fraction:
     if _places(coefficient) is None:
         return Fraction(0)
     return place if place > 0 else -place * abs(coefficient.value)
-
-
-def _precision(place: Fraction) -> str:
-    return "single precision" if place < 0 else f"{len(str(place.denominator)) - 1} places"
 
 
 def _places(coefficient: Coefficient) -> int | None:

@@ -1,7 +1,5 @@
 """Variants of a method: other coefficients, transposed tableau, reversed flows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 

@@ -1,6 +1,8 @@
-"""Refinement of splittings beyond double precision, with residuals in ball arithmetic."""
+"""Refinement of splittings beyond double precision, with residuals in ball arithmetic.
 
-from __future__ import annotations
+Newton's method in fractions (`refine_rational`) with the midpoints of balls as residuals: trees of
+order eight have too many words for exact fractions, whose lengths grow with the order.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,10 +41,10 @@ def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
     """Refine weights x, shape (size,), to more digits than are written."""
     # the pseudo-inverse is in orthonormal directions, the unknowns are entries themselves
     along, rank = pseudo_inverse(splitting.jacobian(x), _GAP)
-    inverse = splitting.directions[splitting.free] @ along
+    inverse = splitting.directions[splitting.movable] @ along
     end = refine_rational(
-        lambda free: _residuals(splitting, free),
-        [Fraction(value) for value in x[splitting.free].tolist()],
+        lambda movable: _residuals(splitting, movable),
+        [Fraction(value) for value in x[splitting.movable].tolist()],
         lambda residuals: inverse @ (splitting.scale * residuals),
         below=_BELOW,
         grid=_GRID,
@@ -52,14 +54,14 @@ def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
         to_decimal(value if abs(value) > _ZERO else Fraction(0), DECIMAL_DIGITS) for value in end.x
     ]
     weights: list[str | Fraction] = list(splitting.full([Fraction(text) for text in texts]))
-    for k, text in zip(splitting.free.tolist(), texts, strict=True):
+    for k, text in zip(splitting.movable.tolist(), texts, strict=True):
         weights[k] = text
     return Exact(tuple(weights), float(end.largest_residual), rank)
 
 
-def _residuals(splitting: Splitting, free: Sequence[Fraction]) -> list[Fraction]:
+def _residuals(splitting: Splitting, movable: Sequence[Fraction]) -> list[Fraction]:
     """Return the residuals, not scaled, in the order of `Splitting.conditions`."""
-    layout, x = splitting.layout, splitting.full(free)
+    layout, x = splitting.layout, splitting.full(movable)
     claims = [(layout.stages, splitting.order, Fraction(1))]
     if splitting.embedded_order:
         claims.append((layout.stages + 1, splitting.embedded_order, Fraction(1)))

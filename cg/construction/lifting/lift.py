@@ -1,4 +1,10 @@
-"""Make commutator-free methods of flat Runge–Kutta methods."""
+"""Make commutator-free methods of flat Runge–Kutta methods.
+
+The weights on stage j along the path to stage i add up to a_ij, so that the method is the flat one
+where flows commute, and its order conditions of flat space hold beforehand. What is left to solve
+are the conditions in which the sequence of flows counts; the unknowns are how a_ij and b_j are
+split (E. Celledoni, A. Marthinsen, B. Owren, Future Generation Computer Systems 19, 2003).
+"""
 
 from __future__ import annotations
 
@@ -193,7 +199,9 @@ def lift(
         embedded_order=embedded_order,
         stage_orders=stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else (),
         lengths=_check_chains(rows, order, flows, chains),
-        flows=_check_flows(rows, flows),
+        flows=None
+        if flows is None
+        else check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES),
         seed=check_integer("seed", seed, 0),
         max_iterations=check_integer("max_iterations", max_iterations, 1),
         reduce=check_flag("reduce", reduce),
@@ -235,7 +243,7 @@ class _Solution:
             return None
         return Lifted(
             CommutatorFree.from_layout(splitting.layout, exact.weights, **names),
-            self.index, starts, hits, splitting.free.size, exact.rank, exact.largest_residual,
+            self.index, starts, hits, splitting.movable.size, exact.rank, exact.largest_residual,
         )  # fmt: skip
 
 
@@ -265,7 +273,7 @@ class _Settings:
             layout = chains_layout(self.rows, self.lengths, zeros=zeros)
         splitting = Splitting(self.rows, layout, self.order, self.embedded_order, self.stage_orders)
         # the remainders, last weights of chains, are large: flows are far from commuting
-        unknowns = generator.uniform(-_WIDTH, _WIDTH, splitting.free.size)
+        unknowns = generator.uniform(-_WIDTH, _WIDTH, splitting.movable.size)
         start = splitting.from_unknowns(unknowns)
         return splitting, fit(splitting, start, max_iterations=self.max_iterations)
 
@@ -280,12 +288,6 @@ class _Settings:
             error = float(np.linalg.norm(splitting.principal_residual(end.x)))
             key = flows * error ** (1 / self.order), 0.0
         return _Solution(key, index, splitting, end)
-
-
-def _check_flows(rows: FlatRows, flows: int | None) -> int | None:
-    if flows is None:
-        return None
-    return check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
 
 
 def _check_improve(improve: bool, order: int) -> bool:

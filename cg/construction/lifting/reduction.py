@@ -1,6 +1,10 @@
-"""Fewer flows of a splitting, by merging them, and a smaller principal error."""
+"""Fewer flows of a splitting, by merging them, and a smaller principal error.
 
-from __future__ import annotations
+A merge adds the weights of a flow to those of the flow before it, which changes the result little
+where both are short, and solves again from there. The principal error, the norm of the residuals e
+of the next order, is reduced along the solution set: with the kernel N of the conditions' Jacobian,
+a step N w minimises ``|e + E N w|² + λ |w|²`` to first order (E the derivatives of e).
+"""
 
 import numpy as np
 from scipy import linalg
@@ -62,9 +66,8 @@ def _merged(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitt
 def improved(splitting: Splitting, end: Fit) -> Fit:
     """Reduce the principal error of a solution along the solution set until it hardly gets smaller.
 
-    Each step is a Levenberg–Marquardt step for the residuals of the next order within the tangent
-    space of the solution set; a fit then returns to the set. The largest weight doesn't grow beyond
-    the larger of its initial value and 1.25 times the largest entry of the tableau.
+    Levenberg–Marquardt steps for the residuals of the next order in the tangent space; a fit then
+    returns to the set. Weights don't grow beyond 1.25 times the largest entry of the tableau.
     """
     x = end.x
     rows = [*splitting.rows.stages, splitting.rows.result]
@@ -85,10 +88,10 @@ def improved(splitting: Splitting, end: Fit) -> Fit:
             shifted = gram + damping * size * np.eye(len(gram))
             step = moves @ linalg.solve(shifted, -slope, assume_a="pos")
             trial = fit(splitting, x + step, max_iterations=_CORRECTIONS)
-            if trial.solved and np.max(np.abs(trial.x)) <= most:
-                residual = splitting.principal_residual(trial.x)
-                if residual @ residual < error:
-                    break
+            within = trial.solved and np.max(np.abs(trial.x)) <= most
+            residual = splitting.principal_residual(trial.x) if within else residual
+            if within and residual @ residual < error:
+                break
             damping *= 4
         else:
             break

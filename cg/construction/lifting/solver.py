@@ -1,5 +1,9 @@
 """Levenberg–Marquardt solver for splittings, with geodesic acceleration.
 
+The unknowns are combinations u of the splitting's `directions` D, so that every x = x_0 + D u has
+the rows of the flat tableau. A step v solves ``(Jᵀ J + λ) v = -Jᵀ r`` with J the derivatives of the
+residuals r by u; see `cg.construction.solvers.damped`.
+
 Some conditions are redundant, and there are more unknowns than the others determine, so that the
 Jacobian is rank-deficient with a wide range of singular values. Steps come from the normal
 equations far from a solution, and from the singular value decomposition close to one.
@@ -9,8 +13,6 @@ subset of the conditions: those that a pivoted QR factorisation of the Jacobian 
 with the largest residuals. The subset is selected again when the other residuals stay large. All
 conditions decide whether a fit has succeeded.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 
@@ -77,17 +79,9 @@ def fit(
         v = steps.step(now)
         moved = directions @ v
         a = steps.acceleration(v, now, splitting.residual(x + PROBE * moved)[chosen])
-        trials = [x + moved + directions @ a / 2] if is_straight(v, a) else []
-        if close:
-            trials.append(x + moved)
-        before_f = best_f = float(now @ now)
-        best = x
-        for trial in trials:
-            trial_residual = splitting.residual(trial)
-            part = trial_residual[chosen]
-            if part @ part < best_f:
-                best, residual = trial, trial_residual
-                best_f = float(part @ part)
+        trials = [x + moved + directions @ a / 2] * is_straight(v, a) + [x + moved] * close
+        before_f = float(now @ now)
+        best, residual, best_f = _best(splitting, (x, residual, before_f), trials, chosen)
         gain = 1 - best_f / before_f if before_f else 0.0
         if f < SOLVED and gain < _MIN_GAIN:
             break
@@ -102,6 +96,22 @@ def fit(
         if f > max(SOLVED, before / 2):
             break
     return Fit(x, f, iterations)
+
+
+def _best(
+    splitting: Splitting,
+    here: tuple[Vector, Vector, float],
+    trials: list[Vector],
+    chosen: NDArray[np.intp] | slice,
+) -> tuple[Vector, Vector, float]:
+    """Return the best weights, their residual, and the sum of squares of the chosen ones."""
+    best = here
+    for trial in trials:
+        residual = splitting.residual(trial)
+        part = residual[chosen]
+        if part @ part < best[2]:
+            best = trial, residual, float(part @ part)
+    return best
 
 
 def _select(splitting: Splitting, x: Vector, residual: Vector) -> NDArray[np.intp] | slice:

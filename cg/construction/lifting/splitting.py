@@ -74,11 +74,9 @@ class FlatRows:
 
 
 def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True) -> Layout:
-    """Return the layout in which each stage and the result have chains of their own.
+    """Return the layout in which each moved stage and the result have chains of `lengths` flows.
 
-    `lengths` are the numbers of flows to each stage in `FlatRows.moved_stages`, and to the result.
-    Without `zeros`, chains of more than one flow also have weights where the tableau has zeros,
-    which add up to zero.
+    Without `zeros`, chains of several flows also have weights where the tableau has zeros.
     """
     parents: list[int] = []
     uses: list[set[int]] = []
@@ -101,9 +99,9 @@ def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True)
 def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) -> Layout:
     """Return a random tree of points with a number of flows to the stages and the result.
 
-    Each point starts from the initial point, the last point or a random earlier one, and leads to
-    a stage or the result. A flow has weights on the stages that a row further on contains. Trees
-    whose weights can't add up to the rows are rejected.
+    Points start from the initial, the last or a random earlier one. A flow has weights on the
+    stages that a row further on contains. Trees whose weights can't add up to the rows are
+    rejected.
     """
     stages = rows.moved_stages
     targets = [*(rows.stages[k] for k in stages), rows.result]
@@ -154,12 +152,10 @@ def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Frac
 
 
 def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Remainders:
-    """Solve sums of unknowns, pairs of indices and a value, for the last unknown of each.
+    """Solve sums of unknowns for the last unknown of each; ArithmeticError for a contradiction.
 
-    The reduced echelon form of the equations, with columns in reverse order, expresses each pivot
-    by unknowns with smaller indices that are no pivots themselves. Returns ``{k: (factors,
-    value)}`` with ``x_k = value - Σ_j factors[j] x_j``; ArithmeticError if the sums contradict each
-    other.
+    Returns ``{k: (factors, value)}`` with ``x_k = value - Σ_j factors[j] x_j``, in which no x_j is
+    itself a key: the reduced echelon form with columns in reverse order.
     """
     rows = []
     for indices, value in sums:
@@ -210,16 +206,16 @@ class Splitting:
         return solve_sums(path_sums(self.rows, self.layout), self.layout.size)
 
     @cached_property
-    def free(self) -> NDArray[np.intp]:
+    def movable(self) -> NDArray[np.intp]:
         """Indices of the unknowns, the weights that aren't remainders."""
         return np.setdiff1d(np.arange(self.layout.size), list(self.remainders))
 
     @cached_property
     def span(self) -> Vector:
         """Derivatives of all weights with respect to the unknowns, shape (size, unknowns)."""
-        column = {int(k): j for j, k in enumerate(self.free)}
+        column = {int(k): j for j, k in enumerate(self.movable)}
         span = np.zeros((self.layout.size, len(column)))
-        span[self.free, np.arange(len(column))] = 1
+        span[self.movable, np.arange(len(column))] = 1
         for k, (factors, _) in self.remainders.items():
             for j, factor in factors.items():
                 span[k, column[j]] = -float(factor)
@@ -242,14 +238,14 @@ class Splitting:
         gap = x - self._offset
         return np.asarray(self._offset + self.directions @ (self.directions.T @ gap))
 
-    def from_unknowns(self, free: Vector) -> Vector:
+    def from_unknowns(self, movable: Vector) -> Vector:
         """Return all weights for given unknowns, in double precision."""
-        return np.asarray(self._offset + self.span @ free)
+        return np.asarray(self._offset + self.span @ movable)
 
-    def full(self, free: Sequence[Fraction]) -> list[Fraction]:
+    def full(self, movable: Sequence[Fraction]) -> list[Fraction]:
         """Return all weights for given unknowns."""
         x = [Fraction(0)] * self.layout.size
-        for k, value in zip(self.free.tolist(), free, strict=True):
+        for k, value in zip(self.movable.tolist(), movable, strict=True):
             x[k] = value
         for k, (factors, value) in self.remainders.items():
             x[k] = value - sum((f * x[j] for j, f in factors.items()), Fraction(0))
@@ -270,9 +266,9 @@ class Splitting:
         further = [(-1, self.embedded_order)] if self.embedded_order else []
         further += [(stage + 1, order) for stage, order in self.assumptions]
         for end, order in further:
-            more = condition_trees(order, independent=True)
-            trees += more
-            owner += [end] * len(more)
+            added = condition_trees(order, independent=True)
+            trees += added
+            owner += [end] * len(added)
         return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
 
     @cached_property

@@ -1,7 +1,5 @@
 """Results of long runs: distinct solutions, the best ones, families, published methods."""
 
-from __future__ import annotations
-
 from cg.construction.results.publishing import Publication, publish
 from cg.construction.results.solutions import StoredSolution, best, families, solutions
 

@@ -1,7 +1,5 @@
 """Write a solution of a long run as a method with its certificate."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,16 +19,13 @@ from cg.support.parsing import file_in
 
 @dataclass(frozen=True)
 class Publication:
-    """A method made of a solution, its files and principal errors, the first before optimisation.
-
-    `reason` says why there is no complete certificate.
-    """
+    """A method made of a solution, with its files and its principal errors."""
 
     method: Method
     principal_error: float
-    initial_principal_error: float
+    initial_principal_error: float  # before optimisation
     certificate: Certificate | None
-    reason: str
+    reason: str  # why there is no complete certificate
     files: tuple[Path, ...]
 
 
@@ -44,16 +39,11 @@ def publish(
     goals: Goals | None = None,
     max_iterations: int = 60,
 ) -> Publication:
-    """Optimise a solution along the solution set, refine and certify it, and write its files.
+    """Optimise a solution of a run, refine and certify it, and write NAME.toml and its certificate.
 
     The solution is that of the start `number`, by default the one with the smallest principal
-    error, which `max_iterations` steps for `goals` reduce. The files are ``NAME.toml`` and
-    ``NAME.certificate.toml`` in `folder`. If the folder has a folder ``certificates``, as the
-    catalogue of the package has, the certificate is written there; ``make catalogue`` and ``make
-    docs`` then add the method to the package.
-
-    ValueError if the run has no such solution, the name isn't valid as the name of a file, or a
-    method or a file of that name exists; NotADirectoryError if the folder doesn't exist.
+    error. If `folder` has a folder ``certificates``, as the catalogue has, the certificate goes
+    there. ValueError if there is no such solution, or the name exists.
     """
     folder = Path(folder)
     if not folder.is_dir():

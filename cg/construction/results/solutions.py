@@ -1,7 +1,5 @@
 """Distinct solutions of the runs in a store."""
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -90,10 +88,8 @@ def best(
 def families(distinct: list[StoredSolution]) -> list[list[StoredSolution]]:
     """Group solutions that a walk along the solution set connects, the largest family first.
 
-    A walk goes from each solution towards its nearest neighbours, in steps within the tangent space
-    of the set that are corrected back to the set. Solutions that a walk connects lie on one
-    component of the set. A walk that fails proves nothing, since a detour may exist: the number of
-    families is an upper bound of the number of components.
+    Each walk leads to one of the nearest solutions. One that fails proves nothing, so that the
+    number of families is an upper bound of the number of components of the set.
     """
     groups = DisjointSet(range(len(distinct)))
     for place, solution in enumerate(distinct):
@@ -126,14 +122,14 @@ def connected(here: Candidate, there: Candidate) -> bool:
     for _ in range(_MAX_STEPS):
         if left <= _SAME * max(1.0, there.largest):
             return True
-        near = decompose(system.jacobian(x)[:, system.free])
-        along = near.kernel @ (near.kernel.T @ (there.x - x)[system.free])
+        near = decompose(system.jacobian(x)[:, system.movable])
+        along = near.kernel @ (near.kernel.T @ (there.x - x)[system.movable])
         step = float(np.linalg.norm(along))
         if step < _MIN_GAIN * left or longest < _MIN_STEP:
             return False
         trial = x.copy()
-        trial[system.free] += along * min(1.0, longest / step)
-        corrected = retract(system, trial, system.free, near)
+        trial[system.movable] += along * min(1.0, longest / step)
+        corrected = retract(system, trial, system.movable, near)
         if corrected is None:  # too far from the set
             longest *= 0.5
             continue

@@ -7,8 +7,6 @@ the search covers methods with several frozen fields in a flow: those of a given
 of trees that are drawn at random with each start.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from functools import partial

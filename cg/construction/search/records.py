@@ -14,34 +14,23 @@ from cg.support import quads
 
 @dataclass(frozen=True)
 class Phase:
-    """The result of one run of a solver.
+    """The result of one call of a solver."""
 
-    `f` is the sum of squared residuals of the independent conditions, the objective of the paper;
-    after refinement of the minimum-norm solver, a bound on the sum over all conditions. `info`, a
-    `Status` or `MinimumNormStatus`, says why it stopped after `nfev` evaluations of the residuals.
-    """
-
-    f: float
-    info: int
-    nfev: int
+    f: float  # sum of squared residuals, or a bound of it
+    info: int  # a `Status` or `MinimumNormStatus`
+    nfev: int  # evaluations of residuals
 
 
 @dataclass(frozen=True)
 class RandomStart:
-    """The result of one random start, which its number `index` and the settings determine.
-
-    `double` and `quad` are the runs in double precision and in real(16), the latter None if the
-    former ended above `refine_below`. `x` are packed coefficients with 36 significant digits: row
-    by row with ``b`` last, or point by point. `largest_residual` is that of all order conditions in
-    real(16); `exact` says whether it is as small as the accuracy of real(16).
-    """
+    """The result of one random start, which its number `index` and the settings determine."""
 
     index: int
     double: Phase
-    quad: Phase | None
-    x: tuple[str, ...]
-    largest_residual: float
-    exact: bool
+    quad: Phase | None  # None if `double` ended above `refine_below`
+    x: tuple[str, ...]  # packed coefficients, 36 digits
+    largest_residual: float  # of all order conditions in real(16)
+    exact: bool  # whether that is rounding error
 
     @property
     def f(self) -> float:

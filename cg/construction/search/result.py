@@ -1,7 +1,5 @@
 """Result of a search."""
 
-from __future__ import annotations
-
 import operator
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -82,24 +80,12 @@ class StoredStarts(Sequence[RandomStart]):
 
 @dataclass(frozen=True, repr=False)
 class SearchResult:
-    """All starts of a search, ordered by index.
-
-    Attributes
-    ----------
-    settings
-    starts
-        Sequence of RandomStart. A tuple; `StoredStarts`, which read from the file, for a search
-        with a store.
-    failures
-        Starts whose worker died; `starts` doesn't have them.
-    requirements
-        What `methods` must satisfy.
-    """
+    """All starts of a search, ordered by index; `StoredStarts` for a search with a store."""
 
     settings: SearchSettings
     starts: Sequence[RandomStart]
-    failures: tuple[Failure, ...] = ()
-    requirements: Requirements = field(default_factory=Requirements)
+    failures: tuple[Failure, ...] = ()  # starts whose worker died
+    requirements: Requirements = field(default_factory=Requirements)  # on `methods`
 
     def __repr__(self) -> str:
         settings = self.settings
@@ -116,12 +102,10 @@ class SearchResult:
 
     @cached_property
     def methods(self) -> tuple[Method, ...]:
-        """The distinct exact methods that satisfy the requirements.
+        """The distinct exact methods that satisfy the requirements, the best one first.
 
-        Tableaux, or `cg.CommutatorFree` methods of trees, sorted by what was minimised, by default
-        by their largest coefficient. Coefficients have 36 digits, corrected in rational arithmetic
-        beyond the accuracy of real(16). Of methods that were moved to one minimum only the best
-        is listed.
+        Coefficients have 36 digits, corrected in rational arithmetic beyond the accuracy of
+        real(16).
         """
         methods: list[tuple[float, Method]] = []
         seen: set[tuple[Layout, tuple[float, ...]]] = set()
@@ -173,7 +157,7 @@ class SearchResult:
             return None
         if improved is candidate:
             # the last of the 36 digits are beyond the accuracy of real(16)
-            x = polish_zeros(list(map(Fraction, start.x)), system, system.free).x
+            x = polish_zeros(list(map(Fraction, start.x)), system, system.movable).x
             decimals = list(map(quads.to_decimal, x))
             method: Method = make_method(layout, decimals, name=name, source=source)
         else:

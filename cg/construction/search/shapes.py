@@ -1,7 +1,5 @@
 """Trees of points for a search: given by their parents and stages, or drawn at random."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -10,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.method.commutator_free import plain_index
+from cg.method.commutator_free import as_index
 from cg.structure.layout import Layout
 from cg.structure.points import START, MethodError, Point, PointTree, check_tree
 from cg.support.checks import MAX_STAGES, check_flag, check_integer
@@ -53,7 +51,7 @@ def _layout_of_places(tree: Any) -> Layout:
     if not 2 <= len(tree) <= 4:
         raise TypeError(f"tree must be {expected}, got {len(tree)} entries")
     parents, stage_points = _indices("parents", tree[0]), _indices("stage_points", tree[1])
-    results = tuple(plain_index(end) for end in tree[2:]) or (len(parents) - 1,)
+    results = tuple(as_index(end) for end in tree[2:]) or (len(parents) - 1,)
     # checked with weights on the first stage only: other weights need valid stage points
     points = tuple(Point(parent, {0: 1} if stage_points else {}) for parent in parents)  # type: ignore[dict-item]
     check_tree(PointTree(points, stage_points, *results))
@@ -73,7 +71,7 @@ def _with_all_weights(
 def _indices(label: str, values: Any) -> tuple[Any, ...]:
     if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
         raise TypeError(f"{label} of tree must be a sequence of integers, got {values!r}")
-    return tuple(map(plain_index, values))
+    return tuple(map(as_index, values))
 
 
 def draw_layout(
@@ -86,10 +84,8 @@ def draw_layout(
 ) -> Layout:
     """Draw a random tree of points, in which every point leads to a stage or the result.
 
-    Each flow has weights on all stages before it. `flows` is at least `stages`: all stages except
-    the first have points of their own, and the result is one more. With `embedded`, a flow from the
-    result to the second result of a pair is added; with `first_same_as_last`, the last stage is at
-    the result.
+    Each flow has weights on all stages before it. `flows` is at least `stages`: all stages but the
+    first have points of their own, and the result is one more.
     """
     inner, ends = flows - 1, stages - first_same_as_last
     while True:
@@ -125,11 +121,7 @@ def select_points(
     stage_points: Sequence[int],
     points: Sequence[int],
 ) -> tuple[Layout, NDArray[np.float64]]:
-    """Return the layout of some points of a tree, numbered anew, and their packed weights.
-
-    `parents`, `weights` and `stage_points` are those of all points of the tree, after changes;
-    `points` are those to select, increasing. The results are those of `layout`.
-    """
+    """Return the layout of some `points` of a tree, numbered anew, and their packed weights."""
     number = {START: START} | {m: k for k, m in enumerate(points)}
     rows = [dict(sorted(weights[m].items())) for m in points]
     smaller = Layout(
@@ -156,11 +148,11 @@ def merge_point(
 
 
 def fixed_weights(order: int, layout: Layout) -> list[int]:
-    """Return the indices of the weights to hold fixed while solving from a random start.
+    """Return the indices of the weights of a tree to hold fixed while solving from a random start.
 
-    From order 5 on, there are degenerate limits where the first weight tends to zero. If the
-    second result of a pair is one flow from the result, the conditions are homogeneous in the
-    weights of that flow, so that one of them is fixed to determine its length. Tableaux have none.
+    From order 5 on, the first weight keeps the solver away from degenerate limits where it tends to
+    zero. The conditions on a last flow to a second result are homogeneous in its weights, so that
+    one of them is fixed to determine its length.
     """
     if layout.rows is not None:
         return []
@@ -188,18 +180,15 @@ def most_unknowns(stages: int, flows: int) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeSettings:
-    """Settings of `cg.search` and `cg.construct` that determine the shape of methods, and guesses.
-
-    `tree` is None for tableaux and for trees that are drawn at random, `flows` for tableaux.
-    """
+    """Settings of `cg.search` and `cg.construct` for the shape of methods and their guesses."""
 
     order: int
     stages: int
     seed: int
     width: float
-    flows: int | None = None
+    flows: int | None = None  # None for tableaux
     embedded: bool = False
-    tree: Layout | None = None
+    tree: Layout | None = None  # None for tableaux and trees drawn at random
     first_same_as_last: bool = False
 
     @classmethod
@@ -222,9 +211,7 @@ class ShapeSettings:
     def check_points(self, force: bool) -> tuple[Layout | None, int]:
         """Return the layout of a given tree, None if trees are drawn, and the number of flows.
 
-        Shapes that can't have the order where flows commute, and so not on a manifold either, are
-        refused unless `force` is true: too few stages, or fewer unknowns than conditions. TypeError
-        or ValueError for an argument of the wrong type or out of range.
+        Unless `force` is true, shapes are refused that can't have the order where flows commute.
         """
         embedded, flows, stages = check_flag("embedded", self.embedded), self.flows, self.stages
         last = int(check_flag("first_same_as_last", self.first_same_as_last))

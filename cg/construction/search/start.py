@@ -1,7 +1,5 @@
 """One random start of a search: determined by its settings and index."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
@@ -48,10 +46,7 @@ def _draw(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.floa
 
 
 def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.float64]:
-    """Return the random guess of a start of tableaux, uniform in [-width, width]; shape (size,).
-
-    Each `index` has a generator of its own, spawned from `seed`.
-    """
+    """Return the random guess of a start of tableaux, uniform in [-width, width]; shape (size,)."""
     return start_generator(seed, index).uniform(-width, width, size)
 
 
@@ -131,11 +126,13 @@ def _run_minimum_norm(
     settings: SearchSettings, system: ConditionSystem, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quads.Quads]:
     """Solve in double with some unknowns held, then refine all of them."""
-    free = system.free_without(fixed_weights(system.order, system.layout))
-    fit = fit_conditions(guess, system, free=free, max_iterations=max(1, settings.maxfev // 2))
+    movable = system.movable_without(fixed_weights(system.order, system.layout))
+    fit = fit_conditions(
+        guess, system, movable=movable, max_iterations=max(1, settings.maxfev // 2)
+    )
     x, f = fit.x, fit.f
     if system.rows is None and _SOLVED < f <= _PROMISING:
-        x, f = finish(system, x, free)
+        x, f = finish(system, x, movable)
     double, bits = Phase(_finite(f), int(fit.status), fit.evaluations), quads.from_float(x)
     if double.f > settings.refine_below:
         return double, None, bits

@@ -13,8 +13,6 @@ References
    nonlinear least-squares minimization", arXiv:1201.5885 (2012).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
@@ -62,10 +60,7 @@ class DampedSteps:
         return np.asarray(linalg.cho_solve(self._cholesky, right, check_finite=False))
 
     def acceleration(self, v: Vector, residual: Vector, residual_ahead: Vector) -> Vector:
-        """Return the acceleration a of a step v, shape (n,).
-
-        `residual` is that of the present point, `residual_ahead` that after `PROBE` times the step.
-        """
+        """Return the acceleration of a step v; `residual_ahead` is that after `PROBE` times v."""
         slope = (residual_ahead - residual) / PROBE
         return self.step(2 / PROBE * (slope - self.jacobian @ v))
 

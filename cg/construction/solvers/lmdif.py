@@ -1,4 +1,9 @@
-"""MINPACK's ``lmdif`` on a Python function, and on order conditions in both kinds."""
+"""MINPACK's ``lmdif`` on a Python function, and on order conditions in both kinds.
+
+It minimises ``|f(x)|`` with a Jacobian by differences (J. J. Moré, LNM 630, 1978); see
+``fortran/conditions/levenberg_marquardt.f90``. The paper's searches used it, so that this is the
+algorithm to compare with.
+"""
 
 from __future__ import annotations
 
@@ -199,8 +204,8 @@ def fit_lmdif(
 ) -> tuple[Any, ...]:
     """Call the compiled lmdif; return x, f, info and nfev, in the kind of x.
 
-    x has shape (n,), or (16, n) in real(16). There are at least as many trees as unknowns.
-    `tolerance`, shape (1,) or (16, 1), is that for the sum of squares and for x.
+    x has shape (n,), or (16, n) in real(16), `tolerance` (1,) or (16, 1). There are n trees or
+    more.
     """
     m, n = trees.size, layout.size
     core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("lmdif in real(16)"), 16)

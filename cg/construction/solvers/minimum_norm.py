@@ -1,9 +1,9 @@
-"""Compiled solver of order conditions: exact Jacobian, steps of least norm.
+"""Compiled solver of order conditions: exact Jacobian J, steps of least norm, in double precision.
 
-Levenberg–Marquardt with geodesic acceleration in double precision.
+A step is ``-Jᵀ y`` with ``(J Jᵀ + λ) y = r``, and half its acceleration; see
+``fortran/conditions/minimum_norm.f90``. With more unknowns than conditions, this system is smaller
+than the normal equations of MINPACK's steps.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,33 +42,24 @@ def fit_conditions(
     x0: ArrayLike,
     system: ConditionSystem,
     *,
-    free: Sequence[int] | NDArray[np.intp] | None = None,
+    movable: Sequence[int] | NDArray[np.intp] | None = None,
     ftol: float = 1e-27,
     damping: float = 1e-2,
     max_iterations: int = 1000,
     accurate: bool = False,
 ) -> MinimumNormFit:
-    """Minimise the sum of squared residuals of the independent order conditions.
+    """Minimise the sum of squared residuals of the conditions from packed weights `x0`, shape (n,).
 
-    The simplifying assumptions of the system's structure are solved together with the conditions.
-    The numbers of conditions and unknowns are arbitrary; the solver is designed for more unknowns
-    than conditions.
-
-    The solver starts from packed weights `x0`, shape (n,), in which entries that the system fixes
-    at zero are zero. The unknowns `free`, counted from 0, may change; by default all that the
-    system doesn't fix at zero. It stops when the sum of squares is at most `ftol`. `damping` is the
-    initial one, relative to the largest squared norm of a row of the Jacobian; small close to a
-    solution. With `accurate`, steps come from a QR factorisation instead of the normal equations,
-    which lose singular values below 1e-8 of the largest; this takes up to three times as long.
-
-    ValueError if `x0` doesn't fit the system or isn't finite, `free` has a wrong index, or a number
-    is out of its range.
+    Only the unknowns `movable` change. The solver stops when the sum of squares is at most `ftol`.
+    `damping` is the initial one, relative to the largest squared norm of a row of the Jacobian.
+    With `accurate`, steps come from a QR factorisation instead of the normal equations, which lose
+    singular values below 1e-8 of the largest; this takes up to three times as long.
     """
     size = system.size
     x = np.array(x0, dtype=np.float64)
     if x.shape != (size,) or not np.isfinite(x).all():
         raise ValueError(f"x0 must have {size} finite entries, got shape {x.shape}: {x}")
-    indices = system.moving(free)
+    indices = system.moving(movable)
     ftol = check_real("ftol", ftol)
     damping = check_real("damping", damping, positive=True)
     max_iterations = check_integer("max_iterations", max_iterations, 0, MAX_COUNT)
@@ -94,16 +85,16 @@ def fit_minimum_norm(
     x: Vector,
     trees: Trees,
     owner: Trees,
-    free: Trees,
+    movable: Trees,
     *arguments: Any,
 ) -> tuple[Any, ...]:
-    """Call the compiled solver; `free`, intc (k,), are the unknowns that may move, from 1."""
-    m, n, k = trees.size, layout.size, free.size
+    """Call the compiled solver; `movable`, intc (k,), are the unknowns that may move, from 1."""
+    m, n, k = trees.size, layout.size, movable.size
     solver = 2 * m * (n + k) + 2 * m * m + (k + 33 * m) + 8 * (m + n + k)
     accurate = m * (2 * k + m)  # of the QR factorisation, with a transposed copy
     needed = derivatives_bytes(order, layout, m) + 8 * (solver + accurate)
     with reserved(needed, described("the fit", order, layout)):
         results: tuple[Any, ...] = _core_r64.fit_minimum_norm(
-            order, layout.code, x, trees, owner, free, *arguments
+            order, layout.code, x, trees, owner, movable, *arguments
         )
     return results

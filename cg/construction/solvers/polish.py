@@ -1,10 +1,9 @@
 """Refinement of zeros of the order conditions beyond binary128, in rational arithmetic.
 
-`cg.construction.solvers.refine` computes residuals in real(16), whose rounding errors exceed a
-unit in the last written digit of its results. Here residuals are exact.
+Newton's method ``x - span J⁺ r(x)`` with exact residuals r, fractions, and the pseudo-inverse J⁺ of
+the double Jacobian along the columns of `span`, computed once. `cg.construction.solvers.refine`
+computes r in real(16), whose rounding errors exceed a unit in the last digit that is written.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,10 +29,8 @@ def polish(
 ) -> RationalZero:
     """Correct packed weights until the exact residuals of the independent conditions are small.
 
-    Only the order conditions of the system are used, not its structure. Corrections are linear
-    combinations of the columns of `directions`, shape (n, k): columns of the identity select the
-    entries that may change, other columns preserve linear relations between entries. By default all
-    free entries may change. ValueError if x or `directions` don't fit the n unknowns.
+    Corrections are combinations of the columns of `directions`, (n, k); by default, all movable
+    entries may change. The structure of the system isn't used.
     """
     start = tuple(map(Fraction, x))
     if len(start) != system.size:
@@ -41,7 +38,7 @@ def polish(
     system = replace(system, structure=Structure.GENERAL)
     jac = system.jacobian(np.array([float(entry) for entry in start]))
     span = _directions(
-        np.eye(len(start))[:, system.free] if directions is None else directions, len(start)
+        np.eye(len(start))[:, system.movable] if directions is None else directions, len(start)
     )
     inverse, _ = pseudo_inverse(jac @ span, _RANK_TOLERANCE)
 
@@ -64,17 +61,16 @@ def polish(
 
 
 def polish_zeros(
-    x: Sequence[Fraction], system: ConditionSystem, free: Sequence[int] | NDArray[np.intp]
+    x: Sequence[Fraction], system: ConditionSystem, movable: Sequence[int] | NDArray[np.intp]
 ) -> RationalZero:
-    """Polish, and set weights to zero that are zero up to the rounding errors of real(16).
+    """Polish the entries `movable`, and set those to zero that are zero up to rounding in real(16).
 
-    If the conditions can't be solved with these zeros, the weights keep their values. Only the
-    entries `free` change.
+    If the conditions can't be solved with these zeros, the weights keep their values.
     """
     unit = np.eye(system.size)
-    polished = polish(x, system, directions=unit[:, free])
-    tiny = {k for k in free if 0 < abs(polished.x[k]) <= _ROUNDING}
-    rest = [k for k in free if k not in tiny]
+    polished = polish(x, system, directions=unit[:, movable])
+    tiny = {k for k in movable if 0 < abs(polished.x[k]) <= _ROUNDING}
+    rest = [k for k in movable if k not in tiny]
     if not tiny or not rest:
         return polished
     start = [Fraction() if k in tiny else entry for k, entry in enumerate(polished.x)]

@@ -1,10 +1,10 @@
 """Newton's method in rational arithmetic, with the pseudo-inverse of a double Jacobian.
 
-Residuals are exact or nearly so; each correction by the fixed pseudo-inverse gains about ten
-digits. Corrections are rounded to a grid so that numerators and denominators stay short.
+A step subtracts ``correction(r(x))``, the product of J⁺ and the residuals r(x), which are exact or
+nearly so. J⁺ is that of doubles and stays fixed, so that no linear algebra in fractions is needed;
+each correction gains about ten digits. Corrections are rounded to multiples of ``1/grid``, so that
+numerators and denominators stay short.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -39,8 +39,8 @@ def refine_rational(
 ) -> RationalZero:
     """Correct a point until its residuals are at most `below` or stop getting smaller.
 
-    `correction` takes residuals in double, scaled to a maximum of 1, and returns what to subtract
-    from the point, in the same scale. Corrections are rounded to multiples of ``1/grid``.
+    `correction` takes residuals in double, scaled to a maximum of 1, and returns what to subtract,
+    in the same scale. Corrections are rounded to multiples of ``1/grid``.
     """
     best = RationalZero(tuple(x), tuple(residuals(x)), 0)
     largest = best.largest_residual

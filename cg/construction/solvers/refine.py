@@ -1,11 +1,10 @@
 """Refinement of a zero of the order conditions to the accuracy of binary128.
 
-Residuals are computed in real(16), corrections by the pseudo-inverse of the double Jacobian, which
-is computed once. Small singular values are left out, so that the Jacobian may be rank-deficient as
-long as the system is consistent.
+Newton's method ``x - J⁺ r(x)`` with residuals r in real(16) and the pseudo-inverse J⁺ of the double
+Jacobian, computed once: each correction gains some ten digits, and no linear algebra in real(16) is
+needed. J⁺ leaves small singular values out, so that conditions may depend on each other as long as
+they are consistent.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,13 +35,11 @@ def refine(
     x: quads.Quads,
     system: ConditionSystem,
     *,
-    free: Sequence[int] | NDArray[np.intp] | None = None,
+    movable: Sequence[int] | NDArray[np.intp] | None = None,
 ) -> Refined:
     """Correct packed weights in binary128, shape (n, 16), until residuals stop getting smaller.
 
-    Only the entries `free` change, by default all free ones of the system. Corrections preserve the
-    simplifying assumptions of its structure. ValueError if `x` doesn't fit the system or isn't
-    finite, or `free` has a wrong index; MissingQuadsError in a build without quadruple precision.
+    Only the entries `movable` change. The simplifying assumptions of the system hold afterwards.
     """
     core = quads.core("refinement")
     if x.shape != (system.size, 16):
@@ -50,7 +47,7 @@ def refine(
     start = quads.to_float(x)
     if not np.isfinite(start).all():
         raise ValueError(f"x must be finite, got {start}")
-    moving = system.moving(free)
+    moving = system.moving(movable)
     jac = system.jacobian(start, independent=False)[:, moving]
     rank, inverse = 0, np.zeros(jac.T.shape)
     if moving.size and np.isfinite(jac).all():  # otherwise no correction is possible

@@ -1,12 +1,14 @@
 """Steps close to solutions, from the singular value decomposition of the Jacobian.
 
+A step is ``-J⁺ r``, of least norm, with the pseudo-inverse J⁺ of the Jacobian J = U S Vᵀ without
+its small singular values; the last columns of V are the `kernel`, along which solutions continue
+(Golub and Van Loan, Matrix Computations, section 5.5).
+
 Order conditions depend on each other, and trees of points often have fewer unknowns than there are
 conditions. Nonzero singular values go down to 1e-9 of the largest; smaller ones are rounding
 errors. Normal equations square the singular values and stall at sums of squares between 1e-15 and
-1e-21; the steps of this module don't.
+1e-21, so they aren't used here.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 
@@ -32,14 +34,10 @@ _PATIENCE, _MIN_GAIN = 15, 0.05  # stop if that number of steps gains less than 
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Pseudo-inverse and kernel of a Jacobian of shape (m, n).
+    """Pseudo-inverse and kernel of a Jacobian of shape (m, n)."""
 
-    `inverse`, shape (n, m), leaves out singular values below 1e-11 of the largest; `kernel`, shape
-    (n, n - rank), is an orthonormal basis of the numerical kernel.
-    """
-
-    inverse: Vector
-    kernel: Vector
+    inverse: Vector  # shape (n, m), without singular values below 1e-11 of the largest
+    kernel: Vector  # shape (n, n - rank), an orthonormal basis
 
     @property
     def rank(self) -> int:
@@ -68,16 +66,12 @@ def decompose(jac: Vector) -> Decomposition:
 
 
 def retract(
-    system: ConditionSystem,
-    x: Vector,
-    free: Indices,
-    near: Decomposition,
+    system: ConditionSystem, x: Vector, movable: Indices, near: Decomposition
 ) -> Vector | None:
     """Return to the solution set by Newton steps of least norm; None if f stays above 1e-27.
 
-    Only the entries `free` of the packed weights x, shape (n,), change. `near` is the decomposition
-    of these columns of the Jacobian at a point close by. It is used until steps gain little, which
-    saves most of the work.
+    Only the entries `movable` of x change. `near` decomposes their columns of the Jacobian at a
+    point close by; it is used until steps gain little, which saves most of the work.
     """
     residual = system.residual(x)
     f = float(residual @ residual)
@@ -87,7 +81,7 @@ def retract(
             if not f < _FAR:
                 return None
             trial = x.copy()
-            trial[free] -= near.inverse @ residual
+            trial[movable] -= near.inverse @ residual
             trial_residual = system.residual(trial)
             trial_f = float(trial_residual @ trial_residual)
             if not trial_f < f:
@@ -97,19 +91,15 @@ def retract(
         if f < _FTOL:
             return x
         if renewal < _RENEWALS:
-            jac = system.jacobian(x)[:, free]
+            jac = system.jacobian(x)[:, movable]
             if not np.isfinite(jac).all():
                 return None
             near = decompose(jac)
     return None
 
 
-def finish(system: ConditionSystem, x: Vector, free: Indices) -> tuple[Vector, float]:
-    """Converge to a nearby zero by Levenberg–Marquardt steps with geodesic acceleration.
-
-    Only the entries `free` of the packed weights x, shape (n,), change. Returns the last point and
-    its sum of squares.
-    """
+def finish(system: ConditionSystem, x: Vector, movable: Indices) -> tuple[Vector, float]:
+    """Return where Levenberg–Marquardt steps of the entries `movable` lead, and f there."""
     residual = system.residual(x)
     f = float(residual @ residual)
     damping, history = _FIRST_DAMPING, [f]
@@ -117,14 +107,14 @@ def finish(system: ConditionSystem, x: Vector, free: Indices) -> tuple[Vector, f
 
     def after(step: Vector) -> Vector:
         moved = x.copy()
-        moved[free] += step
+        moved[movable] += step
         return moved
 
     for _ in range(_MAX_ITERATIONS):
         if not _FTOL < f < np.inf or damping > _MAX_DAMPING:
             break
         if steps is None:
-            steps = DampedSteps(system.jacobian(x)[:, free], by_singular_values=True)
+            steps = DampedSteps(system.jacobian(x)[:, movable], by_singular_values=True)
         steps.damp(damping)
         v = steps.step(residual)
         a = steps.acceleration(v, residual, system.residual(after(PROBE * v)))

@@ -1,4 +1,10 @@
-"""Systems of order conditions in the weights of a method."""
+"""Systems of order conditions in the weights x of a method.
+
+The residuals are ``Φ(t) - 1/γ(t)`` for the ordered trees t of the order, those of a second result
+after those of the first, and those of simplifying assumptions on stages k, such as
+``Φ_k(t) - c_k^(|t| - 1) / γ(t)`` (Butcher, Numerical Methods for Ordinary Differential Equations,
+section 321). Solvers see the system as one vector with one Jacobian, whatever it is made of.
+"""
 
 from __future__ import annotations
 
@@ -56,10 +62,9 @@ class Structure(IntEnum):
 
 @dataclass(frozen=True)
 class ConditionSystem:
-    """The conditions of an order q for a method with unknowns `layout`, or for an embedded pair.
+    """The conditions of order q on a layout; a second result of a pair has order q - 1.
 
-    Second results of pairs have order q - 1. The simplifying assumptions of a `structure` are for
-    explicit tableaux of order 4 or more. TypeError, ValueError or MethodError for a wrong argument.
+    A `structure` is for explicit tableaux of order 4 or more.
     """
 
     order: int
@@ -126,7 +131,7 @@ class ConditionSystem:
         return self.layout.size
 
     @cached_property
-    def free(self) -> NDArray[np.intp]:
+    def movable(self) -> NDArray[np.intp]:
         """Indices of the entries that aren't fixed at zero."""
         fixed = list(self.layout.fixed)
         weights = [self.layout.row(self.stages + r) for r in range(len(self.layout.results))]
@@ -147,19 +152,16 @@ class ConditionSystem:
         second = sum(_REMAINING[1][: self.order - 1]) if self.embedded else 0
         return sum(remaining[: self.order]) + second + assumptions
 
-    def moving(self, free: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
-        """Return the indices of entries that may change, sorted; all free entries for None."""
-        return self.free if free is None else check_indices("free", free, self.size)
+    def moving(self, movable: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
+        """Return the indices of entries that may change, sorted; all movable entries for None."""
+        return self.movable if movable is None else check_indices("movable", movable, self.size)
 
-    def free_without(self, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the indices of the free entries that aren't in `frozen`."""
-        return np.setdiff1d(self.free, check_indices("frozen", frozen, self.size))
+    def movable_without(self, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the indices of the movable entries that aren't in `frozen`."""
+        return np.setdiff1d(self.movable, check_indices("frozen", frozen, self.size))
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        """Return the trees and owners of the conditions, both of shape (m,).
-
-        The owner is a `ConditionOwner`, or the stage, from 1, of a simplifying assumption.
-        """
+        """Return trees and owners: a `ConditionOwner` or, of assumptions, a stage from 1."""
         trees = condition_trees(self.order, independent)
         second = condition_trees(self.order - 1, independent) if self.embedded else ()
         owner: list[int] = [*[ConditionOwner.FIRST_RESULT] * len(trees)]

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cg.frames.arrays import Array
-from cg.support.records import fields_of
-from cg.support.shared_numbers import COUNTERS, RECORD
+from cg.support.shared_records import COUNTERS, RECORD, fields_of
 
 COUNTS = tuple(COUNTERS)[2:]
 """Counts of each member, in the order of compiled code."""

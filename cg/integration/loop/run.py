@@ -21,7 +21,8 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.callbacks import Callbacks
 from cg.support.memory import reserved
-from cg.support.shared_numbers import COUNTERS, FieldFlag, JacobianKind, StateSize, Stop
+from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
+from cg.support.shared_records import COUNTERS
 
 _MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer

@@ -14,7 +14,7 @@ from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
-from cg.support.shared_numbers import EVENT
+from cg.support.shared_records import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
 

@@ -80,9 +80,10 @@ from cg.catalogue import methods
 from cg.frames.arrays import Array
 from cg.integration.step.collocation import collocation_polynomial
 from cg.integration.step.paths import MethodPaths, paths_of
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
+from cg.support.copies import cached
 from cg.trees.rooted import rooted_trees_through
 
 # Nodes of interpolants that use the stages of a method, in this order. A search over grids chose

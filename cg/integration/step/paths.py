@@ -21,13 +21,13 @@ from cg.method.end_weights import end_weights, kink_weights
 from cg.method.estimate import error_power
 from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
-from cg.method.method import Method, cached
+from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.method.tableau import Tableau
 from cg.structure.points import START
-from cg.support.records import fields_of
-from cg.support.shared_numbers import METHOD
+from cg.support.copies import cached
+from cg.support.shared_records import METHOD, fields_of
 
 _ROUNDING = Fraction(1, 10**14)  # of the sum of drifts
 

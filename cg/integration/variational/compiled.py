@@ -18,8 +18,7 @@ from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
 from cg.integration.variational.noise import Noise
-from cg.support.records import fields_of
-from cg.support.shared_numbers import VARIATION
+from cg.support.shared_records import VARIATION, fields_of
 
 
 class _Record(ctypes.Structure):

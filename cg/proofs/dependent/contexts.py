@@ -1,9 +1,9 @@
 """Contexts: words with a slot, in place of a letter, which is filled with other letters.
 
-The weight is linear in the values of the letter in the slot.
+The weight Φ(h(v)) of a context h filled with a letter v is linear in the values of v at the stages.
+So a context is a vector, whose product with that of a letter is the weight of a word: conditions
+become statements on vectors, which linear algebra relates (`orthogonality`).
 """
-
-from __future__ import annotations
 
 from functools import cache
 from typing import Any
@@ -15,10 +15,10 @@ SLOT: Any = -1  # where a letter was cut out of a word
 
 @cache
 def basis(order: int, of_time: bool = False) -> tuple[Word, ...]:
-    """Return words with a slot and with at most `order` nodes around it.
+    """Return the contexts with at most `order` nodes around the slot, from which others follow.
 
-    The others follow by shuffles: at the root, the slot is in the last letter. In words of powers
-    of the time the slot is a letter itself.
+    Shuffles bring the slot into the last letter of the root. In words of powers of the time the
+    slot is a letter itself.
     """
     counts = range(1, order + 1)
     return tuple(h for count in counts for h in _with_slot(count, last=True, of_time=of_time))
@@ -69,11 +69,11 @@ def fill(context: Word, letter: Word) -> Word:
 
 @cache
 def moments(context: Word) -> dict[Word, int]:
-    """Return the combination of contexts that takes the moments of the letter in the slot.
+    """Return the combination of contexts whose product with v is that with the moments of v.
 
-    The moments of v, along the path that the slot is on, are the integral of s dv where s is
-    the weight of τ up to there: ``s v`` less the integral of v. Integrated by parts, a word
-    ``p * q`` of it is ``(τ ⧢ p) * q`` less all ``p' * p'' τ q`` with ``p = p' p''``.
+    Along the path of the slot, the moments of v grow by ``s dv - v ds``, where s is the weight of τ
+    up to there. So a word ``p * q`` becomes ``(τ ⧢ p) * q`` minus all ``p' * p'' τ q`` with
+    ``p = p' p''``.
     """
     words: dict[Word, int] = {}
 

@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import (
     Condition,
-    Word,
     add_multiple,
     condition_words,
     conditions_of,
@@ -70,10 +69,9 @@ def follow(
 def find_relations(
     layout: Layout, orders: Sequence[int], y: Sequence[flint.arb], most: int
 ) -> _Doubles:
-    """Return linear relations between residuals, in double precision; arguments as of `follow`.
+    """Return at most `most` linear relations between residuals, in double precision.
 
-    They are orthonormal rows, at most `most`, shape (relations, conditions), with the conditions as
-    `conditions_of` has them.
+    They are orthonormal rows, shape (relations, conditions), conditions as in `conditions_of`.
     """
     relations = _Relations(layout, orders, y)
     relations.choose(most)
@@ -127,9 +125,10 @@ class _Relations:
         seen = list(among) or list(range(len(self.conditions)))
         basis = np.zeros((0, len(seen)))
         generator = np.random.default_rng(0)
-        for choices, rows in self._offered():
+        for frame in self._frames():
             if len(chosen) == most:
                 break
+            us, vs, rows = self._in_doubles(frame)
             sizes = np.linalg.norm(rows, axis=1)
             unit = rows[:, seen] / np.maximum(sizes, 1e-300)[:, None]
             unit[sizes <= _NEW * sizes.max()] = 0
@@ -150,19 +149,10 @@ class _Relations:
                 new /= np.linalg.norm(new)
                 basis = np.vstack([basis, new])
                 rest = rest - np.outer(rest @ new, new)
-                chosen.append(choices[places[best]])
+                i, j = divmod(int(places[best]), len(vs))
+                chosen.append(_Choice(frame, us[i], vs[j]))
         self.span = basis
         return chosen
-
-    def _offered(self) -> Iterator[tuple[Sequence[_Choice], _Doubles]]:
-        """Yield relations, with their coefficients in double precision."""
-        for frame in self._frames():
-            us, vs, rows = self._in_doubles(frame)
-            yield [_Choice(frame, i, j) for i in us for j in vs], rows
-
-    def _add(self, vector: _Doubles, row: int, word: Word, factor: float) -> None:
-        for one, value in self._rough(word).items():
-            vector[self.position[Condition(row, one)]] += factor * value
 
     def _frames(self) -> Iterator[Spanned]:
         """Yield contexts and letters that fill all places, and have more."""
@@ -203,9 +193,10 @@ class _Relations:
     def _cuts(
         self, within: NDArray[np.bool_], around: NDArray[np.bool_]
     ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_], tuple[int, ...], int]]:
-        """Yield which letters and contexts to take, and their largest degrees.
+        """Yield masks of letters and of contexts, and the largest degrees of contexts and letters.
 
-        Those that are zero, for any coefficients, at the same places: then these don't count.
+        A mask takes vectors that are zero at the same places, whatever the coefficients are: these
+        places then don't count.
         """
         for letters, contexts in product(_alike(within), _alike(around)):
             for most in range(1, self._orders[0]):
@@ -255,7 +246,8 @@ class _Relations:
         if key not in self._products:
             vector = np.zeros(len(self.conditions))
             for (row, word), multiplicity in pairing.words(i, j).items():
-                self._add(vector, row, word, multiplicity)
+                for one, value in self._rough(word).items():
+                    vector[self.position[Condition(row, one)]] += multiplicity * value
             self._products[key] = vector
         return self._products[key]
 
@@ -278,12 +270,13 @@ class _Relations:
             for one in group:
                 left: dict[int, Any] = {}
                 shares = [flint.arb(1), *(-share for share in delta[us.index(one.context)])]
-                for i, share in zip([one.context, *frame.first], shares, strict=True):
-                    for k, factor in frame.raw(i).items():
-                        left[k] = left.get(k, flint.arb(0)) + share * flint.arb(factor)
-                right = {one.column: flint.arb(1)}
-                for k, j in enumerate(frame.second):
-                    right[j] = -beta[vs.index(one.column)][k]
+                terms = zip([one.context, *frame.first], shares, strict=True)
+                factors = [(k, s * flint.arb(f)) for i, s in terms for k, f in frame.raw(i).items()]
+                for k, factor in factors:
+                    left[k] = left.get(k, flint.arb(0)) + factor
+                # the rest of the row belongs to U_0
+                mine = zip(frame.second, beta[vs.index(one.column)], strict=False)
+                right = {one.column: flint.arb(1)} | {j: -share for j, share in mine}
                 relations.append(self._combined(frame.pairing, left, right))
         return relations
 
@@ -308,10 +301,7 @@ class _Relations:
                 product = a * b
                 for key, multiplicity in pairing.words(i, j).items():
                     add_multiple(combination, key, product * multiplicity)
-        return self._reduced(combination)
-
-    def _reduced(self, combination: dict[Condition, flint.arb]) -> dict[Condition, flint.arb]:
-        """Return a combination of residuals of words as one of those of conditions."""
+        # residuals of words as those of conditions
         reduced: dict[Condition, flint.arb] = {}
         for row, reduction in enumerate(self._reductions):
             terms = [(word, value) for (r, word), value in combination.items() if r == row]

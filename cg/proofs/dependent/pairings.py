@@ -1,7 +1,12 @@
 """Words with a slot and letters, as vectors over stages or flows, and their inner products.
 
-A word with a slot is linear in the letter that is put there. So it is a vector over the flows, and
-over the stages, whose product with the vector of a letter's values is the weight of a word.
+The weight of a context h filled with a letter v is a sum over the stages k, or the flows m,
+
+    Φ(h(v)) = Σ_k left_k(h) Φ_k(v) = Σ_m left_m(h) right_m(v),   right_m(v) = Σ_k y_mk Φ_k(v),
+
+with the coefficient y_mk of the flow to point m on stage k. `Pairing.left` has the vectors of the
+contexts, `Pairing.right` those of the letters. The vectors over the flows are derivatives of
+weights by letters, which `word_weights` computes; those over the stages follow from them.
 """
 
 from __future__ import annotations
@@ -18,9 +23,8 @@ from cg.structure.points import START
 from cg.support import flint
 
 Vector = list[Any]
-_Around = dict[tuple[int, Word], Vector]  # of rows of weights and contexts, over the flows
-_Values = dict[Word, Vector]  # of letters, over the stages
-
+_Around = dict[tuple[int, Word], Vector]  # by row and context: the vector over the flows
+_Values = dict[Word, Vector]  # by letter: its weights at the stages
 
 DIFFERENCE = 2
 """In place of a row of weights: the difference of the first and the second."""
@@ -53,16 +57,12 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Pairing:
-    """Contexts and letters as vectors over the same places, stages or flows.
-
-    `left` has a vector for each of the contexts, exactly zero where it is for all coefficients;
-    `right` one for each of the columns.
-    """
+    """Contexts and letters as vectors over the same places, stages or flows."""
 
     contexts: list[Context]
     columns: list[Column]
-    left: list[Vector]
-    right: list[Vector]
+    left: list[Vector]  # of each context; exactly zero where it is for all coefficients
+    right: list[Vector]  # of each column
 
     def words(self, i: int, j: int) -> dict[tuple[int, Word], int]:
         """Return the rows and words whose weights add up to the product of two vectors."""
@@ -84,10 +84,9 @@ class Pairing:
 def pairings(
     layout: Layout, orders: Sequence[int], y: Sequence[flint.arb]
 ) -> tuple[Pairing, Pairing]:
-    """Return the vectors over the stages, and those over the flows, for coefficients in balls.
+    """Return the pairing over the stages and that over the flows, for coefficients in balls `y`.
 
-    `orders` are those of the rows of weights; words have no more nodes. The vectors hold those of
-    all coefficients in the balls `y`.
+    `orders` are those of the rows of weights; they bound the nodes of words.
     """
     most = orders[0] - 1
     of_time = layout.of_time
@@ -105,7 +104,7 @@ def pairings(
         shared = set(layout.path(layout.ends[-2])) & set(layout.path(layout.ends[-1]))
         for h in [h for row, h in contexts if row == 1]:
             both = zip(around[0, h], around[1, h], strict=True)
-            # a slot at the root comes last, so that the shared flows cancel
+            # flows that both paths share come first: they act alike on a slot at the root
             cancelled = shared if depth(h) == 0 else set()
             around[DIFFERENCE, h] = [
                 flint.arb(0) if m in cancelled else a - b for m, (a, b) in enumerate(both)
@@ -218,14 +217,14 @@ def _to_stages(layout: Layout, y: Sequence[flint.arb], flows: Vector) -> Vector:
 
 
 def _moments_of(layout: Layout, y: Sequence[flint.arb], flows: Vector) -> Vector:
-    """Return the vector whose products are those of the moments of contexts with this one.
+    """Return the vector of the moments of a letter from that of the letter, v.
 
-    On a path, let f be a context, F its integral from a point to the end, and s the weight of
-    τ. Products with the moments are the sums over flows of v times the mean of ``-(s F)'``,
-    ``s f - F`` at the two ends of the flow: f is a vector of means, so that F is known there.
+    They grow by ``s dv - v ds`` along a path, where s is the weight of τ; see `moments`. On the
+    flow to point m this is ``s v_m - s_m V``, with s and the sum V of v at its start, and its own
+    s_m: the products of what s and v gain on the flow itself cancel.
     """
-    ends: list[Any] = []
-    after: list[Any] = []  # of each flow: the sum of v on the way to its end
+    ends: list[Any] = []  # of each flow: s at its end
+    after: list[Any] = []  # of each flow: V at its end
     moments_of_flows: list[Any] = []
     for m, parent in enumerate(layout.parents):
         step = sum((y[k] for k, _ in _terms(layout, m)), flint.arb(0))

@@ -7,8 +7,6 @@ Weights multiply by shuffles, and so do their values for the exact solution. So 
 and a word that is no condition is expressed by shuffling its first condition with the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
@@ -27,7 +25,7 @@ Combination = dict[Word, Any]
 
 @cache
 def _conditions(count: int) -> frozenset[Word]:
-    return frozenset(w for w in condition_words(count) if nodes(w) == count)
+    return frozenset(condition_words(count))
 
 
 @cache
@@ -38,7 +36,7 @@ def _first_condition(word: Word) -> int:
 
 
 class Reduction:
-    """Residuals by those of independent conditions, linear with coefficients of a number type.
+    """Residuals of words as combinations of those of independent conditions.
 
     `number` makes a coefficient of a Fraction. `weight` returns Φ of a word: a ball that contains
     it, or the `number` of its value for the exact solution.

@@ -1,4 +1,11 @@
-"""Sets of contexts and letters that are orthogonal and together span all places."""
+"""Sets of contexts and letters that are orthogonal and together span all places.
+
+The products of contexts u_i with letters v_j for the exact solution are rational numbers, M_ji. Row
+reduction of M splits the contexts into a `reference` and others, which are made orthogonal to all
+letters by multiples of the reference: u_i - Σ_r share_r u_r, the vectors of U_0. Exact arithmetic
+decides which products are zero. Ranks of vectors are counted in double precision: a wrong count
+leads to no relation, never to a wrong one.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.conditions.words import Word, reciprocal_density
+from cg.conditions.words import reciprocal_density
 from cg.proofs.dependent.pairings import Pairing
 from cg.support import flint
 from cg.support.balls import to_flint
@@ -39,9 +46,13 @@ class Spanned:
 
     @cached_property
     def _reduction(self) -> tuple[list[int], dict[int, list[flint.fmpq]]]:
-        products = flint.fmpq_mat(
-            [[_exact(self.pairing.words(i, j)) for i in self.contexts] for j in self.columns]
-        )
+
+        def exact(i: int, j: int) -> flint.fmpq:
+            words = self.pairing.words(i, j)
+            terms = (reciprocal_density(word) * m for (_, word), m in words.items())
+            return to_flint(sum(terms, start=Fraction(0)))
+
+        products = flint.fmpq_mat([[exact(i, j) for i in self.contexts] for j in self.columns])
         reduced, rank = products.rref()
         rows = reduced.tolist()[:rank]
         pivots = [next(k for k, entry in enumerate(row) if entry != 0) for row in rows]
@@ -63,7 +74,9 @@ class Spanned:
     @cached_property
     def first(self) -> list[int]:
         """Independent contexts in U_0."""
-        return _independent({i: self.left(i) for i in self.shares})
+        keys = list(self.shares)
+        chosen = independent_rows(doubles([self.left(i) for i in keys])) if keys else []
+        return [keys[k] for k in chosen]
 
     @property
     def complete(self) -> bool:
@@ -94,19 +107,6 @@ class Spanned:
             if share != 0:
                 combination[other] = combination.get(other, flint.fmpq(0)) - share
         return combination
-
-
-def _exact(words: dict[tuple[int, Word], int]) -> flint.fmpq:
-    terms = (reciprocal_density(word) * m for (_, word), m in words.items())
-    total = sum(terms, start=Fraction(0))
-    return to_flint(total)
-
-
-def _independent(vectors: dict[int, list[flint.arb]]) -> list[int]:
-    keys = list(vectors)
-    if not keys:
-        return []
-    return [keys[k] for k in independent_rows(doubles([vectors[key] for key in keys]))]
 
 
 def independent_rows(rows: _Doubles) -> list[int]:
