@@ -2,10 +2,10 @@
 
 import doctest
 import importlib
-import importlib.util
 import pkgutil
 import re
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.no_core
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 SKIPPED = ("cg.reproduce", "cg.catalogue.certificates")
-WITHOUT_JAX = importlib.util.find_spec("diffrax") is None
+OPTIONAL = {"cg.jax": "diffrax", "cg.qutip": "qutip", "cg.conditions.symbolic": "sympy"}
 NAMES = sorted(
     module.name
     for module in pkgutil.walk_packages(cg.__path__, "cg.")
@@ -42,8 +42,9 @@ def unseen(monkeypatch):
 @pytest.mark.usefixtures("unseen")
 @pytest.mark.parametrize("name", NAMES)
 def test_doctests_of_module(name):
-    if WITHOUT_JAX and name.startswith("cg.jax"):
-        pytest.skip("diffrax is not installed")
+    for start, package in OPTIONAL.items():
+        if name.startswith(start):
+            pytest.importorskip(package)
     module = importlib.import_module(name)
     finder, runner = doctest.DocTestFinder(), doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
     output = []
@@ -85,7 +86,9 @@ def public():
     """Return all public objects by name."""
     names = sorted(offered() | in_reference())
     return {
-        name: resolved(name) for name in names if not (WITHOUT_JAX and name.startswith("cg.jax."))
+        name: resolved(name)
+        for name in names
+        if find_spec("diffrax") or not name.startswith("cg.jax.")
     }
 
 

@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Callable
 from fractions import Fraction
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import matplotlib.figure
@@ -159,7 +160,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
     call(conditions.jacobian, **EULER),
     call(conditions.pack, a=EULER["a"], b=EULER["b"]),
     call(conditions.unpack, x=[0.5, 0.0, 1.0], stages=2),
-    call(conditions.equations, method=2, order=2),
+    *([call(conditions.equations, method=2, order=2)] if find_spec("sympy") else []),
     call(conditions.count, order=4, independent=True),
     call(conditions.condition_trees, order=4, independent=True),
     call(conditions.right_sides, order=4, independent=True),

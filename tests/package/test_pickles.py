@@ -22,7 +22,7 @@ ABSTRACT = {cg.Method, frames.Frame, frames.MatrixGroup, frames.HomogeneousSpace
 MODULES = [
     importlib.import_module(module.name)
     for module in pkgutil.walk_packages(cg.__path__, "cg.")
-    if not module.name.startswith(("cg.jax", "cg._core", "cg.reproduce"))
+    if not module.name.startswith(("cg.jax", "cg._core", "cg.qutip", "cg.reproduce"))
     and not module.name.endswith("__main__")
 ]
 ERRORS = {
