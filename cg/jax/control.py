@@ -48,7 +48,8 @@ def controller(
 
     Errors are measured in coordinates, and so are tolerances: they mean what they mean in
     `cg.solve_ivp`, and with ``dt0=None`` the first step is the same. ``diffrax.PIDController``
-    compares entries of points instead, and begins with a step of 0.01.
+    compares entries of points instead, and begins with a step of 0.01. Where steps must not cross
+    some times, pass the controller to ``diffrax.ClipStepSizeController``.
 
     Parameters
     ----------
@@ -61,19 +62,11 @@ def controller(
     max_step
         Largest size of a step, in the unit of time.
 
-    Returns
-    -------
-    FrameController
-        A ``diffrax.AbstractAdaptiveStepSizeController``; ``diffrax.ClipStepSizeController`` takes
-        it, for times that steps must not cross.
-
     Raises
     ------
-    TypeError
-        If ``frame`` is no frame that JAX has functions for.
-    ValueError
-        If a tolerance is negative, both are zero, or a shape doesn't fit; or ``max_step`` isn't
-        positive.
+    TypeError, ValueError
+        If JAX has no functions for ``frame``; if a tolerance is negative, both are zero, or a
+        shape doesn't fit, or ``max_step`` isn't positive.
 
     Warns
     -----

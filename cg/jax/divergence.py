@@ -17,11 +17,11 @@ from cg.jax.rules import real_dtype
 def divergence(
     f: Callable[[Any, Any, Any], Any], frame: Frame, *, key: Any = None
 ) -> Callable[[Any, Any, Any], JaxArray]:
-    r"""Return the divergence of a right-hand side with respect to the invariant volume.
+    r"""Return a function ``(t, y, args)``: the divergence with respect to the invariant volume.
 
-    The fields of a frame leave the invariant volume of its manifold as it is: Haar measure on
-    groups, area on spheres. So the divergence of :math:`\sum_i f_i E_i` is :math:`\sum_i E_i f_i`,
-    and along solutions the logarithm of a density decreases by its integral.
+    The fields of a frame preserve the invariant volume of its manifold: Haar measure on groups,
+    area on spheres. So the divergence of :math:`\sum_i f_i E_i` is :math:`\sum_i E_i f_i`, and
+    along solutions the logarithm of a density decreases by its integral.
 
     Parameters
     ----------
@@ -34,17 +34,11 @@ def divergence(
         random direction of entries ±1. Its mean is the divergence; use one key for a whole
         integration.
 
-    Returns
-    -------
-    callable
-        A function ``(t, y, args)`` that returns a number.
-
     Raises
     ------
-    TypeError
-        If ``f`` is no function, or ``frame`` no frame that JAX has functions for.
-    ValueError
-        If the frame has fields of the user, whose invariant volume isn't known.
+    TypeError, ValueError
+        If ``f`` is no function, or JAX has no functions for ``frame``; if the frame has fields of
+        the user, whose invariant volume isn't known.
 
     Examples
     --------

@@ -41,12 +41,13 @@ def product_rules(frame: Product, parts: list[Rules]) -> Rules:
         None if any(rules.dexpinv is None for rules in parts) else dexpinv,
         together("coefficients"),
         lambda y: jnp.concatenate(each("sizes", split(frame, y))),
+        lambda y: jnp.stack(each("distance", split(frame, y))).max(),
         free=all(rules.free for rules in parts),
     )
 
 
 def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
-    """Return the points of the factors of a product.
+    """Return the points of the factors of a product, each of the shape of its factor.
 
     Parameters
     ----------
@@ -55,17 +56,10 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
     y
         Shape ``frame.point_shape``.
 
-    Returns
-    -------
-    tuple of arrays
-        One of the shape ``point_shape`` of each factor.
-
     Raises
     ------
-    TypeError
-        If ``frame`` is no product.
-    ValueError
-        If ``y`` has another shape.
+    TypeError, ValueError
+        If ``frame`` is no product; if ``y`` has another shape.
 
     Examples
     --------
@@ -87,7 +81,7 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
 
 
 def join(frame: Product, *parts: JaxArray) -> JaxArray:
-    """Return the point of a product that `split` takes apart.
+    """Return the point of a product, the inverse of `split`, shape ``frame.point_shape``.
 
     Parameters
     ----------
@@ -96,17 +90,10 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
     *parts
         A point of each factor, shape ``factor.point_shape``.
 
-    Returns
-    -------
-    array
-        Shape ``frame.point_shape``.
-
     Raises
     ------
-    TypeError
-        If ``frame`` is no product.
-    ValueError
-        If the number of parts or a shape is wrong.
+    TypeError, ValueError
+        If ``frame`` is no product; if the number of parts or a shape is wrong.
 
     Examples
     --------
@@ -160,5 +147,6 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
         None if rules.dexpinv is None else dexpinv,
         on_points(rules.coefficients),
         on_points(rules.sizes),
+        lambda y: jax.vmap(rules.distance)(y).max(),
         free=rules.free,
     )

@@ -8,7 +8,7 @@ from cg.frames import UnitQuaternion
 from cg.frames.quaternion import _generators
 from cg.jax.dexpinv import turning_dexpinv
 from cg.jax.entire import JaxArray, rotation_vector, stumpff
-from cg.jax.rules import Rules, bilinear, ones, turned, unit_step
+from cg.jax.rules import Rules, bilinear, length_error, turned, unit_step
 
 
 def quaternion_rules(frame: UnitQuaternion) -> Rules:
@@ -26,15 +26,11 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     def log(y0: JaxArray, y1: JaxArray) -> JaxArray:
         return rotation_vector(sines(y0, y1 - y0), y0 @ y1)
 
-    return Rules(
-        frame,
-        flow,
-        unit_step,
-        log,
-        turning_dexpinv(frame._rotation_sign),
-        lambda y, tangent: 2.0 * sines(y, tangent),
-        ones(frame),
-    )
+    def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
+        return 2.0 * sines(y, tangent)
+
+    dexpinv = turning_dexpinv(frame._rotation_sign)
+    return Rules(frame, flow, unit_step, log, dexpinv, coefficients, distance=length_error)
 
 
 def rotation_matrix(v: JaxArray, wedge: JaxArray, average: int = 0) -> JaxArray:

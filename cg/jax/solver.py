@@ -18,7 +18,6 @@ from cg.jax.entire import JaxArray
 from cg.jax.estimates import error_estimate
 from cg.jax.linear import Before, LinearTerm, no_step
 from cg.jax.noise import check_noise, increments
-from cg.jax.points import membership_error
 from cg.jax.rules import Rules
 from cg.jax.stages import Start, Steps, steps_of, take_stages
 from cg.jax.term import refuse_implicit_adjoint, rules_in, unwrapped
@@ -141,7 +140,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
         Those of a Magnus method come with the step before.
         """
-        frame = rules_in(terms).frame
+        rules = rules_in(terms)
+        frame = rules.frame
         if self.steps.on_algebra:
             check_algebra(frame, self.method)
         if self.steps.of_time and not isinstance(unwrapped(terms), LinearTerm):
@@ -155,12 +155,13 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
         first = eqx.error_if(
             first,
-            ~(membership_error(frame, y0) <= tolerance),
+            ~(rules.distance(y0) <= tolerance),
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )
         return (first, no_step(self.steps.paths, first)) if self.steps.of_time else first
 
+    @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
         self,
         terms: Any,
@@ -171,54 +172,40 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         solver_state: Any,
         made_jump: Any,
     ) -> tuple[Any, ...]:
-        """Return the point after a step, its error, and what else diffrax wants of it."""
-        y1, error, within, last = _step(self, terms, t0, t1, y0, args, solver_state, made_jump)
-        result = diffrax.RESULTS.where(
-            jnp.isfinite(y1).all(), diffrax.RESULTS.successful, diffrax.RESULTS.nonfinite
-        )
-        return y1, error, {"within": within}, last, result
+        """Return the point after a step, its error, the interpolant, the state and the result."""
+        rules, steps, accurate = rules_in(terms), self.steps, self.dense == _DENSE[0]
+        if isinstance(terms, diffrax.MultiTerm):
+            return _noisy_step(self, rules, increments(terms, t0, t1, args), y0, solver_state)
+        first, before = solver_state if steps.of_time else (solver_state, None)
+        h = jnp.asarray(terms.contr(t0, t1), first.dtype)
 
+        def f(c: Any, y: JaxArray) -> JaxArray:
+            return terms.vf(t0 + c * (t1 - t0), y, args)
 
-@eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
-def _step(
-    solver: Solver,
-    terms: Any,
-    t0: JaxArray,
-    t1: JaxArray,
-    y0: JaxArray,
-    args: Any,
-    state: Any,
-    made_jump: Any,
-) -> tuple[JaxArray, JaxArray | None, Any, Any]:
-    """Return the point after a step, its error, the interpolant and the next state."""
-    rules, steps = rules_in(terms), solver.steps
-    if isinstance(terms, diffrax.MultiTerm):
-        return _noisy_step(solver, rules, increments(terms, t0, t1, args), y0, state)
-    first, before = state if steps.of_time else (state, None)
-    h = jnp.asarray(terms.contr(t0, t1), first.dtype)
-
-    def f(c: Any, y: JaxArray) -> JaxArray:
-        return terms.vf(t0 + c * (t1 - t0), y, args)
-
-    if made_jump is not False:
-        first = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: first)
-        if before is not None:
-            before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
-    start = Start(rules, f, h, y0, first)
-    stages = take_stages(steps, start, unroll=solver.unroll)
-    y1, values = stages.result, stages.values
-    last = f(1.0, y1) if stages.last is None else stages.last
-    within = interpolant(solver.method, start, stages, last, accurate=solver.dense == _DENSE[0])
-    error = error_estimate(steps, start, stages, before)
-    return y1, error, within, last if before is None else (last, Before(h, values))
+        if made_jump is not False:
+            first = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: first)
+            if before is not None:
+                before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
+        start = Start(rules, f, h, y0, first)
+        stages = take_stages(steps, start, unroll=self.unroll)
+        last = f(1.0, stages.result) if stages.last is None else stages.last
+        within = interpolant(self.method, start, stages, last, accurate=accurate)
+        error = error_estimate(steps, start, stages, before)
+        state = last if before is None else (last, Before(h, stages.values))
+        return stages.result, error, {"within": within}, state, _result(stages.result)
 
 
 def _noisy_step(
     solver: Solver, rules: Rules, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, state: Any
-) -> tuple[JaxArray, None, Any, Any]:
+) -> tuple[Any, ...]:
     """Take a step of size one along increments; there is no error estimate."""
     first = f(0.0, y0)
     start = Start(rules, f, jnp.ones((), first.dtype), y0, first)
     stages = take_stages(solver.steps, start, unroll=solver.unroll)
     within = interpolant(solver.method, start, stages, first, accurate=False)
-    return stages.result, None, within, state
+    return stages.result, None, {"within": within}, state, _result(stages.result)
+
+
+def _result(y: JaxArray) -> Any:
+    finite = jnp.isfinite(y).all()
+    return diffrax.RESULTS.where(finite, diffrax.RESULTS.successful, diffrax.RESULTS.nonfinite)

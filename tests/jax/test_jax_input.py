@@ -27,10 +27,14 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.jax.frames import _MAKERS
-from cg.jax.points import membership_error
+from cg.jax.frames import _MAKERS, rules_of
 
 jnp = jax.numpy
+
+
+def membership_error(frame, y):
+    return rules_of(frame).distance(y)
+
 
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
 
