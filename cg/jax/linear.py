@@ -13,7 +13,6 @@ import numpy as np
 from cg.frames import Frame
 from cg.integration.step.paths import MethodPaths
 from cg.jax.entire import JaxArray
-from cg.jax.rules import Rules
 from cg.jax.term import FrameTerm
 
 _ROUNDINGS = 64  # as in fortran/steps/node_difference.f90
@@ -107,39 +106,3 @@ def node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: B
     rounding = _ROUNDINGS * jnp.finfo(h.dtype).eps * (jnp.abs(weights) @ jnp.abs(fields))
     seen = used & (jnp.abs(difference) > rounding)
     return h * largest * jnp.where(seen, difference, 0.0)
-
-
-def magnus_error(
-    paths: MethodPaths,
-    rules: Rules,
-    y0: JaxArray,
-    y1: JaxArray,
-    others: list[JaxArray],
-    unseen: JaxArray,
-) -> JaxArray:
-    """Return the error estimate as a tangent: that of the results, or that of the nodes.
-
-    Two results at distances e and d give e (e / hypot(e, factor d))^power.
-    """
-    size = rules.extent(y0, y1)
-
-    def norm(tangent: JaxArray, v: JaxArray | None) -> JaxArray:
-        measured = tangent if v is None else rules.measured(v, y1)
-        squares = (jnp.abs(measured / size) ** 2).sum()
-        return jnp.sqrt(jnp.maximum(squares, jnp.finfo(size.dtype).tiny))
-
-    if rules.log is None:
-        vectors: list[JaxArray | None] = [None for _ in others]
-        tangents = [y1 - other for other in others]
-    else:
-        vectors = [rules.log(other, y1) for other in others]
-        tangents = [rules.field(v, y1) for v in vectors]
-    norms = [norm(tangent, v) for tangent, v in zip(tangents, vectors, strict=True)]
-    scale = jnp.ones((), size.dtype)
-    if len(norms) == 2:
-        factor = float(paths.factor)
-        scale = (norms[0] / jnp.hypot(norms[0], factor * norms[1])) ** paths.power
-    scale = jax.lax.stop_gradient(scale)
-    rest = rules.field(unseen, y1)
-    of_nodes = norm(rest, None if rules.log is None else unseen)
-    return jnp.where(of_nodes > scale * norms[0], rest, scale * tangents[0])

@@ -25,7 +25,7 @@ from cg.integration.step.interpolant import (
 from cg.integration.step.paths import paths_of
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
-from cg.jax.stages import Stages, Start
+from cg.jax.stages import Stages, Start, flow_weights
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 
@@ -105,12 +105,8 @@ def interpolant(
 
 @cached
 def _straight(method: Method) -> _Scheme:
-    flows = paths_of(method).result_flows
-    weights = np.zeros((len(flows), len(paths_of(method).stages), 1))
-    for row, flow in zip(weights, flows, strict=True):
-        for stage, weight in flow:
-            row[stage] = float(weight)
-    return _Scheme(weights, accurate=False)
+    paths = paths_of(method)
+    return _Scheme(flow_weights(paths.result_flows, paths)[..., None], accurate=False)
 
 
 def _on_algebra(method: Method, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
