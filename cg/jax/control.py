@@ -150,8 +150,8 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
     ) -> tuple[JaxArray, Any]:
         """Return the end of the first step, and the state.
 
-        The state has the last error, whether the step before was rejected, how often steps were
-        rejected lately, and how many in succession were not finite.
+        The state has the last error, whether the step before was rejected, the suspicion of a
+        discontinuity, which rejections raise, and the number of failures in succession.
         """
         if error_order is None:
             raise ValueError(

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 from cg.frames import SE3, SO3, Euclidean, Frame, Product, UnitQuaternion
 from cg.jax.entire import JaxArray
+from cg.jax.groups import quaternion_of
 from cg.jax.products import join, split
-from cg.jax.rotation_rules import quaternion_of
 from cg.jax.rules import read_point
 
 _T = TypeVar("_T")

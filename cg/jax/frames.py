@@ -13,7 +13,7 @@ from typing import Any
 
 from cg import frames
 from cg.frames import Frame
-from cg.jax.groups import group_rules, semidirect_rules
+from cg.jax.groups import group_rules, quaternion_rules, semidirect_rules
 from cg.jax.manifolds import (
     conjugation_rules,
     euclidean_rules,
@@ -23,7 +23,6 @@ from cg.jax.manifolds import (
     stiefel_rules,
 )
 from cg.jax.products import power_rules, product_rules
-from cg.jax.rotation_rules import quaternion_rules
 from cg.jax.rules import Rules
 
 

@@ -1,4 +1,8 @@
-"""Linear equations in JAX: coefficients of time alone, and steps of Magnus methods."""
+"""Linear equations in JAX: coefficients that depend on time alone.
+
+The results of a Magnus method may agree although its nodes miss a feature of the coefficients.
+`node_difference` estimates that error from the nodes of this step and of the one before.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,6 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -74,18 +77,12 @@ def no_step(paths: MethodPaths, first: JaxArray) -> Before:
     return Before(jnp.zeros((), first.dtype), jnp.zeros((count, len(first)), first.dtype))
 
 
-def values_at_nodes(
-    paths: MethodPaths, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, dtype: Any
-) -> JaxArray:
-    """Return the coefficients at all nodes, evaluated together."""
-    return jax.vmap(lambda c: f(c, y0))(jnp.asarray(paths.abscissae, dtype))
-
-
 def node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:
-    """Return the estimate of what the nodes don't see, zero after no step.
+    """Return the largest error of interpolation between the nodes times h, zero in a first step.
 
-    It is the highest divided difference over the nodes of two steps, as in
-    ``fortran/steps/node_difference.f90``.
+    With the highest divided difference D of the coefficients over the nodes t_i of both steps, it
+    is h D max_m |prod_i (m - t_i)| over the middles m between nodes of this step; D below rounding
+    counts as zero. As in ``fortran/steps/node_difference.f90``.
     """
     c = np.asarray(paths.abscissae)
     known = h != 0.0

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.jax.entire import JaxArray
-from cg.jax.linear import values_at_nodes
 from cg.jax.rules import Rules
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
@@ -134,7 +133,7 @@ def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
             ends.append(rules.restore(y) if k in results else y)
 
     if steps.of_time:
-        stages = list(values_at_nodes(paths, f, y0, h.dtype))
+        stages = list(jax.vmap(lambda c: f(c, y0))(jnp.asarray(paths.abscissae, h.dtype)))
         last = stages[-1] if paths.abscissae[-1] == 1.0 else None
     for c, k in zip(paths.abscissae.tolist()[len(stages) :], paths.stages, strict=False):
         follow(k)

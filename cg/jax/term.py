@@ -35,7 +35,7 @@ class FrameTerm(diffrax.AbstractTerm):
     Raises
     ------
     TypeError
-        If ``f`` is no function, or ``frame`` no frame that JAX has functions for.
+        If ``f`` is no function, or JAX has no functions for ``frame``.
     ValueError
         When it is used: if ``f`` returns another shape or numbers that aren't real, or ``y0`` isn't
         an array of the shape and kind of a point.
