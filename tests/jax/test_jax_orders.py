@@ -9,34 +9,19 @@ from jax_setup import diffrax, jax
 from slow_cases import slow
 
 import cg
-from cg.frames import (
-    SL,
-    SO,
-    SO3,
-    SPD,
-    SU,
-    Euclidean,
-    Grassmann,
-    Hyperbolic,
-    IsospectralOrbit,
-    Power,
-    Product,
-    Sp,
-    Sphere,
-    UnitQuaternion,
-)
+from cg import frames as fr
 
 eqx = pytest.importorskip("equinox")
 jnp = jax.numpy
 CASES = [
-    (Hyperbolic(2), "RKMK4"),
-    (Grassmann(3, 1), "CF4"),
+    (fr.Hyperbolic(2), "RKMK4"),
+    (fr.Grassmann(3, 1), "CF4"),
     *slow(
-        (SPD(2), "CF4"),
-        (SL(2), "RKMK4"),
-        (Sp(2, "body"), "CG4"),
-        (IsospectralOrbit((0.0, 0.0, 1.0)), "CF4"),
-        (IsospectralOrbit((-1.0, 1.0), hermitian=True), "CG4"),
+        (fr.SPD(2), "CF4"),
+        (fr.SL(2), "RKMK4"),
+        (fr.Sp(2, "body"), "CG4"),
+        (fr.IsospectralOrbit((0.0, 0.0, 1.0)), "CF4"),
+        (fr.IsospectralOrbit((-1.0, 1.0), hermitian=True), "CG4"),
     ),
 ]
 
@@ -80,8 +65,19 @@ def test_solutions(frame, name):
 @pytest.mark.parametrize(
     "frame",
     [
-        *(SO3(), SU(2), UnitQuaternion(), Sphere(2), Power(Sphere(2), 3), SO(4), Grassmann(3, 1)),
-        *(Product(Euclidean(1), SO3()), IsospectralOrbit((-1.0, 1.0), hermitian=True)),
+        *(
+            fr.SO3(),
+            fr.SU(2),
+            fr.UnitQuaternion(),
+            fr.Sphere(2),
+            fr.Power(fr.Sphere(2), 3),
+            fr.SO(4),
+            fr.Grassmann(3, 1),
+        ),
+        *(
+            fr.Product(fr.Euclidean(1), fr.SO3()),
+            fr.IsospectralOrbit((-1.0, 1.0), hermitian=True),
+        ),
     ],
     ids=repr,
 )
@@ -108,13 +104,13 @@ def test_estimates_of_long_turns_are_not_believed(frame, name):
 
 def test_stored_solvers_are_equal():
     solver = cg.jax.Solver("CF4", dense="steps")
-    ours, _ = term(Hyperbolic(2))
+    ours, _ = term(fr.Hyperbolic(2))
     traced = []
 
     @eqx.filter_jit
     def end(solver):
         traced.append(solver)
-        return solve(ours, solver, point(Hyperbolic(2)), h=0.5).ys
+        return solve(ours, solver, point(fr.Hyperbolic(2)), h=0.5).ys
 
     np.testing.assert_array_equal(end(solver), end(pickle.loads(pickle.dumps(solver))))
     assert len(traced) == 1
