@@ -30,9 +30,9 @@ def divergence(
     frame
         A frame that `cg.jax` supports, but none with fields of the user.
     key
-        Hutchinson's estimate instead of the sum of ``frame.dim`` derivatives: one derivative in a
-        random direction of entries ±1. Its mean is the divergence; use one key for a whole
-        integration.
+        A key of ``jax.random``. With it the result is Hutchinson's estimate, one derivative in a
+        random direction of entries ±1, instead of the sum of ``frame.dim`` derivatives. Its mean
+        is the divergence. Use one key for a whole integration.
 
     Raises
     ------
@@ -42,22 +42,13 @@ def divergence(
 
     Examples
     --------
-    The solution on a sphere and the logarithm of a density, which is uniform at the start:
+    The gradient of the height on a sphere, at the north pole:
 
-    >>> import crouch_grossman as cg, diffrax, jax.numpy as jnp
-    >>> sphere = cg.frames.Sphere(2)
-    >>> def f(t, y, args):  # the gradient of the height
-    ...     return jnp.cross(y, jnp.array([0.0, 0.0, 1.0]))
-    >>> both = cg.frames.Product(sphere, cg.frames.Euclidean(1))
-    >>> def rates(t, y, args):
-    ...     change = -cg.jax.divergence(f, sphere)(t, y[:3], args)
-    ...     return jnp.concatenate([f(t, y[:3], args), change[None]])
-    >>> solution = diffrax.diffeqsolve(
-    ...     cg.jax.FrameTerm(rates, both), cg.jax.Solver("CF4"), 0.0, 1.0, 0.05,
-    ...     jnp.array([0.0, 0.0, 1.0, 0.0]),
-    ... )
-    >>> round(float(solution.ys[-1, 3]), 4)  # the density at the pole grows by exp(2)
-    2.0
+    >>> import crouch_grossman as cg, jax.numpy as jnp
+    >>> north, sphere = jnp.array([0.0, 0.0, 1.0]), cg.frames.Sphere(2)
+    >>> rate = cg.jax.divergence(lambda t, y, args: jnp.cross(y, north), sphere)
+    >>> float(rate(0.0, north, None))
+    -2.0
     """
     if not callable(f):
         raise TypeError(f"f must be a function, got {f!r}")
@@ -80,7 +71,7 @@ def divergence(
 
 
 def _own(frame: Frame) -> Frame | None:
-    """Return a frame with fields of the user that a frame is or contains."""
+    """Return the first factor whose fields are those of the user, None without one."""
     if isinstance(frame, FieldFrame | MatrixFrame):
         return frame
     if isinstance(frame, Power):

@@ -8,17 +8,34 @@ Magnus methods times (e / hypot(e, factor d))^power, or the larger one. Norms ar
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
+from cg.integration.step.paths import MethodPaths
 from cg.jax.entire import JaxArray
-from cg.jax.linear import Before, node_difference
 from cg.jax.rules import Rules, linear
 from cg.jax.stages import Stages, Start, Steps
 from cg.method.estimate import MAX_ANGLE
 
+_ROUNDINGS = 64  # as in fortran/steps/node_difference.f90
+
 Estimate = tuple[JaxArray, JaxArray]  # a tangent, and what its norm is computed from
+
+
+class Before(eqx.Module):
+    """The step before: its size, zero without one, and the coefficients at its nodes."""
+
+    h: JaxArray
+    values: JaxArray
+
+
+def no_step(paths: MethodPaths, first: JaxArray) -> Before:
+    """Return the step before a first one."""
+    count = len(paths.stages)
+    return Before(jnp.zeros((), first.dtype), jnp.zeros((count, len(first)), first.dtype))
 
 
 def error_estimate(
@@ -92,7 +109,7 @@ def _error_of_time(steps: Steps, start: Start, stages: Stages, before: Before) -
         factor = float(paths.factor)
         scale = (norms[0] / jnp.hypot(norms[0], factor * norms[1])) ** paths.power
     scale = jax.lax.stop_gradient(scale)
-    unseen = _of_vector(rules, node_difference(paths, stages.values, start.h, before), y1)
+    unseen = _of_vector(rules, _node_difference(paths, stages.values, start.h, before), y1)
     return jnp.where(norm(unseen) > scale * norms[0], unseen[0], scale * estimates[0][0])
 
 
@@ -125,3 +142,31 @@ def _larger(error: JaxArray, at_end: JaxArray, steps: Steps, squares: list[JaxAr
         share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
         end, at_end = end * share, jax.lax.stop_gradient(jnp.sqrt(share)) * at_end
     return jnp.where(float(steps.paths.factor) ** 2 * end > squares[0], at_end, error)
+
+
+def _node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:
+    """Return the largest error of interpolation between the nodes times h, zero in a first step.
+
+    With the highest divided difference D of the coefficients over the nodes t_i of both steps, it
+    is h D max_m |prod_i (m - t_i)| over the middles m between nodes of this step; D below rounding
+    counts as zero. As in ``fortran/steps/node_difference.f90``.
+    """
+    c = np.asarray(paths.abscissae)
+    known = h != 0.0
+    ratio = before.h / jnp.where(known, h, 1.0)
+    earlier = (jnp.asarray(c, h.dtype) - 1.0) * ratio
+    fields = before.values
+    if c[-1] == 1.0 and c[0] == 0.0:  # the end of the step before is the start of this one
+        earlier, fields = earlier[:-1], fields[:-1]
+    times = jnp.concatenate([earlier, jnp.asarray(c, h.dtype)])
+    fields = jnp.concatenate([fields, values])
+    used = known & (before.h != 0.0)
+    times = jnp.where(used, times, jnp.arange(len(times), dtype=h.dtype))
+    apart = times[:, None] - times + jnp.eye(len(times), dtype=h.dtype)
+    weights = 1.0 / apart.prod(axis=1)
+    middles = 0.5 * (times[-len(c) : -1] + times[-len(c) + 1 :])
+    largest = jnp.abs((middles[:, None] - times).prod(axis=1)).max()
+    difference = weights @ fields
+    rounding = _ROUNDINGS * jnp.finfo(h.dtype).eps * (jnp.abs(weights) @ jnp.abs(fields))
+    seen = used & (jnp.abs(difference) > rounding)
+    return h * largest * jnp.where(seen, difference, 0.0)

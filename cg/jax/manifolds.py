@@ -63,11 +63,15 @@ def sphere_rules(frame: Sphere) -> Rules:
         vector = turn(y0, y1 - jnp.where(cosine < 0.0, -1.0, 1.0) * y0)
         return angle_over_sine(vector @ vector, cosine) * vector
 
-    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        return group.exponential(v) @ y
-
     return Rules(
-        frame, flow, unit_step, log, group.dexpinv, turn, distance=length_error, free=False
+        frame,
+        lambda v, y: group.exponential(v) @ y,
+        unit_step,
+        log,
+        group.dexpinv,
+        turn,
+        distance=length_error,
+        free=False,
     )
 
 
@@ -75,17 +79,21 @@ def stiefel_rules(frame: Stiefel) -> Rules:
     """Return the rules of matrices with orthonormal columns."""
     group = functions_of(frame.group)
 
-    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        return group.exponential(v) @ y
-
     def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
         mixed = y.T @ tangent
         along = 0.5 * (mixed - mixed.T)
         left = (tangent - y @ mixed + 0.5 * (y @ along)) @ y.T
         return projection(frame.group, left - left.T)
 
-    parts = newton_schulz, None, group.dexpinv, coefficients
-    return Rules(frame, flow, *parts, distance=column_error, free=False)
+    return Rules(
+        frame,
+        lambda v, y: group.exponential(v) @ y,
+        newton_schulz,
+        dexpinv=group.dexpinv,
+        closed_coefficients=coefficients,
+        distance=column_error,
+        free=False,
+    )
 
 
 def conjugation_rules(frame: Grassmann | SPD | IsospectralOrbit) -> Rules:

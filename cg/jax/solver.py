@@ -15,12 +15,17 @@ from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_algebra
 from cg.integration.step.plan import error_exponent
 from cg.jax.entire import JaxArray
-from cg.jax.estimates import error_estimate
-from cg.jax.linear import Before, LinearTerm, no_step
-from cg.jax.noise import check_noise, increments
+from cg.jax.estimates import Before, error_estimate, no_step
 from cg.jax.rules import Rules
 from cg.jax.stages import Start, Steps, steps_of, take_stages
-from cg.jax.term import refuse_implicit_adjoint, rules_in, unwrapped
+from cg.jax.term import (
+    LinearTerm,
+    check_noise,
+    increments,
+    refuse_implicit_adjoint,
+    rules_in,
+    unwrapped,
+)
 from cg.jax.within import Within, interpolant
 from cg.method.method import Method
 from cg.method.splitting import Splitting
@@ -32,8 +37,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     r"""An explicit method of the catalogue, or of the user, as a solver of `diffrax.diffeqsolve`.
 
     Its term is a `FrameTerm`. The error estimate of a pair is a tangent at the end of the step:
-    a plain ``diffrax.PIDController`` compares it with the entries of points, and `controller`
-    with coordinates, as `cg.solve_ivp` does.
+    ``diffrax.PIDController`` compares it with the entries of points, and `controller` with
+    coordinates, as `cg.solve_ivp` does.
 
     Parameters
     ----------
@@ -41,14 +46,14 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         The name of a method, or a method.
     dense
         One of ``"accurate"``, ``"steps"``. The interpolant. ``"accurate"`` (default) is that of
-        `cg.solve_ivp`, as accurate as the steps; if output between steps or an event needs it, it
-        calls ``f`` some more times in every step. ``"steps"`` is exact at the ends of steps and has
-        an error of second order between them, at any tolerance, which ``SaveAt(ts=...)`` and events
-        would use; it calls ``f`` no more times and compiles faster.
+        `cg.solve_ivp`, as accurate as the steps; it evaluates ``f`` a few more times in every step
+        if output between steps or an event needs it. ``"steps"`` needs no evaluations and compiles
+        faster; it is exact at the ends of steps only, with errors of second order between them,
+        where ``SaveAt(ts=...)`` and events use it.
     unroll
         Whether `XLA` compiles the stages of a Munthe-Kaas method one after the other instead of
-        as a loop. The loop compiles faster and takes less time in batches by ``jax.vmap``, but a
-        little more for a single solution. Stages of other methods are never a loop.
+        as a loop: a single solution takes a little less time, compiling and batches by
+        ``jax.vmap`` take more. Stages of other methods are never a loop.
 
     Raises
     ------
@@ -173,9 +178,9 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         made_jump: Any,
     ) -> tuple[Any, ...]:
         """Return the point after a step, its error, the interpolant, the state and the result."""
-        rules, steps, accurate = rules_in(terms), self.steps, self.dense == _DENSE[0]
+        rules, steps = rules_in(terms), self.steps
         if isinstance(terms, diffrax.MultiTerm):
-            return _noisy_step(self, rules, increments(terms, t0, t1, args), y0, solver_state)
+            return self._noisy_step(rules, increments(terms, t0, t1, args), y0, solver_state)
         first, before = solver_state if steps.of_time else (solver_state, None)
         h = jnp.asarray(terms.contr(t0, t1), first.dtype)
 
@@ -189,21 +194,21 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         start = Start(rules, f, h, y0, first)
         stages = take_stages(steps, start, unroll=self.unroll)
         last = f(1.0, stages.result) if stages.last is None else stages.last
+        accurate = self.dense == _DENSE[0]
         within = interpolant(self.method, start, stages, last, accurate=accurate)
         error = error_estimate(steps, start, stages, before)
         state = last if before is None else (last, Before(h, stages.values))
         return stages.result, error, {"within": within}, state, _result(stages.result)
 
-
-def _noisy_step(
-    solver: Solver, rules: Rules, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, state: Any
-) -> tuple[Any, ...]:
-    """Take a step of size one along increments; there is no error estimate."""
-    first = f(0.0, y0)
-    start = Start(rules, f, jnp.ones((), first.dtype), y0, first)
-    stages = take_stages(solver.steps, start, unroll=solver.unroll)
-    within = interpolant(solver.method, start, stages, first, accurate=False)
-    return stages.result, None, {"within": within}, state, _result(stages.result)
+    def _noisy_step(
+        self, rules: Rules, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, state: Any
+    ) -> tuple[Any, ...]:
+        """Take a step of size one along increments; there is no error estimate."""
+        first = f(0.0, y0)
+        start = Start(rules, f, jnp.ones((), first.dtype), y0, first)
+        stages = take_stages(self.steps, start, unroll=self.unroll)
+        within = interpolant(self.method, start, stages, first, accurate=False)
+        return stages.result, None, {"within": within}, state, _result(stages.result)
 
 
 def _result(y: JaxArray) -> Any:
