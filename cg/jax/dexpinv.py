@@ -94,12 +94,12 @@ def series_dexpinv(frame: Frame) -> Dexpinv:
             power = power @ matrix
             if term:
                 total = total + term * power
-        return _where_it_converges(matrix, v, total)
+        return _if_convergent(matrix, v, total)
 
     return dexpinv
 
 
-def _where_it_converges(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
+def _if_convergent(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
     """Return ``total``, the sum of the series; ``v`` if u commutes; NaN where it diverges.
 
     It diverges if powers of the matrix of ad_u applied to v grow by 2 π or more each. The rate is

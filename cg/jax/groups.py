@@ -88,7 +88,7 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     generators = _generators(frame.convention, frame.scalar_first)
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        # By scalars, as in `sines`, steps that an adjoint repeats differ by rounding.
+        # Computed from scalars, as `sines` is, steps that an adjoint repeats would round otherwise.
         x2 = 0.25 * (v @ v)
         return stumpff(0, x2) * y + stumpff(1, x2) * turned(v, generators, y)
 

@@ -88,7 +88,7 @@ class Rules:
         return v
 
     def measured(self, v: JaxArray, y: JaxArray) -> JaxArray:
-        """Return what errors are measured in: shortest coefficients, or entries of the tangent."""
+        """Return an error as controllers measure it: shortest coefficients, or tangent entries."""
         if self.log is not None and self.free:
             return v
         tangent = self.field(v, y)
@@ -101,7 +101,7 @@ class Rules:
         return jnp.full(y.shape, jnp.sqrt((jnp.abs(y) ** 2).mean()))
 
     def extent(self, x: JaxArray, y: JaxArray) -> JaxArray:
-        """Return 1 and the larger of the sizes at two points, added."""
+        """Return the tolerances of steps between two points where rtol and atol are both 1."""
         return 1.0 + jnp.maximum(self.measured_sizes(x), self.measured_sizes(y))
 
 

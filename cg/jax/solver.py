@@ -141,9 +141,9 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         return terms.vf(t0, y0, args)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> Any:
-        """Return the coefficients at the start, after checking the term and the point.
+        """Return the state, after checking the term and the point.
 
-        Those of a Magnus method come with the step before.
+        The state is the coefficients at the start, of a Magnus method also the step before.
         """
         rules = rules_in(terms)
         frame = rules.frame

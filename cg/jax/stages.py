@@ -22,7 +22,10 @@ from cg.method.munthe_kaas import MuntheKaas
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The steps of a method; there is one for equal methods, compared by identity."""
+    """A method with the tables of its steps.
+
+    JAX compares it by identity; `steps_of` returns one object for equal methods.
+    """
 
     method: Method
 
@@ -75,7 +78,7 @@ def flow_weights(flows: Any, paths: MethodPaths) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=256)
 def steps_of(method: Method) -> Steps:
-    """Return the steps of a method, one object for equal methods."""
+    """Return the tables of a method."""
     return Steps(method)
 
 
@@ -151,11 +154,10 @@ def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
 def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
     """Return the stages and the result of a method of Munthe-Kaas.
 
-    Each path is one flow from the start, whose coordinates are a weighted sum of stages. The
-    value at a stage is added to the sums of all paths at once, which is one kernel of XLA in
-    either mode of differentiation. JAX traces and differentiates one stage of the loop, also
-    where XLA compiles it unrolled. Reverse mode computes flows and dexpinv again, in fewer
-    kernels than it takes to store what their derivatives need.
+    Each path is one flow from the start, whose coordinates u are h times a weighted sum of the
+    values k = dexpinv(u, f). The value at a stage is added to the sums of all paths at once, one
+    kernel of XLA in either mode of differentiation. Reverse mode computes flows and dexpinv
+    again, in fewer kernels than it takes to store what their derivatives need.
     """
     paths, rules, f, h, y0 = steps.paths, start.rules, start.f, start.h, start.y0
     weights = jnp.asarray(steps.weights, h.dtype)

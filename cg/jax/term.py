@@ -18,7 +18,7 @@ from cg.jax.frames import rules_of
 from cg.jax.rules import Rules, real_dtype
 from cg.method.method import Method
 
-_CALLERS = 12  # of which equinox has some between diffrax and a solver
+_CALLERS = 12  # calls to look back; equinox has some between diffrax and a solver
 
 
 class FrameTerm(diffrax.AbstractTerm):
@@ -224,7 +224,8 @@ def unwrapped(terms: Any) -> Any:
 def refuse_implicit_adjoint(frame: Frame) -> None:
     """Raise NotImplementedError if diffrax's ImplicitAdjoint asks for f on a manifold.
 
-    It solves f(y) = 0 for the entries of y. Only the functions that call tell which adjoint it is.
+    It solves f(y) = 0 for the entries of y. A solver isn't told the adjoint, but that adjoint calls
+    ``f`` from a function of its own, which is among the callers.
     """
     place = inspect.currentframe()
     for _ in range(_CALLERS):

@@ -82,15 +82,15 @@ class Within(diffrax.AbstractLocalInterpolation):
         if t1 is not None:
             return self.evaluate(t1) - self.evaluate(t0)
         span = self.t1 - self.t0
-        nothing = span == 0.0
-        theta = jnp.where(nothing, 0.0, (t0 - self.t0) / jnp.where(nothing, 1.0, span))
+        empty = span == 0.0
+        theta = jnp.where(empty, 0.0, (t0 - self.t0) / jnp.where(empty, 1.0, span))
         return self.within(theta)
 
 
 def interpolant(
     method: Method, start: Start, stages: Stages, last: JaxArray, *, accurate: bool
 ) -> _Interpolant:
-    """Return the interpolant of a step, with the coefficients at its end.
+    """Return the interpolant of a step; ``last`` are the coefficients at its end.
 
     If not ``accurate``, it consists of the flows of the step, with weights proportional to time.
     """
@@ -145,7 +145,7 @@ def _on_algebra(method: Method, start: Start, stages: Stages, last: JaxArray) ->
 
 
 def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: int) -> JaxArray:
-    """Return the coordinates of a step that are near some, by Newton's method."""
+    """Return the coordinates of a step, by Newton's method from ``u``."""
     log, dexpinv = rules.log, rules.dexpinv
     assert log is not None
     assert dexpinv is not None
