@@ -38,11 +38,7 @@ _MAX_FAILURES = 40  # steps in succession that aren't finite; at time zero no st
 
 
 def controller(
-    frame: Frame,
-    rtol: float,
-    atol: ArrayLike,
-    *,
-    max_step: float | None = None,
+    frame: Frame, rtol: float, atol: ArrayLike, *, max_step: float | None = None
 ) -> FrameController:
     """Return the choice of steps of `cg.solve_ivp`, for ``diffrax.diffeqsolve``.
 
@@ -89,12 +85,11 @@ def controller(
     """
     rules = rules_of(frame)
     shape = (frame.dim,) if rules.log is not None else frame.point_shape
+    given = f"got rtol = {rtol!r}, atol = {atol!r}"
     try:
         relative, absolute = jnp.asarray(rtol, float), jnp.asarray(atol, float)
     except (TypeError, ValueError):
-        raise ValueError(
-            f"rtol and atol must be numbers, got rtol = {rtol!r}, atol = {atol!r}"
-        ) from None
+        raise ValueError(f"rtol and atol must be numbers, {given}") from None
     if relative.shape != ():
         raise ValueError(f"rtol must be a number, got shape {relative.shape}")
     if absolute.shape not in ((), shape):
@@ -104,10 +99,7 @@ def controller(
     if not traced and not (
         relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()
     ):
-        raise ValueError(
-            "rtol and atol must not be negative, nor both be zero, got "
-            f"rtol = {rtol!r}, atol = {atol!r}"
-        )
+        raise ValueError(f"rtol and atol must not be negative, nor both be zero, {given}")
     if not traced and relative + absolute.max() < least:
         warnings.warn(
             f"rtol = {rtol!r} with atol = {atol!r} is too small to be attained in "

@@ -2,7 +2,7 @@
 
 The flow of v on a matrix group is y exp(v) in the body convention and exp(v) y in the space
 convention. The coefficients that take y to y1 are those of log(1 + x), where x = y⁻¹ (y1 - y), or
-(y1 - y) y⁻¹, has no rounding error near zero. `functions_of` makes the exponential, the logarithm
+(y1 - y) y⁻¹, keeps its digits for near points. `functions_of` makes the exponential, the logarithm
 and dexpinv of each kind of group: closed forms for rotations of the plane and of space, SU(2) and
 rigid motions, else those of `cg.jax.matrices` and the series of dexpinv.
 """
@@ -88,7 +88,7 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     generators = _generators(frame.convention, frame.scalar_first)
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        # Computed from scalars, as `sines` is, steps that an adjoint repeats would round otherwise.
+        # `turned` rounds alike in steps that an adjoint repeats, unlike the scalars of `sines`.
         x2 = 0.25 * (v @ v)
         return stumpff(0, x2) * y + stumpff(1, x2) * turned(v, generators, y)
 

@@ -143,11 +143,7 @@ def unitary(frame, angles, rng):
     return axes @ x @ axes.conj().T
 
 
-UNITARY = [
-    fr.SO(4),
-    fr.SU(3),
-    *slow(fr.SO(5, "space"), fr.SO(7), fr.U(1), fr.U(2)),
-]
+UNITARY = [fr.SO(4), fr.SU(3), *slow(fr.SO(5, "space"), fr.SO(7), fr.U(1), fr.U(2))]
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
@@ -208,9 +204,7 @@ class TestSeriesOfDexpinv:
     """Beyond the radius of convergence values are those of NumPy: NaN, unless the series ends."""
 
     @pytest.mark.parametrize(
-        "frame",
-        [fr.SU(3), fr.SO3(), fr.SE3(), *slow(fr.SO(4), fr.SU(2))],
-        ids=repr,
+        "frame", [fr.SU(3), fr.SO3(), fr.SE3(), *slow(fr.SO(4), fr.SU(2))], ids=repr
     )
     def test_the_radius(self, frame):
         """It is where differences of eigenvalues of the matrix of u are 2 π."""

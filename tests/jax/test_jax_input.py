@@ -136,13 +136,7 @@ class TestRefusals:
 
     def test_too_many_steps(self):
         with pytest.raises(RuntimeError, match="Try increasing `max_steps`"):
-            solve(
-                self.ours(),
-                cg.jax.Solver("CF4"),
-                point(fr.UnitQuaternion()),
-                h=0.1,
-                max_steps=3,
-            )
+            solve(self.ours(), cg.jax.Solver("CF4"), point(fr.UnitQuaternion()), h=0.1, max_steps=3)
 
     def test_functions_that_are_not_finite(self):
         frame = fr.UnitQuaternion()

@@ -74,10 +74,7 @@ def test_solutions(frame, name):
             fr.SO(4),
             fr.Grassmann(3, 1),
         ),
-        *(
-            fr.Product(fr.Euclidean(1), fr.SO3()),
-            fr.IsospectralOrbit((-1.0, 1.0), hermitian=True),
-        ),
+        *(fr.Product(fr.Euclidean(1), fr.SO3()), fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)),
     ],
     ids=repr,
 )
