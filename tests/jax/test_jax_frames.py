@@ -6,6 +6,7 @@ from math import factorial
 
 import numpy as np
 import pytest
+from jax_problems import squeeze
 from jax_setup import jax
 from numpy.polynomial import Polynomial
 from refusals import refuses
@@ -20,16 +21,10 @@ from cg.jax.frames import rules_of
 jnp = jax.numpy
 
 
-SQUEEZE = fr.FieldFrame(  # hyperbolic rotations in a plane and translations along an axis
-    [lambda y: jnp.stack([y[0], -y[1], 0.0 * y[2]]), lambda y: jnp.array([0.0, 0.0, 1.0])],
-    lambda v, y: jnp.stack([y[0] * jnp.exp(v[0]), y[1] * jnp.exp(-v[0]), y[2] + v[1]]),
-    point_shape=3,
-    bracket=lambda u, v: jnp.zeros(2),
-)
 QUICK = [fr.UnitQuaternion(), fr.Euclidean(3)]
 FRAMES = [
     *(fr.SE3(), fr.SU(2), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2))),
-    *(SQUEEZE, fr.SPD(2), fr.Hyperbolic(3)),
+    *(squeeze(bracket=lambda u, v: jnp.zeros(2)), fr.SPD(2), fr.Hyperbolic(3)),
 ]
 OTHERS = [
     *(fr.UnitQuaternion("space", scalar_first=True), fr.SO3("space"), fr.SO3(), fr.SE3("space")),

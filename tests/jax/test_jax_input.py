@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jax_problems import ATTITUDE_AND_VELOCITY, point, solve, term
+from jax_problems import ATTITUDE_AND_VELOCITY, point, solve, squeeze, term
 from jax_setup import diffrax, jax
 from refusals import refuses
 
@@ -74,9 +74,8 @@ class TestRefusals:
         refuses(ValueError, "method must", cg.jax.Solver, "DICG3")
         refuses(ValueError, "dense must", cg.jax.Solver, "CF4", dense=1)
         refuses(TypeError, "unroll must", cg.jax.Solver, "RKMK4", unroll=2)
-        own = fr.FieldFrame([lambda y: 1.0 + y], lambda v, y: y + v, point_shape=1)
         with pytest.raises(ValueError, match="which needs brackets"):
-            solve(term(own)[0], cg.jax.Solver("RKMK4"), np.ones(1), h=0.1)
+            solve(term(squeeze())[0], cg.jax.Solver("RKMK4"), np.ones(3), h=0.1)
         with pytest.raises(ValueError, match="solver must"):
             solve(self.ours(), cg.jax.Solver("CF4"), point(fr.UnitQuaternion()))
 

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
+from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, squeeze, term
 from jax_setup import diffrax, jax
 from kinds import FROZEN, MUNTHE_KAAS
 from python_steps import Step
@@ -17,11 +17,6 @@ jnp = jax.numpy
 METHODS = {**FROZEN, **MUNTHE_KAAS}
 EXPLICIT = [name for name, method in METHODS.items() if method.explicit]
 
-WITHOUT_BRACKETS = fr.FieldFrame(
-    [lambda y: jnp.stack([y[0], -y[1]])],
-    lambda v, y: jnp.stack([y[0] * jnp.exp(v[0]), y[1] * jnp.exp(-v[0])]),
-    point_shape=2,
-)
 FRAMES = [fr.SE3(), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2))]
 OTHERS = [
     *(fr.SO3("space"), fr.SU(3), fr.Power(fr.Sphere(2), 2), fr.Semidirect(fr.SO3(), 2), fr.SO(4)),
@@ -49,7 +44,7 @@ class TestSteps:
     @pytest.mark.parametrize(
         ("frame", "name"),
         [
-            *product([*FRAMES, WITHOUT_BRACKETS], ["CF4(3)"]),
+            *product([*FRAMES, squeeze()], ["CF4(3)"]),
             *slow(*product(OTHERS, ["CF4(3)"]), *product([*FRAMES, *OTHERS], ["RKMK5(4)"])),
         ],
         ids=repr,
