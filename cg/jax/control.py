@@ -73,10 +73,8 @@ def controller(
     Notes
     -----
     Derivatives are those of the steps that are taken, with their sizes held fixed. The default
-    adjoint of diffrax repeats steps in the reverse mode, and gradients are exact if sizes repeat
-    to the last bit; `Solver` keeps `XLA` from rounding them in two ways.
-    ``diffrax.RecursiveCheckpointAdjoint(checkpoints=n)`` with n as large as ``max_steps`` repeats
-    no step and takes less time; it keeps n points.
+    adjoint of diffrax repeats steps; ``diffrax.RecursiveCheckpointAdjoint(checkpoints=n)`` with n
+    as large as ``max_steps`` repeats none and takes less time, but it keeps n points.
 
     Examples
     --------

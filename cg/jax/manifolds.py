@@ -5,18 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from cg.frames import (
-    SPD,
-    Euclidean,
-    FieldFrame,
-    Grassmann,
-    Hyperbolic,
-    IsospectralOrbit,
-    LinearAction,
-    MatrixFrame,
-    Sphere,
-    Stiefel,
-)
+from cg import frames
 from cg.integration.step.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine
@@ -38,7 +27,7 @@ from cg.jax.rules import (
 _SERIES_TERMS = 18
 
 
-def euclidean_rules(frame: Euclidean) -> Rules:
+def euclidean_rules(frame: frames.Euclidean) -> Rules:
     """Return the rules of a vector space."""
     return Rules(
         frame,
@@ -50,7 +39,7 @@ def euclidean_rules(frame: Euclidean) -> Rules:
     )
 
 
-def sphere_rules(frame: Sphere) -> Rules:
+def sphere_rules(frame: frames.Sphere) -> Rules:
     """Return the rules of a sphere."""
     group = functions_of(frame.group)
 
@@ -75,7 +64,7 @@ def sphere_rules(frame: Sphere) -> Rules:
     )
 
 
-def stiefel_rules(frame: Stiefel) -> Rules:
+def stiefel_rules(frame: frames.Stiefel) -> Rules:
     """Return the rules of matrices with orthonormal columns."""
     group = functions_of(frame.group)
 
@@ -96,7 +85,7 @@ def stiefel_rules(frame: Stiefel) -> Rules:
     )
 
 
-def conjugation_rules(frame: Grassmann | SPD | IsospectralOrbit) -> Rules:
+def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralOrbit) -> Rules:
     """Return the rules of matrices on which a group acts from both sides."""
     group = functions_of(frame.group)
 
@@ -106,29 +95,29 @@ def conjugation_rules(frame: Grassmann | SPD | IsospectralOrbit) -> Rules:
 
     def restore(y: JaxArray) -> JaxArray:
         y = 0.5 * (y + adjoint(y))
-        if isinstance(frame, Grassmann):
+        if isinstance(frame, frames.Grassmann):
             return 3.0 * (y @ y) - 2.0 * (y @ y @ y)
-        if isinstance(frame, SPD):
+        if isinstance(frame, frames.SPD):
             return y
         vectors = jnp.linalg.eigh(y)[1]
         return (vectors * jnp.asarray(frame.spectrum, real_dtype(y))) @ adjoint(vectors)
 
     def distance(y: JaxArray) -> JaxArray:
         values, asymmetry = jnp.linalg.eigvalsh(y), jnp.abs(y - adjoint(y)).max()
-        if isinstance(frame, SPD):
+        if isinstance(frame, frames.SPD):
             return jnp.maximum(asymmetry, -values[0]) / jnp.abs(y).max()
-        if isinstance(frame, Grassmann):
+        if isinstance(frame, frames.Grassmann):
             spectrum = np.repeat([0.0, 1.0], [frame.n - frame.k, frame.k])
         else:
             spectrum = np.array(frame.spectrum)
         error = jnp.maximum(0.5 * asymmetry, jnp.abs(values - spectrum).max())
         return error / (np.abs(spectrum).max() or 1.0)
 
-    near = held(restore) if isinstance(frame, IsospectralOrbit) else restore
+    near = held(restore) if isinstance(frame, frames.IsospectralOrbit) else restore
     return Rules(frame, flow, near, dexpinv=group.dexpinv, distance=distance, free=False)
 
 
-def hyperbolic_rules(frame: Hyperbolic) -> Rules:
+def hyperbolic_rules(frame: frames.Hyperbolic) -> Rules:
     """Return the rules of the half-space with dilations and translations."""
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
@@ -164,12 +153,12 @@ def _expm1_quotient(a: JaxArray) -> JaxArray:
     return jnp.where(near, series, jnp.expm1(large) / large)
 
 
-def own_rules(frame: FieldFrame | MatrixFrame | LinearAction) -> Rules:
+def own_rules(frame: frames.FieldFrame | frames.MatrixFrame | frames.LinearAction) -> Rules:
     """Return the rules of a frame whose functions the user has written in jax.numpy."""
-    if isinstance(frame, FieldFrame):
+    if isinstance(frame, frames.FieldFrame):
         flow = frame._flow
     else:
-        matrices = frame.matrices if isinstance(frame, MatrixFrame) else frame.dense()
+        matrices = frame.matrices if isinstance(frame, frames.MatrixFrame) else frame.dense()
 
         def flow(v: JaxArray, y: JaxArray) -> JaxArray:
             return expm(linear(v, matrices)) @ y

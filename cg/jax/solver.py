@@ -67,9 +67,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
     Notes
     -----
-    The stored coefficients of the method are rounded to the precision of the points. Weighted
-    sums of stages are products with a matrix, each one kernel of `XLA`. ``BacksolveAdjoint`` is
-    refused, because its state is no point of the frame.
+    The stored coefficients of the method are rounded to the precision of the points.
 
     Examples
     --------

@@ -1,5 +1,6 @@
 """Steps, errors and output in JAX equal those of compiled code."""
 
+import pickle
 from itertools import product
 
 import numpy as np
@@ -13,14 +14,20 @@ from slow_cases import slow
 import cg
 from cg import frames as fr
 
+eqx = pytest.importorskip("equinox")
 jnp = jax.numpy
 METHODS = {**FROZEN, **MUNTHE_KAAS}
 EXPLICIT = [name for name, method in METHODS.items() if method.explicit]
 
-FRAMES = [fr.SE3(), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2))]
+FRAMES = [
+    *(fr.SE3(), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2))),
+    *(fr.Hyperbolic(2), fr.Grassmann(3, 1)),
+]
 OTHERS = [
     *(fr.SO3("space"), fr.SU(3), fr.Power(fr.Sphere(2), 2), fr.Semidirect(fr.SO3(), 2), fr.SO(4)),
-    *(fr.SO(2), fr.U(2)),
+    *(fr.SO(2), fr.U(2), fr.SPD(2), fr.SL(2), fr.Sp(2, "body")),
+    fr.IsospectralOrbit((0.0, 0.0, 1.0)),
+    fr.IsospectralOrbit((-1.0, 1.0), hermitian=True),
 ]
 
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
@@ -250,3 +257,54 @@ class TestOutput:
             one, half = largest(0.1), largest(0.05)
         np.testing.assert_allclose(one[::2], 0.0, atol=1e-14)
         assert np.log2(one[1] / half[1]) == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        *(
+            fr.SO3(),
+            fr.SU(2),
+            fr.UnitQuaternion(),
+            fr.Sphere(2),
+            fr.Power(fr.Sphere(2), 3),
+            fr.SO(4),
+            fr.Grassmann(3, 1),
+        ),
+        *(fr.Product(fr.Euclidean(1), fr.SO3()), fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)),
+    ],
+    ids=repr,
+)
+@pytest.mark.parametrize("name", ["CF5(4)", "RKMK5(4)"])
+def test_estimates_of_long_turns_are_not_believed(frame, name):
+    """Beyond 20 radians the error is no less than the change of the coefficients."""
+    rng = np.random.default_rng(2)
+    axis, change = rng.standard_normal((2, frame.dim))
+    axis /= np.sqrt(sum(axis[-3:] ** 2))
+    solver, y0 = cg.jax.Solver(name, dense="steps"), jnp.asarray(point(frame))
+
+    def error(angle, factor):
+        f = cg.jax.FrameTerm(lambda t, y, s: angle * axis + s * (t > 0.0) * change, frame)
+        return solver.step(f, 0.0, 1.0, y0, factor, jnp.asarray(angle * axis), False)
+
+    error = jax.jit(error)
+    for angle in (50.0, 100.0):
+        y1, estimate, *_ = error(angle, 1e-2)
+        if np.isfinite(y1).all():  # dexpinv doesn't exist beyond a turn
+            assert np.linalg.norm(estimate) >= 0.9 * np.linalg.norm(frame.field(1e-2 * change, y1))
+    y1, estimate, *_ = error(100.0, 0.0)  # constant coefficients may turn by any angle
+    assert np.linalg.norm(estimate) < 1e-10
+
+
+def test_stored_solvers_are_equal():
+    solver = cg.jax.Solver("CF4", dense="steps")
+    ours, _ = term(fr.Hyperbolic(2))
+    traced = []
+
+    @eqx.filter_jit
+    def end(solver):
+        traced.append(solver)
+        return solve(ours, solver, point(fr.Hyperbolic(2)), h=0.5).ys
+
+    np.testing.assert_array_equal(end(solver), end(pickle.loads(pickle.dumps(solver))))
+    assert len(traced) == 1

@@ -7,7 +7,7 @@ from jax_setup import diffrax, jax
 from slow_cases import slow
 
 import cg
-from cg.frames import SE3, SO3, SU, Euclidean, Power, Product, Sphere, Stiefel, UnitQuaternion
+from cg import frames as fr
 
 jnp = jax.numpy
 SHIFTS = 5e-3 * np.arange(-3, 4)
@@ -52,8 +52,8 @@ class TestTransforms:
     @pytest.mark.parametrize(
         ("frame", "name"),
         [
-            (UnitQuaternion(), "CF4(3)"),
-            *slow((UnitQuaternion(), "RKMK5(4)"), (Sphere(2), "CF4(3)")),
+            (fr.UnitQuaternion(), "CF4(3)"),
+            *slow((fr.UnitQuaternion(), "RKMK5(4)"), (fr.Sphere(2), "CF4(3)")),
         ],
     )
     def test_times_of_events(self, frame, name):
@@ -83,7 +83,7 @@ class TestTransforms:
 
     def test_flows_are_compiled_once(self):
         """Without barriers XLA compiles a flow again with each consumer, with other rounding."""
-        frame = UnitQuaternion()
+        frame = fr.UnitQuaternion()
         ours, _ = term(frame)
         y0 = point(frame)
         solver = cg.jax.Solver("CF4(3)", dense="steps")
@@ -96,7 +96,7 @@ class TestTransforms:
         assert text.count("= optimization_barrier ") == flows
 
     def test_tolerances_may_be_traced(self):
-        frame = UnitQuaternion()
+        frame = fr.UnitQuaternion()
         ours, _ = term(frame)
 
         def end(rtol):
@@ -143,9 +143,11 @@ class TestTransforms:
     @pytest.mark.parametrize(
         "frame",
         [
-            Sphere(2),
-            *slow(UnitQuaternion(), SO3(), SE3(), SU(3), Stiefel(3, 2), Power(Sphere(2), 2)),
-            *slow(Product(SU(2), Euclidean(2))),
+            fr.Sphere(2),
+            *slow(fr.UnitQuaternion(), fr.SO3(), fr.SE3(), fr.SU(3), fr.SL(2), fr.Sp(2, "body")),
+            *slow(fr.Stiefel(3, 2), fr.Power(fr.Sphere(2), 2), fr.Grassmann(3, 1), fr.SPD(2)),
+            *slow(fr.Product(fr.SU(2), fr.Euclidean(2)), fr.Hyperbolic(2)),
+            *slow(fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)),
         ],
         ids=repr,
     )
