@@ -38,17 +38,14 @@ _MAX_FAILURES = 40  # steps in succession that aren't finite; at time zero no st
 
 
 def controller(
-    frame: Frame,
-    rtol: float,
-    atol: ArrayLike,
-    *,
-    max_step: float | None = None,
+    frame: Frame, rtol: float, atol: ArrayLike, *, max_step: float | None = None
 ) -> FrameController:
     """Return the choice of steps of `cg.solve_ivp`, for ``diffrax.diffeqsolve``.
 
     Errors are measured in coordinates, and so are tolerances: they mean what they mean in
     `cg.solve_ivp`, and with ``dt0=None`` the first step is the same. ``diffrax.PIDController``
-    compares entries of points instead, and begins with a step of 0.01.
+    compares entries of points instead, and begins with a step of 0.01. Where steps must not cross
+    some times, pass the controller to ``diffrax.ClipStepSizeController``.
 
     Parameters
     ----------
@@ -61,19 +58,11 @@ def controller(
     max_step
         Largest size of a step, in the unit of time.
 
-    Returns
-    -------
-    FrameController
-        A ``diffrax.AbstractAdaptiveStepSizeController``; ``diffrax.ClipStepSizeController`` takes
-        it, for times that steps must not cross.
-
     Raises
     ------
-    TypeError
-        If ``frame`` is no frame that JAX has functions for.
-    ValueError
-        If a tolerance is negative, both are zero, or a shape doesn't fit; or ``max_step`` isn't
-        positive.
+    TypeError, ValueError
+        If JAX has no functions for ``frame``; if a tolerance is negative, both are zero, or a
+        shape doesn't fit, or ``max_step`` isn't positive.
 
     Warns
     -----
@@ -84,10 +73,8 @@ def controller(
     Notes
     -----
     Derivatives are those of the steps that are taken, with their sizes held fixed. The default
-    adjoint of diffrax repeats steps in the reverse mode, and gradients are exact if sizes repeat
-    to the last bit; `Solver` keeps `XLA` from rounding them in two ways.
-    ``diffrax.RecursiveCheckpointAdjoint(checkpoints=n)`` with n as large as ``max_steps`` repeats
-    no step and takes less time; it keeps n points.
+    adjoint of diffrax repeats steps; ``diffrax.RecursiveCheckpointAdjoint(checkpoints=n)`` with n
+    as large as ``max_steps`` repeats none and takes less time, but it keeps n points.
 
     Examples
     --------
@@ -96,12 +83,11 @@ def controller(
     """
     rules = rules_of(frame)
     shape = (frame.dim,) if rules.log is not None else frame.point_shape
+    given = f"got rtol = {rtol!r}, atol = {atol!r}"
     try:
         relative, absolute = jnp.asarray(rtol, float), jnp.asarray(atol, float)
     except (TypeError, ValueError):
-        raise ValueError(
-            f"rtol and atol must be numbers, got rtol = {rtol!r}, atol = {atol!r}"
-        ) from None
+        raise ValueError(f"rtol and atol must be numbers, {given}") from None
     if relative.shape != ():
         raise ValueError(f"rtol must be a number, got shape {relative.shape}")
     if absolute.shape not in ((), shape):
@@ -111,10 +97,7 @@ def controller(
     if not traced and not (
         relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()
     ):
-        raise ValueError(
-            "rtol and atol must not be negative, nor both be zero, got "
-            f"rtol = {rtol!r}, atol = {atol!r}"
-        )
+        raise ValueError(f"rtol and atol must not be negative, nor both be zero, {given}")
     if not traced and relative + absolute.max() < least:
         warnings.warn(
             f"rtol = {rtol!r} with atol = {atol!r} is too small to be attained in "
@@ -157,8 +140,8 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
     ) -> tuple[JaxArray, Any]:
         """Return the end of the first step, and the state.
 
-        It has the last error, whether the step before was rejected, and how many in succession
-        were not finite.
+        The state has the last error, whether the step before was rejected, the suspicion of a
+        discontinuity, which rejections raise, and the number of failures in succession.
         """
         if error_order is None:
             raise ValueError(
@@ -177,24 +160,24 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         )
         if dt0 is not None:
             return t0 + dt0, state
-        fixed = (t0, t1, y0, start, args)
-        t0, t1, y0, start, args = jax.lax.stop_gradient(fixed)
-        size = self._first(terms, t0, t1, y0, start, args, func, error_order)
-        return t0 + size, state
+        t0, t1, y0, start, args = jax.lax.stop_gradient((t0, t1, y0, start, args))
+        direction = jnp.sign(terms.contr(t0, t1)).astype(start.dtype)
+
+        def f(t: JaxArray, y: JaxArray) -> JaxArray:
+            return direction * func(terms, t, y, args)
+
+        return t0 + self._first(f, (t0, t1), y0, direction * start, error_order), state
 
     def _first(
         self,
-        terms: Any,
-        t0: JaxArray,
-        t1: JaxArray,
+        f: Callable[[JaxArray, JaxArray], JaxArray],
+        times: tuple[JaxArray, JaxArray],
         y0: JaxArray,
         start: JaxArray,
-        args: Any,
-        func: Callable[..., Any],
         error_order: float,
     ) -> JaxArray:
         """Return a first step size from the norms of the point, its derivative and curvature."""
-        rules = rules_of(self.frame)
+        rules, (t0, t1) = rules_of(self.frame), times
         time = jnp.result_type(t0)
 
         def tangent(v: JaxArray, y: JaxArray) -> JaxArray:
@@ -204,7 +187,6 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         span = jnp.where(jnp.isfinite(t1 - t0), t1 - t0, 1.0)
         least = jnp.minimum(_spacing(t0), span)
         most = span if self.max_step is None else jnp.minimum(span, self.max_step)
-        direction = jnp.sign(terms.contr(t0, t1)).astype(scale.dtype)
         size = self.norm(rules.measured_sizes(y0) / scale)
         slope = self.norm(tangent(start, y0) / scale)
         known = (size > _NOTHING) & (slope * span > _NOTHING)
@@ -213,21 +195,11 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         ).astype(time)
         guess = jnp.maximum(jnp.minimum(guess, most), least)
         h = guess.astype(scale.dtype)
-        moved = rules.restore(rules.flow(direction * h * start, y0))
-        end = func(terms, t0 + guess, moved, args)
+        moved = rules.restore(rules.flow(h * start, y0))
+        end = f(t0 + guess, moved)
         change = tangent(end, moved) - tangent(start, y0)
         curvature = self.norm(change / scale) / h
-        # the rate at which the solution changes stands for higher derivatives
-        some = slope > 0.0
-        safe = jnp.where(some, slope, 1.0)
-        rate = jnp.maximum(curvature / safe, jnp.where(size > 0.0, safe / size, 0.0))
-        rated = some & (rate > 0.0)
-        unit = jnp.where(rated, rate, 1.0)
-        by_rate = (_FIRST_ERROR * unit / safe) ** (1.0 / error_order) / unit
-        by_curvature = jnp.sqrt(_FIRST_ERROR / jnp.where(curvature > 0.0, curvature, 1.0))
-        first = jnp.where(
-            rated, by_rate, jnp.where(~some & (curvature > 0.0), by_curvature, jnp.inf)
-        ).astype(time)
+        first = _by_derivatives(size, slope, curvature, error_order).astype(time)
         first = jnp.minimum(jnp.minimum(100.0 * guess, first), most)
         return jnp.where(jnp.isfinite(end).all(), jnp.maximum(first, least), guess)
 
@@ -243,42 +215,35 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         controller_state: Any,
     ) -> tuple[Any, ...]:
         """Return whether a step is accepted, the ends of the next one, and the state."""
-        assert y_error is not None
-        y0, y1, difference = jax.lax.stop_gradient((y0, y1_candidate, y_error))
         last_error, after_rejection, suspicion, failures = controller_state
-        exponent = 1.0 / error_order
-        rules = rules_of(self.frame)
-        if rules.log is not None:
-            difference = rules.coefficients(y1, difference)
-        error = self.norm(difference / self._scale(y0, y1))
-        error = jnp.where(jnp.isnan(error), jnp.inf, error)
+        error = self._error(*jax.lax.stop_gradient((y0, y1_candidate, y_error)))
         long = jnp.abs(t1 - t0) > _JUMP_FACTOR * _MIN_STEP * _spacing(t0)
         error = jnp.where((suspicion > _LEAST_SUSPICION) & long, _JUMP_FACTOR * error, error)
-        keep = error <= 1.0
-        positive = jnp.where((error > 0.0) & jnp.isfinite(error), error, 1.0)
-        grown = positive**-_LAST_POWER * last_error**_BEFORE_LAST_POWER
-        accepted = jnp.clip(_SAFETY * grown**exponent, _MIN_FACTOR, _MAX_FACTOR)
-        accepted = jnp.where(error > 0.0, accepted, _MAX_FACTOR)
-        accepted = jnp.where(after_rejection, jnp.minimum(accepted, 1.0), accepted)
-        rejected = jnp.maximum(_MIN_FACTOR, _SAFETY * positive**-exponent)
-        rejected = jnp.where(jnp.isfinite(error), rejected, _FAILURE_FACTOR)
-        factor = jnp.where(keep, accepted, rejected)
+        keep, finite = error <= 1.0, jnp.isfinite(error)
+        factor = _factor(error, last_error, after_rejection, 1.0 / error_order)
         size = (t1 - t0) * factor.astype(jnp.result_type(t1))
         start = jnp.where(keep, t1, t0)
         if self.max_step is not None:
             size = jnp.minimum(size, self.max_step)
-        failures = jnp.where(jnp.isfinite(error), 0, failures + 1).astype(failures.dtype)
+        failures = jnp.where(finite, 0, failures + 1).astype(failures.dtype)
         too_small = ~keep & (size < _MIN_STEP * _spacing(t0)) | (failures >= _MAX_FAILURES)
         size = jnp.where(keep, jnp.maximum(size, _MIN_STEP * _spacing(start)), size)
-        result = diffrax.RESULTS.where(
-            jnp.isfinite(error), diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.nonfinite
-        )
-        result = diffrax.RESULTS.where(too_small, result, diffrax.RESULTS.successful)
+        results = diffrax.RESULTS
+        result = results.where(finite, results.dt_min_reached, results.nonfinite)
+        result = results.where(too_small, result, results.successful)
         last_error = jnp.where(keep, jnp.maximum(error, _MIN_LAST_ERROR), last_error)
         raised = jnp.minimum(suspicion + _RAISED_BY_REJECTION, _MAX_SUSPICION)
         suspicion = jnp.where(keep, jnp.maximum(suspicion - 1, 0), raised)
         state = last_error, ~keep, suspicion, failures
         return keep, start, start + size, False, state, result
+
+    def _error(self, y0: JaxArray, y1: JaxArray, difference: JaxArray) -> JaxArray:
+        """Return the norm of an error estimate relative to the tolerances, infinite for NaN."""
+        rules = rules_of(self.frame)
+        if rules.log is not None:
+            difference = rules.coefficients(y1, difference)
+        error = self.norm(difference / self._scale(y0, y1))
+        return jnp.where(jnp.isnan(error), jnp.inf, error)
 
     def _scale(self, x: JaxArray, y: JaxArray) -> JaxArray:
         """Return the tolerances at the larger of two points, all positive."""
@@ -293,3 +258,35 @@ def _spacing(t: JaxArray) -> JaxArray:
     """Return the distance from |t| to the next larger number."""
     size = jnp.abs(t)
     return jnp.nextafter(size, jnp.inf) - size
+
+
+def _by_derivatives(
+    size: JaxArray, slope: JaxArray, curvature: JaxArray, error_order: float
+) -> JaxArray:
+    """Return the step of the first error, infinite where the derivatives say nothing.
+
+    The rate at which the solution changes stands for higher derivatives.
+    """
+    moving = slope > 0.0
+    safe = jnp.where(moving, slope, 1.0)
+    rate = jnp.maximum(curvature / safe, jnp.where(size > 0.0, safe / size, 0.0))
+    rated = moving & (rate > 0.0)
+    unit = jnp.where(rated, rate, 1.0)
+    by_rate = (_FIRST_ERROR * unit / safe) ** (1.0 / error_order) / unit
+    by_curvature = jnp.sqrt(_FIRST_ERROR / jnp.where(curvature > 0.0, curvature, 1.0))
+    bent = ~moving & (curvature > 0.0)
+    return jnp.where(rated, by_rate, jnp.where(bent, by_curvature, jnp.inf))
+
+
+def _factor(
+    error: JaxArray, last_error: JaxArray, after_rejection: JaxArray, exponent: float
+) -> JaxArray:
+    """Return the factor of the step size: proportional-integral after accepted steps."""
+    positive = jnp.where((error > 0.0) & jnp.isfinite(error), error, 1.0)
+    grown = positive**-_LAST_POWER * last_error**_BEFORE_LAST_POWER
+    accepted = jnp.clip(_SAFETY * grown**exponent, _MIN_FACTOR, _MAX_FACTOR)
+    accepted = jnp.where(error > 0.0, accepted, _MAX_FACTOR)
+    accepted = jnp.where(after_rejection, jnp.minimum(accepted, 1.0), accepted)
+    rejected = jnp.maximum(_MIN_FACTOR, _SAFETY * positive**-exponent)
+    rejected = jnp.where(jnp.isfinite(error), rejected, _FAILURE_FACTOR)
+    return jnp.where(error <= 1.0, accepted, rejected)

@@ -9,15 +9,15 @@ import jax.numpy as jnp
 
 from cg.frames import SE3, SO3, Euclidean, Frame, Product, UnitQuaternion
 from cg.jax.entire import JaxArray
+from cg.jax.groups import quaternion_of
 from cg.jax.products import join, split
-from cg.jax.rotation_rules import quaternion_of
 from cg.jax.rules import read_point
 
 _T = TypeVar("_T")
 
 
 def from_jaxlie(frame: Frame, pose: Any) -> JaxArray:
-    """Return a rotation or a pose of jaxlie as a point of a frame.
+    """Return a rotation or a pose of jaxlie as a point, shape ``frame.point_shape``.
 
     Parameters
     ----------
@@ -28,17 +28,11 @@ def from_jaxlie(frame: Frame, pose: Any) -> JaxArray:
         A single one, not a batch (``jax.vmap`` takes a batch); any object with the attribute
         ``wxyz`` or ``wxyz_xyz``.
 
-    Returns
-    -------
-    array
-        Shape ``frame.point_shape``.
-
     Raises
     ------
-    TypeError
-        If ``frame`` is none of these, or ``pose`` lacks the attribute.
-    ValueError
-        If the array of ``pose`` has another shape, such as that of a batch.
+    TypeError, ValueError
+        If ``frame`` is none of these, or ``pose`` lacks the attribute; if its array has another
+        shape, such as that of a batch.
 
     Notes
     -----
@@ -65,17 +59,14 @@ def from_jaxlie(frame: Frame, pose: Any) -> JaxArray:
         raise ValueError(f"{attribute} must have shape ({size},), got {numbers.shape}")
     wxyz, position = numbers[:4], numbers[4:]
     if isinstance(frame, Product):
-        return join(frame, _ordered(frame.factors[0], wxyz), position)
+        return join(frame, _rolled(frame.factors[0], wxyz, -1), position)
     if isinstance(frame, UnitQuaternion):
-        return _ordered(frame, wxyz)
+        return _rolled(frame, wxyz, -1)
     rotation = _matrix(wxyz)
     if isinstance(frame, SO3):
         return rotation
-    return (
-        jnp.eye(4, dtype=rotation.dtype)
-        .at[:3]
-        .set(jnp.concatenate([rotation, position[:, None]], axis=1))
-    )
+    upper = jnp.concatenate([rotation, position[:, None]], axis=1)
+    return jnp.eye(4, dtype=rotation.dtype).at[:3].set(upper)
 
 
 def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
@@ -89,19 +80,13 @@ def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
         A point, shape ``frame.point_shape``.
     kind
         ``jaxlie.SO3`` or ``jaxlie.SE3``, called with the numbers (w, x, y, z) of the quaternion,
-        and those of the position behind them.
-
-    Returns
-    -------
-    object
-        What ``kind`` returns. Of a matrix, w is not negative.
+        and those of the position behind them; w is not negative if the point is a matrix.
 
     Raises
     ------
-    TypeError
-        If ``frame`` is none of those of `from_jaxlie`, or ``kind`` is the other type of jaxlie.
-    ValueError
-        If ``y`` has another shape.
+    TypeError, ValueError
+        If ``frame`` is none of those of `from_jaxlie`, or ``kind`` is the other type of jaxlie; if
+        ``y`` has another shape.
 
     Examples
     --------
@@ -118,23 +103,20 @@ def to_jaxlie(frame: Frame, y: JaxArray, kind: Callable[[JaxArray], _T]) -> _T:
     y = read_point(frame, y)
     if isinstance(frame, Product):
         quaternion, position = split(frame, y)
-        return kind(jnp.concatenate([_wxyz(frame.factors[0], quaternion), position]))
+        return kind(jnp.concatenate([_rolled(frame.factors[0], quaternion, 1), position]))
     if isinstance(frame, UnitQuaternion):
-        return kind(_wxyz(frame, y))
+        return kind(_rolled(frame, y, 1))
     wxyz = jnp.roll(quaternion_of(y[:3, :3] - jnp.eye(3, dtype=y.dtype)), 1)
     return kind(wxyz if isinstance(frame, SO3) else jnp.concatenate([wxyz, y[:3, 3]]))
 
 
 def _attribute(frame: Frame) -> tuple[str, int]:
-    """Return the name of the array of the type of jaxlie that a frame goes with, and its length."""
+    """Return the name and the length of the array of the type of jaxlie for a frame."""
     if isinstance(frame, UnitQuaternion | SO3):
         return "wxyz", 4
-    pose = isinstance(frame, Product) and (
-        len(frame.factors) == 2
-        and isinstance(frame.factors[0], UnitQuaternion)
-        and frame.factors[1] == Euclidean(3)
-    )
-    if isinstance(frame, SE3) or pose:
+    factors = frame.factors if isinstance(frame, Product) else ()
+    pose = len(factors) == 2 and isinstance(factors[0], UnitQuaternion)
+    if isinstance(frame, SE3) or (pose and factors[1] == Euclidean(3)):
         return "wxyz_xyz", 7
     hint = "; cg.jax.join makes its point of the parts" if isinstance(frame, Product) else ""
     raise TypeError(
@@ -143,17 +125,9 @@ def _attribute(frame: Frame) -> tuple[str, int]:
     )
 
 
-def _scalar_first(frame: Frame) -> bool:
-    assert isinstance(frame, UnitQuaternion)
-    return frame.scalar_first
-
-
-def _ordered(frame: Frame, wxyz: JaxArray) -> JaxArray:
-    return wxyz if _scalar_first(frame) else jnp.roll(wxyz, -1)
-
-
-def _wxyz(frame: Frame, quaternion: JaxArray) -> JaxArray:
-    return quaternion if _scalar_first(frame) else jnp.roll(quaternion, 1)
+def _rolled(frame: Any, quaternion: JaxArray, places: int) -> JaxArray:
+    """Return a quaternion, its components moved if the frame has the scalar last."""
+    return quaternion if frame.scalar_first else jnp.roll(quaternion, places)
 
 
 def _matrix(wxyz: JaxArray) -> JaxArray:

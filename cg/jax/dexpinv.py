@@ -1,9 +1,20 @@
-"""The inverse of the derivative of the exponential, by closed forms and by its series."""
+r"""dexpinv, the inverse of the derivative of the exponential: closed forms and the series.
+
+With the bracket :math:`\operatorname{ad}_u v` and Bernoulli's numbers it is :math:`\sum_k B_k / k!
+\operatorname{ad}_u^k v`, see `cg.frames.dexpinv`. Where brackets are plus or minus the cross
+product with :math:`q = |u|^2` it is
+
+.. math:: v \mp \tfrac12 u \times v + g(q)\, u \times (u \times v),
+
+with `dexpinv_factor` g, and on rigid motions :math:`v - \tfrac12 \operatorname{ad}_u v + a(q)
+\operatorname{ad}_u^2 v + b(q) \operatorname{ad}_u^4 v` with `motion_factors` a and b. As in
+NumPy the value is NaN where the infinite series diverges, though only a few of its terms are
+summed, and v where u and v commute.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -12,14 +23,14 @@ import jax.numpy as jnp
 from cg.frames import Frame
 from cg.frames.dexpinv import bernoulli_terms
 from cg.jax.entire import JaxArray, dexpinv_factor, motion_factors
-from cg.jax.rules import cross, dot, linear
+from cg.jax.rules import Dexpinv, cross, dot, linear
 
 _RADIUS = (2.0 * math.pi) ** 2  # of the series of dexpinv, squared
-_COMMUTE = 1024.0
-_POWERS = 20  # of which the latter half shows how all further ones grow
+_COMMUTE = 1024.0  # roundings: a smaller bracket, relative to its factors, counts as zero
+_POWERS = 20  # powers of ad_u, of which the latter half gives the rate of growth
 
 
-def turning_dexpinv(side: float) -> Callable[[JaxArray, JaxArray, int], JaxArray]:
+def turning_dexpinv(side: float) -> Dexpinv:
     """Return dexpinv where brackets are plus or minus the cross product."""
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
@@ -27,7 +38,7 @@ def turning_dexpinv(side: float) -> Callable[[JaxArray, JaxArray, int], JaxArray
         q = dot(x, x)
         once = cross(x, y)
         factors = -0.5 * side, dexpinv_factor(_within(q))
-        return _within_a_turn(q, y, factors, once, cross(x, once))
+        return _combined(q, y, factors, [once, cross(x, once)])
 
     return dexpinv
 
@@ -48,25 +59,26 @@ def motion_dexpinv(u: JaxArray, v: JaxArray, side: float) -> JaxArray:
     once = bracket(y)
     twice = bracket(once)
     factors = -0.5 * side, *motion_factors(_within(q))
-    return _within_a_turn(q, y, factors, once, twice, bracket(bracket(twice)))
+    return _combined(q, y, factors, [once, twice, bracket(bracket(twice))])
 
 
 def _within(q: JaxArray) -> JaxArray:
+    """Return q, or zero beyond the radius, so that unused values have finite derivatives."""
     return jnp.where(q < _RADIUS, q, 0.0)
 
 
-def _within_a_turn(
-    q: JaxArray, v: list[JaxArray], factors: tuple[Any, ...], once: list[JaxArray], *more: Any
+def _combined(
+    q: JaxArray, v: list[JaxArray], factors: tuple[Any, ...], brackets: list[list[JaxArray]]
 ) -> JaxArray:
-    """Return v and its brackets times factors; beyond a turn v if it commutes, else NaN."""
+    """Return v and the sum of factors times brackets; beyond a turn v if u commutes, else NaN."""
     bound = (_COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
-    commutes = bound * dot(v, v) >= dot(once, once)
-    value = [a + dot(factors, brackets) for a, *brackets in zip(v, once, *more, strict=True)]
-    after = [jnp.where(commutes, a, jnp.nan) for a in v]
-    return jnp.where(q < _RADIUS, jnp.stack(value), jnp.stack(after))
+    commutes = bound * dot(v, v) >= dot(brackets[0], brackets[0])
+    value = [a + dot(factors, row) for a, *row in zip(v, *brackets, strict=True)]
+    beyond = [jnp.where(commutes, a, jnp.nan) for a in v]
+    return jnp.where(q < _RADIUS, jnp.stack(value), jnp.stack(beyond))
 
 
-def series_dexpinv(frame: Frame) -> Callable[[JaxArray, JaxArray, int], JaxArray]:
+def series_dexpinv(frame: Frame) -> Dexpinv:
     """Return the series of dexpinv as far as an order needs it, NaN where it diverges."""
     constants = frame._adjoint_basis
 
@@ -82,13 +94,17 @@ def series_dexpinv(frame: Frame) -> Callable[[JaxArray, JaxArray, int], JaxArray
             power = power @ matrix
             if term:
                 total = total + term * power
-        return _where_it_converges(matrix, v, total)
+        return _if_convergent(matrix, v, total)
 
     return dexpinv
 
 
-def _where_it_converges(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
-    """Return a sum of the series of dexpinv, ``v`` if that commutes, NaN where it diverges."""
+def _if_convergent(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
+    """Return ``total``, the sum of the series; ``v`` if u commutes; NaN where it diverges.
+
+    It diverges if powers of the matrix of ad_u applied to v grow by 2 π or more each. The rate is
+    at most the Frobenius norm ``bound``; the powers are computed where that is larger than 2 π.
+    """
     matrix, fixed = jax.lax.stop_gradient((matrix, v))
     bound = jnp.sqrt((matrix**2).sum())
     rounding = _COMMUTE * jnp.finfo(bound.dtype).eps * bound

@@ -17,11 +17,11 @@ from cg.jax.rules import real_dtype
 def divergence(
     f: Callable[[Any, Any, Any], Any], frame: Frame, *, key: Any = None
 ) -> Callable[[Any, Any, Any], JaxArray]:
-    r"""Return the divergence of a right-hand side with respect to the invariant volume.
+    r"""Return a function ``(t, y, args)``: the divergence with respect to the invariant volume.
 
-    The fields of a frame leave the invariant volume of its manifold as it is: Haar measure on
-    groups, area on spheres. So the divergence of :math:`\sum_i f_i E_i` is :math:`\sum_i E_i f_i`,
-    and along solutions the logarithm of a density decreases by its integral.
+    The fields of a frame preserve the invariant volume of its manifold: Haar measure on groups,
+    area on spheres. So the divergence of :math:`\sum_i f_i E_i` is :math:`\sum_i E_i f_i`, and
+    along solutions the logarithm of a density decreases by its integral.
 
     Parameters
     ----------
@@ -30,40 +30,25 @@ def divergence(
     frame
         A frame that `cg.jax` supports, but none with fields of the user.
     key
-        Hutchinson's estimate instead of the sum of ``frame.dim`` derivatives: one derivative in a
-        random direction of entries ±1. Its mean is the divergence; use one key for a whole
-        integration.
-
-    Returns
-    -------
-    callable
-        A function ``(t, y, args)`` that returns a number.
+        A key of ``jax.random``. With it the result is Hutchinson's estimate, one derivative in a
+        random direction of entries ±1, instead of the sum of ``frame.dim`` derivatives. Its mean
+        is the divergence. Use one key for a whole integration.
 
     Raises
     ------
-    TypeError
-        If ``f`` is no function, or ``frame`` no frame that JAX has functions for.
-    ValueError
-        If the frame has fields of the user, whose invariant volume isn't known.
+    TypeError, ValueError
+        If ``f`` is no function, or JAX has no functions for ``frame``; if the frame has fields of
+        the user, whose invariant volume isn't known.
 
     Examples
     --------
-    The solution on a sphere and the logarithm of a density, which is uniform at the start:
+    The gradient of the height on a sphere, at the north pole:
 
-    >>> import crouch_grossman as cg, diffrax, jax.numpy as jnp
-    >>> sphere = cg.frames.Sphere(2)
-    >>> def f(t, y, args):  # the gradient of the height
-    ...     return jnp.cross(y, jnp.array([0.0, 0.0, 1.0]))
-    >>> both = cg.frames.Product(sphere, cg.frames.Euclidean(1))
-    >>> def rates(t, y, args):
-    ...     change = -cg.jax.divergence(f, sphere)(t, y[:3], args)
-    ...     return jnp.concatenate([f(t, y[:3], args), change[None]])
-    >>> solution = diffrax.diffeqsolve(
-    ...     cg.jax.FrameTerm(rates, both), cg.jax.Solver("CF4"), 0.0, 1.0, 0.05,
-    ...     jnp.array([0.0, 0.0, 1.0, 0.0]),
-    ... )
-    >>> round(float(solution.ys[-1, 3]), 4)  # the density at the pole grows by exp(2)
-    2.0
+    >>> import crouch_grossman as cg, jax.numpy as jnp
+    >>> north, sphere = jnp.array([0.0, 0.0, 1.0]), cg.frames.Sphere(2)
+    >>> rate = cg.jax.divergence(lambda t, y, args: jnp.cross(y, north), sphere)
+    >>> float(rate(0.0, north, None))
+    -2.0
     """
     if not callable(f):
         raise TypeError(f"f must be a function, got {f!r}")
@@ -86,7 +71,7 @@ def divergence(
 
 
 def _own(frame: Frame) -> Frame | None:
-    """Return a frame with fields of the user that a frame is or contains."""
+    """Return the first factor whose fields are those of the user, None without one."""
     if isinstance(frame, FieldFrame | MatrixFrame):
         return frame
     if isinstance(frame, Power):

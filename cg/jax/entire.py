@@ -16,10 +16,10 @@ from cg.frames.dexpinv import bernoulli_terms
 
 JaxArray = Any
 
-_NEAR = 4.0  # where the series is summed instead of a recurrence that cancels
-_TERMS = 14  # of which the first one left out is below rounding there
-_POLES = (2.0 * math.pi) ** 2, (4.0 * math.pi) ** 2  # of dexpinv_factor, the two nearest
-_FACTOR_TERMS = [  # of dexpinv_factor without these poles, as a series in q
+_NEAR = 4.0  # below it the series of stumpff is summed, since the recurrence would cancel
+_TERMS = 14  # the next term of the series is below rounding
+_POLES = (2.0 * math.pi) ** 2, (4.0 * math.pi) ** 2  # the two poles of dexpinv_factor nearest to 0
+_FACTOR_TERMS = [  # coefficients of the series in q of dexpinv_factor without these two poles
     float(abs(term)) - sum(2.0 / pole ** (n + 1) for pole in _POLES)
     for n, term in enumerate(bernoulli_terms(32)[2::2])
 ]
@@ -90,17 +90,16 @@ def motion_factors(q: JaxArray) -> tuple[JaxArray, JaxArray]:
 def angle_over_sine(q: JaxArray, c: JaxArray) -> JaxArray:
     r"""Return :math:`\operatorname{atan2}(\sqrt q, c) / \sqrt q`, which is 1/c at q = 0 < c.
 
-    The angle is halved twice first, so that what is left is a function of a square below one:
-    with :math:`r = \sqrt{q + c^2}` and :math:`t = \sqrt q / (c + r)` it is twice the arc tangent
-    of t. There is no value at the angle π.
+    With :math:`r = \sqrt{q + c^2}` and :math:`t = \sqrt q / (c + r)` the angle is 2 arctan(t); it
+    is halved once more, so that the argument of the arc tangent is below one. There is no value
+    at the angle π.
     """
     r = jnp.sqrt(q + c * c)
-    # c + r without cancellation
-    behind = c < 0.0
-    sum_ = jnp.where(behind, q / jnp.where(behind, r - c, 1.0), c + r)
-    t2 = q / (sum_ * sum_)
-    quarter = 1.0 + jnp.sqrt(1.0 + t2)
-    return 4.0 * _arctan_quotient(t2 / (quarter * quarter)) / (sum_ * quarter)
+    obtuse = c < 0.0
+    total = jnp.where(obtuse, q / jnp.where(obtuse, r - c, 1.0), c + r)  # c + r, no cancellation
+    t2 = q / (total * total)
+    halving = 1.0 + jnp.sqrt(1.0 + t2)
+    return 4.0 * _arctan_quotient(t2 / (halving * halving)) / (total * halving)
 
 
 def rotation_vector(vector: JaxArray, scalar: JaxArray) -> JaxArray:

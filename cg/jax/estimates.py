@@ -1,16 +1,41 @@
-"""Error estimates of steps, as tangents at their ends."""
+"""Error estimates of steps, as tangents at their ends.
+
+An estimate is the difference of two results, or a weighted sum of the coefficients at stages. Two
+estimates with norms e and d are made one: the first times e / sqrt(e² + d²/100) as in DOP853, of
+Magnus methods times (e / hypot(e, factor d))^power, or the larger one. Norms are those of
+`controller` where both of its tolerances are equal.
+"""
 
 from __future__ import annotations
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
+from cg.integration.step.paths import MethodPaths
 from cg.jax.entire import JaxArray
-from cg.jax.linear import Before, magnus_error, node_difference
-from cg.jax.rules import linear
+from cg.jax.rules import Rules, linear
 from cg.jax.stages import Stages, Start, Steps
 from cg.method.estimate import MAX_ANGLE
+
+_ROUNDINGS = 64  # as in fortran/steps/node_difference.f90
+
+Estimate = tuple[JaxArray, JaxArray]  # a tangent, and what its norm is computed from
+
+
+class Before(eqx.Module):
+    """The step before: its size, zero without one, and the coefficients at its nodes."""
+
+    h: JaxArray
+    values: JaxArray
+
+
+def no_step(paths: MethodPaths, first: JaxArray) -> Before:
+    """Return the step before a first one."""
+    count = len(paths.stages)
+    return Before(jnp.zeros((), first.dtype), jnp.zeros((count, len(first)), first.dtype))
 
 
 def error_estimate(
@@ -54,48 +79,60 @@ def _turning(frame: Frame, v: JaxArray) -> JaxArray:
     return jnp.sqrt(factor * square)
 
 
+def _of_vector(rules: Rules, v: JaxArray, y1: JaxArray) -> Estimate:
+    return rules.field(v, y1), rules.measured(v, y1)
+
+
+def _of_results(rules: Rules, stages: Stages) -> list[Estimate]:
+    """Return the differences of the result and others."""
+    y1 = stages.result
+    if rules.log is None:
+        return [(y1 - other, y1 - other) for other in stages.others]
+    return [_of_vector(rules, rules.log(other, y1), y1) for other in stages.others]
+
+
 def _error_of_time(steps: Steps, start: Start, stages: Stages, before: Before) -> JaxArray | None:
-    """Return the estimate of a Magnus method as a tangent; None without a pair."""
-    if stages.embedded is None:
+    """Return the estimate of a Magnus method: that of the results, or the larger of the nodes."""
+    if not stages.others:
         return None
-    others = [stages.embedded, *([] if stages.third is None else [stages.third])]
-    unseen = node_difference(steps.paths, stages.values, start.h, before)
-    return magnus_error(steps.paths, start.rules, start.y0, stages.result, others, unseen)
+    rules, y1, paths = start.rules, stages.result, steps.paths
+    size = rules.extent(start.y0, y1)
+
+    def norm(estimate: Estimate) -> JaxArray:
+        squares = (jnp.abs(estimate[1] / size) ** 2).sum()
+        return jnp.sqrt(jnp.maximum(squares, jnp.finfo(size.dtype).tiny))
+
+    estimates = _of_results(rules, stages)
+    norms = [norm(each) for each in estimates]
+    scale = jnp.ones((), size.dtype)
+    if len(norms) == 2:
+        factor = float(paths.factor)
+        scale = (norms[0] / jnp.hypot(norms[0], factor * norms[1])) ** paths.power
+    scale = jax.lax.stop_gradient(scale)
+    unseen = _of_vector(rules, _node_difference(paths, stages.values, start.h, before), y1)
+    return jnp.where(norm(unseen) > scale * norms[0], unseen[0], scale * estimates[0][0])
 
 
 def _error(steps: Steps, start: Start, stages: Stages) -> JaxArray | None:
-    """Return the estimate as a tangent at the end of the step; None without a pair.
-
-    Two estimates are made one as in DOP853, or the larger one counts, by norms that are those of
-    `controller` where both of its tolerances are equal.
-    """
-    rules, h, y1, other = start.rules, start.h, stages.result, stages.embedded
-    if other is None and not steps.paths.errors:
+    """Return the estimate as a tangent at the end of the step; None without a pair."""
+    rules, h, y1 = start.rules, start.h, stages.result
+    estimates = _of_results(rules, stages)
+    estimates += [_of_vector(rules, v, y1) for v in h * stages.errors]
+    if not estimates:
         return None
-    estimates = list(h * stages.errors)
-    if other is not None and rules.log is None:
-        error = y1 - other
-        measured = [error]
-    else:
-        if other is not None:
-            assert rules.log is not None
-            estimates.insert(0, rules.log(other, y1))
-        error = rules.field(estimates[0], y1)
-        measured = []
-    measured += [rules.measured(each, y1) for each in estimates]
-    if len(measured) > 1:
-        size = rules.extent(start.y0, y1)
-        squares = [(jnp.abs(each / size) ** 2).sum() for each in measured]
-        if steps.paths.power == 0:
-            at_end = rules.field(estimates[-len(steps.paths.errors)], y1)
-            return _larger(error, float(steps.paths.factor) * at_end, steps, squares)
-        if len(measured) > 2:  # with `kink_weights`
-            kinks = rules.field(estimates[-2], y1)
-            error = jnp.where(squares[1] > squares[0], kinks, error)
-            squares = [jnp.maximum(*squares[:2]), squares[2]]
-        total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
-        error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
-    return error
+    error = estimates[0][0]
+    if len(estimates) == 1:
+        return error
+    size = rules.extent(start.y0, y1)
+    squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
+    if steps.paths.power == 0:
+        at_end = estimates[-len(steps.paths.errors)][0]
+        return _larger(error, float(steps.paths.factor) * at_end, steps, squares)
+    if len(estimates) > 2:  # with `kink_weights`
+        error = jnp.where(squares[1] > squares[0], estimates[-2][0], error)
+        squares = [jnp.maximum(*squares[:2]), squares[2]]
+    total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
+    return jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
 
 
 def _larger(error: JaxArray, at_end: JaxArray, steps: Steps, squares: list[JaxArray]) -> JaxArray:
@@ -105,3 +142,31 @@ def _larger(error: JaxArray, at_end: JaxArray, steps: Steps, squares: list[JaxAr
         share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
         end, at_end = end * share, jax.lax.stop_gradient(jnp.sqrt(share)) * at_end
     return jnp.where(float(steps.paths.factor) ** 2 * end > squares[0], at_end, error)
+
+
+def _node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:
+    """Return the largest error of interpolation between the nodes times h, zero in a first step.
+
+    With the highest divided difference D of the coefficients over the nodes t_i of both steps, it
+    is h D max_m |prod_i (m - t_i)| over the middles m between nodes of this step; D below rounding
+    counts as zero. As in ``fortran/steps/node_difference.f90``.
+    """
+    c = np.asarray(paths.abscissae)
+    known = h != 0.0
+    ratio = before.h / jnp.where(known, h, 1.0)
+    earlier = (jnp.asarray(c, h.dtype) - 1.0) * ratio
+    fields = before.values
+    if c[-1] == 1.0 and c[0] == 0.0:  # the end of the step before is the start of this one
+        earlier, fields = earlier[:-1], fields[:-1]
+    times = jnp.concatenate([earlier, jnp.asarray(c, h.dtype)])
+    fields = jnp.concatenate([fields, values])
+    used = known & (before.h != 0.0)
+    times = jnp.where(used, times, jnp.arange(len(times), dtype=h.dtype))
+    apart = times[:, None] - times + jnp.eye(len(times), dtype=h.dtype)
+    weights = 1.0 / apart.prod(axis=1)
+    middles = 0.5 * (times[-len(c) : -1] + times[-len(c) + 1 :])
+    largest = jnp.abs((middles[:, None] - times).prod(axis=1)).max()
+    difference = weights @ fields
+    rounding = _ROUNDINGS * jnp.finfo(h.dtype).eps * (jnp.abs(weights) @ jnp.abs(fields))
+    seen = used & (jnp.abs(difference) > rounding)
+    return h * largest * jnp.where(seen, difference, 0.0)

@@ -11,32 +11,9 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-from cg.frames import (
-    GL,
-    SE3,
-    SL,
-    SO,
-    SO3,
-    SPD,
-    SU,
-    Euclidean,
-    FieldFrame,
-    Frame,
-    Grassmann,
-    Hyperbolic,
-    IsospectralOrbit,
-    LinearAction,
-    MatrixFrame,
-    Power,
-    Product,
-    Semidirect,
-    Sp,
-    Sphere,
-    Stiefel,
-    U,
-    UnitQuaternion,
-)
-from cg.jax.groups import group_rules, semidirect_rules
+from cg import frames
+from cg.frames import Frame
+from cg.jax.groups import group_rules, quaternion_rules, semidirect_rules
 from cg.jax.manifolds import (
     conjugation_rules,
     euclidean_rules,
@@ -46,7 +23,6 @@ from cg.jax.manifolds import (
     stiefel_rules,
 )
 from cg.jax.products import power_rules, product_rules
-from cg.jax.rotation_rules import quaternion_rules
 from cg.jax.rules import Rules
 
 
@@ -69,27 +45,18 @@ def _rules(frame: Frame) -> Rules:
     return make(frame)
 
 
+_GROUPS = (frames.SO3, frames.SE3, frames.SO, frames.SU, frames.U, frames.GL, frames.SL, frames.Sp)
+
 _MAKERS: dict[type[Frame], Callable[[Any], Rules]] = {
-    UnitQuaternion: quaternion_rules,
-    SO3: group_rules,
-    SE3: group_rules,
-    SO: group_rules,
-    SU: group_rules,
-    U: group_rules,
-    GL: group_rules,
-    SL: group_rules,
-    Sp: group_rules,
-    Semidirect: semidirect_rules,
-    Euclidean: euclidean_rules,
-    Sphere: sphere_rules,
-    Stiefel: stiefel_rules,
-    Grassmann: conjugation_rules,
-    SPD: conjugation_rules,
-    IsospectralOrbit: conjugation_rules,
-    Hyperbolic: hyperbolic_rules,
-    Product: lambda frame: product_rules(frame, [rules_of(part) for part in frame.factors]),
-    Power: lambda frame: power_rules(frame, rules_of(frame.factor)),
-    FieldFrame: own_rules,
-    MatrixFrame: own_rules,
-    LinearAction: own_rules,
+    frames.UnitQuaternion: quaternion_rules,
+    **dict.fromkeys(_GROUPS, group_rules),
+    frames.Semidirect: semidirect_rules,
+    frames.Euclidean: euclidean_rules,
+    frames.Sphere: sphere_rules,
+    frames.Stiefel: stiefel_rules,
+    **dict.fromkeys([frames.Grassmann, frames.SPD, frames.IsospectralOrbit], conjugation_rules),
+    frames.Hyperbolic: hyperbolic_rules,
+    frames.Product: lambda frame: product_rules(frame, [*map(rules_of, frame.factors)]),
+    frames.Power: lambda frame: power_rules(frame, rules_of(frame.factor)),
+    **dict.fromkeys([frames.FieldFrame, frames.MatrixFrame, frames.LinearAction], own_rules),
 }

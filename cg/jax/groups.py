@@ -1,49 +1,75 @@
-"""Matrix groups."""
+"""Matrix groups and unit quaternions.
+
+The flow of v on a matrix group is y exp(v) in the body convention and exp(v) y in the space
+convention. The coefficients that take y to y1 are those of log(1 + x), where x = y⁻¹ (y1 - y), or
+(y1 - y) y⁻¹, keeps its digits for near points. `functions_of` makes the exponential, the logarithm
+and dexpinv of each kind of group: closed forms for rotations of the plane and of space, SU(2) and
+rigid motions, else those of `cg.jax.matrices` and the series of dexpinv.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 
-from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U
+from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U, UnitQuaternion
+from cg.frames.quaternion import _generators
 from cg.jax.dexpinv import motion_dexpinv, series_dexpinv, turning_dexpinv
 from cg.jax.entire import JaxArray, dexpinv_factor, rotation_vector, stumpff
 from cg.jax.matrices import expm, logarithm_of, projection
-from cg.jax.rotation_rules import rotation_logarithm, rotation_matrix
-from cg.jax.rules import Rules, adjoint, held, linear, newton_schulz, real_dtype, same
+from cg.jax.rules import (
+    Dexpinv,
+    Map,
+    Rules,
+    adjoint,
+    bilinear,
+    column_error,
+    held,
+    length_error,
+    linear,
+    newton_schulz,
+    same,
+    turned,
+    unit_step,
+    zero,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """The functions of a group, of coefficients v or matrices; ``log1p(x)`` is the log of 1 + x."""
+
+    exponential: Map
+    log1p: Map
+    dexpinv: Dexpinv
+    inverse: Map
+    restore: Map = same
+    distance: Map = zero
+    unequal_sizes: Map | None = None
 
 
 def group_rules(frame: MatrixGroup) -> Rules:
     """Return the rules of a matrix group."""
-    body = frame.convention == "body"
-    inverse, restore = _inverse_and_restore(frame)
-    exponential = exponential_of(frame)
-    log1p = _log1p(frame, inverse)
+    body, group = frame.convention == "body", functions_of(frame)
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        x = exponential(v)
+        x = group.exponential(v)
         return y @ x if body else x @ y
 
     def quotient(y: JaxArray, change: JaxArray) -> JaxArray:
-        return inverse(y) @ change if body else change @ inverse(y)
-
-    def sizes(y: JaxArray) -> JaxArray:
-        if not isinstance(frame, Semidirect):
-            return jnp.ones(frame.dim, real_dtype(y))
-        n = frame.group.size
-        lengths = jnp.sqrt((y[:n, n:] ** 2).sum(axis=0))
-        return jnp.concatenate([jnp.ones(frame.group.dim, y.dtype), jnp.repeat(lengths, n)])
+        return group.inverse(y) @ change if body else change @ group.inverse(y)
 
     return Rules(
         frame,
         flow,
-        restore,
-        lambda y0, y1: log1p(quotient(y0, y1 - y0)),
-        group_dexpinv(frame),
+        group.restore,
+        lambda y0, y1: group.log1p(quotient(y0, y1 - y0)),
+        group.dexpinv,
         lambda y, tangent: projection(frame, quotient(y, tangent)),
-        sizes,
+        group.unequal_sizes,
+        group.distance,
     )
 
 
@@ -57,77 +83,101 @@ def semidirect_rules(frame: Semidirect) -> Rules:
     return group_rules(frame)
 
 
-def _is_rotation(frame: Frame) -> bool:
-    return isinstance(frame, SO) and frame.n == 3
+def quaternion_rules(frame: UnitQuaternion) -> Rules:
+    """Return the rules of unit quaternions."""
+    generators = _generators(frame.convention, frame.scalar_first)
+
+    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
+        # `turned` rounds alike in steps that an adjoint repeats, unlike the scalars of `sines`.
+        x2 = 0.25 * (v @ v)
+        return stumpff(0, x2) * y + stumpff(1, x2) * turned(v, generators, y)
+
+    def sines(y: JaxArray, end: JaxArray) -> JaxArray:
+        return jnp.stack(bilinear(2.0 * generators, list(end), list(y)))
+
+    def log(y0: JaxArray, y1: JaxArray) -> JaxArray:
+        return rotation_vector(sines(y0, y1 - y0), y0 @ y1)
+
+    def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
+        return 2.0 * sines(y, tangent)
+
+    dexpinv = turning_dexpinv(frame._rotation_sign)
+    return Rules(frame, flow, unit_step, log, dexpinv, coefficients, distance=length_error)
 
 
-def _is_motion(frame: Frame) -> bool:
-    return isinstance(frame, Semidirect) and _is_rotation(frame.group)
-
-
-def exponential_of(frame: MatrixGroup) -> Callable[[JaxArray], JaxArray]:
-    """Return the exponential as a function of coefficients."""
+def functions_of(frame: MatrixGroup) -> Group:
+    """Return the functions of a group, in closed form where there is one."""
     if isinstance(frame, Semidirect):
-        return lambda v: _motion(frame, v)
+        return _motions(frame)
+    group = _general(frame)
+    basis = frame.basis
     if _is_rotation(frame):
-        return lambda v: rotation_matrix(v, linear(v, frame.basis))
+        return replace(
+            group,
+            exponential=lambda v: rotation_matrix(v, linear(v, basis)),
+            log1p=rotation_logarithm,
+            dexpinv=turning_dexpinv(frame._side),
+        )
     if isinstance(frame, SO) and frame.n == 2:
-        quarter = frame.basis[0]
 
         def turn(v: JaxArray) -> JaxArray:
             eye = jnp.eye(2, dtype=v.dtype)
-            return jnp.cos(v[0]) * eye + jnp.sin(v[0]) * jnp.asarray(quarter, v.dtype)
+            return jnp.cos(v[0]) * eye + jnp.sin(v[0]) * jnp.asarray(basis[0], v.dtype)
 
-        return turn
+        def angle(x: JaxArray) -> JaxArray:
+            return jnp.arctan2(x[1, 0] - x[0, 1], 2.0 + jnp.trace(x))[None]
+
+        return replace(group, exponential=turn, log1p=angle)
     if isinstance(frame, SU) and frame.n == 2:
 
         def spin(v: JaxArray) -> JaxArray:
             x2 = 0.25 * (v @ v)
-            return stumpff(0, x2) * jnp.eye(2, dtype=v.dtype) + stumpff(1, x2) * linear(
-                v, frame.basis
-            )
+            even, odd = stumpff(0, x2), stumpff(1, x2)
+            return even * jnp.eye(2, dtype=v.dtype) + odd * linear(v, basis)
 
-        return spin
-    return lambda v: expm(linear(v, frame.basis))
+        def vector(x: JaxArray) -> JaxArray:
+            return rotation_vector(0.5 * projection(frame, x), 1.0 + 0.5 * jnp.trace(x).real)
 
-
-def _motion(frame: Semidirect, v: JaxArray) -> JaxArray:
-    omega, wedge = v[:3], linear(v[:3], frame.group.basis)
-    columns = v[3:].reshape(frame.copies, 3).T
-    average = rotation_matrix(omega, wedge, average=1)
-    return _assembled(rotation_matrix(omega, wedge), average @ columns)
+        dexpinv = turning_dexpinv(frame._side)
+        return replace(group, exponential=spin, log1p=vector, dexpinv=dexpinv)
+    return group
 
 
-def _assembled(linear: JaxArray, columns: JaxArray) -> JaxArray:
-    n, k = columns.shape
-    lower = jnp.eye(n + k, dtype=linear.dtype)[n:]
-    return jnp.concatenate([jnp.concatenate([linear, columns], axis=1), lower])
+def _is_rotation(frame: Frame) -> bool:
+    return isinstance(frame, SO) and frame.n == 3
 
 
-def _inverse_and_restore(
-    frame: MatrixGroup,
-) -> tuple[Callable[[JaxArray], JaxArray], Callable[[JaxArray], JaxArray]]:
-    if isinstance(frame, Semidirect):
-
-        def inverse(y: JaxArray) -> JaxArray:
-            turned = y[:3, :3].T
-            return _assembled(turned, -turned @ y[:3, 3:])
-
-        return inverse, lambda y: _assembled(newton_schulz(y[:3, :3]), y[:3, 3:])
-    if isinstance(frame, SU):
+def _general(frame: MatrixGroup) -> Group:
+    """Return the functions of a group by exponentials and logarithms of matrices."""
+    inverse = adjoint if isinstance(frame, SO | SU | U) else jnp.linalg.inv
+    exponential, log1p = (lambda v: expm(linear(v, frame.basis))), logarithm_of(frame, inverse)
+    group = Group(exponential, log1p, series_dexpinv(frame), inverse)
+    if isinstance(frame, SO | SU):
 
         def restore(y: JaxArray) -> JaxArray:
             y = newton_schulz(y)
+            if isinstance(frame, SO):
+                return y
             return y * (1.0 - (jnp.linalg.det(y) - 1.0) / frame.n)
 
-        return adjoint, restore
-    if isinstance(frame, SO | U):
-        return adjoint, newton_schulz
-    if isinstance(frame, SL):
-        return jnp.linalg.inv, held(_with_determinant_one)
-    if isinstance(frame, Sp):
-        return jnp.linalg.inv, held(lambda y: y + _symplectic_correction(frame, y))
-    return jnp.linalg.inv, same
+        def error(y: JaxArray) -> JaxArray:
+            return jnp.maximum(column_error(y), jnp.abs(jnp.linalg.det(y) - 1.0))
+
+        return replace(group, restore=restore, distance=error)
+    if isinstance(frame, U):
+        return replace(group, restore=newton_schulz, distance=column_error)
+    if isinstance(frame, SL | Sp):
+        nearest = held(
+            _with_determinant_one
+            if isinstance(frame, SL)
+            else lambda y: y + _symplectic_correction(frame, y)
+        )
+
+        def change(y: JaxArray) -> JaxArray:
+            return jnp.linalg.norm(nearest(y) - y, 2) / jnp.linalg.norm(y, 2)
+
+        return replace(group, restore=nearest, distance=change)
+    return group
 
 
 def _with_determinant_one(y: JaxArray) -> JaxArray:
@@ -148,40 +198,75 @@ def _symplectic_correction(frame: Sp, y: JaxArray) -> JaxArray:
     return form.T @ left @ (-singular[:, None] / length * (defect / length)) @ right
 
 
-def _log1p(
-    frame: MatrixGroup, inverse: Callable[[JaxArray], JaxArray]
-) -> Callable[[JaxArray], JaxArray]:
-    """Return the logarithm of the identity plus a matrix, as coefficients."""
-    if _is_rotation(frame):
-        return rotation_logarithm
-    if isinstance(frame, Semidirect):
-        return lambda away: _motion_logarithm(frame, away)
-    if isinstance(frame, SO) and frame.n == 2:
-        return lambda away: jnp.arctan2(away[1, 0] - away[0, 1], 2.0 + jnp.trace(away))[None]
-    if isinstance(frame, SU) and frame.n == 2:
+def _motions(frame: Semidirect) -> Group:
+    """Return the functions of rotations of space with vectors that rotate, as columns."""
+    rotations, n = functions_of(frame.group), frame.group.size
 
-        def log1p(away: JaxArray) -> JaxArray:
-            vector = 0.5 * projection(frame, away)
-            scalar = 1.0 + 0.5 * jnp.trace(away).real
-            return rotation_vector(vector, scalar)
+    def exponential(v: JaxArray) -> JaxArray:
+        omega, wedge = v[:3], linear(v[:3], frame.group.basis)
+        columns = v[3:].reshape(frame.copies, 3).T
+        average = rotation_matrix(omega, wedge, average=1)
+        return _assembled(rotation_matrix(omega, wedge), average @ columns)
 
-        return log1p
-    return logarithm_of(frame, inverse)
+    def log1p(x: JaxArray) -> JaxArray:
+        omega = rotation_logarithm(x[:3, :3])
+        wedge = linear(omega, frame.group.basis)
+        columns = x[:3, 3:]
+        once = wedge @ columns
+        moved = columns - 0.5 * once + dexpinv_factor(omega @ omega) * (wedge @ once)
+        return jnp.concatenate([omega, moved.T.reshape(-1)])
+
+    def inverse(y: JaxArray) -> JaxArray:
+        turned = y[:3, :3].T
+        return _assembled(turned, -turned @ y[:3, 3:])
+
+    def sizes(y: JaxArray) -> JaxArray:
+        lengths = jnp.sqrt((y[:n, n:] ** 2).sum(axis=0))
+        return jnp.concatenate([jnp.ones(frame.group.dim, y.dtype), jnp.repeat(lengths, n)])
+
+    def distance(y: JaxArray) -> JaxArray:
+        lower = jnp.abs(y[n:] - jnp.eye(len(y))[n:]).max()
+        return jnp.maximum(rotations.distance(y[:n, :n]), lower)
+
+    return Group(
+        exponential,
+        log1p,
+        lambda u, v, order: motion_dexpinv(u, v, frame._side),
+        inverse,
+        lambda y: _assembled(newton_schulz(y[:3, :3]), y[:3, 3:]),
+        distance,
+        sizes,
+    )
 
 
-def _motion_logarithm(frame: Semidirect, away: JaxArray) -> JaxArray:
-    omega = rotation_logarithm(away[:3, :3])
-    wedge = linear(omega, frame.group.basis)
-    columns = away[:3, 3:]
-    once = wedge @ columns
-    moved = columns - 0.5 * once + dexpinv_factor(omega @ omega) * (wedge @ once)
-    return jnp.concatenate([omega, moved.T.reshape(-1)])
+def _assembled(linear: JaxArray, columns: JaxArray) -> JaxArray:
+    n, k = columns.shape
+    lower = jnp.eye(n + k, dtype=linear.dtype)[n:]
+    return jnp.concatenate([jnp.concatenate([linear, columns], axis=1), lower])
 
 
-def group_dexpinv(frame: MatrixGroup) -> Callable[[JaxArray, JaxArray, int], JaxArray]:
-    """Return dexpinv by a closed form where there is one, else by its series."""
-    if _is_rotation(frame) or (isinstance(frame, SU) and frame.n == 2):
-        return turning_dexpinv(frame._side)
-    if _is_motion(frame):
-        return lambda u, v, order: motion_dexpinv(u, v, frame._side)
-    return series_dexpinv(frame)
+def rotation_matrix(v: JaxArray, wedge: JaxArray, average: int = 0) -> JaxArray:
+    """Return the rotation by v, whose skew matrix is `wedge`.
+
+    With ``average=1`` it is the integral of the rotation by s v over s from 0 to 1.
+    """
+    q = v @ v
+    unit, once, twice = (stumpff(average + k, q) for k in range(3))
+    return unit * jnp.eye(3, dtype=v.dtype) + (once * wedge + twice * jnp.outer(v, v))
+
+
+def quaternion_of(away: JaxArray) -> JaxArray:
+    """Return the unit quaternion (x, y, z, w), w ≥ 0, of the rotation identity plus `away`."""
+    trace = jnp.trace(away)
+    axial = jnp.stack([away[2, 1] - away[1, 2], away[0, 2] - away[2, 0], away[1, 0] - away[0, 1]])
+    block = away + away.T + jnp.diag(-trace * jnp.ones(3, away.dtype))
+    outer = jnp.block([[block, axial[:, None]], [axial[None, :], (4.0 + trace)[None, None]]])
+    q = outer[jnp.argmax(jnp.diagonal(outer))]
+    q = q / jnp.sqrt(q @ q)
+    return jnp.where(q[3] < 0.0, -q, q)
+
+
+def rotation_logarithm(away: JaxArray) -> JaxArray:
+    """Return the rotation vector of the identity plus `away`, as `cg.frames.rotations` has it."""
+    q = quaternion_of(away)
+    return rotation_vector(q[:3], q[3])

@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import jax
 import jax.numpy as jnp
+import numpy as np
 
-from cg.frames import (
-    SPD,
-    Euclidean,
-    FieldFrame,
-    Frame,
-    Grassmann,
-    Hyperbolic,
-    IsospectralOrbit,
-    LinearAction,
-    MatrixFrame,
-    Sphere,
-    Stiefel,
-)
+from cg import frames
 from cg.integration.step.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine
-from cg.jax.groups import exponential_of, group_dexpinv
+from cg.jax.groups import functions_of
 from cg.jax.matrices import expm, projection
 from cg.jax.rules import (
     Rules,
     adjoint,
+    column_error,
     held,
+    length_error,
     linear,
     newton_schulz,
-    ones,
     real_dtype,
     same,
     unit_step,
@@ -40,27 +27,25 @@ from cg.jax.rules import (
 _SERIES_TERMS = 18
 
 
-def euclidean_rules(frame: Euclidean) -> Rules:
+def euclidean_rules(frame: frames.Euclidean) -> Rules:
     """Return the rules of a vector space."""
     return Rules(
         frame,
         lambda v, y: y + v,
-        same,
-        lambda y0, y1: y1 - y0,
-        lambda u, v, order: v,
-        lambda y, tangent: tangent,
-        jnp.abs,
+        log=lambda y0, y1: y1 - y0,
+        dexpinv=lambda u, v, order: v,
+        closed_coefficients=lambda y, tangent: tangent,
+        unequal_sizes=jnp.abs,
     )
 
 
-def sphere_rules(frame: Sphere) -> Rules:
+def sphere_rules(frame: frames.Sphere) -> Rules:
     """Return the rules of a sphere."""
-    group = frame.group
-    exponential = exponential_of(group)
+    group = functions_of(frame.group)
 
     def turn(start: JaxArray, end: JaxArray) -> JaxArray:
         wedge = jnp.outer(end, start)
-        return projection(group, wedge - wedge.T)
+        return projection(frame.group, wedge - wedge.T)
 
     def log(y0: JaxArray, y1: JaxArray) -> JaxArray:
         cosine = y0 @ y1
@@ -69,70 +54,70 @@ def sphere_rules(frame: Sphere) -> Rules:
 
     return Rules(
         frame,
-        lambda v, y: exponential(v) @ y,
+        lambda v, y: group.exponential(v) @ y,
         unit_step,
         log,
-        group_dexpinv(group),
+        group.dexpinv,
         turn,
-        ones(frame),
+        distance=length_error,
         free=False,
     )
 
 
-def stiefel_rules(frame: Stiefel) -> Rules:
+def stiefel_rules(frame: frames.Stiefel) -> Rules:
     """Return the rules of matrices with orthonormal columns."""
-    group = frame.group
-    exponential = exponential_of(group)
+    group = functions_of(frame.group)
 
     def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
         mixed = y.T @ tangent
         along = 0.5 * (mixed - mixed.T)
         left = (tangent - y @ mixed + 0.5 * (y @ along)) @ y.T
-        return projection(group, left - left.T)
+        return projection(frame.group, left - left.T)
 
     return Rules(
         frame,
-        lambda v, y: exponential(v) @ y,
+        lambda v, y: group.exponential(v) @ y,
         newton_schulz,
-        None,
-        group_dexpinv(group),
-        coefficients,
-        ones(frame),
+        dexpinv=group.dexpinv,
+        closed_coefficients=coefficients,
+        distance=column_error,
         free=False,
     )
 
 
-def conjugation_rules(frame: Grassmann | SPD | IsospectralOrbit) -> Rules:
+def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralOrbit) -> Rules:
     """Return the rules of matrices on which a group acts from both sides."""
-    exponential = exponential_of(frame.group)
+    group = functions_of(frame.group)
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
-        x = exponential(v)
+        x = group.exponential(v)
         return x @ y @ adjoint(x)
 
     def restore(y: JaxArray) -> JaxArray:
         y = 0.5 * (y + adjoint(y))
-        if isinstance(frame, Grassmann):
+        if isinstance(frame, frames.Grassmann):
             return 3.0 * (y @ y) - 2.0 * (y @ y @ y)
-        if isinstance(frame, SPD):
+        if isinstance(frame, frames.SPD):
             return y
         vectors = jnp.linalg.eigh(y)[1]
         return (vectors * jnp.asarray(frame.spectrum, real_dtype(y))) @ adjoint(vectors)
 
-    exact = isinstance(frame, IsospectralOrbit)
-    return Rules(
-        frame,
-        flow,
-        held(restore) if exact else restore,
-        None,
-        group_dexpinv(frame.group),
-        _least_coefficients(frame, flow),
-        ones(frame),
-        free=False,
-    )
+    def distance(y: JaxArray) -> JaxArray:
+        values, asymmetry = jnp.linalg.eigvalsh(y), jnp.abs(y - adjoint(y)).max()
+        if isinstance(frame, frames.SPD):
+            return jnp.maximum(asymmetry, -values[0]) / jnp.abs(y).max()
+        if isinstance(frame, frames.Grassmann):
+            spectrum = np.repeat([0.0, 1.0], [frame.n - frame.k, frame.k])
+        else:
+            spectrum = np.array(frame.spectrum)
+        error = jnp.maximum(0.5 * asymmetry, jnp.abs(values - spectrum).max())
+        return error / (np.abs(spectrum).max() or 1.0)
+
+    near = held(restore) if isinstance(frame, frames.IsospectralOrbit) else restore
+    return Rules(frame, flow, near, dexpinv=group.dexpinv, distance=distance, free=False)
 
 
-def hyperbolic_rules(frame: Hyperbolic) -> Rules:
+def hyperbolic_rules(frame: frames.Hyperbolic) -> Rules:
     """Return the rules of the half-space with dilations and translations."""
 
     def flow(v: JaxArray, y: JaxArray) -> JaxArray:
@@ -152,7 +137,10 @@ def hyperbolic_rules(frame: Hyperbolic) -> Rules:
     def sizes(y: JaxArray) -> JaxArray:
         return jnp.full(frame.n, jnp.sqrt(y @ y)).at[0].set(1.0)
 
-    return Rules(frame, flow, same, log, series_dexpinv(frame), coefficients, sizes)
+    def distance(y: JaxArray) -> JaxArray:
+        return jnp.where(y[-1] > 0.0, 0.0, 1.0 - y[-1])
+
+    return Rules(frame, flow, same, log, series_dexpinv(frame), coefficients, sizes, distance)
 
 
 def _expm1_quotient(a: JaxArray) -> JaxArray:
@@ -165,40 +153,17 @@ def _expm1_quotient(a: JaxArray) -> JaxArray:
     return jnp.where(near, series, jnp.expm1(large) / large)
 
 
-def _least_coefficients(
-    frame: Frame, flow: Callable[[JaxArray, JaxArray], JaxArray]
-) -> Callable[[JaxArray, JaxArray], JaxArray]:
-    """Return the shortest coefficients whose field is nearest to a tangent, for any frame."""
-
-    def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
-        columns = jax.jacfwd(lambda v: flow(v, y))(jnp.zeros(frame.dim, real_dtype(y)))
-        columns, flat = columns.reshape(-1, frame.dim), tangent.reshape(-1)
-        if jnp.iscomplexobj(columns):
-            columns = jnp.concatenate([columns.real, columns.imag])
-            flat = jnp.concatenate([flat.real, flat.imag])
-        return jnp.linalg.pinv(columns) @ flat
-
-    return coefficients
-
-
-def own_rules(frame: FieldFrame | MatrixFrame | LinearAction) -> Rules:
+def own_rules(frame: frames.FieldFrame | frames.MatrixFrame | frames.LinearAction) -> Rules:
     """Return the rules of a frame whose functions the user has written in jax.numpy."""
-    functions = frame._functions
-    if isinstance(frame, FieldFrame):
+    if isinstance(frame, frames.FieldFrame):
         flow = frame._flow
     else:
-        matrices = frame.matrices if isinstance(frame, MatrixFrame) else frame.dense()
+        matrices = frame.matrices if isinstance(frame, frames.MatrixFrame) else frame.dense()
 
         def flow(v: JaxArray, y: JaxArray) -> JaxArray:
             return expm(linear(v, matrices)) @ y
 
-    return Rules(
-        frame,
-        flow,
-        functions.get("restore", same),
-        functions.get("exp_coordinates"),
-        series_dexpinv(frame) if has_brackets(frame) else None,
-        _least_coefficients(frame, flow),
-        ones(frame),
-        free=False,
-    )
+    restore = frame._functions.get("restore", same)
+    log = frame._functions.get("exp_coordinates")
+    dexpinv = series_dexpinv(frame) if has_brackets(frame) else None
+    return Rules(frame, flow, restore, log, dexpinv, free=False)

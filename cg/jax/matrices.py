@@ -1,4 +1,9 @@
-"""Exponentials and logarithms of matrices."""
+"""Exponentials and logarithms of matrices.
+
+A logarithm is the series of artanh near the identity. Farther away that of a unitary matrix is
+made of its eigenvalues, from a Hermitian matrix by Cayley's transform, since JAX has no Schur form
+on accelerators; that of another matrix is the series after repeated square roots.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +20,7 @@ from cg.frames.matrix_functions import _TAYLOR, MAX_EXPONENT
 from cg.jax.entire import JaxArray
 from cg.jax.rules import adjoint, linear, real_dtype
 
-_MOST_SQUARINGS = round(math.log2(MAX_EXPONENT))
+_MAX_SQUARINGS = round(math.log2(MAX_EXPONENT))
 _NEAR_IDENTITY = 0.25
 _ARTANH_TERMS = 12
 _MAX_ROOTS = 60
@@ -45,10 +50,10 @@ def expm(matrix: JaxArray) -> JaxArray:
         return jax.lax.cond(k < halvings, lambda: x @ x, lambda: x), None
 
     def squared() -> JaxArray:
-        return jax.lax.scan(step, result, jnp.arange(_MOST_SQUARINGS))[0]
+        return jax.lax.scan(step, result, jnp.arange(_MAX_SQUARINGS))[0]
 
     result = jax.lax.cond(halvings > 0, squared, lambda: result)
-    return jnp.where(halvings > _MOST_SQUARINGS, jnp.nan, result)
+    return jnp.where(halvings > _MAX_SQUARINGS, jnp.nan, result)
 
 
 def projection(frame: MatrixGroup, matrix: JaxArray) -> JaxArray:
@@ -115,8 +120,7 @@ def _far_logarithm(frame: MatrixGroup) -> Callable[[JaxArray], JaxArray]:
 def _cayley_angles(x: JaxArray) -> tuple[JaxArray, JaxArray]:
     """Return the arguments of eigenvalues of a unitary matrix, none near -1, and eigenvectors.
 
-    Both are from the Hermitian matrix i (1 - x) / (1 + x), whose eigenvalues are tangents of half
-    the angles. JAX has no Schur form on accelerators.
+    The eigenvalues of the Hermitian matrix i (1 - x) / (1 + x) are tangents of half the angles.
     """
     eye = jnp.eye(len(x), dtype=x.dtype)
     hermitian = 1j * jnp.linalg.solve(eye + x, eye - x)
@@ -154,32 +158,33 @@ def _unitary_logarithm(x: JaxArray, special: bool) -> JaxArray:
 def _rotation_logarithm(x: JaxArray) -> JaxArray:
     """Return the logarithm of a rotation, with angles of at most π.
 
-    The planes of rotation are divided at the largest gap between cosines of their angles. Behind
-    it half a turn is taken out of each plane, in the direction of its rotation.
+    Planes whose angles are beyond the largest gap between cosines are turned by π, so that no
+    eigenvalue is near -1. Their logarithm is that of the turned matrix plus π J, where J is the
+    skew matrix with square -1 that belongs to the skew part of x: its sign function.
     """
     n = len(x)
     cosines, axes = jnp.linalg.eigh(0.5 * (x + x.T))
     lower = jnp.concatenate([-jnp.ones(1, x.dtype), cosines[1::2]])
     upper = jnp.append(cosines[::2], 1.0)[: len(lower)]
-    behind = jnp.arange(n) < 2 * jnp.argmax(upper - lower)
-    inside = behind[:, None] & behind
+    beyond = jnp.arange(n) < 2 * jnp.argmax(upper - lower)
+    inside = beyond[:, None] & beyond
     matrix = axes.T @ x @ axes
-    # At an angle of π, either direction is right.
+    # At an angle of π both directions are right, and the skew part is zero.
     either = jnp.kron(jnp.eye((n + 1) // 2), jnp.array([[0.0, -1.0], [1.0, 0.0]]))[:n, :n]
     least = 1e-3 * jnp.finfo(x.dtype).eps
     skew = jnp.where(inside, 0.5 * (matrix - matrix.T) + least * either, 0.0).astype(x.dtype)
 
     def improve(skew: JaxArray, _: Any) -> tuple[JaxArray, None]:
         """Take a step of Newton's method for a skew matrix whose square is minus the identity."""
-        inverse = jnp.where(inside, jnp.linalg.inv(skew + jnp.diag(1.0 - behind)), 0.0)
+        inverse = jnp.where(inside, jnp.linalg.inv(skew + jnp.diag(1.0 - beyond)), 0.0)
         inverse = 0.5 * (inverse - inverse.T)
         squares = (skew**2).sum(), (inverse**2).sum()
-        scale = jnp.where(behind.any(), squares[1] / jnp.where(behind.any(), squares[0], 1), 1)
+        scale = jnp.where(beyond.any(), squares[1] / jnp.where(beyond.any(), squares[0], 1), 1)
         scale = jnp.sqrt(jnp.sqrt(scale))
         return (0.5 * (scale * skew - inverse / scale)).astype(x.dtype), None
 
     half, _ = jax.lax.scan(improve, skew, None, length=_SIGN_STEPS)
-    turned = x - 2.0 * (x @ (axes * behind) @ axes.T)
+    turned = x - 2.0 * (x @ (axes * beyond) @ axes.T)
     rest = _spectral(*_cayley_angles(turned)).real
     return rest + math.pi * (axes @ half @ axes.T)
 
@@ -201,7 +206,7 @@ def _root(x: JaxArray) -> JaxArray:
     n = len(x)
     small = 1e-2 * math.sqrt(jnp.finfo(x.dtype).eps)  # its square is below rounding
 
-    def going_on(state: Any) -> JaxArray:
+    def unfinished(state: Any) -> JaxArray:
         _, _, change, count = state
         return (change > small) & (count < _ROOT_STEPS)
 
@@ -215,5 +220,5 @@ def _root(x: JaxArray) -> JaxArray:
         return after, other, change, count + 1
 
     start = x, jnp.eye(n, dtype=x.dtype), jnp.full((), jnp.inf, x.dtype), 0
-    root, _, change, _ = jax.lax.while_loop(going_on, step, start)
+    root, _, change, _ = jax.lax.while_loop(unfinished, step, start)
     return jnp.where(change <= small, root, jnp.nan)

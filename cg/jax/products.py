@@ -13,40 +13,8 @@ from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules, read_point
 
 
-def product_rules(frame: Product, parts: list[Rules]) -> Rules:
-    """Return the rules of a product, from those of its factors."""
-    vectors = frame._vector_slices
-
-    def joined(*points: JaxArray) -> JaxArray:
-        return join(frame, *points)
-
-    def cut(v: JaxArray) -> list[JaxArray]:
-        return [v[place] for place in vectors]
-
-    def each(name: str, *arguments: Any) -> list[JaxArray]:
-        return [getattr(rules, name)(*rest) for rules, *rest in zip(parts, *arguments, strict=True)]
-
-    def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
-        orders = [order] * len(parts)
-        return jnp.concatenate(each("dexpinv", cut(u), cut(v), orders))
-
-    def together(name: str) -> Callable[[JaxArray, JaxArray], JaxArray]:
-        return lambda x, y: jnp.concatenate(each(name, split(frame, x), split(frame, y)))
-
-    return Rules(
-        frame,
-        lambda v, y: joined(*each("flow", cut(v), split(frame, y))),
-        lambda y: joined(*each("restore", split(frame, y))),
-        None if any(rules.log is None for rules in parts) else together("log"),
-        None if any(rules.dexpinv is None for rules in parts) else dexpinv,
-        together("coefficients"),
-        lambda y: jnp.concatenate(each("sizes", split(frame, y))),
-        free=all(rules.free for rules in parts),
-    )
-
-
 def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
-    """Return the points of the factors of a product.
+    """Return the points of the factors of a product, each of the shape of its factor.
 
     Parameters
     ----------
@@ -55,17 +23,10 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
     y
         Shape ``frame.point_shape``.
 
-    Returns
-    -------
-    tuple of arrays
-        One of the shape ``point_shape`` of each factor.
-
     Raises
     ------
-    TypeError
-        If ``frame`` is no product.
-    ValueError
-        If ``y`` has another shape.
+    TypeError, ValueError
+        If ``frame`` is no product; if ``y`` has another shape.
 
     Examples
     --------
@@ -87,7 +48,7 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
 
 
 def join(frame: Product, *parts: JaxArray) -> JaxArray:
-    """Return the point of a product that `split` takes apart.
+    """Return the point of a product, the inverse of `split`, shape ``frame.point_shape``.
 
     Parameters
     ----------
@@ -96,24 +57,17 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
     *parts
         A point of each factor, shape ``factor.point_shape``.
 
-    Returns
-    -------
-    array
-        Shape ``frame.point_shape``.
-
     Raises
     ------
-    TypeError
-        If ``frame`` is no product.
-    ValueError
-        If the number of parts or a shape is wrong.
+    TypeError, ValueError
+        If ``frame`` is no product; if the number of parts or a shape is wrong.
 
     Examples
     --------
     >>> import crouch_grossman as cg
-    >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
-    >>> join(frame, jnp.ones(4), jnp.zeros(3)).tolist()
-    [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    >>> plane = cg.frames.Product(cg.frames.Euclidean(1), cg.frames.Euclidean(1))
+    >>> cg.jax.join(plane, jnp.ones(1), jnp.zeros(1)).tolist()
+    [1.0, 0.0]
     """
     _check_product(frame)
     if len(parts) != len(frame.factors):
@@ -131,9 +85,34 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
     return jnp.concatenate(flat)
 
 
-def _check_product(frame: Any) -> None:
-    if not isinstance(frame, Product):
-        raise TypeError(f"frame must be a cg.frames.Product, got {frame!r}")
+def product_rules(frame: Product, parts: list[Rules]) -> Rules:
+    """Return the rules of a product, from those of its factors."""
+    vectors = frame._vector_slices
+
+    def cut(v: JaxArray) -> list[JaxArray]:
+        return [v[place] for place in vectors]
+
+    def each(name: str, *arguments: Any) -> list[JaxArray]:
+        return [getattr(rules, name)(*rest) for rules, *rest in zip(parts, *arguments, strict=True)]
+
+    def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
+        orders = [order] * len(parts)
+        return jnp.concatenate(each("dexpinv", cut(u), cut(v), orders))
+
+    def together(name: str) -> Callable[[JaxArray, JaxArray], JaxArray]:
+        return lambda x, y: jnp.concatenate(each(name, split(frame, x), split(frame, y)))
+
+    return Rules(
+        frame,
+        lambda v, y: join(frame, *each("flow", cut(v), split(frame, y))),
+        lambda y: join(frame, *each("restore", split(frame, y))),
+        None if any(rules.log is None for rules in parts) else together("log"),
+        None if any(rules.dexpinv is None for rules in parts) else dexpinv,
+        together("coefficients"),
+        lambda y: jnp.concatenate(each("sizes", split(frame, y))),
+        lambda y: jnp.stack(each("distance", split(frame, y))).max(),
+        free=all(rules.free for rules in parts),
+    )
 
 
 def power_rules(frame: Power, rules: Rules) -> Rules:
@@ -160,5 +139,11 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
         None if rules.dexpinv is None else dexpinv,
         on_points(rules.coefficients),
         on_points(rules.sizes),
+        lambda y: jax.vmap(rules.distance)(y).max(),
         free=rules.free,
     )
+
+
+def _check_product(frame: Any) -> None:
+    if not isinstance(frame, Product):
+        raise TypeError(f"frame must be a cg.frames.Product, got {frame!r}")

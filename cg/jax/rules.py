@@ -15,30 +15,63 @@ from cg.frames import Frame
 from cg.jax.entire import JaxArray
 
 Scalars = Sequence[JaxArray]
+Map = Callable[[JaxArray], JaxArray]
+Pairing = Callable[[JaxArray, JaxArray], JaxArray]
+Dexpinv = Callable[[JaxArray, JaxArray, int], JaxArray]
 
 _NEARBY_STEPS = 4
+
+
+def same(y: JaxArray) -> JaxArray:
+    """Return the point itself."""
+    return y
+
+
+def zero(y: JaxArray) -> JaxArray:
+    """Return the distance of a point from a manifold that is the whole space."""
+    return jnp.zeros((), real_dtype(y))
 
 
 @dataclass(frozen=True, eq=False)
 class Rules:
     """A frame as functions of JAX.
 
-    ``flow(v, y)`` leaves rounding errors, which ``restore(y)`` removes. ``log(y0, y1)`` are the
-    coefficients whose flow takes one point to the other, None where the frame has no
-    `cg.frames.Frame.exp_coordinates`; ``dexpinv(u, v, order)`` is that of the frame, None without
-    brackets. ``coefficients(y, tangent)`` are the shortest ones whose field is nearest to a
-    tangent, ``sizes(y)`` those of `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``. ``free``
-    says whether two points determine the coefficients of the short flow between them.
+    ``flow(v, y)`` leaves rounding errors, which ``restore(y)`` removes. ``log(y0, y1)`` returns the
+    coefficients whose flow takes one point to the other; it is None where the frame has no
+    `cg.frames.Frame.exp_coordinates`. ``dexpinv(u, v, order)`` is that of the frame, None without
+    brackets. ``closed_coefficients(y, tangent)`` and ``unequal_sizes(y)`` are `coefficients` in
+    closed form, and `sizes` where not all are 1. ``distance(y)`` is, to first order, the
+    `cg.frames.Frame.relative_error` of a point off the manifold. ``free`` says whether two points
+    determine the coefficients of the short flow between them.
     """
 
     frame: Frame
-    flow: Callable[[JaxArray, JaxArray], JaxArray]
-    restore: Callable[[JaxArray], JaxArray]
-    log: Callable[[JaxArray, JaxArray], JaxArray] | None
-    dexpinv: Callable[[JaxArray, JaxArray, int], JaxArray] | None
-    coefficients: Callable[[JaxArray, JaxArray], JaxArray]
-    sizes: Callable[[JaxArray], JaxArray]
+    flow: Pairing
+    restore: Map = same
+    log: Pairing | None = None
+    dexpinv: Dexpinv | None = None
+    closed_coefficients: Pairing | None = None
+    unequal_sizes: Map | None = None
+    distance: Map = zero
     free: bool = True
+
+    def coefficients(self, y: JaxArray, tangent: JaxArray) -> JaxArray:
+        """Return the shortest coefficients whose field is nearest to a tangent."""
+        if self.closed_coefficients is not None:
+            return self.closed_coefficients(y, tangent)
+        dim = self.frame.dim
+        columns = jax.jacfwd(lambda v: self.flow(v, y))(jnp.zeros(dim, real_dtype(y)))
+        columns, flat = columns.reshape(-1, dim), tangent.reshape(-1)
+        if jnp.iscomplexobj(columns):
+            columns = jnp.concatenate([columns.real, columns.imag])
+            flat = jnp.concatenate([flat.real, flat.imag])
+        return jnp.linalg.pinv(columns) @ flat
+
+    def sizes(self, y: JaxArray) -> JaxArray:
+        """Return those of `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``."""
+        if self.unequal_sizes is not None:
+            return self.unequal_sizes(y)
+        return jnp.ones(self.frame.dim, real_dtype(y))
 
     def field(self, v: JaxArray, y: JaxArray) -> JaxArray:
         """Return the tangent at ``y``: the derivative of the flow."""
@@ -55,7 +88,7 @@ class Rules:
         return v
 
     def measured(self, v: JaxArray, y: JaxArray) -> JaxArray:
-        """Return what errors are measured in: shortest coefficients, or entries of the tangent."""
+        """Return an error as controllers measure it: shortest coefficients, or tangent entries."""
         if self.log is not None and self.free:
             return v
         tangent = self.field(v, y)
@@ -68,7 +101,7 @@ class Rules:
         return jnp.full(y.shape, jnp.sqrt((jnp.abs(y) ** 2).mean()))
 
     def extent(self, x: JaxArray, y: JaxArray) -> JaxArray:
-        """Return 1 and the larger of the sizes at two points, added."""
+        """Return the tolerances of steps between two points where rtol and atol are both 1."""
         return 1.0 + jnp.maximum(self.measured_sizes(x), self.measured_sizes(y))
 
 
@@ -87,17 +120,7 @@ def read_point(frame: Frame, y: Any, name: str = "y") -> JaxArray:
     return point if jnp.issubdtype(point.dtype, jnp.floating) else point.astype(float)
 
 
-def ones(frame: Frame) -> Callable[[JaxArray], JaxArray]:
-    """Return the sizes of a frame whose coordinates are all of size 1."""
-    return lambda y: jnp.ones(frame.dim, real_dtype(y))
-
-
-def same(y: JaxArray) -> JaxArray:
-    """Return the point itself."""
-    return y
-
-
-def held(restore: Callable[[JaxArray], JaxArray]) -> Callable[[JaxArray], JaxArray]:
+def held(restore: Map) -> Map:
     """Return a function with the derivative of the identity, that of `restore` along a manifold.
 
     Derivatives of the decompositions in it don't exist where eigenvalues are equal.
@@ -149,6 +172,11 @@ def unit_step(y: JaxArray) -> JaxArray:
     return (1.5 - 0.5 * (y @ y)) * y
 
 
+def length_error(y: JaxArray) -> JaxArray:
+    """Return the distance of a vector from the sphere."""
+    return jnp.abs(jnp.sqrt(y @ y) - 1.0)
+
+
 def adjoint(y: JaxArray) -> JaxArray:
     """Return the conjugate transpose."""
     return y.T.conj()
@@ -157,3 +185,8 @@ def adjoint(y: JaxArray) -> JaxArray:
 def newton_schulz(y: JaxArray) -> JaxArray:
     """Return a matrix whose columns are nearer to orthonormal, by the step of Newton and Schulz."""
     return 1.5 * y - 0.5 * (y @ (adjoint(y) @ y))
+
+
+def column_error(y: JaxArray) -> JaxArray:
+    """Return the distance of a matrix from those with orthonormal columns."""
+    return 0.5 * jnp.abs(adjoint(y) @ y - jnp.eye(y.shape[1])).max()

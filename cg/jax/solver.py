@@ -15,13 +15,17 @@ from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_algebra
 from cg.integration.step.plan import error_exponent
 from cg.jax.entire import JaxArray
-from cg.jax.estimates import error_estimate
-from cg.jax.linear import Before, LinearTerm, no_step
-from cg.jax.noise import check_noise, increments
-from cg.jax.points import membership_error
+from cg.jax.estimates import Before, error_estimate, no_step
 from cg.jax.rules import Rules
 from cg.jax.stages import Start, Steps, steps_of, take_stages
-from cg.jax.term import refuse_implicit_adjoint, rules_in, unwrapped
+from cg.jax.term import (
+    LinearTerm,
+    check_noise,
+    increments,
+    refuse_implicit_adjoint,
+    rules_in,
+    unwrapped,
+)
 from cg.jax.within import Within, interpolant
 from cg.method.method import Method
 from cg.method.splitting import Splitting
@@ -33,8 +37,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     r"""An explicit method of the catalogue, or of the user, as a solver of `diffrax.diffeqsolve`.
 
     Its term is a `FrameTerm`. The error estimate of a pair is a tangent at the end of the step:
-    a plain ``diffrax.PIDController`` compares it with the entries of points, and `controller`
-    with coordinates, as `cg.solve_ivp` does.
+    ``diffrax.PIDController`` compares it with the entries of points, and `controller` with
+    coordinates, as `cg.solve_ivp` does.
 
     Parameters
     ----------
@@ -42,14 +46,14 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         The name of a method, or a method.
     dense
         One of ``"accurate"``, ``"steps"``. The interpolant. ``"accurate"`` (default) is that of
-        `cg.solve_ivp`, as accurate as the steps; if output between steps or an event needs it, it
-        calls ``f`` some more times in every step. ``"steps"`` is exact at the ends of steps and has
-        an error of second order between them, at any tolerance, which ``SaveAt(ts=...)`` and events
-        would use; it calls ``f`` no more times and compiles faster.
+        `cg.solve_ivp`, as accurate as the steps; it evaluates ``f`` a few more times in every step
+        if output between steps or an event needs it. ``"steps"`` needs no evaluations and compiles
+        faster; it is exact at the ends of steps only, with errors of second order between them,
+        where ``SaveAt(ts=...)`` and events use it.
     unroll
         Whether `XLA` compiles the stages of a Munthe-Kaas method one after the other instead of
-        as a loop. The loop compiles faster and takes less time in batches by ``jax.vmap``, but a
-        little more for a single solution. Stages of other methods are never a loop.
+        as a loop: a single solution takes a little less time, compiling and batches by
+        ``jax.vmap`` take more. Stages of other methods are never a loop.
 
     Raises
     ------
@@ -63,9 +67,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
 
     Notes
     -----
-    The stored coefficients of the method are rounded to the precision of the points. Weighted
-    sums of stages are products with a matrix, each one kernel of `XLA`. ``BacksolveAdjoint`` is
-    refused, because its state is no point of the frame.
+    The stored coefficients of the method are rounded to the precision of the points.
 
     Examples
     --------
@@ -137,11 +139,12 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         return terms.vf(t0, y0, args)
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> Any:
-        """Return the coefficients at the start, after checking the term and the point.
+        """Return the state, after checking the term and the point.
 
-        Those of a Magnus method come with the step before.
+        The state is the coefficients at the start, of a Magnus method also the step before.
         """
-        frame = rules_in(terms).frame
+        rules = rules_in(terms)
+        frame = rules.frame
         if self.steps.on_algebra:
             check_algebra(frame, self.method)
         if self.steps.of_time and not isinstance(unwrapped(terms), LinearTerm):
@@ -155,12 +158,13 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
         first = eqx.error_if(
             first,
-            ~(membership_error(frame, y0) <= tolerance),
+            ~(rules.distance(y0) <= tolerance),
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )
         return (first, no_step(self.steps.paths, first)) if self.steps.of_time else first
 
+    @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
         self,
         terms: Any,
@@ -171,54 +175,40 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         solver_state: Any,
         made_jump: Any,
     ) -> tuple[Any, ...]:
-        """Return the point after a step, its error, and what else diffrax wants of it."""
-        y1, error, within, last = _step(self, terms, t0, t1, y0, args, solver_state, made_jump)
-        result = diffrax.RESULTS.where(
-            jnp.isfinite(y1).all(), diffrax.RESULTS.successful, diffrax.RESULTS.nonfinite
-        )
-        return y1, error, {"within": within}, last, result
+        """Return the point after a step, its error, the interpolant, the state and the result."""
+        rules, steps = rules_in(terms), self.steps
+        if isinstance(terms, diffrax.MultiTerm):
+            return self._noisy_step(rules, increments(terms, t0, t1, args), y0, solver_state)
+        first, before = solver_state if steps.of_time else (solver_state, None)
+        h = jnp.asarray(terms.contr(t0, t1), first.dtype)
+
+        def f(c: Any, y: JaxArray) -> JaxArray:
+            return terms.vf(t0 + c * (t1 - t0), y, args)
+
+        if made_jump is not False:
+            first = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: first)
+            if before is not None:
+                before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
+        start = Start(rules, f, h, y0, first)
+        stages = take_stages(steps, start, unroll=self.unroll)
+        last = f(1.0, stages.result) if stages.last is None else stages.last
+        accurate = self.dense == _DENSE[0]
+        within = interpolant(self.method, start, stages, last, accurate=accurate)
+        error = error_estimate(steps, start, stages, before)
+        state = last if before is None else (last, Before(h, stages.values))
+        return stages.result, error, {"within": within}, state, _result(stages.result)
+
+    def _noisy_step(
+        self, rules: Rules, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, state: Any
+    ) -> tuple[Any, ...]:
+        """Take a step of size one along increments; there is no error estimate."""
+        first = f(0.0, y0)
+        start = Start(rules, f, jnp.ones((), first.dtype), y0, first)
+        stages = take_stages(self.steps, start, unroll=self.unroll)
+        within = interpolant(self.method, start, stages, first, accurate=False)
+        return stages.result, None, {"within": within}, state, _result(stages.result)
 
 
-@eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
-def _step(
-    solver: Solver,
-    terms: Any,
-    t0: JaxArray,
-    t1: JaxArray,
-    y0: JaxArray,
-    args: Any,
-    state: Any,
-    made_jump: Any,
-) -> tuple[JaxArray, JaxArray | None, Any, Any]:
-    """Return the point after a step, its error, the interpolant and the next state."""
-    rules, steps = rules_in(terms), solver.steps
-    if isinstance(terms, diffrax.MultiTerm):
-        return _noisy_step(solver, rules, increments(terms, t0, t1, args), y0, state)
-    first, before = state if steps.of_time else (state, None)
-    h = jnp.asarray(terms.contr(t0, t1), first.dtype)
-
-    def f(c: Any, y: JaxArray) -> JaxArray:
-        return terms.vf(t0 + c * (t1 - t0), y, args)
-
-    if made_jump is not False:
-        first = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: first)
-        if before is not None:
-            before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
-    start = Start(rules, f, h, y0, first)
-    stages = take_stages(steps, start, unroll=solver.unroll)
-    y1, values = stages.result, stages.values
-    last = f(1.0, y1) if stages.last is None else stages.last
-    within = interpolant(solver.method, start, stages, last, accurate=solver.dense == _DENSE[0])
-    error = error_estimate(steps, start, stages, before)
-    return y1, error, within, last if before is None else (last, Before(h, values))
-
-
-def _noisy_step(
-    solver: Solver, rules: Rules, f: Callable[[Any, JaxArray], JaxArray], y0: JaxArray, state: Any
-) -> tuple[JaxArray, None, Any, Any]:
-    """Take a step of size one along increments; there is no error estimate."""
-    first = f(0.0, y0)
-    start = Start(rules, f, jnp.ones((), first.dtype), y0, first)
-    stages = take_stages(solver.steps, start, unroll=solver.unroll)
-    within = interpolant(solver.method, start, stages, first, accurate=False)
-    return stages.result, None, within, state
+def _result(y: JaxArray) -> Any:
+    finite = jnp.isfinite(y).all()
+    return diffrax.RESULTS.where(finite, diffrax.RESULTS.successful, diffrax.RESULTS.nonfinite)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.jax.entire import JaxArray
-from cg.jax.linear import values_at_nodes
 from cg.jax.rules import Rules
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
@@ -23,7 +22,10 @@ from cg.method.munthe_kaas import MuntheKaas
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The steps of a method; there is one for equal methods, compared by identity."""
+    """A method with the tables of its steps.
+
+    JAX compares it by identity; `steps_of` returns one object for equal methods.
+    """
 
     method: Method
 
@@ -36,9 +38,9 @@ class Steps:
         return paths_of(self.method)
 
     @cached_property
-    def flows(self) -> list[list[NDArray[np.float64]]]:
-        """The weights of the flows of each path, on the stages that are known by then."""
-        return [[_row(dict(flow)) for flow in path.flows] for path in self.paths.paths]
+    def flows(self) -> list[NDArray[np.float64]]:
+        """The weights of stages in the flows of each path, shape ``(flows, stages)``."""
+        return [flow_weights(path.flows, self.paths) for path in self.paths.paths]
 
     @cached_property
     def weights(self) -> NDArray[np.float64]:
@@ -47,10 +49,7 @@ class Steps:
         Shape ``(1 + paths + estimates, stages)``; the first row is zero and stands for the start of
         the step.
         """
-        table = np.zeros((1 + len(self.flows), len(self.paths.stages)))
-        for row, (flow,) in zip(table[1:], self.flows, strict=True):
-            row[: len(flow)] = flow
-        return np.concatenate([table, self.errors])
+        return np.concatenate([np.zeros((1, len(self.paths.stages))), *self.flows, self.errors])
 
     @cached_property
     def on_algebra(self) -> bool:
@@ -68,16 +67,18 @@ class Steps:
         return np.array(self.paths.errors, dtype=np.float64).reshape(-1, len(self.paths.stages))
 
 
-def _row(flow: dict[int, Any]) -> NDArray[np.float64]:
-    row = np.zeros(max(flow, default=0) + 1)
-    for stage, weight in flow.items():
-        row[stage] = float(weight)
-    return row
+def flow_weights(flows: Any, paths: MethodPaths) -> NDArray[np.float64]:
+    """Return the weights of stages in flows, shape ``(flows, stages)``."""
+    weights = np.zeros((len(flows), len(paths.stages)))
+    for row, flow in zip(weights, flows, strict=True):
+        for stage, weight in flow:
+            row[stage] = float(weight)
+    return weights
 
 
 @lru_cache(maxsize=256)
 def steps_of(method: Method) -> Steps:
-    """Return the steps of a method, one object for equal methods."""
+    """Return the tables of a method."""
     return Steps(method)
 
 
@@ -101,17 +102,16 @@ class Stages:
 
     ``values`` are the coefficients at the stages, shape ``(stages, dim)``, of a method of
     Munthe-Kaas the derivatives of coordinates; ``last`` those at the result, None if no stage is
-    there. ``embedded`` and ``third`` are further results, None where no pair compares points.
-    ``errors`` are weighted sums of the values, further error estimates divided by the step, shape
-    ``(0, 1 or 2, dim)``.
+    there. ``others`` are the results with which a pair compares the first one. ``errors`` are
+    weighted sums of the values, further error estimates divided by the step, shape ``(0, 1 or 2,
+    dim)``.
     """
 
     values: JaxArray
     result: JaxArray
-    embedded: JaxArray | None
+    others: list[JaxArray]
     errors: JaxArray
     last: JaxArray | None
-    third: JaxArray | None = None
 
 
 def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
@@ -136,7 +136,7 @@ def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
             ends.append(rules.restore(y) if k in results else y)
 
     if steps.of_time:
-        stages = list(values_at_nodes(paths, f, y0, h.dtype))
+        stages = list(jax.vmap(lambda c: f(c, y0))(jnp.asarray(paths.abscissae, h.dtype)))
         last = stages[-1] if paths.abscissae[-1] == 1.0 else None
     for c, k in zip(paths.abscissae.tolist()[len(stages) :], paths.stages, strict=False):
         follow(k)
@@ -145,21 +145,19 @@ def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
             last = value
         stages.append(value)
     follow(len(paths.paths))
-    embedded = ends[paths.embedded] if paths.embedded else None
+    others = [ends[k] for k in (paths.embedded, paths.third) if k]
     values = jnp.stack(stages)
     errors = jnp.asarray(steps.errors, h.dtype) @ values
-    third = ends[paths.third] if paths.third else None
-    return Stages(values, ends[paths.result], embedded, errors, last, third)
+    return Stages(values, ends[paths.result], others, errors, last)
 
 
 def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
     """Return the stages and the result of a method of Munthe-Kaas.
 
-    Each path is one flow from the start, whose coordinates are a weighted sum of stages. The
-    value at a stage is added to the sums of all paths at once, which is one kernel of XLA in
-    either mode of differentiation. JAX traces and differentiates one stage of the loop, also
-    where XLA compiles it unrolled. Reverse mode computes flows and dexpinv again, in fewer
-    kernels than it takes to store what their derivatives need.
+    Each path is one flow from the start, whose coordinates u are h times a weighted sum of the
+    values k = dexpinv(u, f). The value at a stage is added to the sums of all paths at once, one
+    kernel of XLA in either mode of differentiation. Reverse mode computes flows and dexpinv
+    again, in fewer kernels than it takes to store what their derivatives need.
     """
     paths, rules, f, h, y0 = steps.paths, start.rules, start.f, start.h, start.y0
     weights = jnp.asarray(steps.weights, h.dtype)
@@ -196,7 +194,7 @@ def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
         sums, after = loop(sums, final + 1, count)
         values.append(after)
     errors = sums[len(steps.flows) + 1 :]
-    return Stages(jnp.concatenate(values), result, None, errors, last)
+    return Stages(jnp.concatenate(values), result, [], errors, last)
 
 
 def _combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:

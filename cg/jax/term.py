@@ -1,4 +1,4 @@
-"""Right-hand sides for diffrax: coefficients of the fields of a frame."""
+"""Right-hand sides for diffrax: coefficients of the fields of a frame, of noise and of time."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ import numpy as np
 from cg.frames import Euclidean, Frame, Product
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
-from cg.jax.rules import Rules
+from cg.jax.rules import Rules, real_dtype
+from cg.method.method import Method
 
-_CALLERS = 12  # of which equinox has some between diffrax and a solver
+_CALLERS = 12  # calls to look back; equinox has some between diffrax and a solver
 
 
 class FrameTerm(diffrax.AbstractTerm):
@@ -35,7 +36,7 @@ class FrameTerm(diffrax.AbstractTerm):
     Raises
     ------
     TypeError
-        If ``f`` is no function, or ``frame`` no frame that JAX has functions for.
+        If ``f`` is no function, or JAX has no functions for ``frame``.
     ValueError
         When it is used: if ``f`` returns another shape or numbers that aren't real, or ``y0`` isn't
         an array of the shape and kind of a point.
@@ -81,7 +82,7 @@ class FrameTerm(diffrax.AbstractTerm):
             raise ValueError(f"{expected}, got shape {coefficients.shape}")
         if jnp.iscomplexobj(coefficients):
             raise ValueError(f"{expected}, got {coefficients.dtype}")
-        return coefficients.astype(jnp.finfo(y.dtype).dtype)
+        return coefficients.astype(real_dtype(y))
 
     def contr(self, t0: JaxArray, t1: JaxArray, **kwargs: Any) -> JaxArray:
         """Return the time between two times."""
@@ -94,6 +95,114 @@ class FrameTerm(diffrax.AbstractTerm):
             "adjoint must not be BacksolveAdjoint, whose state is no point of the frame, but "
             "RecursiveCheckpointAdjoint"
         )
+
+
+class LinearTerm(FrameTerm):
+    r"""The right-hand side :math:`y' = \sum_i a_i(t) E_i(y)`, with coefficients of time alone.
+
+    It takes every `Solver`, also those of Magnus methods, such as ``Solver("CFM6(4)")``: their
+    steps evaluate the coefficients at a few nodes, all at once, and need fewer flows.
+
+    Parameters
+    ----------
+    a
+        ``a(t, args)`` of ``jax.numpy`` returns the coefficients, shape ``(frame.dim,)``.
+    frame
+        As for `FrameTerm`; also `cg.frames.LinearAction`, whose generators are dense in JAX.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `FrameTerm`.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg, diffrax, jax.numpy as jnp
+    >>> frame = cg.frames.SO3()
+    >>> term = cg.jax.LinearTerm(lambda t, rate: jnp.array([0.0, 0.0, rate * t]), frame)
+    >>> solution = diffrax.diffeqsolve(
+    ...     term, cg.jax.Solver("CFM4"), t0=0.0, t1=1.0, dt0=0.5, y0=jnp.eye(3), args=2.0
+    ... )
+    >>> [round(float(x), 5) for x in solution.ys[0, 0]]  # a turn by one radian
+    [0.5403, -0.84147, 0.0]
+    """
+
+    def __init__(self, a: Callable[[Any, Any], Any], frame: Frame) -> None:
+        if not callable(a):
+            raise TypeError(f"a must be a function, got {a!r}")
+        super().__init__(_OfTime(a), frame)
+
+
+class _OfTime(eqx.Module):
+    a: Callable[[Any, Any], Any]
+
+    def __call__(self, t: Any, y: Any, args: Any) -> Any:
+        return self.a(t, args)
+
+
+class NoiseTerm(diffrax.ControlTerm):
+    r"""The noise of :math:`dy = \sum_i E_i(y) \bigl(f_i\, dt + \sum_j g_{ij} \circ dW_j\bigr)`.
+
+    The equation is in the sense of Stratonovich, so that solutions stay on the manifold. Pass
+    ``diffrax.MultiTerm(FrameTerm(f, frame), NoiseTerm(g, path, frame))`` with a `Solver` and steps
+    of a fixed size; each step follows the flows of the method with ``f h + g ΔW`` in place of
+    ``h f``. The strong order is ½, and 1 for one noise or where the noise fields commute; the weak
+    order is 1.
+
+    Parameters
+    ----------
+    g
+        ``g(t, y, args)`` of ``jax.numpy`` returns an array of shape ``(frame.dim, noises)``.
+    path
+        A Brownian path of shape ``(noises,)``, such as ``diffrax.VirtualBrownianTree``.
+    frame
+        As for `FrameTerm`.
+
+    Raises
+    ------
+    TypeError
+        If ``g`` is no function, ``path`` no Brownian path, or ``frame`` none for JAX.
+    ValueError
+        When it is used: if ``g`` returns another shape, the terms have two frames, or the method
+        is of order one or for linear equations, whose steps have Itô's or another limit.
+
+    Examples
+    --------
+    >>> import crouch_grossman as cg, diffrax, jax, jax.numpy as jnp
+    >>> frame = cg.frames.SO3()
+    >>> path = diffrax.VirtualBrownianTree(0.0, 1.0, tol=1e-3, shape=(3,), key=jax.random.key(0))
+    >>> terms = diffrax.MultiTerm(
+    ...     cg.jax.FrameTerm(lambda t, y, args: jnp.zeros(3), frame),
+    ...     cg.jax.NoiseTerm(lambda t, y, args: 0.3 * jnp.eye(3), path, frame),
+    ... )
+    >>> solver = cg.jax.Solver("CF4", dense="steps")
+    >>> y = diffrax.diffeqsolve(terms, solver, 0.0, 1.0, 0.01, jnp.eye(3)).ys[-1]
+    >>> bool(abs(y.T @ y - jnp.eye(3)).max() < 1e-5)
+    True
+    """
+
+    vector_field: Callable[..., Any]
+    control: Any
+    frame: Frame = eqx.field(static=True)
+
+    def __init__(self, g: Callable[[Any, Any, Any], Any], path: Any, frame: Frame) -> None:
+        if not callable(g):
+            raise TypeError(f"g must be a function, got {g!r}")
+        if not isinstance(path, diffrax.AbstractBrownianPath):
+            raise TypeError(f"path must be a Brownian path of diffrax, got {path!r}")
+        rules_of(frame)
+        super().__init__(g, path)
+        self.frame = frame
+
+    def vf(self, t: JaxArray, y: JaxArray, args: Any) -> JaxArray:
+        """Return the coefficients of the noises, shape ``(dim, noises)``."""
+        value = jnp.asarray(self.vector_field(t, y, args))
+        if value.ndim != 2 or len(value) != self.frame.dim or jnp.iscomplexobj(value):
+            raise ValueError(
+                f"g must return real numbers of shape ({self.frame.dim}, noises), got "
+                f"{value.dtype} of shape {value.shape}"
+            )
+        return value.astype(real_dtype(y))
 
 
 def rules_in(terms: Any) -> Rules:
@@ -115,7 +224,8 @@ def unwrapped(terms: Any) -> Any:
 def refuse_implicit_adjoint(frame: Frame) -> None:
     """Raise NotImplementedError if diffrax's ImplicitAdjoint asks for f on a manifold.
 
-    It solves f(y) = 0 for the entries of y. Only the functions that call tell which adjoint it is.
+    It solves f(y) = 0 for the entries of y. A solver isn't told the adjoint, but that adjoint calls
+    ``f`` from a function of its own, which is among the callers.
     """
     place = inspect.currentframe()
     for _ in range(_CALLERS):
@@ -127,6 +237,42 @@ def refuse_implicit_adjoint(frame: Frame) -> None:
                 "determine the entries of y; RecursiveCheckpointAdjoint gives the gradient"
             )
         place = place.f_back
+
+
+def check_noise(terms: diffrax.MultiTerm, method: Method) -> None:
+    """Raise an error unless terms are a FrameTerm and noise on its frame, and the method fits."""
+    parts = [unwrapped(term) for term in terms.terms]
+    noises = (isinstance(part, NoiseTerm) for part in parts[1:])
+    if not (isinstance(parts[0], FrameTerm) and all(noises)):
+        kinds = ", ".join(type(part).__name__ for part in parts)
+        raise TypeError(
+            f"terms must be a cg.jax.FrameTerm and then cg.jax.NoiseTerm, got {kinds}; f is "
+            "one function with all coefficients"
+        )
+    if any(part.frame != parts[0].frame for part in parts[1:]):
+        raise ValueError(f"terms must have one frame, got {[part.frame for part in parts]}")
+    if method.order < 2:
+        raise ValueError(
+            f"method must be of order two or more for noise, got {method!r}, whose steps have the "
+            "limit of Itô"
+        )
+
+
+def increments(
+    terms: diffrax.MultiTerm, t0: JaxArray, t1: JaxArray, args: Any
+) -> Callable[[Any, JaxArray], JaxArray]:
+    """Return the function ``(c, y)`` whose values are coefficients times the changes in a step."""
+    controls = [term.contr(t0, t1) for term in terms.terms]
+
+    def f(c: Any, y: JaxArray) -> JaxArray:
+        t = t0 + c * (t1 - t0)
+        drift, *noises = (term.vf(t, y, args) for term in terms.terms)
+        total = drift * controls[0]
+        for g, change in zip(noises, controls[1:], strict=True):
+            total = total + g @ jnp.asarray(change, g.dtype)
+        return total
+
+    return f
 
 
 def _check_point(frame: Frame, y: Any) -> None:

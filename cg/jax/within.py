@@ -25,7 +25,7 @@ from cg.integration.step.interpolant import (
 from cg.integration.step.paths import paths_of
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
-from cg.jax.stages import Stages, Start
+from cg.jax.stages import Stages, Start, flow_weights
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.support.copies import cached
@@ -83,15 +83,15 @@ class Within(diffrax.AbstractLocalInterpolation):
         if t1 is not None:
             return self.evaluate(t1) - self.evaluate(t0)
         span = self.t1 - self.t0
-        nothing = span == 0.0
-        theta = jnp.where(nothing, 0.0, (t0 - self.t0) / jnp.where(nothing, 1.0, span))
+        empty = span == 0.0
+        theta = jnp.where(empty, 0.0, (t0 - self.t0) / jnp.where(empty, 1.0, span))
         return self.within(theta)
 
 
 def interpolant(
     method: Method, start: Start, stages: Stages, last: JaxArray, *, accurate: bool
 ) -> _Interpolant:
-    """Return the interpolant of a step, with the coefficients at its end.
+    """Return the interpolant of a step; ``last`` are the coefficients at its end.
 
     If not ``accurate``, it consists of the flows of the step, with weights proportional to time.
     """
@@ -106,12 +106,8 @@ def interpolant(
 
 @cached
 def _straight(method: Method) -> _Scheme:
-    flows = paths_of(method).result_flows
-    weights = np.zeros((len(flows), len(paths_of(method).stages), 1))
-    for row, flow in zip(weights, flows, strict=True):
-        for stage, weight in flow:
-            row[stage] = float(weight)
-    return _Scheme(weights, accurate=False)
+    paths = paths_of(method)
+    return _Scheme(flow_weights(paths.result_flows, paths)[..., None], accurate=False)
 
 
 def _on_algebra(method: Method, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
@@ -150,7 +146,7 @@ def _on_algebra(method: Method, start: Start, stages: Stages, last: JaxArray) ->
 
 
 def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: int) -> JaxArray:
-    """Return the coordinates of a step that are near some, by Newton's method."""
+    """Return the coordinates of a step, by Newton's method from ``u``."""
     log, dexpinv = rules.log, rules.dexpinv
     assert log is not None
     assert dexpinv is not None

@@ -17,8 +17,8 @@ from cg.support.balls import to_ball
 class Polynomial:
     """A polynomial in the unknowns, with balls as coefficients.
 
-    NumPy computes with arrays of them, so that equations can be written as formulas. `terms` has
-    the coefficient of each product of unknowns, given by their indices in increasing order.
+    Arrays of polynomials let equations be written as formulas of NumPy. `terms` has the coefficient
+    of each product of unknowns, given by their indices in increasing order.
     """
 
     def __init__(self, terms: dict[tuple[int, ...], flint.arb]) -> None:

@@ -1,6 +1,8 @@
 """Reference solutions of quadratic differential equations, by Taylor series in ball arithmetic.
 
-They are independent of the methods on manifolds that are tested against them.
+With the coefficients y_in of unknown i at the start of a step, the terms c y_j y_k of its
+derivative give (n + 1) y_i,n+1 = Σ c Σ_m y_jm y_k,n-m. The solutions use no method on manifolds, so
+that these can be tested against them.
 """
 
 from __future__ import annotations
@@ -154,30 +156,26 @@ def _solve(
 
 
 def _taylor(system: QuadraticSystem, point: list[flint.arb], order: int) -> list[list[flint.arb]]:
-    """Return the Taylor coefficients of every unknown, by Cauchy products."""
+    """Return the Taylor coefficients of every unknown."""
     series = [[x] for x in point]
-    pairs = {indices for terms in system.equations for _, indices in terms if len(indices) == 2}
+    products = {indices for terms in system.equations for _, indices in terms}
     for n in range(order):
-        products = {
-            (i, j): sum(
-                (x * y for x, y in zip(series[i], reversed(series[j]), strict=True)), flint.arb()
-            )
-            for i, j in pairs
-        }
-        following = []
-        for terms in system.equations:
-            total = flint.arb()
-            for coefficient, indices in terms:
-                if len(indices) == 2:
-                    total += coefficient * products[indices[0], indices[1]]
-                elif len(indices) == 1:
-                    total += coefficient * series[indices[0]][n]
-                elif n == 0:
-                    total += coefficient
-            following.append(total / (n + 1))
+        values = {indices: _coefficient(series, indices, n) for indices in products}
+        following = [
+            sum((c * values[indices] for c, indices in terms), flint.arb()) / (n + 1)
+            for terms in system.equations
+        ]
         for coefficients, value in zip(series, following, strict=True):
             coefficients.append(value)
     return series
+
+
+def _coefficient(series: list[list[flint.arb]], indices: tuple[int, ...], n: int) -> flint.arb:
+    """Return the n-th Taylor coefficient of a product of unknowns, by Cauchy's formula for two."""
+    if len(indices) < 2:
+        return series[indices[0]][n] if indices else flint.arb(int(n == 0))
+    first, second = (series[i] for i in indices)
+    return sum((x * y for x, y in zip(first, reversed(second), strict=True)), flint.arb())
 
 
 def _horner(coefficients: list[flint.arb], t: Fraction) -> flint.arb:

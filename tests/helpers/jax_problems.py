@@ -4,7 +4,7 @@ import numpy as np
 from jax_setup import diffrax, jax
 
 import cg
-from cg.frames import Euclidean, Product, UnitQuaternion
+from cg.frames import Euclidean, FieldFrame, Product, UnitQuaternion
 
 jnp = jax.numpy
 ATTITUDE_AND_VELOCITY = Product(UnitQuaternion(), Euclidean(3))
@@ -49,7 +49,17 @@ def point(frame):
 def solve(term, solver, y0, *, h=None, end=1.0, rtol=1e-6, max_steps=4096, **options):
     """Return the solution of diffrax, with fixed steps or those of `cg.jax.controller`."""
     if h is None:
-        options["stepsize_controller"] = cg.jax.controller(term.frame, rtol, rtol)
+        options.setdefault("stepsize_controller", cg.jax.controller(term.frame, rtol, rtol))
     return diffrax.diffeqsolve(
         term, solver, 0.0, end, h, y0, max_steps=max_steps, **{"args": 1.0, **options}
+    )
+
+
+def squeeze(**options):
+    """Return a frame of hyperbolic rotations in a plane and translations along an axis."""
+    return FieldFrame(
+        [lambda y: jnp.stack([y[0], -y[1], 0.0 * y[2]]), lambda y: jnp.array([0.0, 0.0, 1.0])],
+        lambda v, y: jnp.stack([y[0] * jnp.exp(v[0]), y[1] * jnp.exp(-v[0]), y[2] + v[1]]),
+        point_shape=3,
+        **options,
     )

@@ -43,12 +43,6 @@ def test_transition_matrices_change_by_the_divergence(frame):
     assert float(start + end) * eps / 2 == pytest.approx(expected, abs=1e-8)
 
 
-def test_gradients_on_spheres_have_the_laplacian():
-    y = jnp.array([0.6, 0.0, 0.8])
-    height = cg.jax.divergence(lambda t, y, a: jnp.cross(y, jnp.eye(3)[2]), Sphere(2))
-    assert float(height(0.0, y, None)) == pytest.approx(-1.6, abs=1e-14)
-
-
 @pytest.mark.parametrize("frame", [SO3(), Sphere(2)], ids=repr)
 def test_estimates_have_the_divergence_as_mean(frame):
     f = field(frame)

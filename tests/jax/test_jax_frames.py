@@ -1,36 +1,19 @@
 """Frames in JAX equal those in NumPy and are differentiable."""
 
+from fractions import Fraction
+from functools import partial
+from math import factorial
+
 import numpy as np
 import pytest
+from jax_problems import squeeze
 from jax_setup import jax
 from numpy.polynomial import Polynomial
 from refusals import refuses
 from slow_cases import slow
 
 import cg
-from cg.frames import (
-    GL,
-    SE3,
-    SL,
-    SO,
-    SO3,
-    SPD,
-    SU,
-    Euclidean,
-    FieldFrame,
-    Grassmann,
-    Hyperbolic,
-    IsospectralOrbit,
-    MatrixFrame,
-    Power,
-    Product,
-    Semidirect,
-    Sp,
-    Sphere,
-    Stiefel,
-    U,
-    UnitQuaternion,
-)
+from cg import frames as fr
 from cg.frames.dexpinv import bernoulli_terms
 from cg.jax.entire import dexpinv_factor, motion_factors, stumpff
 from cg.jax.frames import rules_of
@@ -38,27 +21,18 @@ from cg.jax.frames import rules_of
 jnp = jax.numpy
 
 
-def squeeze(xp):
-    """Return a frame of hyperbolic rotations in a plane and translations along an axis."""
-    return FieldFrame(
-        [lambda y: xp.stack([y[0], -y[1], 0.0 * y[2]]), lambda y: xp.array([0.0, 0.0, 1.0])],
-        lambda v, y: xp.stack([y[0] * xp.exp(v[0]), y[1] * xp.exp(-v[0]), y[2] + v[1]]),
-        point_shape=3,
-        bracket=lambda u, v: xp.zeros(2),
-    )
-
-
-QUICK = [UnitQuaternion(), Euclidean(3)]
+QUICK = [fr.UnitQuaternion(), fr.Euclidean(3)]
 FRAMES = [
-    *(SE3(), SU(2), Sphere(2), Stiefel(3, 2), Product(SU(2), Euclidean(2)), squeeze(jnp)),
-    *(SPD(2), Hyperbolic(3)),
+    *(fr.SE3(), fr.SU(2), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2))),
+    *(squeeze(bracket=lambda u, v: jnp.zeros(2)), fr.SPD(2), fr.Hyperbolic(3)),
 ]
 OTHERS = [
-    *(UnitQuaternion("space", scalar_first=True), SO3("space"), SO3(), SE3("space"), SO(2), SO(4)),
-    *(Semidirect(SO3(), 2), SU(3), SU(2, "body"), U(2), GL(2), Sphere(1), Sphere(3)),
-    *(Grassmann(4, 2), SL(3, "body"), Sp(4), IsospectralOrbit((1.0, 2.0, 4.0))),
-    IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
-    *(Stiefel(4, 2), Power(Sphere(2), 3), MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]])),
+    *(fr.UnitQuaternion("space", scalar_first=True), fr.SO3("space"), fr.SO3(), fr.SE3("space")),
+    *(fr.SO(2), fr.SO(4), fr.SU(3), fr.SU(2, "body"), fr.U(2), fr.GL(2), fr.SL(3, "body")),
+    *(fr.Semidirect(fr.SO3(), 2), fr.Sp(4), fr.Sphere(1), fr.Sphere(3), fr.Stiefel(4, 2)),
+    *(fr.Grassmann(4, 2), fr.IsospectralOrbit((1.0, 2.0, 4.0)), fr.Power(fr.Sphere(2), 3)),
+    fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
+    fr.MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]]),
 ]
 EPS = np.finfo(float).eps
 
@@ -91,41 +65,40 @@ class TestValues:
     def test_coefficients_sizes_and_dexpinv(self, frame, example):
         y, v, w = example
         rules = rules_of(frame)
-        end, tangent = frame.flow(v, y), frame.field(w, y)
+        end, tangent, near = frame.flow(v, y), frame.field(w, y), frame.flow(1e-6 * w, y)
 
         @jax.jit
         def compute(v, w, y, end, tangent):
             back = rules.field(rules.coefficients(y, tangent), y)
             known = () if rules.log is None else (rules.log(y, end),)
-            return back, rules.sizes(y), rules.dexpinv(v, w, 8), *known
+            return back, rules.sizes(y), rules.dexpinv(v, w, 8), rules.nearby(y, near), *known
 
-        back, sizes, derivative, *known = compute(v, w, y, end, tangent)
+        back, sizes, derivative, step, *known = compute(v, w, y, end, tangent)
         close(back, tangent, 10)
         close(sizes, frame.coordinate_sizes(y))
         close(derivative, frame.dexpinv(v, w, order=8), 10)
+        close(frame.flow(step, y), near)
         for actual in known:
             close(actual, frame.exp_coordinates(y, end), 10)
 
-    def test_restored_points(self, frame, example):
-        """A step of Newton's method takes points near the manifold to it."""
+    def test_distances(self, frame, example):
+        """They are those of NumPy to first order; a step of Newton's method removes them."""
         y, *_ = example
-        if frame.membership_error(2.0 * y) == 0.0:
-            pytest.skip("all points are on the manifold")
+        rules = rules_of(frame)
+        distance = jax.jit(rules.distance)
+        assert max(distance(y), distance(frame.flow(np.full(frame.dim, 2.0), y))) < 1e-13
         rng = np.random.default_rng(6)
         tilt = rng.standard_normal(y.shape) + (1j if np.iscomplexobj(y) else 0.0)
-        if isinstance(frame, Semidirect):
+        exact = frame.relative_error(y + 1e-6 * tilt)
+        assert 0.3 * exact <= distance(y + 1e-6 * tilt) <= 3.0 * exact
+        if exact == 0.0:
+            return
+        if not isinstance(frame, (fr.SL, fr.Sp, fr.SPD)):  # open, or relative
+            assert min(distance(2.0 * y), distance(0.0 * y)) >= 0.5
+        if isinstance(frame, fr.Semidirect):
             tilt[-1 - (frame.size - frame.group.size) :] = 0.0
-        near = y + 1e-6 * tilt
-        assert frame.membership_error(near) > 1e-8
-        restored = jax.jit(rules_of(frame).restore)(near)
+        restored = jax.jit(rules.restore)(y + 1e-6 * tilt)
         assert frame.membership_error(restored) < 1e-10
-
-    def test_points_near_each_other(self, frame, example):
-        y, _, w = example
-        rules = rules_of(frame)
-        end = frame.flow(1e-6 * w, y)
-        v = jax.jit(rules.nearby)(y, end)
-        close(frame.flow(v, y), end)
 
     def test_single_precision(self, frame, example):
         """Flows, and their derivatives at coefficients zero in both modes."""
@@ -135,43 +108,48 @@ class TestValues:
 
         @jax.jit
         def compute(v, w, y):
-            zero = jnp.zeros_like(v)
-            slope = jax.grad(lambda v: jnp.vdot(w[0] * y, rules.flow(v, y)).real)(zero)
+            slope = jax.grad(lambda v: jnp.vdot(w[0] * y, rules.flow(v, y)).real)(0.0 * v)
             return rules.flow(v, y), rules.field(w, y), slope
 
         low = jnp.asarray(v, np.float32), jnp.asarray(w, np.float32), jnp.asarray(y, kind)
-        moved, tangent, slope = compute(*low)
-        assert (moved.dtype, slope.dtype) == (kind, np.float32)
         fields = np.stack([frame.field(unit, y) for unit in np.eye(frame.dim)])
-        expected = [np.vdot(w[0] * y, field).real for field in fields]
-        np.testing.assert_allclose(moved, frame.flow(v, y), rtol=0.0, atol=2e-6)
-        np.testing.assert_allclose(tangent, frame.field(w, y), rtol=0.0, atol=2e-6)
-        np.testing.assert_allclose(slope, expected, rtol=0.0, atol=2e-6)
+        slope = [np.vdot(w[0] * y, field).real for field in fields]
+        actual = compute(*low)
+        for one, expected in zip(actual, (frame.flow(v, y), frame.field(w, y), slope), strict=True):
+            np.testing.assert_allclose(one, expected, rtol=0.0, atol=2e-6)
+        assert [one.dtype for one in actual] == [kind, kind, np.float32]
+
+
+def test_reflections_are_off_the_rotations():
+    assert rules_of(fr.SO3()).distance(-jnp.eye(3)) == pytest.approx(2.0)
+    assert rules_of(fr.Hyperbolic(2)).distance(jnp.array([3.0, -1.0])) == 2.0
 
 
 def unitary(frame, angles, rng):
     """Return a random element of a group of unitary matrices whose eigenvalues have some angles."""
-    if isinstance(frame, SO):
+    if isinstance(frame, fr.SO):
         axes = frame.random_point(rng)
         x = np.eye(frame.n)
         for i, angle in enumerate(angles):
             c, s = np.cos(angle), np.sin(angle)
             x[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[c, -s], [s, c]]
     else:
-        axes, x = U(frame.n).random_point(rng), np.diag(np.exp(1j * np.asarray(angles)))
+        axes, x = fr.U(frame.n).random_point(rng), np.diag(np.exp(1j * np.asarray(angles)))
     return axes @ x @ axes.conj().T
 
 
-UNITARY = [SO(4), SU(3), *slow(SO(5, "space"), SO(7), U(1), U(2))]
+UNITARY = [fr.SO(4), fr.SU(3), *slow(fr.SO(5, "space"), fr.SO(7), fr.U(1), fr.U(2))]
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 class TestLargeAngles:
-    @pytest.mark.parametrize("frame", [*UNITARY, *slow(Stiefel(4, 2), Sphere(3), GL(2))], ids=repr)
+    @pytest.mark.parametrize(
+        "frame", [*UNITARY, *slow(fr.Stiefel(4, 2), fr.Sphere(3), fr.GL(2))], ids=repr
+    )
     def test_flows(self, frame, kind):
         rng = np.random.default_rng(3)
         flow = jax.jit(lambda v, y: cg.jax.flow(frame, v, y))
-        for size in (8.0, 11.0, 30.0, 1000.0)[: 1 if isinstance(frame, GL) else 4]:
+        for size in (8.0, 11.0, 30.0, 1000.0)[: 1 if isinstance(frame, fr.GL) else 4]:
             for _ in range(5):
                 y, v = frame.random_point(rng), rng.standard_normal(frame.dim)
                 v = (size / np.linalg.norm(v) * v).astype(kind)
@@ -184,7 +162,7 @@ class TestLargeAngles:
     def test_logarithms(self, frame, kind):
         """They lead to the point, are shortest, and have right derivatives along themselves."""
         rng, rounding = np.random.default_rng(4), float(np.finfo(kind).eps)
-        rules, count = rules_of(frame), frame.n // 2 if isinstance(frame, SO) else frame.n
+        rules, count = rules_of(frame), frame.n // 2 if isinstance(frame, fr.SO) else frame.n
         log = jax.jit(rules.log)
 
         def along(v, y):
@@ -194,7 +172,7 @@ class TestLargeAngles:
         for less in (0.0, 1e-13, 1e-9, 1e-6, 1e-3, 0.1, 1.0):
             for other in (0.0, 0.5 * np.pi, 2.5, -3.0):
                 angles = [np.pi - less, other, *[1.0] * count][:count]
-                if isinstance(frame, SU):
+                if isinstance(frame, fr.SU):
                     angles[-1] = -sum(angles[:-1])
                 x, one = unitary(frame, angles, rng), np.eye(frame.n, dtype=frame.dtype)
                 low = np.complex64 if frame.dtype.kind == "c" else np.float32
@@ -208,9 +186,9 @@ class TestLargeAngles:
                 expected = 2.0 * (1.0 - 1e-3) ** 2 * shortest**2
                 assert slope == pytest.approx(expected, rel=5000 * rounding)
 
-    @pytest.mark.parametrize("frame", [UnitQuaternion(), SU(2)], ids=repr)
+    @pytest.mark.parametrize("frame", [fr.UnitQuaternion(), fr.SU(2)], ids=repr)
     def test_a_full_turn_of_quaternions(self, frame, kind):
-        y = np.eye(2) + 0j if isinstance(frame, SU) else np.array([0.0, 0.0, 0.0, 1.0])
+        y = np.eye(2) + 0j if isinstance(frame, fr.SU) else np.array([0.0, 0.0, 0.0, 1.0])
         y = y.astype(np.result_type(kind, np.complex64) if np.iscomplexobj(y) else kind)
         log = rules_of(frame).log
         np.testing.assert_allclose(log(y, -y), [2.0 * np.pi, 0.0, 0.0], rtol=1e-6)
@@ -220,7 +198,9 @@ class TestLargeAngles:
 class TestSeriesOfDexpinv:
     """Beyond the radius of convergence values are those of NumPy: NaN, unless the series ends."""
 
-    @pytest.mark.parametrize("frame", [SU(3), SO3(), SE3(), *slow(SO(4), SU(2))], ids=repr)
+    @pytest.mark.parametrize(
+        "frame", [fr.SU(3), fr.SO3(), fr.SE3(), *slow(fr.SO(4), fr.SU(2))], ids=repr
+    )
     def test_the_radius(self, frame):
         """It is where differences of eigenvalues of the matrix of u are 2 π."""
         rng = np.random.default_rng(10)
@@ -237,7 +217,7 @@ class TestSeriesOfDexpinv:
         assert np.isnan(values).all()
 
     def test_derivatives_stay_finite(self):
-        frame = SU(3)
+        frame = fr.SU(3)
         v = np.random.default_rng(12).standard_normal(frame.dim)
         slope = jax.jit(jax.jacrev(lambda u: rules_of(frame).dexpinv(u, v, 6)))
         for u in (0.0 * v, 0.1 * v[::-1]):
@@ -250,28 +230,20 @@ class TestSeriesOfDexpinv:
 @pytest.mark.parametrize("frame", [*QUICK, *slow(*FRAMES, *OTHERS)], ids=repr, indirect=True)
 class TestDerivatives:
     def test_at_coefficients_zero(self, frame, example):
-        """The flow of v and then of -v is the identity, and its derivatives are zero."""
+        """The flow of v and then of -v is the identity; its derivatives in both modes are zero."""
         y, v, _ = example
         rules = rules_of(frame)
 
         def twice(s):
             return rules.flow(-s * v, rules.flow(s * v, y))
 
-        first = jax.jacfwd(twice)
-        for derivative in jax.jit(lambda s: (first(s), jax.jacfwd(first)(s)))(0.0):
-            close(derivative, np.zeros(frame.point_shape), 100)
+        def part(s):
+            return jnp.vdot(y, twice(s)).real
 
-    def test_reverse_is_forward(self, frame, example):
-        y, v, w = example
-        rules = rules_of(frame)
-
-        def cost(v):
-            return jnp.vdot(rules.flow(w, y), rules.flow(v, y)).real
-
-        both = jax.jit(lambda v: (jax.jacfwd(jax.grad(cost))(v), jax.jacrev(jax.jacfwd(cost))(v)))
-        for at in (np.zeros(frame.dim), v):
-            forward, reverse = both(at)
-            close(forward, reverse, 50)
+        first, slope = jax.jacfwd(twice), jax.grad(part)
+        compute = jax.jit(lambda s: (first(s), jax.jacfwd(first)(s), slope(s), jax.grad(slope)(s)))
+        for derivative in compute(0.0):
+            close(derivative, np.zeros_like(derivative), 100)
 
     def test_logarithms_at_equal_points(self, frame, example):
         y, v, _ = example
@@ -282,94 +254,74 @@ class TestDerivatives:
         def back(v):
             return rules.log(y, rules.flow(v, y))
 
-        zero = np.zeros(frame.dim)
         shortest = jax.jit(lambda v: rules.coefficients(y, rules.field(v, y)))(v)
         first, second = jax.jit(
-            lambda v, w: (jax.jvp(back, (v,), (w,))[1], jax.jvp(jax.jacfwd(back), (v,), (w,))[1])
-        )(zero, v)
+            lambda u, w: (jax.jvp(back, (u,), (w,))[1], jax.jvp(jax.jacrev(back), (u,), (w,))[1])
+        )(0.0 * v, v)
         close(first, shortest, 50)
         if rules.free:
             close(second, np.zeros((frame.dim, frame.dim)), 200)
 
 
 class TestSmoothFunctions:
-    """Functions against series in exact arithmetic, on both sides of their switching points."""
-
-    AT = np.array([0.0, 1e-300, 1e-12, 1e-4, 0.01, 0.039, 0.05, 1.0, 3.99, 4.01, 9.0, 25.0])
-
-    @staticmethod
-    def series(q, k, derivative=0):
-        from fractions import Fraction
-        from math import factorial, perm
-
-        total = Fraction(0)
-        for j in range(derivative, 90):
-            factor = Fraction(perm(j, derivative), factorial(2 * j + k)) * (-1) ** j
-            total += factor * Fraction(q) ** (j - derivative)
-        return float(total)
+    """Functions against exact values, on both sides of their switching points."""
 
     @pytest.mark.parametrize("k", [0, 3, *slow(1, 2, 4)])
     def test_stumpff(self, k):
-        functions = [lambda q: stumpff(k, q)]
-        for _ in range(3):
-            functions.append(jax.grad(functions[-1]))
-        values = jax.jit(jax.vmap(lambda q: [f(q) for f in functions]))(self.AT)
-        for derivative, actual in enumerate(values):
-            expected = [self.series(q, k, derivative) for q in self.AT]
+        at = np.array([0.0, 1e-300, 1e-12, 1e-4, 0.01, 0.039, 0.05, 1.0, 3.99, 4.01, 9.0, 25.0])
+        series = [Fraction((-1) ** j, factorial(2 * j + k)) for j in range(90)]
+        function = partial(stumpff, k)
+        for _ in range(4):
+            expected = [float(sum(c * Fraction(q) ** j for j, c in enumerate(series))) for q in at]
+            actual = jax.jit(jax.vmap(function))(at)
             np.testing.assert_allclose(actual, expected, rtol=1e-13, atol=1e-15)
+            series = [j * c for j, c in enumerate(series)][1:]
+            function = jax.grad(function)
 
     def test_factors_of_dexpinv(self):
         """The factor is (1 - x cot x) / (4 x^2), and Bernoulli's series near zero."""
-
-        def exact(q):
-            if q < 1.0:
-                terms = [abs(float(term)) for term in bernoulli_terms(42)[2::2]]
-                return Polynomial(terms)(q), Polynomial(terms).deriv()(q)
-            x = np.sqrt(q) / 2.0
-            top, slope = 1.0 - x / np.tan(x), x / np.sin(x) ** 2 - 1.0 / np.tan(x)
-            return top / q, (slope / q - 2.0 * top / (q * x)) / (8.0 * x)
-
-        q = np.append(np.linspace(0.0, 39.0, 40), [1e-20, 1e-6, 0.3])
-        values, slopes = np.transpose([exact(one) for one in q])
-        found = jax.jit(jax.vmap(jax.value_and_grad(dexpinv_factor)))(jnp.asarray(q))
-        np.testing.assert_allclose(found[0], values, rtol=1e-14)
-        np.testing.assert_allclose(found[1], slopes, rtol=1e-13)
+        terms = Polynomial([abs(float(term)) for term in bernoulli_terms(42)[2::2]])
+        q = np.concatenate([[0.0, 1e-20, 1e-6, 0.3], np.arange(1.0, 40.0)])
+        x = np.sqrt(q[4:]) / 2.0
+        top, slope = 1.0 - x / np.tan(x), x / np.sin(x) ** 2 - 1.0 / np.tan(x)
+        values = np.append(terms(q[:4]), top / q[4:])
+        far = (slope / q[4:] - 2.0 * top / (q[4:] * x)) / (8.0 * x)
+        slopes = np.append(terms.deriv()(q[:4]), far)
+        actual = jax.jit(jax.vmap(jax.value_and_grad(dexpinv_factor)))(jnp.asarray(q))
+        np.testing.assert_allclose(actual[0], values, rtol=1e-14)
+        np.testing.assert_allclose(actual[1], slopes, rtol=1e-13)
         second, fourth = jax.jit(jax.vmap(motion_factors))(jnp.asarray(q))
         np.testing.assert_allclose(second, values - q * slopes, rtol=1e-12, atol=1e-13)
         np.testing.assert_allclose(fourth, -slopes, rtol=1e-13)
 
 
-class TestPoints:
-    FRAME = Product(SU(2), UnitQuaternion(), Euclidean(2))
+def test_products_are_taken_apart_and_joined():
+    frame = fr.Product(fr.SU(2), fr.UnitQuaternion(), fr.Euclidean(2))
+    y = frame.random_point(np.random.default_rng(1))
+    parts = cg.jax.split(frame, y)
+    for part, expected in zip(parts, frame.split(y), strict=True):
+        np.testing.assert_array_equal(part, expected)
+    np.testing.assert_array_equal(cg.jax.join(frame, *parts), y)
+    refuses(ValueError, "parts must", cg.jax.join, frame, np.zeros(4))
+    with pytest.raises(ValueError, match=r"parts\[1\] must"):
+        cg.jax.join(frame, np.eye(2), np.zeros(3), np.zeros(2))
 
-    def test_products_are_taken_apart_and_joined(self):
-        y = self.FRAME.random_point(np.random.default_rng(1))
-        parts = cg.jax.split(self.FRAME, y)
-        for part, expected in zip(parts, self.FRAME.split(y), strict=True):
-            np.testing.assert_array_equal(part, expected)
-        np.testing.assert_array_equal(cg.jax.join(self.FRAME, *parts), y)
 
-    def test_cotangents(self):
-        frame = Sphere(2)
-        y, v = frame.random_point(np.random.default_rng(2)), np.array([0.3, -0.2, 0.5])
-        g = jax.grad(lambda y: y[0] * y[1] + y[2] ** 3)(y)
-        along = float(g @ frame.field(v, y))
-        assert float(cg.jax.cotangent(frame, y, g) @ v) == pytest.approx(along, rel=1e-13)
+def test_cotangents():
+    frame = fr.Sphere(2)
+    y, v = frame.random_point(np.random.default_rng(2)), np.array([0.3, -0.2, 0.5])
+    g = jax.grad(lambda y: y[0] * y[1] + y[2] ** 3)(y)
+    along = float(g @ frame.field(v, y))
+    assert float(cg.jax.cotangent(frame, y, g) @ v) == pytest.approx(along, rel=1e-13)
 
-    def test_bad_input(self):
-        quaternion = UnitQuaternion()
-        refuses(ValueError, "y must", cg.jax.flow, quaternion, np.zeros(3), np.zeros(3))
-        refuses(ValueError, "v must", cg.jax.flow, quaternion, np.zeros(4), np.zeros(4))
-        with pytest.raises(ValueError, match=r"must have exp_coordinates"):
-            cg.jax.log(Stiefel(3, 2), np.eye(3, 2), np.eye(3, 2))
-        refuses(TypeError, "frame must", cg.jax.split, quaternion, np.zeros(4))
-        refuses(ValueError, "parts must", cg.jax.join, self.FRAME, np.zeros(4))
-        with pytest.raises(ValueError, match=r"parts\[1\] must"):
-            cg.jax.join(self.FRAME, np.eye(2), np.zeros(3), np.zeros(2))
-        refuses(
-            TypeError,
-            r"FieldFrame takes a flow in jax.numpy",
-            rules_of,
-            cg.frames.CoadjointOrbit(SO3(), [1.0, 0.0, 0.0]),
-        )
-        refuses(TypeError, "frame must", rules_of, 3)
+
+def test_bad_input():
+    quaternion = fr.UnitQuaternion()
+    refuses(ValueError, "y must", cg.jax.flow, quaternion, np.zeros(3), np.zeros(3))
+    refuses(ValueError, "v must", cg.jax.flow, quaternion, np.zeros(4), np.zeros(4))
+    with pytest.raises(ValueError, match=r"must have exp_coordinates"):
+        cg.jax.log(fr.Stiefel(3, 2), np.eye(3, 2), np.eye(3, 2))
+    refuses(TypeError, "frame must", cg.jax.split, quaternion, np.zeros(4))
+    refuses(TypeError, "frame must", rules_of, 3)
+    orbit = fr.CoadjointOrbit(fr.SO3(), [1.0, 0.0, 0.0])
+    refuses(TypeError, r"FieldFrame takes a flow in jax.numpy", rules_of, orbit)

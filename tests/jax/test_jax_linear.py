@@ -45,25 +45,19 @@ def test_steps_are_those_of_compiled_code(frame, name):
     np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=1e-12)
 
 
-def test_dense_generators():
-    a = drive(2, np)
-    here = solve(CHAIN, "CFM6(4)", STARTS[CHAIN], tol=1e-9)
+@pytest.mark.parametrize(
+    ("frame", "name", "bound"),
+    [(SU(2), "CFM4", 1e-6), (SU(2), "CFM8(4)", 1e-10), (CHAIN, "CFM6(4)", 1e-8)],
+    ids=repr,
+)
+def test_output_between_steps(frame, name, bound):
+    """Also on a LinearAction, whose generators are dense in JAX."""
+    times, y0 = jnp.linspace(0.1, 1.9, 7), STARTS[frame]
+    here = solve(frame, name, y0, h=0.05, saveat=diffrax.SaveAt(ts=times))
     there = cg.solve_linear(
-        lambda t: a(t, 1.0), (0, 2), STARTS[CHAIN], frame=CHAIN, rtol=1e-12, atol=1e-12
-    )
-    np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=1e-8)
-
-
-@pytest.mark.parametrize("name", ["CFM4", "CFM8(4)"])
-def test_output_between_steps(name):
-    times = jnp.linspace(0.1, 1.9, 7)
-    y0 = STARTS[SU(2)]
-    here = solve(SU(2), name, y0, h=0.05, saveat=diffrax.SaveAt(ts=times))
-    there = cg.solve_linear(
-        lambda t: drive(3, np)(t, 1.0), (0, 2), y0, frame=SU(2), rtol=1e-12, atol=1e-12,
+        lambda t: drive(frame.dim, np)(t, 1.0), (0, 2), y0, frame=frame, rtol=1e-12, atol=1e-12,
         t_eval=np.asarray(times),
     )  # fmt: skip
-    bound = {"CFM4": 1e-6, "CFM8(4)": 1e-10}[name]
     np.testing.assert_allclose(here.ys, there.y, rtol=0, atol=bound)
 
 

@@ -1,33 +1,34 @@
 """Steps, errors and output in JAX equal those of compiled code."""
 
+import pickle
+from itertools import product
+
 import numpy as np
 import pytest
-from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
+from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, squeeze, term
 from jax_setup import diffrax, jax
 from kinds import FROZEN, MUNTHE_KAAS
 from python_steps import Step
 from slow_cases import slow
 
 import cg
-from cg.frames import (
-    SE3,
-    SO,
-    SO3,
-    SU,
-    Euclidean,
-    FieldFrame,
-    Power,
-    Product,
-    Semidirect,
-    Sphere,
-    Stiefel,
-    U,
-    UnitQuaternion,
-)
+from cg import frames as fr
 
+eqx = pytest.importorskip("equinox")
 jnp = jax.numpy
 METHODS = {**FROZEN, **MUNTHE_KAAS}
 EXPLICIT = [name for name, method in METHODS.items() if method.explicit]
+
+FRAMES = [
+    *(fr.SE3(), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2))),
+    *(fr.Hyperbolic(2), fr.Grassmann(3, 1)),
+]
+OTHERS = [
+    *(fr.SO3("space"), fr.SU(3), fr.Power(fr.Sphere(2), 2), fr.Semidirect(fr.SO3(), 2), fr.SO(4)),
+    *(fr.SO(2), fr.U(2), fr.SPD(2), fr.SL(2), fr.Sp(2, "body")),
+    fr.IsospectralOrbit((0.0, 0.0, 1.0)),
+    fr.IsospectralOrbit((-1.0, 1.0), hermitian=True),
+]
 
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
 
@@ -35,7 +36,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax
 class TestSteps:
     @pytest.mark.parametrize("name", EXPLICIT)
     def test_all_methods(self, name):
-        frame = UnitQuaternion()
+        frame = fr.UnitQuaternion()
         ours, f = term(frame)
         solver = cg.jax.Solver(name, dense="steps")
         y0, h = point(frame), 0.1
@@ -48,16 +49,13 @@ class TestSteps:
         np.testing.assert_allclose(y, expected, rtol=0.0, atol=1e-13)
 
     @pytest.mark.parametrize(
-        "frame",
+        ("frame", "name"),
         [
-            *(SE3(), Sphere(2), Stiefel(3, 2), Product(SU(2), Euclidean(2))),
-            *slow(
-                SO3("space"), SU(3), Power(Sphere(2), 2), Semidirect(SO3(), 2), SO(4), SO(2), U(2)
-            ),
+            *product([*FRAMES, squeeze()], ["CF4(3)"]),
+            *slow(*product(OTHERS, ["CF4(3)"]), *product([*FRAMES, *OTHERS], ["RKMK5(4)"])),
         ],
         ids=repr,
     )
-    @pytest.mark.parametrize("name", ["CF4(3)", *slow("RKMK5(4)")])
     def test_all_frames_between_steps_too(self, frame, name):
         ours, f = term(frame)
         y0, h, inner = point(frame), 0.1, np.array([0.0, 0.3, 0.8, 1.0])
@@ -79,33 +77,26 @@ class TestSteps:
 
     @pytest.mark.parametrize("name", ["RKMK8(5,3)", *slow("RKMK5(4)")])
     def test_stages_in_a_loop_are_those_unrolled(self, name):
-        frame = UnitQuaternion()
+        """And those without jit, as with JAX_DISABLE_JIT, where loops may not be empty."""
+        frame = fr.UnitQuaternion()
         ours, _ = term(frame)
         y0, first = jnp.asarray(point(frame)), jnp.ones(3)
 
         def step(unroll):
             solver = cg.jax.Solver(name, unroll=unroll)
-            return jax.jit(lambda y: solver.step(ours, 0.0, 0.1, y, 1.0, first, False)[:2])
+            return lambda y: solver.step(ours, 0.0, 0.1, y, 1.0, first, False)[:2]
 
-        unrolled, loop = step(True), step(False)
-        for one, other in zip(unrolled(y0), loop(y0), strict=True):
-            np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-15)
+        unrolled, loop = jax.jit(step(True)), jax.jit(step(False))
+        with jax.disable_jit():
+            alone = step(False)(y0)
+        for one, *others in zip(unrolled(y0), loop(y0), alone, strict=True):
+            for other in others:
+                np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-15)
         sizes = [len(f.lower(y0).compile().as_text()) for f in (unrolled, loop)]
         assert sizes[1] < 0.7 * sizes[0]
 
-    def test_without_jit(self):
-        """As with JAX_DISABLE_JIT, where loops may not be empty."""
-        frame = UnitQuaternion()
-        ours, _ = term(frame)
-        y0, first = jnp.asarray(point(frame)), jnp.ones(3)
-        solver = cg.jax.Solver("RKMK5(4)", dense="steps")
-        expected = solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[0]
-        with jax.disable_jit():
-            actual = solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[0]
-        np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-15)
-
     def test_single_precision_stays(self):
-        frame = UnitQuaternion()
+        frame = fr.UnitQuaternion()
         y0 = jnp.asarray(point(frame), np.float32)
         solver = cg.jax.Solver(cg.methods["CF4(3)"])
         ours, _ = term(frame)
@@ -117,71 +108,55 @@ class TestSteps:
 
 class TestErrors:
     @pytest.mark.parametrize(
-        ("name", "rtol"),
+        ("frame", "name", "rtol"),
         [
-            ("RKMK8(5,3)", 1e-9),
-            *slow(("RKMK8(5,3)", 1e-4)),
-            ("CF5(4)", 1e-4),
-            *slow(("CF5(4)", 1e-9), ("CG4(3)", 1e-6)),
-        ],
-    )
-    def test_steps_are_those_of_solve_ivp(self, name, rtol):
-        frame = ATTITUDE_AND_VELOCITY
-        ours = cg.jax.FrameTerm(body(jnp), frame)
-        solution = solve(ours, cg.jax.Solver(name), START, end=5.0, rtol=rtol, args=INERTIA)
-        expected = cg.solve_ivp(
-            body(np), (0.0, 5.0), START, frame=frame, method=name, rtol=rtol, atol=rtol
-        )
-        assert solution.stats["num_accepted_steps"] == len(expected.t) - 1
-        np.testing.assert_allclose(solution.ys[-1], expected.y[-1], rtol=0.0, atol=2e-12)
-
-    @pytest.mark.parametrize(
-        ("frame", "name"),
-        [
-            (Stiefel(3, 2), "CF4(3)"),
+            (ATTITUDE_AND_VELOCITY, "RKMK8(5,3)", 1e-9),
+            (ATTITUDE_AND_VELOCITY, "CF5(4)", 1e-4),
+            (fr.Stiefel(3, 2), "CF4(3)", 1e-6),
             *slow(
-                (Stiefel(3, 2), "RKMK8(5,3)"),
-                (Sphere(2), "RKMK8(5,3)"),
-                (SE3(), "CF6(5)"),
-                (SU(2), "CF5(4)"),
-                (Product(SU(2), Euclidean(2)), "CG4(3)"),
+                (ATTITUDE_AND_VELOCITY, "CG4(3)", 1e-6),
+                (fr.Stiefel(3, 2), "RKMK8(5,3)", 1e-6),
+                (fr.Sphere(2), "RKMK8(5,3)", 1e-4),
+                (fr.SE3(), "CF6(5)", 1e-6),
+                (fr.SU(2), "CF5(4)", 1e-9),
+                (fr.Product(fr.SU(2), fr.Euclidean(2)), "CG4(3)", 1e-6),
             ),
         ],
     )
-    def test_on_frames(self, frame, name):
+    def test_steps_are_those_of_solve_ivp(self, frame, name, rtol):
         ours, f = term(frame)
         y0 = point(frame)
-        solution = solve(ours, cg.jax.Solver(name, dense="steps"), y0, end=2.0)
-        expected = cg.solve_ivp(f, (0.0, 2.0), y0, frame=frame, method=name, rtol=1e-6, atol=1e-6)
+        solution = solve(ours, cg.jax.Solver(name, dense="steps"), y0, end=2.0, rtol=rtol)
+        expected = cg.solve_ivp(f, (0.0, 2.0), y0, frame=frame, method=name, rtol=rtol, atol=rtol)
         assert solution.stats["num_accepted_steps"] == len(expected.t) - 1
         np.testing.assert_allclose(solution.ys[-1], expected.y[-1], rtol=0.0, atol=2e-12)
 
-    def test_plain_controllers_of_diffrax(self):
-        """They measure errors in entries of points."""
+    def test_controllers_of_diffrax_and_steps_backwards(self):
+        """``PIDController`` measures errors in entries of points."""
         frame = ATTITUDE_AND_VELOCITY
-        ours = cg.jax.FrameTerm(body(jnp), frame)
-        solver = cg.jax.Solver("CF5(4)", dense="steps")
+        ours, solver = cg.jax.FrameTerm(body(jnp), frame), cg.jax.Solver("CF5(4)", dense="steps")
         pid = diffrax.PIDController(rtol=1e-8, atol=1e-8)
         end = solve(ours, solver, START, end=2.0, h=0.01, stepsize_controller=pid, args=INERTIA)
         exact = cg.solve_ivp(body(np), (0.0, 2.0), START, frame=frame, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(end.ys[-1], exact.y[-1], rtol=0.0, atol=1e-6)
+        back = diffrax.diffeqsolve(
+            ours, solver, 2.0, 0.0, None, jnp.asarray(exact.y[-1]), INERTIA,
+            stepsize_controller=cg.jax.controller(frame, 1e-9, 1e-9),
+        )  # fmt: skip
+        np.testing.assert_allclose(back.ys[-1], START, rtol=0.0, atol=1e-7)
 
     @pytest.mark.parametrize("name", ["CF5(4)", "DOP853", "RKMK8(5,3)"])
     def test_equations_of_time_alone(self, name):
         """Two results of a pair might agree although both are wrong."""
 
-        def f(t, y, args):
-            return jax.numpy.array([5 + 10 * t, 3 - 4 * t, 6 * t**2 - 2])
+        def a(t):
+            return jnp.array([5 + 10 * t, 3 - 4 * t, 6 * t**2 - 2])
 
-        exact = cg.solve_linear(
-            lambda t: [5 + 10 * t, 3 - 4 * t, 6 * t**2 - 2], (0, 2), np.eye(3), frame=SO3(),
-            method="CFM8(4)", h=0.005,
-        ).y[-1]  # fmt: skip
-        run = diffrax.diffeqsolve(
-            cg.jax.FrameTerm(f, SO3()), cg.jax.Solver(name), 0.0, 2.0, None, jax.numpy.eye(3),
-            stepsize_controller=cg.jax.controller(SO3(), rtol=1e-5, atol=1e-5), max_steps=1000,
-        )  # fmt: skip
-        assert np.abs(run.ys[-1] - exact).max() < 1e-4
+        frame = fr.SO3()
+        exact = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, method="CFM8(4)", h=0.02).y[-1]
+        ours = cg.jax.FrameTerm(lambda t, y, args: a(t), frame)
+        solution = solve(ours, cg.jax.Solver(name), jnp.eye(3), end=2.0, rtol=1e-5)
+        assert np.abs(solution.ys[-1] - exact).max() < 1e-4
 
     @pytest.mark.parametrize("name", ["DOP853", "RKMK8(5,3)"])
     def test_estimates_of_kinks(self, name):
@@ -192,27 +167,15 @@ class TestErrors:
             return abs(t - kink) * np.ones(1)
 
         solver, y0 = cg.jax.Solver(name, dense="steps"), np.zeros(1)
-        ours = cg.jax.FrameTerm(f, Euclidean(1))
+        ours = cg.jax.FrameTerm(f, fr.Euclidean(1))
         _, error, *_ = solver.step(ours, 0.0, 1.0, jnp.asarray(y0), None, kink * y0 + kink, False)
-        _, expected = Step(f, Euclidean(1), METHODS[name]).trial(0.0, y0, 1.0, 0.0, 1.0)
+        _, expected = Step(f, fr.Euclidean(1), METHODS[name]).trial(0.0, y0, 1.0, 0.0, 1.0)
         assert abs(error[0]) == pytest.approx(expected, rel=1e-9)
         assert expected > 1e-4
 
-    @pytest.mark.slow
-    def test_backwards(self):
-        frame = ATTITUDE_AND_VELOCITY
-        ours = cg.jax.FrameTerm(body(jnp), frame)
-        exact = cg.solve_ivp(body(np), (0.0, 2.0), START, frame=frame, rtol=1e-12, atol=1e-12)
-        steps = cg.jax.controller(frame, 1e-9, 1e-9)
-        back = diffrax.diffeqsolve(
-            ours, cg.jax.Solver("CF5(4)"), 2.0, 0.0, None, jnp.asarray(exact.y[-1]), INERTIA,
-            stepsize_controller=steps,
-        )  # fmt: skip
-        np.testing.assert_allclose(back.ys[-1], START, rtol=0.0, atol=1e-7)
-
     def test_rejected_steps_are_those_of_solve_ivp(self):
         """Steps that lead to a sudden motion are rejected; after a rejection they don't grow."""
-        frame = Euclidean(1)
+        frame = fr.Euclidean(1)
 
         def f(xp, t):
             return xp.where(t < 1.0, 0.0, xp.cos(50.0 * t)).reshape(1)
@@ -234,7 +197,7 @@ class TestErrors:
 
     def test_a_jump_of_f_between_steps(self):
         """The first stage after it is evaluated again, also of methods that keep the last one."""
-        frame = Euclidean(1)
+        frame = fr.Euclidean(1)
         ours = cg.jax.FrameTerm(lambda t, y, args: jnp.where(t < 0.5, 1.0, -3.0)[None], frame)
         loose = cg.jax.controller(frame, 1e3, 1e3)
         steps = diffrax.ClipStepSizeController(loose, jump_ts=[0.5])
@@ -244,68 +207,39 @@ class TestErrors:
             assert float(end) == pytest.approx(-1.0, abs=1e-12)
 
     def test_the_largest_step(self):
-        frame = Euclidean(1)
+        frame = fr.Euclidean(1)
         ours = cg.jax.FrameTerm(lambda t, y, args: 0.0 * y + 1.0, frame)
-        solution = diffrax.diffeqsolve(
-            ours,
-            cg.jax.Solver("BS3(2)"),
-            0.0,
-            1.0,
-            None,
-            jnp.zeros(1),
-            stepsize_controller=cg.jax.controller(frame, 1e-3, 1e-3, max_step=0.125),
-        )
+        steps = cg.jax.controller(frame, 1e-3, 1e-3, max_step=0.125)
+        solution = solve(ours, cg.jax.Solver("BS3(2)"), np.zeros(1), stepsize_controller=steps)
         assert solution.stats["num_steps"] >= 8
         assert float(solution.ys[-1, 0]) == pytest.approx(1.0, abs=1e-15)
 
 
 class TestOutput:
-    def test_output_at_steps_and_of_functions(self):
-        frame = UnitQuaternion()
+    def test_output_at_steps_of_functions_and_dense(self):
+        frame = fr.UnitQuaternion()
         ours, f = term(frame)
         y0, ts = point(frame), np.array([0.05, 0.37])
-        saveat = diffrax.SaveAt(
-            subs=[
-                diffrax.SubSaveAt(t0=True, steps=True),
-                diffrax.SubSaveAt(ts=ts, fn=lambda t, y, args: y[0]),
-            ]
-        )
-        options = {"h": 0.1, "end": 0.4, "max_steps": 8, "saveat": saveat}
-        steps, values = solve(ours, cg.jax.Solver("CF3"), y0, **options).ys
+        parts = [
+            diffrax.SubSaveAt(t0=True, steps=True),
+            diffrax.SubSaveAt(ts=ts, fn=lambda t, y, args: y[0]),
+        ]
+        options = {"h": 0.1, "end": 0.4, "max_steps": 8}
+        saveat = diffrax.SaveAt(subs=parts, dense=True)
+        solution = solve(ours, cg.jax.Solver("CF3"), y0, **options, saveat=saveat)
         expected = cg.solve_ivp(
             f, (0.0, 0.4), y0, frame=frame, method="CF3", h=0.1, dense_output=True
         )
-        np.testing.assert_allclose(steps[:5], expected.y, rtol=0.0, atol=1e-13)
-        np.testing.assert_allclose(values, expected.sol(ts)[:, 0], rtol=0.0, atol=1e-13)
-
-    def test_dense_output_and_events(self):
-        frame = UnitQuaternion()
-        ours, f = term(frame)
-        y0 = point(frame)
-        optimistix = pytest.importorskip("optimistix")
-        event = diffrax.Event(
-            lambda t, y, args, **kwargs: y[0] - y[3], root_finder=optimistix.Newton(1e-11, 1e-11)
-        )
-        solution = solve(
-            ours,
-            cg.jax.Solver("CF4(3)"),
-            y0,
-            end=4.0,
-            rtol=1e-7,
-            event=event,
-            saveat=diffrax.SaveAt(t1=True, dense=True),
-        )
-        expected = cg.solve_ivp(
-            f, (0.0, 4.0), y0, frame=frame, method="CF4(3)", rtol=1e-7, atol=1e-7,
-            events=cg.Event(lambda t, y: y[0] - y[3], terminal=True), dense_output=True,
-        )  # fmt: skip
-        assert float(solution.ts[-1]) == pytest.approx(expected.t[-1], abs=1e-9)
-        t = 0.37 * expected.t[-1]
-        np.testing.assert_allclose(solution.evaluate(t), expected.sol(t), rtol=0.0, atol=1e-11)
+        for actual, exact in (
+            (solution.ys[0][:5], expected.y),
+            (solution.ys[1], expected.sol(ts)[:, 0]),
+            (solution.evaluate(0.37), expected.sol(0.37)),
+        ):
+            np.testing.assert_allclose(actual, exact, rtol=0.0, atol=1e-13)
 
     def test_the_cheap_form(self):
         """It is exact at the ends of steps, and of second order between them."""
-        frame = Sphere(2)
+        frame = fr.Sphere(2)
         ours, _ = term(frame)
         y0 = point(frame)
 
@@ -325,30 +259,52 @@ class TestOutput:
         assert np.log2(one[1] / half[1]) == pytest.approx(2.0, abs=0.2)
 
 
-class TestOwnFrames:
-    def test_a_flow_in_jax(self):
-        def frame(xp):
-            return FieldFrame(
-                [lambda y: xp.stack([y[0], -y[1]])],
-                lambda v, y: xp.stack([y[0] * xp.exp(v[0]), y[1] * xp.exp(-v[0])]),
-                point_shape=2,
-            )
+@pytest.mark.parametrize(
+    "frame",
+    [
+        *(
+            fr.SO3(),
+            fr.SU(2),
+            fr.UnitQuaternion(),
+            fr.Sphere(2),
+            fr.Power(fr.Sphere(2), 3),
+            fr.SO(4),
+            fr.Grassmann(3, 1),
+        ),
+        *(fr.Product(fr.Euclidean(1), fr.SO3()), fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)),
+    ],
+    ids=repr,
+)
+@pytest.mark.parametrize("name", ["CF5(4)", "RKMK5(4)"])
+def test_estimates_of_long_turns_are_not_believed(frame, name):
+    """Beyond 20 radians the error is no less than the change of the coefficients."""
+    rng = np.random.default_rng(2)
+    axis, change = rng.standard_normal((2, frame.dim))
+    axis /= np.sqrt(sum(axis[-3:] ** 2))
+    solver, y0 = cg.jax.Solver(name, dense="steps"), jnp.asarray(point(frame))
 
-        ours, f = term(frame(jnp))
-        ts = np.linspace(0.0, 1.0, 5)
-        y0 = np.array([1.0, 2.0])
-        solution = solve(ours, cg.jax.Solver("CF4(3)"), y0, saveat=diffrax.SaveAt(ts=ts))
-        expected = cg.solve_ivp(
-            f, (0.0, 1.0), y0, frame=frame(np), method="CF4(3)", rtol=1e-6, atol=1e-6, t_eval=ts
-        )
-        np.testing.assert_allclose(solution.ys, expected.y, rtol=0.0, atol=1e-12)
+    def error(angle, factor):
+        f = cg.jax.FrameTerm(lambda t, y, s: angle * axis + s * (t > 0.0) * change, frame)
+        return solver.step(f, 0.0, 1.0, y0, factor, jnp.asarray(angle * axis), False)
 
-    def test_without_brackets(self):
-        frame = FieldFrame(
-            [lambda y: jnp.stack([y[1], 0.0 * y[0]]), lambda y: jnp.stack([0.0 * y[0], y[0]])],
-            lambda v, y: y + v,
-            point_shape=2,
-        )
-        ours, _ = term(frame)
-        with pytest.raises(ValueError, match="which needs brackets"):
-            solve(ours, cg.jax.Solver("RKMK4"), np.ones(2), h=0.1)
+    error = jax.jit(error)
+    for angle in (50.0, 100.0):
+        y1, estimate, *_ = error(angle, 1e-2)
+        if np.isfinite(y1).all():  # dexpinv doesn't exist beyond a turn
+            assert np.linalg.norm(estimate) >= 0.9 * np.linalg.norm(frame.field(1e-2 * change, y1))
+    y1, estimate, *_ = error(100.0, 0.0)  # constant coefficients may turn by any angle
+    assert np.linalg.norm(estimate) < 1e-10
+
+
+def test_stored_solvers_are_equal():
+    solver = cg.jax.Solver("CF4", dense="steps")
+    ours, _ = term(fr.Hyperbolic(2))
+    traced = []
+
+    @eqx.filter_jit
+    def end(solver):
+        traced.append(solver)
+        return solve(ours, solver, point(fr.Hyperbolic(2)), h=0.5).ys
+
+    np.testing.assert_array_equal(end(solver), end(pickle.loads(pickle.dumps(solver))))
+    assert len(traced) == 1

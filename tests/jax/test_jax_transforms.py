@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
 from jax_setup import diffrax, jax
+from slow_cases import slow
 
 import cg
-from cg.frames import SE3, SO3, SU, Euclidean, Power, Product, Sphere, Stiefel, UnitQuaternion
+from cg import frames as fr
 
 jnp = jax.numpy
-SLOW = pytest.mark.slow
 SHIFTS = 5e-3 * np.arange(-3, 4)
 WEIGHTS = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 0.3  # of differences of order six
 
@@ -40,16 +40,6 @@ class TestTransforms:
         forward = jax.jit(jax.jacfwd(lambda i: self.end(i, adjoint=diffrax.ForwardMode())[0]))
         np.testing.assert_allclose(by_inertia, forward(inertia), rtol=0.0, atol=1e-11)
         frame = ATTITUDE_AND_VELOCITY
-
-        def exact(inertia):
-            solution = cg.solve_ivp(
-                body(np), (0.0, 2.0), START, frame=frame, rtol=1e-13, atol=1e-13, args=(inertia,)
-            )
-            return solution.y[-1, 0]
-
-        for k, unit in enumerate(np.eye(3)):
-            slope = quotient(lambda s, u=unit: exact(INERTIA + s * u))
-            assert float(by_inertia[k]) == pytest.approx(slope, abs=1e-9)
         numbers = np.concatenate([cg.jax.cotangent(frame, y0, by_point), by_inertia])
         variational = cg.solve_variational(
             body(np), (0.0, 2.0), START, frame=frame, rtol=1e-12, atol=1e-12, parameters=INERTIA,
@@ -62,35 +52,38 @@ class TestTransforms:
     @pytest.mark.parametrize(
         ("frame", "name"),
         [
-            (UnitQuaternion(), "CF4(3)"),
-            pytest.param(UnitQuaternion(), "RKMK5(4)", marks=SLOW),
-            pytest.param(Sphere(2), "CF4(3)", marks=SLOW),
+            (fr.UnitQuaternion(), "CF4(3)"),
+            *slow((fr.UnitQuaternion(), "RKMK5(4)"), (fr.Sphere(2), "CF4(3)")),
         ],
     )
     def test_times_of_events(self, frame, name):
-        """The derivative of the time of an event, and of the point there."""
+        """The time of an event and the point there, and their derivatives."""
         optimistix = pytest.importorskip("optimistix")
-        ours, _ = term(frame)
+        ours, f = term(frame)
         y0 = point(frame)
         event = diffrax.Event(
             lambda t, y, args, **kwargs: y[0] - y[-1], root_finder=optimistix.Newton(1e-11, 1e-11)
         )
-        options = {"end": 4.0, "event": event, "max_steps": 512}
 
-        def energy(factor):
-            solver = cg.jax.Solver(name)
-            run = solve(ours, solver, y0, h=0.05, args=factor, **options)
-            return jnp.concatenate([run.ts, run.ys[0]])
+        def end(factor):
+            options = {"h": 0.05, "end": 4.0, "event": event, "max_steps": 512}
+            solution = solve(ours, cg.jax.Solver(name), y0, args=factor, **options)
+            return jnp.concatenate([solution.ts, solution.ys[0]])
 
-        values = jax.jit(energy)
-        slope = jax.jit(jax.jacrev(energy))(0.8)
-        assert 0.1 < float(values(0.8)[0]) < 3.9
+        values = jax.jit(end)
+        exact = cg.solve_ivp(
+            f, (0.0, 4.0), y0, frame=frame, args=(0.8,), rtol=1e-10, atol=1e-10,
+            events=cg.Event(lambda t, y, factor: y[0] - y[-1], terminal=True),
+        )  # fmt: skip
+        assert 0.1 < exact.t[-1] < 3.9
+        np.testing.assert_allclose(values(0.8), [exact.t[-1], *exact.y[-1]], rtol=0.0, atol=1e-5)
+        slope = jax.jit(jax.jacrev(end))(0.8)
         expected = quotient(lambda s: np.asarray(values(0.8 + s)))
         np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-7)
 
     def test_flows_are_compiled_once(self):
         """Without barriers XLA compiles a flow again with each consumer, with other rounding."""
-        frame = UnitQuaternion()
+        frame = fr.UnitQuaternion()
         ours, _ = term(frame)
         y0 = point(frame)
         solver = cg.jax.Solver("CF4(3)", dense="steps")
@@ -103,7 +96,7 @@ class TestTransforms:
         assert text.count("= optimization_barrier ") == flows
 
     def test_tolerances_may_be_traced(self):
-        frame = UnitQuaternion()
+        frame = fr.UnitQuaternion()
         ours, _ = term(frame)
 
         def end(rtol):
@@ -150,18 +143,15 @@ class TestTransforms:
     @pytest.mark.parametrize(
         "frame",
         [
-            Sphere(2),
-            pytest.param(UnitQuaternion(), marks=SLOW),
-            pytest.param(SO3(), marks=SLOW),
-            pytest.param(SE3(), marks=SLOW),
-            pytest.param(SU(3), marks=SLOW),
-            pytest.param(Stiefel(3, 2), marks=SLOW),
-            pytest.param(Power(Sphere(2), 2), marks=SLOW),
-            pytest.param(Product(SU(2), Euclidean(2)), marks=SLOW),
+            fr.Sphere(2),
+            *slow(fr.UnitQuaternion(), fr.SO3(), fr.SE3(), fr.SU(3), fr.SL(2), fr.Sp(2, "body")),
+            *slow(fr.Stiefel(3, 2), fr.Power(fr.Sphere(2), 2), fr.Grassmann(3, 1), fr.SPD(2)),
+            *slow(fr.Product(fr.SU(2), fr.Euclidean(2)), fr.Hyperbolic(2)),
+            *slow(fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)),
         ],
         ids=repr,
     )
-    @pytest.mark.parametrize("name", ["CF3", pytest.param("RKMK4", marks=SLOW)])
+    @pytest.mark.parametrize("name", ["CF3", *slow("RKMK4")])
     def test_all_transforms(self, frame, name):
         """Derivatives of steps, in both modes, of two orders and batched."""
         ours, _ = term(frame)

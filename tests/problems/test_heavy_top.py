@@ -4,12 +4,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from ambient import solve_in_ambient_space
 from flint import arb
 
 from cg.frames import SO3, Euclidean, Product, hat
 from cg.integration import integrate
-from cg.problems import HeavyTop, StateDependentRotation
+from cg.problems import HeavyTop
 from cg.problems.taylor import QuadraticSystem, reference_solution
 
 READINGS = ["momentum", "velocity"]
@@ -87,20 +86,6 @@ def test_reference_keeps_the_invariants_beyond_quadruple_precision(top, referenc
     for y in reference.values:
         for now, then in zip(invariants(y), start, strict=True):
             assert abs(now - then) < Fraction(1, 10**33)
-
-
-def test_reference_agrees_with_an_independent_solver(top, reference):
-    expected = solve_in_ambient_space(top.frame, top.f, top.y0, reference.t)
-    np.testing.assert_allclose(expected, reference.y, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("convention", ["body", "space"])
-def test_reference_of_the_rotation_agrees_with_an_independent_solver(convention):
-    problem, times = StateDependentRotation(convention), [0.5, 1.0]
-    expected = solve_in_ambient_space(problem.frame, problem.f, problem.y0, times)
-    reference = problem.reference(times, bits=128)
-    np.testing.assert_allclose(expected.reshape(2, 9), reference.y[:, :9], rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(reference.y[:, 9], times)
 
 
 def test_reference_accepts_times_in_any_order(top):
