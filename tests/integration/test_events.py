@@ -187,13 +187,13 @@ def test_events_cannot_change_the_point():
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (np.nan, r"events\[1\] must return a finite number, got nan at t = "),
-        (None, r"events\[1\] must return a"),
+        (np.nan, r"events\[1\] must return finite numbers, got nan at t = "),
+        (None, r"events\[1\] must return finite numbers, got None"),
         ("zero", r"events\[1\] must return a real number, got 'zero'"),
-        ([1.0, 2.0], r"events\[1\] must return a real number"),
-        (True, r"events\[1\] must return a real number that changes sign"),
-        (np.bool_(False), r"events\[1\] must return a real number that changes sign"),
-        (np.array(True), r"events\[1\] must return a real number that changes sign"),
+        ([1.0, 2.0], r"events\[1\] must return an array of shape \(\), got shape \(2,\)"),
+        (True, r"events\[1\] must return a real number"),
+        (np.bool_(False), r"events\[1\] must return a real number"),
+        (np.array(True), r"events\[1\] must return a real number"),
     ],
 )
 def test_bad_values_are_refused(value, message):

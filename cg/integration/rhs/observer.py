@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points, real_array
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import WithInput
-from cg.integration.rhs.python import PythonRhs, context_of, when
+from cg.integration.rhs.python import PythonRhs, context_of
+from cg.integration.rhs.values import read_finite
 
 STORED = "all", "observed"
 
@@ -30,19 +31,7 @@ class Observer:
 
     def check(self, value: Any, t: float, _: Points) -> Array:
         """Return a value as an array, after checking it."""
-        try:
-            numbers = real_array(value, "observe")
-        except (TypeError, ValueError) as error:
-            raise ValueError(
-                f"observe must return real numbers, got {value!r} at {when(t)}"
-            ) from error
-        if numbers.shape != self.shape:
-            raise ValueError(
-                f"observe must return shape {self.shape} at all times, got {value!r} at {when(t)}"
-            )
-        if not np.isfinite(numbers).all():
-            raise ValueError(f"observe must return finite numbers, got {value!r} at {when(t)}")
-        return np.ascontiguousarray(numbers)
+        return read_finite(value, "observe", self.shape, t)
 
     def fields(self, rhs: CompiledRhs | PythonRhs) -> tuple[dict[str, int], Any]:
         """Return entries of the record of a run, and what has to stay alive with them."""

@@ -15,7 +15,7 @@ from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative, read_only
 from cg.integration.rhs.inputs import Reader, data_at
-from cg.integration.rhs.python import Check, when
+from cg.integration.rhs.values import Check, when
 from cg.integration.step.flows import Flows, flows_of
 
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)

@@ -12,7 +12,7 @@ from cg.frames.arrays import Array, Points, check_finite, real_array
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.derivatives import Derivative, derivative_of
-from cg.integration.rhs.python import when
+from cg.integration.rhs.values import when
 
 # tolerance relative to the largest entry or eigenvalue of a covariance
 _ROUNDING = 1e-9
