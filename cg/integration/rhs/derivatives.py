@@ -43,6 +43,7 @@ def derivative_of(
     shape: tuple[int, ...],
     vectorized: bool,
     inputs: Inputs | None,
+    kind: type[Derivative] = Derivative,
 ) -> Derivative | None:
     """Return a function that the user gave, after checking it, or None."""
     compiled = compiled_rhs(function, name)
@@ -61,7 +62,7 @@ def derivative_of(
         )
     if compiled is None and inputs is not None:
         function = WithInput(function)
-    return Derivative(name, compiled or function, frame, shape, vectorized)
+    return kind(name, compiled or function, frame, shape, vectorized)
 
 
 def read_only(y: Points) -> Points:

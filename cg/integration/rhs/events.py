@@ -67,11 +67,11 @@ class Event:
     ...     lambda t, y: y[0], direction=-1, terminal=4,
     ...     jump=lambda t, y: [0.0, -0.9 * y[1]],
     ... )
-    >>> run = cg.solve_ivp(
+    >>> solution = cg.solve_ivp(
     ...     lambda t, y: [y[1], -9.81], (0, 10), [1.0, 0.0], frame=cg.frames.Euclidean(2),
     ...     events=floor,
     ... )
-    >>> run.t_events[0].round(3)
+    >>> solution.t_events[0].round(3)
     array([0.452, 1.264, 1.996, 2.654])
     """
 

@@ -44,15 +44,10 @@ class PythonRhs:
         self.check = Check(f, frame, vectorized, first)
         self.name = self.failed_name = self.check.name
         function = f.a if isinstance(f, TimeFunction) else f
-        rest = frame, (frame.rhs_dim,), self.check, self.check.of_time
         own = None if inputs is None else inputs.members
-        if parameters is not None:
-            own = len(parameters)
-        self._by_member = own is not None and not vectorized
-        members = range(own if own is not None and self._by_member else 1)
-        self._contexts = [context_of(function, self.arguments(k), *rest) for k in members]
-        if self._by_member:
-            self._pointers = np.array([id(context) for context in self._contexts])
+        own = own if parameters is None else len(parameters)
+        rest = frame, (frame.rhs_dim,), self.check, self.check.of_time
+        self._contexts = Contexts(function, self.arguments, None if vectorized else own, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = self.f, self.frame, self.args, self.parameters, self.vectorized, self.first
@@ -74,19 +69,12 @@ class PythonRhs:
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
-        import cg._core_r64 as core
-
-        field, member, _ = core.function_addresses()
-        if not self._by_member:
-            return field, self.data_address, 0
-        return member, self.data_address, 8
+        return self._contexts.addresses()
 
     @property
     def data_address(self) -> int:
         """Address of the first member's data, which changes with the further arguments."""
-        if not self._by_member:
-            return id(self._contexts[0])
-        return int(self._pointers.ctypes.data)
+        return self._contexts.address
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
@@ -137,11 +125,42 @@ class PythonRhs:
         return self.check(value, t, y, members=members)
 
 
+class Contexts:
+    """What ``fortran/interface/python_field.c`` reads to call a function, of each member or once.
+
+    ``arguments`` returns the further arguments of a member. With a ``count`` of members there is a
+    context for each of them.
+    """
+
+    def __init__(
+        self,
+        function: Any,
+        arguments: Callable[[int], tuple[Any, ...]],
+        count: int | None,
+        *rest: Any,
+    ) -> None:
+        members = range(1 if count is None else count)
+        self.each = [context_of(function, arguments(k), *rest) for k in members]
+        self.pointers = None if count is None else np.array([id(context) for context in self.each])
+
+    @property
+    def address(self) -> int:
+        """Address of the first context, or of the pointers to all."""
+        return id(self.each[0]) if self.pointers is None else int(self.pointers.ctypes.data)
+
+    def addresses(self) -> tuple[int, int, int]:
+        """Return the addresses of the function and of the first member's data, and their stride."""
+        import cg._core_r64 as core
+
+        field, member, _ = core.function_addresses()
+        return (field, self.address, 0) if self.pointers is None else (member, self.address, 8)
+
+
 def context_of(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
     of_time: bool = False,
 ) -> tuple[Any, ...]:  # fmt: skip
-    """Return what ``fortran/interface/python_field.c`` reads to call a function."""
+    """Return one context."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, (args[0].at_times(), *args[1:])

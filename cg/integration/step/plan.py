@@ -42,26 +42,12 @@ from cg.support.shared_numbers import BlockKind, BlockOption
 class Plan:
     """A frame and a method in compiled code.
 
-    Parameters
-    ----------
-    frame
-        Any frame; one in Python is called through callbacks.
-    method
-        Any method.
-
-    Attributes
-    ----------
-    core, address
-        The compiled module, and the address of the plan.
-    width
-        Number of doubles of a point.
-    kept, kept_nodes
-        Numbers of vectors of coefficients stored for a step, its stages, with the end where the
-        error estimate needs it, or one register, and of the step before, those of a Magnus method.
-    columns
-        Number of vectors of an interpolant.
-    exponent
-        Power of an error that a step is proportional to; 0 without an estimate of the error.
+    A frame in Python is called through callbacks. ``core`` is the compiled module, and ``address``
+    that of the plan; ``width`` the number of doubles of a point, ``columns`` that of vectors of an
+    interpolant; ``exponent`` the power of an error that a step is proportional to, 0 without an
+    estimate of the error. ``kept`` vectors of coefficients are stored for a step: its stages, with
+    the end where the error estimate needs it, or one register; ``kept_nodes`` are those of the step
+    before, of a Magnus method.
     """
 
     def __init__(self, frame: Frame, method: Method) -> None:

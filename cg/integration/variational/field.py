@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -167,13 +168,9 @@ class VariationalField:
         """Return derivatives of ``f`` with respect to parameters, shape ``(members, n, k)``."""
         if self.df_dp is not None:
             return self.df_dp(t, y, arguments)
-        columns = []
-        for moved, size in parameter_steps(arguments[-1], DIFFERENCE_STEP):
-            ahead, behind = (
-                self.coefficients(t, y, (*arguments[:-1], row)) for row in (moved(1.0), moved(-1.0))
-            )
-            columns.append((ahead - behind) / (2.0 * size[..., None]))
-        return np.stack(columns, axis=-1)
+        return parameter_differences(
+            lambda row: self.coefficients(t, y, (*arguments[:-1], row)), arguments[-1]
+        )
 
 
 def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
@@ -193,6 +190,15 @@ def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
 
         steps_of.append((moved, np.asarray(size)))
     return steps_of
+
+
+def parameter_differences(function: Callable[[Array], Array], row: Array) -> Array:
+    """Return central differences of ``function(row)`` by each parameter, on a last axis."""
+    columns = []
+    for moved, size in parameter_steps(row, DIFFERENCE_STEP):
+        ahead, behind = function(moved(1.0)), function(moved(-1.0))
+        columns.append((ahead - behind) / (2.0 * size[..., None]))
+    return np.stack(columns, axis=-1)
 
 
 def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:

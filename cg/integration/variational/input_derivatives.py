@@ -143,14 +143,14 @@ class _Chain:
                 which = slice(first, first + total.shape[-1])
                 first = which.stop
                 piece = int(np.searchsorted(curve.times, middle, side="right")) - 1
-                plain = moved[:, which]
+                by_input = moved[:, which]
                 if curve.kind == "hold":
-                    total[piece] += plain
+                    total[piece] += by_input
                     continue
                 before, after = curve.times[piece : piece + 2]
-                share = moved[:, width:][:, which] + (start - before) * plain
+                share = moved[:, width:][:, which] + (start - before) * by_input
                 share /= after - before
-                total[piece] += plain - share
+                total[piece] += by_input - share
                 total[piece + 1] += share
             later = later @ part[:, :n]
         shaped = [
