@@ -142,7 +142,7 @@ def check_rtol(rtol: Any) -> Array:
     if value.min() < _MIN_RTOL:
         which = f"rtol = {value:g}" if value.ndim == 0 else "At least one element of rtol"
         warnings.warn(
-            f"{which} is too small to be attained and is raised to {_MIN_RTOL:.3g}", stacklevel=4
+            f"{which} is too small to be attained and is raised to {_MIN_RTOL:.3g}", stacklevel=5
         )
     return np.maximum(value, _MIN_RTOL)
 

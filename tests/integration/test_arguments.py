@@ -72,14 +72,6 @@ def check_rejected(calls, changes, error, message):
 
 
 @pytest.mark.parametrize(("function", "valid"), CALLS)
-def test_unknown_argument(function, valid):
-    names = inspect.signature(function).parameters
-    arguments = {name: value for name, value in valid.items() if name in names}
-    with pytest.raises(TypeError, match="unexpected keyword argument 'tol'"):
-        function(**arguments, tol=1e-6)
-
-
-@pytest.mark.parametrize(("function", "valid"), CALLS)
 @pytest.mark.parametrize(("name", "similar"), [("max_stp", "max_step"), ("jacc", "jac")])
 def test_misspelt_argument(function, valid, name, similar):
     names = inspect.signature(function).parameters

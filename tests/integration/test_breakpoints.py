@@ -103,9 +103,7 @@ def test_those_at_the_ends_change_nothing_and_those_beyond_are_refused():
     np.testing.assert_array_equal(solution.t, plain.t)
     np.testing.assert_array_equal(solution.y, plain.y)
     for points in ([-1.0], [0.1, 5.0]):
-        with pytest.raises(
-            ValueError, match=r"breakpoints must lie between the ends, 0 to 0\.2"
-        ):
+        with pytest.raises(ValueError, match=r"breakpoints must lie between the ends, 0 to 0\.2"):
             cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=points, **LINE)
         with pytest.raises(ValueError, match="breakpoints must lie between the ends, -1 to 0, got"):
             cg.Stepper(stairs, 0.0, [0.0], -1.0, breakpoints=[-0.5, -2.0], **LINE)

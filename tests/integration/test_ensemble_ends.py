@@ -100,17 +100,6 @@ def test_points_too_large_for_the_solution_within(function):
     assert math.isclose(solution.y[0, 0, 0], math.exp(0.5), rel_tol=1e-4)
 
 
-@pytest.mark.parametrize("options", [{}, {"vectorized": True}, {"executor": "threads"}])
-def test_an_exception_of_f_ends_the_call(options):
-    def f(t, y):
-        if np.max(t) > 0.5:
-            raise ArithmeticError("too late")
-        return -y
-
-    with pytest.raises(ArithmeticError, match="too late"):
-        cg.solve_ensemble(f, (0, 1), [[1.0], [2.0]], **options, **LINE)
-
-
 def test_one_warning_for_all_members():
     with pytest.warns(UserWarning, match="rtol") as caught:
         cg.solve_ensemble(lambda t, y: y, (0, 1), np.zeros((4, 1)), rtol=0.0, **LINE)

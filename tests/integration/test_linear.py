@@ -40,14 +40,6 @@ def test_orders_on_manifolds(frame, name):
     assert cg.methods[name].order - 0.4 < slope < cg.methods[name].order + 1.2
 
 
-def test_the_reference_agrees_with_methods_for_nonlinear_equations():
-    frame = SO3()
-    a = coefficients_for(frame)
-    other = cg.solve_ivp(lambda t, y: a(t), (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-13)
-    solution = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-13)
-    np.testing.assert_allclose(solution.y[-1], other.y[-1], rtol=0, atol=1e-11)
-
-
 def matrices_of(spins, sites):
     """Return the sums of Pauli matrices over the sites, and the coupling of neighbours."""
 
@@ -135,13 +127,6 @@ def test_output_between_steps_is_as_accurate_as_steps():
         run = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-7, atol=1e-7, **output)
         y = run.y if run.sol is None else run.sol(times)
         np.testing.assert_allclose(y, exact.y, rtol=0, atol=1e-7)
-
-
-def test_a_method_for_nonlinear_equations_serves_too():
-    a = coefficients_for(SO3())
-    solution = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="CF4", h=0.1)
-    same = cg.integrate(lambda t, y: a(t), (0, 1), np.eye(3), frame=SO3(), method="CF4", h=0.1)
-    np.testing.assert_array_equal(solution.y[-1], same.y[-1])
 
 
 @pytest.mark.parametrize("node", ["1/2", "1/3", "1"])

@@ -92,15 +92,6 @@ def test_default_output_is_that_of_the_steps_with_time_first():
         solution.status = 1
 
 
-def test_fixed_steps_are_those_of_integrate():
-    ours = solve(method="CG4a", h=0.3)
-    theirs = cg.integrate(PROBLEM.f, (0.0, 1.0), np.eye(3), frame=SO3(), method="CG4a", h=0.3)
-    np.testing.assert_array_equal(ours.t, theirs.t)
-    np.testing.assert_array_equal(ours.y, theirs.y)
-    assert (ours.nfev, ours.nexp, ours.steps) == (theirs.nfev, theirs.nexp, 4)
-    assert (ours.nrejected, ours.h, ours.method) == (0, 0.3, cg.methods["CG4a"])
-
-
 def test_t_eval_does_not_change_the_steps():
     free = solve(method="CG4a", h=0.25, dense_output=True)
     times = np.array([0.0, 0.1, 0.25, 0.3, 0.31, 0.9, 1.0])
@@ -117,22 +108,6 @@ def test_t_eval_may_be_empty():
     assert solution.t.shape == (0,)
     assert solution.y.shape == (0, 3, 3)
     assert "Solution" in repr(solution)
-
-
-def test_args_reach_f_and_events():
-    arguments = []
-
-    def f(t, y, factor, shift):
-        return factor * PROBLEM.f(t, y) + shift
-
-    def event(t, y, factor, shift):
-        arguments.append((factor, shift))
-        return t - 0.5
-
-    solution = solve(f, args=(2.0, 0.25), events=event)
-    plain = solve(lambda t, y: 2.0 * PROBLEM.f(t, y) + 0.25)
-    np.testing.assert_array_equal(solution.y, plain.y)
-    assert set(arguments) == {(2.0, 0.25)}
 
 
 def test_steps_without_end_are_given_up(monkeypatch):

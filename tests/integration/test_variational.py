@@ -127,6 +127,7 @@ def test_tolerances_of_each_coordinate_are_those_of_its_derivatives():
         {"method": "CG6f", "h": 0.02, "rtol": None, "atol": None},
         {"method": "CF6(5)"},
         {"method": "RKMK5(4)"},
+        {"method": "RadauIIA5", "rtol": 1e-10, "atol": 1e-10},
         {"method": "DP5(4)", "rtol": 1e-10, "atol": 1e-10},
         {"method": "ImplicitMidpoint", "h": 0.1, "rtol": None, "atol": None},
     ],

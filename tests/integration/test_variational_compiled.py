@@ -71,13 +71,6 @@ def jacobian(functions, y, p):
     return actual
 
 
-def test_steps_are_those_of_the_solution_alone(functions):
-    solution = solve(functions)
-    alone = cg.solve_ivp(functions["f"], SPAN, Y0, parameters=P, **GIVEN)
-    np.testing.assert_array_equal(solution.t, alone.t)
-    np.testing.assert_array_equal(solution.y, alone.y)
-
-
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_differences_on_every_frame(name, affine):
     problem = PROBLEMS[name]
@@ -125,21 +118,6 @@ def test_ensembles(functions, executor):
         alone = solve(functions, parameters=rows[k])
         np.testing.assert_array_equal(solution.transition[-1, k], alone.transition[-1])
         np.testing.assert_array_equal(solution.sensitivity[-1, k], alone.sensitivity[-1])
-
-
-def test_ensembles_in_other_processes(library):
-    path = library._name
-    arguments = {
-        name: cg.CompiledFunction(path, symbol)
-        for name, symbol in (("f", "top"), ("jac", "top_jac"), ("df_dp", "top_df_dp"))
-    }
-    rows = P * np.linspace(0.9, 1.1, 3)[:, None]
-    options = {"t_span": SPAN, "y0": Y0, "parameters": rows, **GIVEN}
-    alone = cg.solve_variational_ensemble(**arguments, **options)
-    solution = cg.solve_variational_ensemble(
-        **arguments, **options, executor="processes", workers=1
-    )
-    np.testing.assert_array_equal(solution.transition, alone.transition)
 
 
 def test_user_data_without_parameters(functions, function):
