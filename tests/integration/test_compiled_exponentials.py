@@ -6,13 +6,7 @@ from flint import acb_mat, ctx
 from frame_examples import name
 
 from cg.frames import SO, SU, IsospectralOrbit, Sphere, Stiefel, U
-from cg.integration.step.flows import (
-    Flows,
-    _CompiledFlows,
-    _GroupFlows,
-    dexpinv_of,
-    flows_of,
-)
+from cg.integration.step.flows import Flows, _CompiledFlows, _GroupFlows, dexpinv_of, flows_of
 
 pytestmark = pytest.mark.sanitize
 

@@ -8,18 +8,7 @@ import pytest
 from scipy import LowLevelCallable
 
 import cg
-from cg.frames import (
-    SO,
-    SO3,
-    SU,
-    Euclidean,
-    PhaseSpace,
-    Power,
-    Product,
-    Sphere,
-    U,
-    UnitQuaternion,
-)
+from cg.frames import SO, SO3, SU, Euclidean, PhaseSpace, Power, Product, Sphere, U, UnitQuaternion
 from cg.integration.step.interpolant import extra_evaluations
 from tests.helpers.mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, system
 

@@ -76,9 +76,7 @@ class Plan:
         of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
         self.kept_nodes = method.stages if of_nodes else 0
         self.address: int = core.plan_open(
-            blocks,
-            block_constants(frame),
-            ctypes.addressof(paths.record),
+            blocks, block_constants(frame), ctypes.addressof(paths.record)
         )
         if isinstance(frame, PhaseSpace):
             core.plan_set_bodies(self.address, *frame.compiled_bodies())
