@@ -10,7 +10,7 @@ import pytest
 import scipy.integrate
 
 import cg
-from cg.frames import SL, SO3, SU, CoadjointOrbit, Euclidean
+from cg.frames import SO3, CoadjointOrbit, Euclidean
 from cg.integration import Solution
 from cg.problems import StateDependentRotation
 
@@ -133,28 +133,6 @@ def test_rtol_below_rounding_is_raised_with_a_warning():
     with pytest.warns(UserWarning, match="rtol = 1e-20 is too small") as caught:
         solve(t_span=(0.0, 1e-3), rtol=1e-20, atol=1e-6)
     assert caught[0].filename == __file__
-
-
-@pytest.mark.parametrize("frame", [SO3(), SL(2), SU(2)], ids=repr)
-@pytest.mark.parametrize(
-    "options",
-    [
-        *({}, {"t_eval": [0.5]}, {"h": 0.1}, {"h": 0.1, "dense_output": True}),
-        *({"h": 0.1, "method": method} for method in ("CG3", "CF3", "RKMK4", "DICG3", "RadauIIA5")),
-    ],
-    ids=str,
-)
-@pytest.mark.parametrize(
-    "kind", [OverflowError, ArithmeticError, KeyError, RuntimeError, StopIteration]
-)
-def test_exceptions_of_f_pass_through(kind, options, frame):
-    def f(t, y):
-        if t > 0.3:
-            raise kind("at last")
-        return [0.1, 0.2, 0.3]
-
-    with pytest.raises(kind, match="at last"):
-        solve(f, y0=np.eye(frame.size), frame=frame, **options)
 
 
 def test_f_may_not_change_the_point_nor_keep_its_buffer():
