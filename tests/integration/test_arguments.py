@@ -257,31 +257,6 @@ def test_bad_arguments_of_ensembles_are_rejected(changes, error, message):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "error"),
-    [
-        *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
-        *(("direction", value, ValueError) for value in ("up", np.nan)),
-        ("jump", 3, TypeError),
-    ],
-)
-def test_bad_attributes_of_events_are_rejected(name, value, error):
-    with pytest.raises(error, match=rf"^event\.{name} must be"):
-        cg.Event(never, **{name: value})
-
-    def event(t, y):
-        return 1.0
-
-    setattr(event, name, value)
-    with pytest.raises(error, match=rf"^events\[0\]\.{name} must be"):
-        solve(events=event)
-
-
-def test_bad_function_of_an_event_is_rejected():
-    with pytest.raises(TypeError, match=r"function must be callable as event.t, y., got 3"):
-        cg.Event(3)
-
-
-@pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"y0": [1.0, 2.0]}, "y0 must have shape"),

@@ -192,6 +192,31 @@ def test_bad_values_are_refused(value, message):
         solve([height, lambda t, y: value if t > 2 else 1.0])
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "error"),
+    [
+        *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
+        *(("direction", value, ValueError) for value in ("up", np.nan)),
+        ("jump", 3, TypeError),
+    ],
+)
+def test_bad_attributes_of_events_are_rejected(name, value, error):
+    with pytest.raises(error, match=rf"^event\.{name} must be"):
+        cg.Event(height, **{name: value})
+
+    def event(t, y):
+        return 1.0
+
+    setattr(event, name, value)
+    with pytest.raises(error, match=rf"^events\[0\]\.{name} must be"):
+        solve(event)
+
+
+def test_bad_function_of_an_event_is_rejected():
+    with pytest.raises(TypeError, match=r"function must be callable as event.t, y., got 3"):
+        cg.Event(3)
+
+
 OSCILLATOR = {"frame": Euclidean(2), "rtol": 1e-10, "atol": 1e-10}
 
 
