@@ -179,7 +179,7 @@ def _at(equation: Equation, start: Array, size: Array) -> tuple[_Intervals, Arra
 
 @cache
 def _mixture(count: int) -> Array:
-    """Return random combinations of parameters, by whose derivatives those of all are judged."""
+    """Return random combinations of the parameters, whose errors stand for those of all."""
     if count <= _MIXED:
         return np.eye(count)
     return np.random.default_rng(0).standard_normal((count, _MIXED))

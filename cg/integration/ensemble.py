@@ -223,12 +223,15 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
 
 @dataclass(frozen=True)
 class _MemberTask:
-    """The task of a worker: integrate some members of a problem, of which it has only the first."""
+    """The work of one worker: a problem whose members come with each call.
+
+    ``problem`` holds the first member only, so that little is sent to other processes.
+    """
 
     problem: Problem
 
     def __call__(self, data: tuple[int, Points, Array | None, Inputs | None]) -> MemberResults:
-        """Integrate some members, given what tells them from others."""
+        """Integrate members with the place, points, parameters and inputs of `Problem.data`."""
         return _integrate(self.problem.select(*data), None)
 
 

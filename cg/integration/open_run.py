@@ -100,9 +100,9 @@ class OpenRun:
         self._stops_are_set = False
 
     def _continue(self, stops: Array) -> None:
-        """Let all trajectories continue with other ends of segments, those that aren't behind.
+        """Continue all trajectories with new ends of segments, without those that have passed.
 
-        One at `t` tells on which side of it ``f`` is evaluated.
+        An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step.
         """
         record = self._run.record
         if len(stops) > 1:

@@ -85,7 +85,7 @@ class Problem:
         return float(self.stops[-1])
 
     def data(self, members: list[int]) -> tuple[int, Points, Array | None, Inputs | None]:
-        """Return what `select` needs for members that follow each other."""
+        """Return place, points, parameters and inputs of consecutive members, for `select`."""
         part = slice(members[0], members[-1] + 1)
         numbers, inputs = self.rhs.parameters, self.rhs.inputs
         numbers = None if numbers is None else numbers[part]
@@ -100,7 +100,7 @@ class Problem:
     def select(
         self, first: int, points: Points, parameters: Array | None, inputs: Inputs | None
     ) -> Problem:
-        """Return the problem of some members, the first of which has a place in the ensemble."""
+        """Return the problem of members, the first of which is number ``first`` of the ensemble."""
         rhs = self.rhs.with_data(self.rhs.args, parameters, inputs, first)
         return replace(self, points=points, rhs=rhs)
 
@@ -136,7 +136,7 @@ def _make_rhs(
     return compiled.on(frame, parameters, inputs)
 
 
-def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: float) -> Control:
+def _make_control(plan: Plan, in_algebra: bool, options: Options, span: float) -> Control:
     """Return the step size control after checking its options except ``rtol``.
 
     Absolute tolerances may have a shape.
@@ -164,6 +164,7 @@ def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: fl
         )
     if plan.method.embedded_order is not None:
         check_pair(plan.method, stacklevel=4)
+    shape = (plan.frame.dim,) if in_algebra else plan.frame.point_shape
     tolerances = check_atol(atol)
     relative: Any = rtol
     for name, value in (("rtol", relative), ("atol", tolerances)):
@@ -291,8 +292,7 @@ def make_problem(
     if inputs is not None:
         stops = inputs.add_stops(stops, start)
     in_algebra = plan.in_algebra(points[0])
-    shape = (frame.dim,) if in_algebra else frame.point_shape
-    control = _make_control(plan, shape, options, abs(stop - start))
+    control = _make_control(plan, in_algebra, options, abs(stop - start))
     t_eval = _output_times(options["t_eval"], start, stop, many)
     dense = check_flag("dense_output", options["dense_output"])
     events = _make_events(options["events"], frame, rhs)

@@ -103,7 +103,7 @@ class Run:
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
-        """Record how implicit stages are solved; return how many vectors are kept for it."""
+        """Set how implicit stages are solved; return how many vectors are kept for it."""
         plan, problem, stages = self.plan, self.problem, self.plan.method.stages
         jacobian = problem.jacobian
         if jacobian is not None:

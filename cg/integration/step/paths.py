@@ -1,4 +1,18 @@
-"""Methods as paths of flows between points."""
+r"""Methods as paths of flows between points, as compiled code takes them.
+
+Point m of a method is reached from its parent by one flow, of fields :math:`F_k` that are frozen
+at stages k,
+
+.. math:: y_m = \exp\Bigl(h \sum_k \alpha_{mk} F_k\Bigr) y_{\mathrm{parent}(m)} .
+
+Points are stored only where they are needed again: stages, results, and points with several
+children. A `Path` is the sequence of flows from one stored point to the next; equal points are
+merged, and points that lead to no stage or result are left out. A row of a tableau is a path from
+the start, with one flow for each coefficient that isn't zero (P. E. Crouch, R. Grossman, "Numerical
+integration of ordinary differential equations on manifolds", J. Nonlinear Sci. 3 (1993), 1-33);
+stages of a commutator-free method may share the first flows (E. Celledoni, A. Marthinsen,
+B. Owren, "Commutator-free Lie group methods", Future Gener. Comput. Syst. 19 (2003), 341-352).
+"""
 
 from __future__ import annotations
 

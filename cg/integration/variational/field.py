@@ -44,8 +44,8 @@ class VariationalField:
     df_dp: Derivative | None
     count: int  # number of parameters, with inputs if there are derivatives with respect to them
     vectorized: bool = False  # whether the functions take points of several members in one call
-    inputs: int = 0  # how many of them are inputs
-    moments: int = 0  # how many of these have derivatives that are multiplied by the time, too
+    inputs: int = 0  # number of the parameters that are values of inputs
+    moments: int = 0  # number of inputs whose derivatives are also multiplied by the time
     noise: Derivative | Array | None = None  # spectral density of noise
 
     @property

@@ -1,9 +1,11 @@
-"""Derivatives of a solution with respect to the values of samples.
+r"""Derivatives of a solution with respect to the values of samples.
 
-Between samples the solution depends on the present values alone. There the transition matrix and
-the derivatives with respect to the inputs start anew at each sample, and at the end those of all
-intervals are chained. A linear curve has two present values, whose weights are linear in time, so
-that derivatives times the time are integrated as well.
+In the interval k between samples the solution depends on the present values :math:`u_k` alone. Its
+transition matrix :math:`\Phi_k` and its derivative :math:`S_k` by them start anew at each sample,
+and the derivative of the end by :math:`u_k` is :math:`\Phi_n \cdots \Phi_{k+1} S_k`. This takes
+as many columns as there are inputs at one time, where parameters would take as many as there are
+samples. A linear curve is :math:`(1 - s)\,u_k + s\,u_{k+1}` with s linear in time, so that
+derivatives multiplied by the time are integrated as well (the moments of `VariationalField`).
 """
 
 from __future__ import annotations

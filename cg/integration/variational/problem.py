@@ -34,8 +34,9 @@ def add_derivatives(
 ) -> Problem:
     """Return the problem of points with derivatives, after checking the arguments.
 
-    Further arguments are those of `cg.solve_variational`; with ``moments`` there are derivatives
-    with respect to the inputs at each time, too, and as many times this time.
+    Further arguments are those of `cg.solve_variational`. Unless ``moments`` is None the values of
+    inputs are parameters as well; of this many inputs derivatives that are multiplied by the time
+    are added.
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     control_derivatives = check_flag("control_derivatives", control_derivatives)
