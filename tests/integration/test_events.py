@@ -1,6 +1,5 @@
 """Events: location, direction, terminal counts."""
 
-import ctypes
 import math
 
 import numpy as np
@@ -345,26 +344,3 @@ def test_pairs_of_zeros_nearer_than_the_error_of_the_cubic(depth):
     width = math.acos(1 - depth)
     expected = np.sort(np.concatenate([tops - width, tops + width]))
     np.testing.assert_allclose(run.t_events[0], expected, atol=1e-3)
-
-
-def test_compiled_events_without_data_get_none_of_a_function_in_python():
-    kind = ctypes.CFUNCTYPE(
-        ctypes.c_double, ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
-    )
-    given = []
-
-    @kind
-    def event(t, y, user_data):
-        given.append(user_data)
-        return y[1]
-
-    expected = solve(height).t_events[0]
-    np.testing.assert_array_equal(solve(event).t_events[0], expected)
-    stepper = cg.Stepper(circle, 0.1, [np.cos(0.1), np.sin(0.1)], 10.0, events=event, **CIRCLE)
-    stepper.advance(10.0)
-    np.testing.assert_allclose(stepper.t_events[0], expected, rtol=0, atol=1e-9)
-    cg.solve_variational(circle, (0.1, 4.0), [1.0, 0.1], events=event, **CIRCLE)
-    assert set(given) == {None}
-    for name, value in (("parameters", [1.0]), ("inputs", cg.Samples([0.0], [1.0]))):
-        with pytest.raises(ValueError, match=r"events\[0\] must be in Python with inputs or"):
-            solve(event, **{name: value})
