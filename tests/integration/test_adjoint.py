@@ -166,10 +166,10 @@ class TestLinear:
         p, times = np.array([1.2, 0.7]), [0.3, 0.8, 1.5]
         f, df = (self.many, self.many_dp) if vectorized else (self.a, self.da_dp)
 
-        def solve(p, y0=y0, tolerance=1e-12, **more):
+        def solve(p, y0=y0, tolerance=1e-12, **others):
             return cg.solve_linear(
                 f, (0, 1.5), y0, frame=frame, parameters=p, vectorized=vectorized, t_eval=times,
-                rtol=tolerance, atol=tolerance, **more,
+                rtol=tolerance, atol=tolerance, **others,
             )  # fmt: skip
 
         run = solve(p, tolerance=1e-9, derivatives="adjoint", da_dp=df if exact else None)
@@ -238,7 +238,7 @@ class TestLinear:
         np.testing.assert_allclose(gradient.parameters, expected[::-1], rtol=0, atol=1e-7)
 
 
-def never(t, y, *more):
+def never(t, y, *others):
     raise AssertionError("f was called")
 
 

@@ -80,10 +80,10 @@ def test_output_across_them(way):
 
 
 def test_those_at_the_ends_change_nothing_and_those_beyond_are_refused():
-    plain = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], **LINE)
+    without = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], **LINE)
     solution = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=[0.0, 0.2], **LINE)
-    np.testing.assert_array_equal(solution.t, plain.t)
-    np.testing.assert_array_equal(solution.y, plain.y)
+    np.testing.assert_array_equal(solution.t, without.t)
+    np.testing.assert_array_equal(solution.y, without.y)
     for points in ([-1.0], [0.1, 5.0]):
         with pytest.raises(ValueError, match=r"breakpoints must lie between the ends, 0 to 0\.2"):
             cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=points, **LINE)

@@ -164,14 +164,14 @@ def test_a_function_far_from_zero_is_called_twice_a_step():
 
 
 def test_events_do_not_change_the_steps():
-    plain, watched = solve(None), solve(height)
-    np.testing.assert_array_equal(plain.t, watched.t)
-    np.testing.assert_array_equal(plain.y, watched.y)
-    assert plain.t_events is None
+    without, watched = solve(None), solve(height)
+    np.testing.assert_array_equal(without.t, watched.t)
+    np.testing.assert_array_equal(without.y, watched.y)
+    assert without.t_events is None
     # only steps with an event in them take more; those at the ends of steps are used again, except
     # at the end of the last step
-    extra = extra_evaluations(plain.method) * len(watched.t_events[0]) + 1
-    assert watched.nfev == plain.nfev + extra
+    extra = extra_evaluations(without.method) * len(watched.t_events[0]) + 1
+    assert watched.nfev == without.nfev + extra
 
 
 @pytest.mark.parametrize(

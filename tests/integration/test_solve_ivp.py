@@ -93,12 +93,12 @@ def test_default_output_is_that_of_the_steps_with_time_first():
 
 
 def test_t_eval_does_not_change_the_steps():
-    free = solve(method="CG4a", h=0.25, dense_output=True)
+    dense = solve(method="CG4a", h=0.25, dense_output=True)
     times = np.array([0.0, 0.1, 0.25, 0.3, 0.31, 0.9, 1.0])
     solution = solve(method="CG4a", h=0.25, t_eval=times)
     np.testing.assert_array_equal(solution.t, times)
-    np.testing.assert_array_equal(solution.y, free.sol(times))
-    np.testing.assert_array_equal(solution.y[2], free.y[1])
+    np.testing.assert_array_equal(solution.y, dense.sol(times))
+    np.testing.assert_array_equal(solution.y[2], dense.y[1])
     assert solution.steps == 4
     assert SO3().membership_error(solution.y).max() < 1e-14
 
@@ -205,8 +205,8 @@ def test_too_many_steps_end_without_success_and_keep_accepted_steps(growth):
         np.testing.assert_array_equal(ensemble.sol[member].ts, solution.t)
         np.testing.assert_array_equal(ensemble.sol[member](solution.t), solution.y)
     options = {"rtol": 1e-8, "method": "CG4(3)", **line}
-    free = cg.solve_ivp(growth, span, [1.0], **options)
-    count = free.steps + free.nrejected
+    unlimited = cg.solve_ivp(growth, span, [1.0], **options)
+    count = unlimited.steps + unlimited.nrejected
     for most, success in ((count, True), (count - 1, False)):
         options["max_steps"] = most
         assert cg.solve_ivp(growth, span, [1.0], **options).success is success

@@ -122,11 +122,11 @@ def test_the_solution_within_a_step(method):
 
 
 def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
-    plain = cg.Stepper(turning, 0, np.eye(3), 9.0, frame=SO3(), method="CF5(4)", **OPTIONS)
+    without = cg.Stepper(turning, 0, np.eye(3), 9.0, frame=SO3(), method="CF5(4)", **OPTIONS)
     for _ in range(6):
-        plain.step()
-    stepper = copy.copy(plain)
-    size = plain.step_size
+        without.step()
+    stepper = copy.copy(without)
+    size = without.step_size
     assert stepper.advance(stepper.t + 1e-3 * size) is None
     assert stepper.step_size == pytest.approx(1e-3 * size)
     stepper.step()
@@ -208,19 +208,19 @@ def test_a_stepper_goes_on_after_an_exception(control, calls, error):
             raise error("once")
         return turning(t, y)
 
-    stepper, plain = (cg.Stepper(g, 0.0, np.eye(3), frame=SO3(), **control) for g in (f, turning))
+    stepper, without = (cg.Stepper(g, 0.0, np.eye(3), frame=SO3(), **control) for g in (f, turning))
     with pytest.raises(error, match="once"):
         stepper.advance(2.0)
-    while plain.t < stepper.t:
-        plain.step()
-    assert (stepper.t, stepper.t_old) == (plain.t, plain.t_old)
-    assert_array_equal(stepper.y, plain.y)
+    while without.t < stepper.t:
+        without.step()
+    assert (stepper.t, stepper.t_old) == (without.t, without.t_old)
+    assert_array_equal(stepper.y, without.y)
     stepper.advance(2.0)
-    plain.advance(2.0)
-    np.testing.assert_allclose(stepper.y, plain.y, rtol=0, atol=1e-13 if "h" in control else 1e-6)
+    without.advance(2.0)
+    np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=1e-13 if "h" in control else 1e-6)
     stepper.restart(t=0.0, y=np.eye(3))
     stepper.advance(2.0)
-    np.testing.assert_allclose(stepper.y, plain.y, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("copied", [False, True])
