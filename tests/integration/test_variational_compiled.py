@@ -144,14 +144,16 @@ def test_many_points_at_a_time_have_the_derivatives_of_one():
 
 class TestFailures:
     @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
-    def test_error_codes_name_the_function(self, functions, function, name):
-        with pytest.raises(RuntimeError, match=f"^{name} returned the error code 7 at t ="):
-            solve(functions | {name: function("stops")}, y0=BODY.join(np.eye(3), np.zeros(3)))
-
-    @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
-    def test_functions_that_write_nothing(self, functions, function, name):
-        with pytest.raises(ValueError, match=f"^{name} must return finite numbers"):
-            solve(functions | {name: function("writes_nothing")})
+    @pytest.mark.parametrize(
+        ("wrong", "error", "message"),
+        [
+            ("stops", RuntimeError, "returned the error code 7 at t ="),
+            ("writes_nothing", ValueError, "must return finite numbers"),
+        ],
+    )
+    def test_the_function_is_named(self, functions, function, name, wrong, error, message):
+        with pytest.raises(error, match=f"^{name} {message}"):
+            solve(functions | {name: function(wrong)}, y0=BODY.join(np.eye(3), np.zeros(3)))
 
     @pytest.mark.parametrize("name", ["jac", "df_dp"])
     def test_signatures(self, library, functions, name):
