@@ -35,8 +35,8 @@ NAMES = (
 """All benchmarks in the order of the page, each a module with ``run(quick, figures)``."""
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the named benchmarks, and write the pages and the numbers."""
+def _parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Return the checked arguments of the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help=f"one of {', '.join(NAMES)}; all by default"
@@ -55,6 +55,12 @@ def main(arguments: list[str] | None = None) -> int:
     for name in parsed.names:
         if name not in NAMES:
             parser.error(f"NAME must be one of {', '.join(NAMES)}, got {name!r}")
+    return parsed
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the named benchmarks, and write the pages and the numbers."""
+    parsed = _parse(arguments)
     file = HERE / "results.json"
     storing = not parsed.quick and not parsed.case
     results = page.read(file) if storing else {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -17,7 +18,7 @@ from cg.frames import SO3, Euclidean, Product
 
 from .in_c import field
 from .record import Aim, Result, Row
-from .timing import measure
+from .timing import Times, measure
 
 _FRAME = Product(SO3(), Euclidean(3))
 _SPAN = (0.0, 1e-6)
@@ -70,8 +71,14 @@ def run(quick: bool, figures: Path | None) -> Result:
         },
         rounds=rounds,
     )
+    rows = _in_python(times, evaluations), _compiled(y0, rounds)
+    return Result(TITLE, method_text(rounds), tuple(chain(*rows)))
+
+
+def _in_python(times: Times, evaluations: int) -> tuple[Row, ...]:
+    """Return the rows of a short integration, and of a sample less its calls of ``f``."""
     both = zip(times.rounds["samples"], times.rounds["fields"], strict=True)
-    rows = (
+    return (
         times.row(
             "`solve_ivp` from 0 to 1e-6, constant `f`", "here", "µs",
             "SciPy's `solve_ivp` with DOP853, 12 entries", "SciPy",
@@ -86,9 +93,7 @@ def run(quick: bool, figures: Path | None) -> Result:
             1e6 * times.median("fields") / _SAMPLES,
             aim=Aim(20.0, above=False, of="value"),
         ),
-        *_compiled(y0, rounds),
     )  # fmt: skip
-    return Result(TITLE, method_text(rounds), rows)
 
 
 def _compiled(y0: Array, rounds: int) -> tuple[Row, ...]:

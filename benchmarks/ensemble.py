@@ -15,8 +15,8 @@ import cg
 from cg.frames import Euclidean, Product, UnitQuaternion
 
 from .in_c import field
-from .record import Aim, Result
-from .timing import measure
+from .record import Aim, Result, Row
+from .timing import Times, measure
 
 _FRAME = Product(UnitQuaternion(), Euclidean(3))
 _INVERSE = np.array([1.0, 0.5, 0.4])
@@ -68,7 +68,11 @@ def run(quick: bool, figures: Path | None) -> Result:
             "alone": alone,
         }
         times = measure(contestants, rounds=rounds, seconds=0.2)
+    return Result(TITLE, method_text(rounds), tuple(_rows(times, members, few)))
 
+
+def _rows(times: Times, members: int, few: int) -> list[Row]:
+    """Return times of each member, compared with less output and with a loop in Python."""
     rows = [
         times.row(
             f"{members} members, {count} output times", f"{count} times", "ms per member",
@@ -83,14 +87,13 @@ def run(quick: bool, figures: Path | None) -> Result:
         )
         for name, aim in (("event in C", _EVENT_AIM), ("event in Python", None))
     ]  # fmt: skip
-    rows += [
+    return rows + [
         times.row(
             f"{members} members, `f` in {what}", name, "ms per member",
             "`solve_ivp` for each, `f` in C", "alone", pieces=(members, few),
         )
         for what, name in (("C", "2 times"), ("NumPy, vectorized", "NumPy"))
     ]  # fmt: skip
-    return Result(TITLE, method_text(rounds), tuple(rows))
 
 
 def fields(t: Array, y: Array) -> Array:

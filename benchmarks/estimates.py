@@ -17,7 +17,7 @@ from cg.method.estimate import MAX_RATIO, estimate_ratio, jump_ratio
 from reproduce.markdown import replace_between, table
 
 from .cases import Case, cases
-from .families import Array, families
+from .families import Array, Family, families
 from .record import Aim, Result, Row
 from .solvers import pairs
 from .work_curves import QUANTITIES, Curve, Point, run_point
@@ -96,13 +96,20 @@ def measure(names: Sequence[str], members: int, tolerances: Sequence[float]) -> 
     for family in families(members):
         exact = family.reference()
         for name in names:
-            for tolerance in tolerances:
-                begin = time.perf_counter()
-                errors = family.errors(family.solve(name, tolerance), exact) / tolerance
-                quotients[name].setdefault(family.name, []).append(errors)
-                if time.perf_counter() - begin > _SLOWEST:
-                    break
+            parts = quotients[name].setdefault(family.name, [])
+            parts += _quotients(family, exact, name, tolerances)
     return quotients
+
+
+def _quotients(family: Family, exact: Array, name: str, tolerances: Sequence[float]) -> list[Array]:
+    """Return the quotients of a family, up to the tolerance that takes long."""
+    parts = []
+    for tolerance in tolerances:
+        begin = time.perf_counter()
+        parts.append(family.errors(family.solve(name, tolerance), exact) / tolerance)
+        if time.perf_counter() - begin > _SLOWEST:
+            break
+    return parts
 
 
 def _all(name: str, quotients: Quotients) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -95,7 +95,7 @@ def _spin(frame: Frame, count: int, random: np.random.Generator) -> Family:
         return p[:, :d] + 0.3 * _linear(p[:, d:], y, d, entries)
 
     rows = [_sized(random, d, 5.0, 30.0) for _ in range(count)]
-    return _family("spin", frame, f, random, np.stack(rows), d * entries, 3.0)
+    return _family("spin", frame, f, random, np.stack(rows), d * entries)
 
 
 def _drift(frame: Frame, count: int, random: np.random.Generator) -> Family:
@@ -112,7 +112,7 @@ def _drift(frame: Frame, count: int, random: np.random.Generator) -> Family:
         [*_sized(random, d, 1.0, 30.0), 10.0 ** random.uniform(-4, -0.5), random.uniform(0.5, 3.0)]
         for _ in range(count)
     ]
-    return _family("slow drift", frame, f, random, np.array(rows), 3 * d, 4.0)
+    return replace(_family("slow drift", frame, f, random, np.array(rows), 3 * d), end=4.0)
 
 
 def _weak(frame: Frame, count: int, random: np.random.Generator) -> Family:
@@ -140,17 +140,16 @@ def _dependent(
         [*random.normal(size=d), *random.uniform(0.2, 4.0, d), *random.uniform(0.0, 6.0, d)]
         for _ in range(count)
     ]
-    return _family(name, frame, f, random, np.array(rows), d * entries, 3.0)
+    return _family(name, frame, f, random, np.array(rows), d * entries)
 
 
 def _family(
-    name: str, frame: Frame, f: Field, random: np.random.Generator, rows: Array, more: int,
-    end: float,
-) -> Family:  # fmt: skip
-    """Return a family with some more parameters, normally distributed."""
+    name: str, frame: Frame, f: Field, random: np.random.Generator, rows: Array, normals: int
+) -> Family:
+    """Return a family whose further parameters are normally distributed, up to t = 3."""
     points = np.stack([frame.random_point(random) for _ in rows])
-    parameters = np.hstack([rows, random.normal(size=(len(rows), more))])
-    return Family(name, frame, f, points, parameters, end)
+    parameters = np.hstack([rows, random.normal(size=(len(rows), normals))])
+    return Family(name, frame, f, points, parameters, 3.0)
 
 
 def _sized(random: np.random.Generator, d: int, least: float, largest: float) -> Array:

@@ -42,7 +42,7 @@ def method_text(turns: int) -> str:
 
 def run(quick: bool, figures: Path | None) -> Result:
     """Measure all methods on all problems, and draw the errors of the energy."""
-    turns, more = (50, 100) if quick else (1000, 100_000)
+    turns, longest = (50, 100) if quick else (1000, 100_000)
     rows: list[list[str]] = []
     far: list[list[str]] = []
     drawing = Drawing(figsize=(11, 6.5), layout="constrained")
@@ -56,11 +56,11 @@ def run(quick: bool, figures: Path | None) -> Result:
             rows.append([title, method, *cells, *_structure(problem, method)])
             axes.plot(np.arange(1, turns + 1), np.maximum.accumulate(change)[1:], label=method)
             if name in NAMES[:2] and method in ("BlanesMoan6", "the default"):
-                far.append([title, method, *_errors(problem, method, more)[0]])
+                far.append([title, method, *_errors(problem, method, longest)[0]])
         axes.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
     if figures is not None:
         save_figure(drawing, figures / "long_times.png", dpi=90)
-    notes = table(HEADS, rows), f"In {more:,} turns:", table(HEADS[:6], far)
+    notes = table(HEADS, rows), f"In {longest:,} turns:", table(HEADS[:6], far)
     drawn = (Figure("long_times", f"Errors of the energy in {turns} turns"),)
     return Result(TITLE, method_text(turns), (), notes, drawn)
 

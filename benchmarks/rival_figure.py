@@ -47,6 +47,14 @@ RC: dict[Any, Any] = {
 }
 
 
+def _plot(axes: Any, curve: Curve, quantity: str, style: dict[str, Any]) -> None:
+    """Plot errors against work, unless the solver doesn't count it."""
+    scale = 1e3 if quantity == "time" else 1.0
+    work = [scale * QUANTITIES[quantity](p) for p in curve.points]
+    if all(work):
+        axes.plot(work, [p.error for p in curve.points], **style)
+
+
 def draw(curves: list[Curve], title: str, name: str, folder: Path) -> None:
     """Draw ``folder/name.png``: error against evaluations, flows and time, and the drift.
 
@@ -67,11 +75,8 @@ def draw(curves: list[Curve], title: str, name: str, folder: Path) -> None:
         panels = figure.subplots(2, 2).ravel()
         units = ("evaluations", "flows", "processor time (ms)")
         for axes, quantity, unit in zip(panels, QUANTITIES, units, strict=False):
-            scale = 1e3 if quantity == "time" else 1.0
             for curve in curves:
-                work = [scale * QUANTITIES[quantity](p) for p in curve.points]
-                if all(work):
-                    axes.plot(work, [p.error for p in curve.points], **styles[curve.name])
+                _plot(axes, curve, quantity, styles[curve.name])
             dress(axes, f"{title}: error against {quantity}", unit, "largest error at the end")
         for curve in curves:
             points = curve.points

@@ -7,6 +7,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from statistics import median
 
@@ -117,9 +118,7 @@ def _contest(case: Case, rounds: int, quick: bool) -> list[Curve]:
     tried = [_runs(case, solver) for solver in called]
     for _ in range(rounds - 1):
         for solver, runs in zip(called, tried, strict=True):
-            for setting, (_, seconds) in runs.items():
-                if seconds[0] <= _LONG:
-                    seconds.append(_timed(solver, setting)[1])
+            _run_again(solver, runs)
     return [
         Curve.of(
             solver.name, solver.kind, solver.order,
@@ -127,6 +126,13 @@ def _contest(case: Case, rounds: int, quick: bool) -> list[Curve]:
         )
         for solver, runs in zip(called, tried, strict=True)
     ]  # fmt: skip
+
+
+def _run_again(solver: Solver, runs: dict[float, tuple[Point, list[float]]]) -> None:
+    """Add the times of another round, unless they are long."""
+    for setting, (_, seconds) in runs.items():
+        if seconds[0] <= _LONG:
+            seconds.append(_timed(solver, setting)[1])
 
 
 def _timed(solver: Solver, setting: float) -> tuple[Run, float]:
@@ -215,29 +221,24 @@ def verdict(wins: Mapping[str, Sequence[int]]) -> str:
     )
 
 
+def _cell(curve: Curve, error: float, quantity: str) -> str:
+    work = curve.at(error, quantity) * (1e3 if quantity == "time" else 1.0)
+    return "" if math.isnan(work) else f"{work:.3g}"
+
+
 def _table(case: Case, curves: list[Curve]) -> str:
     """Return a table of the best solvers of each kind and of all competitors."""
     by_name = {curve.name: curve for curve in curves}
-    selected: dict[str, None] = {}
-    for kinds in (("pair",), ("fixed",)):
-        for quantity in QUANTITIES:
-            for error in _ERRORS:
-                best = _best(curves, kinds, error, quantity)
-                if best is not None:
-                    selected[best] = None
-    for name in (_DEFAULT, "DP5(4)", "DOP853", "CF4"):
-        if name in by_name:
-            selected[name] = None
+    wanted = product((("pair",), ("fixed",)), QUANTITIES, _ERRORS)
+    best = [_best(curves, kinds, error, quantity) for kinds, quantity, error in wanted]
+    always = [name for name in (_DEFAULT, "DP5(4)", "DOP853", "CF4") if name in by_name]
+    selected = dict.fromkeys(name for name in (*best, *always) if name is not None)
     rivals = [curve.name for curve in curves if curve.kind in ("rkmk", "rival")]
     heads = [f"{quantity}, {error:g}" for error in _ERRORS for quantity in QUANTITIES]
     rows = []
     for name in (*selected, *rivals):
         curve = by_name[name]
-        cells = []
-        for error in _ERRORS:
-            for quantity in QUANTITIES:
-                work = curve.at(error, quantity) * (1e3 if quantity == "time" else 1.0)
-                cells.append("" if math.isnan(work) else f"{work:.3g}")
+        cells = [_cell(curve, *what) for what in product(_ERRORS, QUANTITIES)]
         if any(cells):
             drift = curve.drift(_ERRORS[1])
             cells.append("" if math.isnan(drift) else f"{drift:.0e}")

@@ -49,9 +49,4 @@ def run(quick: bool, figures: Path | None) -> Result:
                 )
             )
         notes.append(f"- Order {order}, exact methods of all starts: {counts}.")
-    return Result(
-        TITLE,
-        method_text(budget, rounds),
-        tuple(rows),
-        ("\n".join(notes),),
-    )
+    return Result(TITLE, method_text(budget, rounds), tuple(rows), ("\n".join(notes),))

@@ -179,7 +179,7 @@ def _at(equation: Equation, start: Array, size: Array) -> tuple[_Intervals, Arra
 
 @cache
 def _mixture(count: int) -> Array:
-    """Return random combinations of parameters, by whose derivatives those of all are judged."""
+    """Return random combinations of the parameters, whose errors stand for those of all."""
     if count <= _MIXED:
         return np.eye(count)
     return np.random.default_rng(0).standard_normal((count, _MIXED))
@@ -195,11 +195,11 @@ class AdjointSolution(Solution):
     initial point and its stiffness:
 
     >>> import crouch_grossman as cg
-    >>> run = cg.solve_variational(
+    >>> solution = cg.solve_variational(
     ...     lambda t, y, p: [y[1], -p[0] * y[0]], (0, 1), [1.0, 0.0], frame=cg.frames.Euclidean(2),
     ...     parameters=[1.0], derivatives="adjoint", rtol=1e-10, atol=1e-10,
     ... )
-    >>> gradient = run.gradient([1.0, 0.0])
+    >>> gradient = solution.gradient([1.0, 0.0])
     >>> gradient.y0.round(6), gradient.parameters.round(6)
     (array([0.540302, 0.841471]), array([-0.420735]))
     """

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, real_array
+from cg.frames.arrays import Array, Points, check_finite, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.integration.step.plan import Plan
@@ -40,16 +40,30 @@ def check_unused(**arguments: object) -> None:
 
 def check_t_eval(t_eval: ArrayLike, start: float, stop: float) -> Array:
     """Return the times to store the solution at, after checking them."""
-    times = real_array(t_eval, "t_eval")
+    return _check_times(t_eval, "t_eval", "within t_span,", start, stop)
+
+
+def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
+    """Return the times at which steps end: the breakpoints inside the span, then its end."""
+    if breakpoints is None:
+        return np.array([stop])
+    times = _check_times(breakpoints, "breakpoints", "between the ends,", start, stop)
+    check_finite(times, "breakpoints")
+    return np.append(times[(times != start) & (times != stop)], stop)
+
+
+def _check_times(given: Any, name: str, where: str, start: float, stop: float) -> Array:
+    """Return times after checking that they are sorted and lie between two times."""
+    times = real_array(given, name)
     if times.ndim != 1:
-        raise ValueError(f"t_eval must have one axis, got shape {times.shape}")
+        raise ValueError(f"{name} must have one axis, got shape {times.shape}")
     low, high = min(start, stop), max(start, stop)
     # written so that a NaN is rejected
     if not ((times >= low) & (times <= high)).all():
-        raise ValueError(f"t_eval must lie within t_span, {low:g} to {high:g}, got {t_eval!r}")
+        raise ValueError(f"{name} must lie {where} {low:g} to {high:g}, got {given!r}")
     if not (math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0).all():
         raise ValueError(
-            f"t_eval must be strictly sorted in the direction of integration, got {t_eval!r}"
+            f"{name} must be strictly sorted in the direction of integration, got {given!r}"
         )
     return times
 
@@ -128,7 +142,7 @@ def check_rtol(rtol: Any) -> Array:
     if value.min() < _MIN_RTOL:
         which = f"rtol = {value:g}" if value.ndim == 0 else "At least one element of rtol"
         warnings.warn(
-            f"{which} is too small to be attained and is raised to {_MIN_RTOL:.3g}", stacklevel=4
+            f"{which} is too small to be attained and is raised to {_MIN_RTOL:.3g}", stacklevel=5
         )
     return np.maximum(value, _MIN_RTOL)
 
@@ -149,9 +163,7 @@ def check_max_steps(max_steps: Any) -> int:
     """Return the largest number of steps or the default."""
     if max_steps is None:
         return DEFAULT_MAX_STEPS
-    return min(
-        check_integer("max_steps", max_steps, 1), 2**62
-    )  # fits the counters of compiled code
+    return min(check_integer("max_steps", max_steps, 1), 2**62)  # fits compiled counters
 
 
 def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> None:
@@ -296,27 +308,6 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     if not (math.isinf(stop) or math.isfinite(stop - start)):
         raise ValueError(f"t_span must have a finite length, got {t_span!r}")
     return start, stop
-
-
-def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
-    """Return the times at which steps end: the breakpoints inside the span, then its end."""
-    if breakpoints is None:
-        return np.array([stop])
-    times = real_array(breakpoints, "breakpoints")
-    if times.ndim != 1:
-        raise ValueError(f"breakpoints must have one axis, got shape {times.shape}")
-    sign = -1.0 if stop < start else 1.0
-    if not np.isfinite(times).all() or not (sign * np.diff(times) > 0.0).all():
-        raise ValueError(
-            "breakpoints must be finite and strictly sorted in the direction of integration, got "
-            f"{breakpoints!r}"
-        )
-    if times.size and (sign * (times[0] - start) < 0.0 or sign * (times[-1] - stop) > 0.0):
-        raise ValueError(
-            f"breakpoints must lie between {start:g} and {stop:g}, got {breakpoints!r}"
-        )
-    inside = (times != start) & (times != stop)
-    return np.append(times[inside], stop)
 
 
 def check_real_time(value: Any, name: str, *, infinite: bool = True) -> float:

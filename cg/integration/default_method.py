@@ -23,20 +23,16 @@ from cg.integration.step.plan import has_brackets
 AUTO = "auto"
 """Value of ``method`` for which `choose_method` chooses."""
 
-_WITH_BRACKETS = "RKMK8(5,3)"
-# For loose and for tight tolerances; the costs of both are about equal at this tolerance
-_WITHOUT = ("CF5(4)", "DOP853")
-_LOOSE = 1e-4
 _FIXED_STEPS = "CF5(4)"
+_WITH_BRACKETS = "RKMK8(5,3)"
+# Without brackets, by the relative tolerance. At the limit both take about the same time.
+_LOOSE, _TIGHT, _LIMIT = "CF5(4)", "DOP853", 1e-4
 
 
 def choose_method(frame: Frame, rtol: float | None) -> str:
-    """Return the name of the default method.
-
-    With brackets it is one of Munthe-Kaas. Without, at relative tolerances of 1e-4 or more the pair
-    is one of order five, below it of order eight. None stands for fixed steps, for which the pair
-    of order five is used.
-    """
+    """Return the name of the default method on a frame; ``rtol`` is None for fixed steps."""
     if rtol is None:
         return _FIXED_STEPS
-    return _WITH_BRACKETS if has_brackets(frame) else _WITHOUT[0 if rtol >= _LOOSE else 1]
+    if has_brackets(frame):
+        return _WITH_BRACKETS
+    return _LOOSE if rtol >= _LIMIT else _TIGHT

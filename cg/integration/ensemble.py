@@ -67,19 +67,17 @@ def solve_ensemble(
         coefficients of one member; see `cg.solve_ivp`. If ``vectorized`` it is given times
         ``(k,)``, points ``(k, *frame.point_shape)`` and rows ``(k, n)`` of any subset of the
         members, and returns shape ``(k, frame.dim)``, on a `cg.frames.PhaseSpace` ``(k, forces)``.
-    t_span
-        Initial and final time.
     y0
         Initial points, shape ``(members, *frame.point_shape)``; a single point serves all rows
         of ``parameters``.
-    frame, method, rtol, atol, h, dense_output, events, breakpoints, args
-        As for `cg.solve_ivp`. Events are functions of one member.
+    t_span, frame, method, rtol, atol, h, dense_output, breakpoints, args
+        As for `cg.solve_ivp`.
     inputs
         As for `cg.solve_ivp`; those with ``members=True`` have values of each member. If
         ``vectorized``, ``f`` gets a row of values for each member.
     t_eval
         Times at which to store the solution; by default the ends of ``t_span``.
-    observe, store
+    events, observe, store, max_step, first_step, max_steps, stage_solver
         As for `cg.solve_ivp`, of one member.
     parameters
         Numbers of each member, shape ``(members, n)``, which ``f`` and the events are given as
@@ -89,8 +87,6 @@ def solve_ensemble(
     common_steps
         Whether all members take the same steps, those that the member with the largest error
         calls for.
-    max_step, first_step, max_steps, stage_solver
-        As for `cg.solve_ivp`, of each member.
     jac
         As for `cg.solve_ivp`; if ``vectorized`` it takes and returns arrays of one member each,
         with the axis of members first.
@@ -129,11 +125,11 @@ def solve_ensemble(
     >>> import numpy as np
     >>> import crouch_grossman as cg
     >>> rates = np.linspace(0.5, 1.5, 5)[:, None]
-    >>> run = cg.solve_ensemble(
+    >>> solution = cg.solve_ensemble(
     ...     lambda t, y, rate: [0.0, np.sin(t), rate[0]], (0, 5), np.eye(3),
     ...     frame=cg.frames.SO3(), parameters=rates, t_eval=[0, 1, 5], rtol=1e-8, atol=1e-8,
     ... )
-    >>> run.y.shape, run.success
+    >>> solution.y.shape, solution.success
     ((3, 5, 3, 3), True)
     """
     problem = make_problem(
@@ -227,12 +223,15 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
 
 @dataclass(frozen=True)
 class _MemberTask:
-    """The task of a worker: integrate some members of a problem, of which it has only the first."""
+    """The work of one worker: a problem whose members come with each call.
+
+    ``problem`` holds the first member only, so that little is sent to other processes.
+    """
 
     problem: Problem
 
     def __call__(self, data: tuple[int, Points, Array | None, Inputs | None]) -> MemberResults:
-        """Integrate some members, given what tells them from others."""
+        """Integrate members with the place, points, parameters and inputs of `Problem.data`."""
         return _integrate(self.problem.select(*data), None)
 
 
@@ -244,9 +243,9 @@ def _distribute(
     if executor is not None and executor != "threads":
         _check_pickle(work)
     count = len(problem.points)
-    run = completed(work, range(count), count, workers, executor, data=problem.data)
-    with closing(run) as running:
-        for finished in running:
+    results = completed(work, range(count), count, workers, executor, data=problem.data)
+    with closing(results):
+        for finished in results:
             members = slice(finished.chunk[0], finished.chunk[-1] + 1)
             if finished.result is None:
                 result.add_failure(members, str(finished.failure))

@@ -206,14 +206,10 @@ def integrate(
     Parameters
     ----------
     f
-        ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``, on a
-        `cg.frames.PhaseSpace` the forces. It is given a read-only ``y`` of shape
-        ``frame.point_shape``. An exception that it raises ends the call.
-
-        It may also be a compiled function ``int f(double t, const double *y, double *f,
-        void *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes,
-        a ``numba.cfunc``, or a `cg.CompiledFunction`. It writes the coefficients, and returns
-        zero, or else ends the call. The integration then runs wholly in compiled code, without
+        As for `cg.solve_ivp`. It may also be a compiled function ``int f(double t, const double
+        *y, double *f, void *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer
+        of ctypes, a ``numba.cfunc``, or a `cg.CompiledFunction`. It writes the coefficients, and
+        returns zero, or else ends the call. The integration is then compiled as a whole, without
         Python's lock, on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in
         space, Euclidean space and their products, isospectral orbits of real matrices up to
         n = 12, and linear actions of sparse matrices.

@@ -103,8 +103,8 @@ def solve_linear(
     >>> from cg.frames import SU
     >>> def a(t):  # a spin in a constant field and one that rotates in resonance with it
     ...     return [0.5 * np.cos(4 * t), 0.5 * np.sin(4 * t), 4.0]
-    >>> run = solve_linear(a, (0, np.pi), np.eye(2), frame=SU(2), rtol=1e-10, atol=1e-10)
-    >>> run.success, abs(run.y[-1][1, 0]).round(8)
+    >>> solution = solve_linear(a, (0, np.pi), np.eye(2), frame=SU(2), rtol=1e-10, atol=1e-10)
+    >>> solution.success, abs(solution.y[-1][1, 0]).round(8)
     (True, np.float64(0.70710678))
     """
     given = complete_options(solve_linear, rest, options)
@@ -165,11 +165,11 @@ def solve_linear_ensemble(
 
     >>> import numpy as np
     >>> from cg.frames import SU
-    >>> run = solve_linear_ensemble(
+    >>> solution = solve_linear_ensemble(
     ...     lambda t, row: [1.0, 0.0, row[0]], (0, np.pi), np.eye(2), frame=SU(2),
     ...     parameters=[[0.0], [1.0]], rtol=1e-9, atol=1e-9,
     ... )
-    >>> abs(run.y[-1, :, 1, 0]).round(6)
+    >>> abs(solution.y[-1, :, 1, 0]).round(6)
     array([1.     , 0.56264])
     """
     given = complete_options(solve_linear_ensemble, rest, options)

@@ -17,7 +17,7 @@ from cg.integration.rhs.derivatives import Derivative, derivative_of, read_only
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.plan import has_brackets
-from cg.integration.variational.field import DIFFERENCE_STEP, parameter_steps, structure_constants
+from cg.integration.variational.field import parameter_differences, structure_constants
 
 
 def with_linear_adjoint(problem: Problem, da_dp: Any) -> Problem:
@@ -95,14 +95,10 @@ def _parameter_derivative(rhs: Any, da_dp: Derivative | None, times: Array, poin
     """Return the derivatives of the coefficients, shape ``(times, dim, k)``."""
     row = rhs.parameters[0]
     if da_dp is None:
-        columns = []
-        for moved, size in parameter_steps(row, DIFFERENCE_STEP):
-            ahead, behind = (
-                _coefficients(rhs.with_data(rhs.args, moved(s)[None], None), times, point)
-                for s in (1.0, -1.0)
-            )
-            columns.append((ahead - behind) / (2.0 * size))
-        return np.stack(columns, axis=-1)
+        return parameter_differences(
+            lambda moved: _coefficients(rhs.with_data(rhs.args, moved[None], None), times, point),
+            row,
+        )
     arguments = *rhs.args, row
     if da_dp.vectorized:
         arguments = *rhs.args, np.broadcast_to(row, (len(times), row.size))

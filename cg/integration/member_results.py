@@ -108,7 +108,7 @@ class Results:
             ]
 
     def add_failure(self, members: slice, message: str) -> None:
-        """Record that the worker of some members died."""
+        """Add the message of members whose worker died."""
         joint = self.joint()
         joint.messages.update((k, message) for k in range(members.start, members.stop))
         if self.out is not None:

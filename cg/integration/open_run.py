@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from cg.integration.loop.run import Run
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.problem import Problem
 from cg.integration.rhs.inputs import Inputs
-from cg.integration.stepper_events import FoundEvents, collect_events
 from cg.method.method import Method
 from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTERS
@@ -28,6 +27,15 @@ _NO_LIMIT = 2**62
 _STEPS = list(COUNTERS).index("steps")
 _PAUSED, _FINISHED = int(Stop.PAUSED), int(Stop.FINISHED)
 _FULL, _TERMINAL = int(Stop.BUFFER_FULL), int(Stop.TERMINAL_EVENT)  # much faster than members
+
+
+class _Events(NamedTuple):
+    """Events of a call: which ones, their times, and the points before and after jumps."""
+
+    of: Any
+    t: Array
+    before: Points
+    after: Points
 
 
 class OpenRun:
@@ -48,7 +56,7 @@ class OpenRun:
         self._stops = self._with_corners(problem.rhs.inputs, start)
         self._budget = StepBudget()
         self._failure = ""
-        self._found: list[FoundEvents] = []
+        self._found: list[_Events] = []
         self._cut_output: DenseOutput | None = None
         control = problem.control._replace(first_step=first, max_steps=_NO_LIMIT)
         self._problem = replace(problem, stops=self._stops, control=control, t_eval=None, every=0)
@@ -93,9 +101,9 @@ class OpenRun:
         self._stops_are_set = False
 
     def _continue(self, stops: Array) -> None:
-        """Let all trajectories continue with other ends of segments, those that aren't behind.
+        """Continue all trajectories with new ends of segments, without those that have passed.
 
-        One at `t` tells on which side of it ``f`` is evaluated.
+        An end at `t` itself is kept: ``f`` is then evaluated on the side of the last step.
         """
         record = self._run.record
         if len(stops) > 1:
@@ -114,7 +122,7 @@ class OpenRun:
             message = self._take_step(steps) if target is None else self._take_steps()
             is_complete = message is None
         finally:
-            cut = run.problem.events is not None and collect_events(self)
+            cut = run.problem.events is not None and self._collect_events()
             if not is_complete:
                 self._end_early(start, steps)
         return self._arrive(begin, target, cut) if is_complete else message
@@ -166,6 +174,31 @@ class OpenRun:
         elif stopped:
             self.status = "event"
         return TERMINAL_EVENT if stopped and self.t != target is not None else None
+
+    def _collect_events(self) -> bool:
+        """Keep the events of the run; return whether the last one ended a step."""
+        run = self._run
+        if not run._events:
+            return False
+        of, t, y = run.events()
+        run._events.clear()
+        self._found.append(_Events(of[:, 1], t, y[:, 0], y[:, 1]))
+        table = run.problem.events
+        assert table is not None
+        ends = run.status[0] == _TERMINAL or table.rows[of[:, 1], 4].any()
+        return bool(ends and t[-1] == run.reached[0])
+
+    def _event_lists(self, name: str) -> list[Array] | None:
+        """Return an array for each event, None without events."""
+        table = self._problem.events
+        if table is None:
+            return None
+        frame, found = self.frame, self._found
+        shape, kind = ((0,), np.float64) if name == "t" else ((0, *frame.point_shape), frame.dtype)
+        return [
+            np.concatenate([np.empty(shape, kind), *(getattr(f, name)[f.of == i] for f in found)])
+            for i in range(len(table))
+        ]
 
     def _end_at_state(self) -> None:
         """Set the start of the last step to that in the state of the trajectory."""

@@ -85,7 +85,7 @@ class Problem:
         return float(self.stops[-1])
 
     def data(self, members: list[int]) -> tuple[int, Points, Array | None, Inputs | None]:
-        """Return what `select` needs for members that follow each other."""
+        """Return place, points, parameters and inputs of consecutive members, for `select`."""
         part = slice(members[0], members[-1] + 1)
         numbers, inputs = self.rhs.parameters, self.rhs.inputs
         numbers = None if numbers is None else numbers[part]
@@ -100,7 +100,7 @@ class Problem:
     def select(
         self, first: int, points: Points, parameters: Array | None, inputs: Inputs | None
     ) -> Problem:
-        """Return the problem of some members, the first of which has a place in the ensemble."""
+        """Return the problem of members, the first of which is number ``first`` of the ensemble."""
         rhs = self.rhs.with_data(self.rhs.args, parameters, inputs, first)
         return replace(self, points=points, rhs=rhs)
 
@@ -112,13 +112,12 @@ def _make_solution(_: Problem, fields: dict[str, Any]) -> EnsembleSolution:
 def _make_rhs(
     f: Any,
     frame: Frame,
-    args: Any,
-    parameters: Array | None,
+    data: tuple[Any, Array | None, Inputs | None],
     vectorized: bool,
     many: bool,
-    inputs: Inputs | None,
 ) -> Rhs:
-    """Return the right-hand side after checking ``f`` and ``args``."""
+    """Return the right-hand side for args, parameters and inputs, after checking ``f`` and args."""
+    args, parameters, inputs = data
     extra = check_args(args)
     vectorized = vectorized or (isinstance(f, TimeFunction) and f.vectorized)
     name = "a" if isinstance(f, TimeFunction) else "f"
@@ -137,7 +136,7 @@ def _make_rhs(
     return compiled.on(frame, parameters, inputs)
 
 
-def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: float) -> Control:
+def _make_control(plan: Plan, in_algebra: bool, options: Options, span: float) -> Control:
     """Return the step size control after checking its options except ``rtol``.
 
     Absolute tolerances may have a shape.
@@ -165,6 +164,7 @@ def _make_control(plan: Plan, shape: tuple[int, ...], options: Options, span: fl
         )
     if plan.method.embedded_order is not None:
         check_pair(plan.method, stacklevel=4)
+    shape = (plan.frame.dim,) if in_algebra else plan.frame.point_shape
     tolerances = check_atol(atol)
     relative: Any = rtol
     for name, value in (("rtol", relative), ("atol", tolerances)):
@@ -193,8 +193,8 @@ def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
 def _check_force(rhs: Rhs, t: float, y: Points, frame: PhaseSpace) -> None:
     """Raise ValueError if a force depends on the momentum."""
     q, momentum = frame.split(y)
-    more = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
-    other = frame.join(q, momentum + more * (1.0 + np.abs(momentum)))
+    shift = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
+    other = frame.join(q, momentum + shift * (1.0 + np.abs(momentum)))
     try:
         one, another = (rhs.answer(0, t, point) for point in (y, other))
     except Exception as error:
@@ -231,6 +231,36 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
     return chosen
 
 
+def _output_times(t_eval: Any, start: float, stop: float, many: bool) -> Array | None:
+    """Return the times at which points are stored, by default the ends for an ensemble."""
+    if t_eval is not None:
+        return check_t_eval(t_eval, start, stop)
+    ends = [start, stop][: 1 + (start != stop and math.isfinite(stop))]
+    return np.array(ends) if many else None
+
+
+def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable | None:
+    """Return the events, None without any, after checking that compiled ones get their data."""
+    if events is None:
+        return None
+    in_python = isinstance(rhs, PythonRhs)
+    table = EventTable(events, frame, rhs.inputs is not None, in_python)
+    if in_python and (rhs.inputs is not None or rhs.parameters is not None):
+        table.check_data()
+    return table
+
+
+def _make_plan(f: Any, frame: Any, options: Options) -> Plan:
+    """Return the plan of the frame and the method, after checking them and ``rtol``."""
+    if not isinstance(frame, Frame):
+        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
+    rtol = None
+    if options["h"] is None:
+        options["rtol"] = relative = check_rtol(options["rtol"])
+        rtol = float(relative.min())
+    return plan_of(frame, _choose_method(options["method"], f, frame, rtol))
+
+
 def make_problem(
     f: Any,
     t_span: Any,
@@ -246,19 +276,13 @@ def make_problem(
     every: int = 1,
 ) -> Problem:
     """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
-    rtol, t_eval = None, options["t_eval"]
-    if not isinstance(frame, Frame):
-        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
     check_stage_solver(stage_solver)
-    if options["h"] is None:
-        options["rtol"] = relative = check_rtol(options["rtol"])
-        rtol = float(relative.min())
-    plan = plan_of(frame, _choose_method(options["method"], f, frame, rtol))
+    plan = _make_plan(f, frame, options)
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)
     members = len(points) if many else None
     inputs = check_inputs(options["inputs"], start, stop, members, plan.method)
-    rhs = _make_rhs(f, frame, options["args"], numbers, vectorized, many, inputs)
+    rhs = _make_rhs(f, frame, (options["args"], numbers, inputs), vectorized, many)
     if isinstance(plan.method, Splitting) and isinstance(frame, PhaseSpace):
         _check_force(rhs, start, points[0], frame)
     jacobian = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
@@ -268,19 +292,10 @@ def make_problem(
     if inputs is not None:
         stops = inputs.add_stops(stops, start)
     in_algebra = plan.in_algebra(points[0])
-    shape = (frame.dim,) if in_algebra else frame.point_shape
-    control = _make_control(plan, shape, options, abs(stop - start))
-    if t_eval is not None:
-        t_eval = check_t_eval(t_eval, start, stop)
-    elif many:
-        t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
+    control = _make_control(plan, in_algebra, options, abs(stop - start))
+    t_eval = _output_times(options["t_eval"], start, stop, many)
     dense = check_flag("dense_output", options["dense_output"])
-    events = None
-    if options["events"] is not None:
-        in_python = isinstance(rhs, PythonRhs)
-        events = EventTable(options["events"], frame, inputs is not None, in_python)
-        if in_python and (inputs is not None or numbers is not None):
-            events.check_data()
+    events = _make_events(options["events"], frame, rhs)
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan, in_algebra, rhs, points, start, stops, control, events, t_eval,

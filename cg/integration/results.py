@@ -11,9 +11,12 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
+from cg.integration.loop.record import COUNTS
 from cg.integration.to_xarray import to_xarray
 from cg.method.method import Method
 from cg.support.copies import ReadOnly
+
+_EVENT_FIELDS = "t_events", "y_events", "y_after"
 
 
 class _Labelled(ReadOnly):
@@ -78,13 +81,13 @@ class Solution(_Labelled):
     --------
     >>> import numpy as np
     >>> import crouch_grossman as cg
-    >>> run = cg.solve_ivp(
+    >>> solution = cg.solve_ivp(
     ...     lambda t, y: [0.0, np.sin(t), y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
     ...     method="CF4(3)", rtol=1e-6, atol=1e-6, t_eval=[0, 2.5, 5],
     ... )
-    >>> run.success, run.y.shape, run.nfev > 4 * run.steps
+    >>> solution.success, solution.y.shape, solution.nfev > 4 * solution.steps
     (True, (3, 3, 3), True)
-    >>> run.message
+    >>> solution.message
     'The end of t_span was reached.'
     """
 
@@ -150,11 +153,11 @@ class EnsembleSolution(_Labelled):
     --------
     >>> import numpy as np
     >>> import crouch_grossman as cg
-    >>> run = cg.solve_ensemble(
+    >>> solution = cg.solve_ensemble(
     ...     lambda t, y, rate: [0.0, np.sin(t), rate[0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
     ...     parameters=[[0.5], [1.0]], t_eval=[0, 2.5, 5],
     ... )
-    >>> run.y.shape, run.status.tolist(), run[1].y.shape
+    >>> solution.y.shape, solution.status.tolist(), solution[1].y.shape
     ((3, 2, 3, 3), [0, 0], (3, 3, 3))
     """
 
@@ -209,15 +212,8 @@ class EnsembleSolution(_Labelled):
             "t": t,
             "y": y,
             "sol": None if self.sol is None else self.sol[member],
-            "t_events": _of_member(self.t_events, member),
-            "y_events": _of_member(self.y_events, member),
-            "y_after": _of_member(self.y_after, member),
-            "nfev": int(self.nfev[member]),
-            "njev": int(self.njev[member]),
-            "nlu": int(self.nlu[member]),
-            "nexp": int(self.nexp[member]),
-            "steps": int(self.steps[member]),
-            "nrejected": int(self.nrejected[member]),
+            **{name: _of_member(getattr(self, name), member) for name in _EVENT_FIELDS},
+            **{name: int(getattr(self, name)[member]) for name in COUNTS},
             "status": status,
             "message": f"Failure: {message}." if status < 0 else message,
             "success": status >= 0,

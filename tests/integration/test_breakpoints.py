@@ -79,33 +79,15 @@ def test_output_across_them(way):
     np.testing.assert_allclose(event.t_events[0], [0.5], rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("method", ["CG4a", "RKMK4"])
-def test_the_order_is_kept_on_rotations(method):
-    def f(t, y):
-        return np.array([1.0, 0.3, -0.4]) * (1.0 + y[0, 1]) * (3.0 if t >= 0.4321 else 1.0)
-
-    def end(h, breakpoints):
-        return cg.solve_ivp(
-            f, (0, 1), np.eye(3), frame=SO3(), method=method, h=h, breakpoints=breakpoints
-        ).y[-1]
-
-    half = cg.integrate(f, (0, np.nextafter(0.4321, 0)), np.eye(3), frame=SO3(), method="CF6b",
-                        h=0.01).y[-1]  # fmt: skip
-    truth = cg.integrate(f, (0.4321, 1), half, frame=SO3(), method="CF6b", h=0.01).y[-1]
-    errors = [SO3().distance(end(h, [0.4321]), truth) for h in (0.04, 0.02)]
-    assert np.log2(errors[0] / errors[1]) > 3.5
-    assert SO3().distance(end(0.02, None), truth) > 100 * errors[1]
-
-
 def test_those_at_the_ends_change_nothing_and_those_beyond_are_refused():
-    plain = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], **LINE)
+    without = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], **LINE)
     solution = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=[0.0, 0.2], **LINE)
-    np.testing.assert_array_equal(solution.t, plain.t)
-    np.testing.assert_array_equal(solution.y, plain.y)
+    np.testing.assert_array_equal(solution.t, without.t)
+    np.testing.assert_array_equal(solution.y, without.y)
     for points in ([-1.0], [0.1, 5.0]):
-        with pytest.raises(ValueError, match=r"breakpoints must lie between 0 and 0\.2, got"):
+        with pytest.raises(ValueError, match=r"breakpoints must lie between the ends, 0 to 0\.2"):
             cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=points, **LINE)
-        with pytest.raises(ValueError, match="breakpoints must lie between 0 and -1, got"):
+        with pytest.raises(ValueError, match="breakpoints must lie between the ends, -1 to 0, got"):
             cg.Stepper(stairs, 0.0, [0.0], -1.0, breakpoints=[-0.5, -2.0], **LINE)
 
 

@@ -5,7 +5,7 @@ import pytest
 from compiled_examples import PROBLEMS, frames_in_python
 
 import cg
-from cg.frames import SO3, SU, Euclidean, Product
+from cg.frames import SU, Euclidean
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
 
@@ -104,11 +104,3 @@ def test_points_between_where_the_step_has_no_logarithm(affine):
     solution = cg.solve_ivp(f, (0, 2), problem.y0, frame=problem.frame, **options)
     assert solution.steps == 1
     np.testing.assert_allclose(solution.y[:, 0] / 1e308, [-0.6, 0.0, 0.6, 1.2], rtol=0, atol=1e-14)
-
-
-def test_products_of_one_frame_are_that_frame(affine):
-    problem = PROBLEMS["SO3 body"]
-    f, _keep = affine(problem)
-    one = cg.solve_ivp(f, (0, 1), problem.y0, frame=SO3())
-    other = cg.solve_ivp(f, (0, 1), problem.y0.ravel(), frame=Product(SO3()))
-    np.testing.assert_array_equal(one.y.reshape(-1, 9), other.y)

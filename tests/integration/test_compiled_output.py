@@ -1,9 +1,12 @@
 """Output between fixed steps and events of a compiled f equal those of f in Python."""
 
+import ctypes
+
 import numpy as np
 import pytest
 from compiled_examples import PROBLEMS
 from test_compiled_adaptive import both
+from test_events import CIRCLE, circle, height, solve
 
 import cg
 from cg.frames import SU, Euclidean
@@ -59,14 +62,14 @@ def assert_same_events(fast, slow):
 def test_errors_of_f_after_a_terminal_event_are_ignored(options, function):
     # The function returns an error from one half on.
     f, event = function("stops"), cg.Event(late, terminal=True)
-    solve = {"frame": Euclidean(1)} | options
+    line = {"frame": Euclidean(1)} | options
     for extra in ({}, {"t_eval": np.linspace(0, 1, 21)}, {"dense_output": True}):
-        solution = cg.solve_ivp(f, (0, 1), [0.0], events=event, **solve, **extra)
+        solution = cg.solve_ivp(f, (0, 1), [0.0], events=event, **line, **extra)
         assert solution.status == 1
         assert solution.t[-1] == pytest.approx(0.45, abs=1e-12)
         assert solution.t_events[0] == pytest.approx([0.45])
     with pytest.raises(RuntimeError, match=r"f returned the error code 7 at t = 0\.5"):
-        cg.solve_ivp(f, (0, 1), [0.0], events=late, **solve)
+        cg.solve_ivp(f, (0, 1), [0.0], events=late, **line)
 
 
 def test_an_event_in_the_last_step_before_an_error(function):
@@ -88,3 +91,26 @@ def test_little_is_computed_beyond_the_end(function):
     assert solution.t.tolist() == [0.5]
     assert solution.steps == 1000
     assert solution.nfev <= (1000 + 64) * cg.methods["CG4a"].stages + 2
+
+
+def test_compiled_events_without_data_get_none_of_a_function_in_python():
+    kind = ctypes.CFUNCTYPE(
+        ctypes.c_double, ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
+    )
+    given = []
+
+    @kind
+    def event(t, y, user_data):
+        given.append(user_data)
+        return y[1]
+
+    expected = solve(height).t_events[0]
+    np.testing.assert_array_equal(solve(event).t_events[0], expected)
+    stepper = cg.Stepper(circle, 0.1, [np.cos(0.1), np.sin(0.1)], 10.0, events=event, **CIRCLE)
+    stepper.advance(10.0)
+    np.testing.assert_allclose(stepper.t_events[0], expected, rtol=0, atol=1e-9)
+    cg.solve_variational(circle, (0.1, 4.0), [1.0, 0.1], events=event, **CIRCLE)
+    assert set(given) == {None}
+    for name, value in (("parameters", [1.0]), ("inputs", cg.Samples([0.0], [1.0]))):
+        with pytest.raises(ValueError, match=r"events\[0\] must be in Python with inputs or"):
+            solve(event, **{name: value})

@@ -138,14 +138,14 @@ def test_a_flow_that_overflows_once_costs_one_step(method, monkeypatch):
         )  # fmt: skip
 
     monkeypatch.setitem(_HANDLERS, Operation.FLOW, counted)
-    plain = solve(0)
+    without = solve(0)
     for call in range(1, len(calls) + 1):
         solution = solve(call)
         assert solution.success
         assert solution.steps == len(solution.t) - 1 == len(solution.sol.ts) - 1
         # without a rejection, where the overflow only chose another form of the interpolant
-        same = np.array_equal(solution.t, plain.t)
-        assert solution.nrejected == plain.nrejected + (not same)
+        same = np.array_equal(solution.t, without.t)
+        assert solution.nrejected == without.nrejected + (not same)
 
 
 def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
@@ -197,12 +197,12 @@ def test_evaluations_of_dense_output(method):
     extra = extra_evaluations(cg.methods[method])
     assert extra <= cg.methods[method].stages
     options = {"frame": SO3(), "method": method, "h": 0.25}
-    plain = cg.solve_ivp(f, (0, 1), y0, **options)
+    without = cg.solve_ivp(f, (0, 1), y0, **options)
     dense = cg.solve_ivp(f, (0, 1), y0, dense_output=True, **options)
-    np.testing.assert_array_equal(plain.y, dense.y)
-    assert dense.nfev == plain.nfev + 1 + 4 * extra
+    np.testing.assert_array_equal(without.y, dense.y)
+    assert dense.nfev == without.nfev + 1 + 4 * extra
     some = cg.solve_ivp(f, (0, 1), y0, t_eval=[0.25, 0.3, 0.4, 0.5], **options)
-    assert some.nfev == plain.nfev + extra  # only one step has output inside of it
+    assert some.nfev == without.nfev + extra  # only one step has output inside of it
 
 
 PAIRS = [n for n, m in {**FROZEN, **MUNTHE_KAAS}.items() if m.explicit and m.embedded_order]

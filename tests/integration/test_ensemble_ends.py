@@ -77,38 +77,12 @@ def test_failures_are_named(name, good, bad, options, message, output, function)
     assert np.isnan(solution.y).ravel().tolist() == [False] * 4 + [True, False]
 
 
-@pytest.mark.filterwarnings("ignore:Failure of")
-def test_points_are_kept_if_all_members_fail(function):
-    numbers = [[-1.0, 0.6], [-1.0, 0.6]]
-    solution = cg.solve_ensemble(
-        function("decays"), (0, 1), [1.0], parameters=numbers, t_eval=np.arange(33) / 32, **FIXED
-    )
-    assert solution.status.tolist() == [-1, -1]
-    assert solution.message.startswith("Failure of 2 of 2 trajectories; of y0[0]: f returned")
-    assert solution.nrejected.tolist() == [0, 0]
-    n = len(solution[0].t)
-    assert 0.5 < solution[0].t[-1] < 0.65
-    np.testing.assert_allclose(solution.y[:n, 0, 0], np.exp(-solution.t[:n]), rtol=1e-8)
-    assert np.isnan(solution.y[n:]).all()
-
-
 def test_points_too_large_for_the_solution_within(function):
     options = {"t_eval": [0.5], "rtol": 1e-3, **LINE}
     y0 = np.array([[1.0], [1e308]])
     solution = cg.solve_ensemble(function("growth"), (0, 0.58), y0, **options)
     check(solution, members_alone(function("growth"), (0, 0.58), y0, **options))
     assert math.isclose(solution.y[0, 0, 0], math.exp(0.5), rel_tol=1e-4)
-
-
-@pytest.mark.parametrize("options", [{}, {"vectorized": True}, {"executor": "threads"}])
-def test_an_exception_of_f_ends_the_call(options):
-    def f(t, y):
-        if np.max(t) > 0.5:
-            raise ArithmeticError("too late")
-        return -y
-
-    with pytest.raises(ArithmeticError, match="too late"):
-        cg.solve_ensemble(f, (0, 1), [[1.0], [2.0]], **options, **LINE)
 
 
 def test_one_warning_for_all_members():

@@ -160,20 +160,6 @@ def test_workers_that_die(out, monkeypatch):
         cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, workers=1)
 
 
-def test_results_go_to_an_array_on_disk(library, tmp_path):
-    f = cg.CompiledFunction(library, "rhs", [1.0, 2.0])
-    y0 = POINTS
-    options = {"frame": FRAME, "t_eval": TIMES, "workers": 2}
-    out = np.lib.format.open_memmap(tmp_path / "y.npy", "w+", float, (3, 10, 3, 3))
-    solution = cg.solve_ensemble(f, (0, 1), y0, **options, out=out)
-    assert solution.y is out
-    out.flush()
-    whole = cg.solve_ensemble(f, (0, 1), y0, frame=FRAME, t_eval=TIMES)
-    np.testing.assert_array_equal(np.load(tmp_path / "y.npy"), whole.y)
-    with pytest.raises(ValueError, match="out must"):
-        cg.solve_ensemble(f, (0, 1), y0, **options, out=np.empty((3, 9, 3, 3)))
-
-
 def test_zarr_and_hdf5(library, tmp_path):
     zarr, h5py = pytest.importorskip("zarr"), pytest.importorskip("h5py")
     f = cg.CompiledFunction(library, "rhs", [1.0, 2.0])
@@ -231,24 +217,6 @@ def at_one(t, y):
 
 
 at_one.terminal = True
-
-
-@pytest.mark.parametrize("executor", ["threads", "processes"])
-@pytest.mark.parametrize("t_eval", [None, [0.0, 0.25, 0.75, 2.0]])
-def test_points_are_those_of_their_times(executor, t_eval):
-    """Events at times of their own end members, whose points there are in ``y_events`` alone."""
-    starts = np.array([0.0, 0.55, -5.0, -0.9, 0.05, 0.5, 0.25])
-    run = cg.solve_ensemble(
-        steady, (0, 2), starts[:, None], executor=executor, workers=1, t_eval=t_eval, frame=LINE,
-        events=at_one, h=0.25, method="CG3",
-    )  # fmt: skip
-    times = [0.0, 2.0] if t_eval is None else t_eval
-    assert run.t.tolist() == times
-    expected = starts + np.reshape(times, (-1, 1))
-    expected[expected > 1.0] = np.nan
-    np.testing.assert_allclose(run.y[..., 0], expected, rtol=0, atol=1e-14)
-    for start, ends in zip(starts, run.t_events[0], strict=True):
-        np.testing.assert_allclose(ends, [1.0 - start] if start > -1.0 else [])
 
 
 class TestOut:

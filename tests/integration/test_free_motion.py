@@ -30,15 +30,18 @@ def exact_motion(inertia, momentum, time, order=60):
         for _ in range(count):
             series = [[[x] for x in vector] for vector in vectors]
             for k in range(order):
-                velocity = [
-                    [scale * x for x in row] for scale, row in zip(inverse, series[0], strict=True)
-                ]
-                slopes = [cross_term(vector, velocity, k) for vector in series]
-                for vector, slope in zip(series, slopes, strict=True):
-                    for row, x in zip(vector, slope, strict=True):
-                        row.append(x / (k + 1))
+                add_term(series, inverse, k)
             vectors = [[value_at(row, h) for row in vector] for vector in series]
         return np.array(vectors[1:], dtype=float), np.array(vectors[0], dtype=float)
+
+
+def add_term(series, inverse, k):
+    """Add the coefficients of t^(k + 1) to the series of momentum and attitude."""
+    velocity = [[scale * x for x in row] for scale, row in zip(inverse, series[0], strict=True)]
+    slopes = [cross_term(vector, velocity, k) for vector in series]
+    for vector, slope in zip(series, slopes, strict=True):
+        for row, x in zip(vector, slope, strict=True):
+            row.append(x / (k + 1))
 
 
 def cross_term(u, v, k):

@@ -6,7 +6,6 @@ from gallery import load
 
 import cg
 from cg.frames import PhaseSpace
-from tests.helpers.mechanics import SPLITTINGS
 
 BETA = 5.0
 
@@ -39,24 +38,6 @@ class Chain:
 @pytest.fixture(scope="module")
 def chain():
     return Chain()
-
-
-@pytest.mark.parametrize("method", SPLITTINGS)
-def test_changes_of_the_energy_have_the_order_and_can_be_undone(chain, method):
-    order = cg.methods[method].order
-    coarse = {2: 10, 4: 5, 6: 4, 8: 3}[order]
-    starts = [chain.start() for _ in range(3)]
-    sizes = [
-        np.sqrt(np.mean([(chain.energy(chain.end(y, method, 1 / n)) - chain.energy(y)) ** 2
-                         for y in starts]))
-        for n in (coarse, 2 * coarse)
-    ]  # fmt: skip
-    assert sizes[1] > 1e-12
-    assert np.log2(sizes[0] / sizes[1]) > order - 0.3
-    links, momenta = chain.frame.split(chain.end(starts[0], method, 1 / coarse))
-    back = chain.end(chain.frame.join(links, -momenta), method, 1 / coarse)
-    links, momenta = chain.frame.split(back)
-    assert np.abs(chain.frame.join(links, -momenta) - starts[0]).max() < 1e-12
 
 
 def test_the_mean_weight_in_equilibrium_is_one(chain):

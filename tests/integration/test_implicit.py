@@ -1,7 +1,5 @@
 """Implicit methods: their stage equations, orders, invariants and failures."""
 
-import pickle
-
 import numpy as np
 import pytest
 from kinds import FROZEN
@@ -71,25 +69,6 @@ def test_stages_solve_their_equations(method, kind):
     assert solution.nfev == len(calls)
 
 
-def test_flat_space_gives_the_classical_method():
-    matrix = np.random.default_rng(1).standard_normal((4, 4))
-    y0 = np.ones(4)
-    h = 0.25
-
-    def classical(method):
-        identity = np.eye(4 * method.stages)
-        stages = np.linalg.solve(
-            identity - h * np.kron(method.a, matrix), np.tile(matrix @ y0, method.stages)
-        )
-        return y0 + h * method.b @ stages.reshape(-1, 4)
-
-    for method in METHODS:
-        solution = cg.integrate(
-            lambda t, y: matrix @ y, (0, h), y0, frame=Euclidean(4), method=method, h=h
-        )
-        np.testing.assert_allclose(solution.y[-1], classical(method), rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("frame", [SO3(), SE3(), Sphere(2), BODY], ids=repr)
 @pytest.mark.parametrize("method", [MIDPOINT, GAUSS], ids=lambda m: m.name)
 def test_both_solvers_find_the_same_solution(frame, method):
@@ -107,53 +86,6 @@ def test_both_solvers_find_the_same_solution(frame, method):
     np.testing.assert_allclose(newton.y, fixed.y, rtol=0, atol=1e-12)
     assert 0 < newton.njev == newton.nlu
     assert fixed.njev == fixed.nlu == 0
-
-
-@pytest.mark.parametrize("vectorized", [False, True])
-@pytest.mark.parametrize("kind", KINDS)
-def test_ensembles_equal_loops(kind, vectorized):
-    problem = StateDependentRotation()
-    y0 = SO3().random_point(np.random.default_rng(6), (4,))
-
-    def all_members(t, y):
-        return np.array([problem.f(*member) for member in zip(t, y, strict=True)])
-
-    f = all_members if vectorized else problem.f
-    options = {"frame": SO3(), "h": 0.2, "stage_solver": kind, "dense_output": True}
-    for method in (MIDPOINT, GAUSS):
-        together = cg.solve_ensemble(
-            f, (0, 1), y0, method=method, vectorized=vectorized,
-            t_eval=np.linspace(0, 1, 6), **options,
-        )  # fmt: skip
-        for k in range(4):
-            alone = cg.solve_ivp(
-                problem.f, (0, 1), y0[k], method=method, t_eval=together.t, **options
-            )
-            np.testing.assert_allclose(together.y[:, k], alone.y, rtol=0, atol=1e-13)
-            np.testing.assert_allclose(together.sol(0.7)[k], alone.sol(0.7), rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("method", [GAUSS, "DICG4"], ids=str)
-def test_copies_of_steppers_continue_alike(method, kind):
-    problem = StateDependentRotation()
-    options = {"frame": SO3(), "method": method, "h": 0.125, "stage_solver": kind}
-    one = cg.Stepper(problem.f, 0.0, problem.y0, 2.0, **options)
-    for _ in range(5):
-        one.step()
-    other = pickle.loads(pickle.dumps(one))
-    for _ in range(10):
-        one.step()
-        other.step()
-    np.testing.assert_array_equal(one.y, other.y)
-    assert (one.nfev, one.njev, one.nlu) == (other.nfev, other.njev, other.nlu)
-    # factors from before a restart serve neither
-    one.restart(t=0.0, y=SO3().random_point(np.random.default_rng(1)))
-    other = pickle.loads(pickle.dumps(one))
-    one.step()
-    other.step()
-    np.testing.assert_array_equal(one.y, other.y)
-    assert (one.nfev, one.njev, one.nlu) == (other.nfev, other.njev, other.nlu)
 
 
 def test_newton_needs_fewer_evaluations_where_steps_are_large():
@@ -198,21 +130,6 @@ def test_message_of_failure():
     assert error.residual > 1.0
     for part in (f"after {error.iterations} iterations", "h = 0.25", "t = 0.5", "residual is"):
         assert part in str(error)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_equations_without_solution_are_reported(kind):
-    # k = 1 + (h k)^2 has no real solution for h > 1/2.
-    with pytest.raises(cg.ConvergenceError):
-        cg.integrate(
-            lambda t, y: 1.0 + y**2,
-            (0, 4),
-            [0.0],
-            frame=Euclidean(1),
-            method=BACKWARD_EULER,
-            h=2.0,
-            stage_solver=kind,
-        )
 
 
 def test_implicit_pairs_choose_their_steps():

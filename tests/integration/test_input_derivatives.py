@@ -22,9 +22,11 @@ def test_derivatives_with_respect_to_values(in_c, kind, span, function):
     run = cg.solve_variational(
         f, span, START, inputs=inputs, input_derivatives=True, control_derivatives=True, **options
     )
-    plain = cg.solve_variational(f, span, START, inputs=inputs, control_derivatives=True, **options)
+    without = cg.solve_variational(
+        f, span, START, inputs=inputs, control_derivatives=True, **options
+    )
     for name in ("y", "transition", "sensitivity"):
-        got, expected = getattr(run, name)[-1], getattr(plain, name)[-1]
+        got, expected = getattr(run, name)[-1], getattr(without, name)[-1]
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
     assert run.t[0] == span[0]
     assert np.isin([0.3, 0.45, 1.0, 1.4], run.t).all()

@@ -126,7 +126,7 @@ def test_events_jumps_and_breakpoints(in_c, function, library):
 
     events = events_of(lambda t, rest: rest[0][1])
     events[0] = level if in_c else events[0]
-    plain = events_of(lambda t, rest: np.interp(t, *GUSTS))
+    events_by_hand = events_of(lambda t, rest: np.interp(t, *GUSTS))
     options = {"frame": FRAME, "parameters": GAIN, **TIGHT}
     run = cg.solve_ivp(
         function("blown") if in_c else driven, (0, 2.4), START, events=events,
@@ -134,7 +134,7 @@ def test_events_jumps_and_breakpoints(in_c, function, library):
     )  # fmt: skip
     stops = np.unique([0.77, *curve.corners, *GUST.corners])
     reference = cg.solve_ivp(
-        by_hand(curve), (0, 2.4), START, events=plain,
+        by_hand(curve), (0, 2.4), START, events=events_by_hand,
         breakpoints=stops[(stops > 0) & (stops < 2.4)], **options,
     )  # fmt: skip
     assert 0.77 in run.t

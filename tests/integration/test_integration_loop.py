@@ -91,22 +91,22 @@ def test_flows_of_output_between_steps(method, frame):
     def solve(**extra):
         return cg.solve_ivp(lambda t, y: [t, 1.0, y[0, 0]], (0, 1), y0, **options, **extra)
 
-    plain = solve()
-    assert solve(t_eval=[0.25, 0.75]).nexp == plain.nexp
-    extra, flows = extra_evaluations(plain.method), 1
+    without = solve()
+    assert solve(t_eval=[0.25, 0.75]).nexp == without.nexp
+    extra, flows = extra_evaluations(without.method), 1
     if method.startswith("RKMK"):
         flows_of_output = extra
     elif frame == SO3():  # some iterations lead to the coordinates of the end
-        flows_of_output = solve(t_eval=[0.25, 0.6]).nexp - plain.nexp - flows
+        flows_of_output = solve(t_eval=[0.25, 0.6]).nexp - without.nexp - flows
         assert extra + 2 <= flows_of_output <= extra + 4
         return
     else:
-        nodes, flows = node_count(plain.method), len(result_flows(plain.method)) + 1
+        nodes, flows = node_count(without.method), len(result_flows(without.method)) + 1
         # the interpolant with n nodes is closed at its end; that with one less leads to n - 2
         flows_of_output = (nodes - 1) * flows + extra * flows
-    assert solve(t_eval=[0.25, 0.6]).nexp == plain.nexp + flows_of_output + flows
-    assert solve(t_eval=[0.3, 0.55, 0.7]).nexp == plain.nexp + 2 * flows_of_output + 3 * flows
-    assert solve(dense_output=True).nexp == plain.nexp + 4 * flows_of_output
+    assert solve(t_eval=[0.25, 0.6]).nexp == without.nexp + flows_of_output + flows
+    assert solve(t_eval=[0.3, 0.55, 0.7]).nexp == without.nexp + 2 * flows_of_output + 3 * flows
+    assert solve(dense_output=True).nexp == without.nexp + 4 * flows_of_output
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")

@@ -86,31 +86,6 @@ def test_t_eval_and_dense_output_give_the_point_after_a_jump():
     assert (np.diff(first.t) > 0.0).all()
 
 
-def test_a_velocity_is_reset_on_a_body():
-    """A wheel is braked whenever it has turned by half a circle."""
-
-    def spin(t, y):
-        return [*y[9:], 0.0, 0.0, 0.0]
-
-    def sideways(t, y):
-        return y[3]  # the sine of the angle
-
-    def brake(t, y):
-        rotation, velocity = BODY.split(y)
-        return BODY.join(rotation, 0.5 * velocity)
-
-    y0 = BODY.join(SO3().flow([0.0, 0.0, 0.1], np.eye(3)), [0.0, 0.0, 2.0])
-    solution = cg.solve_ivp(
-        spin, (0, 5), y0, frame=BODY, rtol=1e-9, atol=1e-9, max_step=0.5,
-        events=cg.Event(sideways, jump=brake),
-    )  # fmt: skip
-    first = (np.pi - 0.1) / 2.0
-    np.testing.assert_allclose(solution.t_events[0], [first, first + np.pi], rtol=0, atol=1e-8)
-    assert BODY.membership_error(solution.y).max() < 1e-14
-    np.testing.assert_allclose(solution.y_after[0][:, 11], [1.0, 0.5], rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(solution.y_after[0][:, :11], solution.y_events[0][:, :11])
-
-
 @pytest.mark.parametrize("backward", [False, True])
 @pytest.mark.parametrize("shift", [0.0, 1e-13, -1e-13])
 def test_an_event_does_not_happen_again_where_it_jumped(backward, shift):
@@ -323,28 +298,6 @@ def test_other_events_in_the_step_of_a_jump():
         np.testing.assert_array_equal(before, after)
 
 
-@pytest.mark.parametrize("frame", [SO3(), cg.frames.Stiefel(3, 2)], ids=repr)
-def test_members_jump_independently(frame):
-    y0 = frame.random_point(np.random.default_rng(1), 4)
-    turned = SO3().flow([0.3, 0.0, 0.0], np.eye(3))
-    event = cg.Event(lambda t, y, args: y[1, 0], jump=lambda t, y, args: turned @ y)
-    rates = np.arange(1.0, 5.0)[:, None]
-    options = {"frame": frame, "events": event, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
-
-    def f(t, y, args):
-        return args[0] * np.array([0.3, np.cos(t), 2.0])
-
-    together = cg.solve_ensemble(f, (0, 4), y0, parameters=rates, t_eval=[1, 4], **options)
-    assert sum(map(len, together.t_events[0])) >= 4
-    for i in range(4):
-        alone = cg.solve_ivp(f, (0, 4), y0[i], parameters=rates[i], t_eval=[1, 4], **options)
-        np.testing.assert_array_equal(together.y[:, i], alone.y)
-        np.testing.assert_array_equal(together.t_events[0][i], alone.t_events[0])
-        np.testing.assert_array_equal(together.y_after[0][i], alone.y_after[0])
-        t = alone.t_events[0]
-        np.testing.assert_array_equal(together.sol(t)[:, i], alone.y_after[0])
-
-
 @pytest.mark.parametrize(
     ("value", "message"),
     [
@@ -366,20 +319,6 @@ def test_a_point_off_the_manifold_after_a_jump_is_refused():
     event = cg.Event(lambda t, y: t - 0.5, jump=lambda t, y: 1.1 * y)
     with pytest.raises(ValueError, match=r"events\[0\]\.jump\(t, y\) must be a point of SO3"):
         cg.solve_ivp(lambda t, y: [0.0, 0.0, 1.0], (0, 1), np.eye(3), frame=SO3(), events=event)
-
-
-def test_a_jump_cannot_change_its_point_and_its_exceptions_pass_through():
-    def spoil(t, y):
-        y[0] = 7.0
-        return y
-
-    def fail(t, y):
-        raise KeyError("mine")
-
-    with pytest.raises(ValueError, match="read-only"):
-        drop(events=cg.Event(height, jump=spoil))
-    with pytest.raises(KeyError, match="mine"):
-        drop(events=cg.Event(height, jump=fail))
 
 
 def test_functions_with_attributes_jump_as_events_do():

@@ -40,14 +40,6 @@ def test_orders_on_manifolds(frame, name):
     assert cg.methods[name].order - 0.4 < slope < cg.methods[name].order + 1.2
 
 
-def test_the_reference_agrees_with_methods_for_nonlinear_equations():
-    frame = SO3()
-    a = coefficients_for(frame)
-    other = cg.solve_ivp(lambda t, y: a(t), (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-13)
-    solution = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-13)
-    np.testing.assert_allclose(solution.y[-1], other.y[-1], rtol=0, atol=1e-11)
-
-
 def matrices_of(spins, sites):
     """Return the sums of Pauli matrices over the sites, and the coupling of neighbours."""
 
@@ -111,21 +103,6 @@ def test_an_unused_third_result_is_no_estimate():
     np.testing.assert_allclose(run.y[-1], SO3().flow([0, 0, 2.0], np.eye(3)), rtol=0, atol=1e-14)
 
 
-def test_coefficients_are_evaluated_at_the_nodes_alone():
-    times = []
-
-    def a(t):
-        times.append(t)
-        return [t, 0.0, 1.0]
-
-    solution = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="CFM6(4)", h=0.5)
-    nodes = cg.methods["CFM6(4)"].c
-    assert solution.nfev == len(times) == 9
-    assert solution.nexp == 8
-    expected = sorted({*(0.5 * nodes), *(0.5 + 0.5 * nodes)})
-    np.testing.assert_allclose(sorted(times), expected, rtol=0, atol=1e-15)
-
-
 def test_output_between_steps_is_as_accurate_as_steps():
     frame = SO3()
     a = coefficients_for(frame)
@@ -135,13 +112,6 @@ def test_output_between_steps_is_as_accurate_as_steps():
         run = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-7, atol=1e-7, **output)
         y = run.y if run.sol is None else run.sol(times)
         np.testing.assert_allclose(y, exact.y, rtol=0, atol=1e-7)
-
-
-def test_a_method_for_nonlinear_equations_serves_too():
-    a = coefficients_for(SO3())
-    solution = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="CF4", h=0.1)
-    same = cg.integrate(lambda t, y: a(t), (0, 1), np.eye(3), frame=SO3(), method="CF4", h=0.1)
-    np.testing.assert_array_equal(solution.y[-1], same.y[-1])
 
 
 @pytest.mark.parametrize("node", ["1/2", "1/3", "1"])
@@ -212,124 +182,6 @@ class TestStagesWithoutPoints:
         assert np.cos(angle - 302) == pytest.approx(1, abs=1e-9)
 
 
-class TestVectorized:
-    @staticmethod
-    def solve(a, vectorized, **options):
-        return cg.solve_linear(
-            a, (0, 1), np.eye(3), frame=SO3(), vectorized=vectorized, **({"h": 0.25} | options)
-        )
-
-    @pytest.mark.parametrize(
-        "method", ["CFM6(4)", "CFM8(4)", "CF5(4)", "RKMK8(5,3)", "CG4(3)", "RadauIIA5"]
-    )
-    @pytest.mark.parametrize(
-        "options",
-        [
-            {},
-            {"h": None, "rtol": 1e-8, "dense_output": True},
-            {"breakpoints": [0.3], "t_eval": [0.1, 0.3, 0.7]},
-        ],
-    )
-    def test_results_are_those_of_single_times(self, method, options):
-        def a(t):
-            return np.stack([np.sin(3 * t), np.abs(t - 0.3), t**0], axis=-1)
-
-        together, single = (
-            self.solve(a, vectorized, method=method, **options) for vectorized in (True, False)
-        )
-        np.testing.assert_allclose(together.y, single.y, rtol=0, atol=1e-14)
-        assert (together.nfev, together.nexp) == (single.nfev, single.nexp)
-        np.testing.assert_array_equal(together.t, single.t)
-
-    def test_all_nodes_of_a_step_are_in_one_call(self):
-        calls = []
-
-        def a(t):
-            calls.append(t)
-            return np.stack([t, 0 * t, t**2], axis=-1)
-
-        run = self.solve(a, True, method="CFM8(4)")
-        assert [len(t) for t in calls] == [1, 4, 4, 4, 4]
-        assert run.nfev == 17
-        np.testing.assert_allclose(calls[1], 0.25 * cg.methods["CFM8(4)"].c[1:], rtol=1e-15)
-
-    def test_times_stay_before_a_breakpoint(self):
-        calls = []
-
-        def a(t):
-            calls.append(t)
-            return np.where(t < 0.5, 1.0, 3.0)[:, None] * [0.0, 0.0, 1.0]
-
-        run = self.solve(a, True, method="CFM6(4)", h=0.5, breakpoints=[0.5])
-        np.testing.assert_allclose(run.y[-1], SO3().flow([0, 0, 2.0], np.eye(3)), atol=1e-14)
-        assert np.concatenate(calls[:2]).max() < 0.5
-
-    def test_arguments_and_parameters(self):
-        def a(t, rate, numbers):
-            assert numbers.shape == (len(t), 2)
-            return np.stack([rate * t, numbers[:, 0], numbers[:, 1]], axis=-1)
-
-        together = self.solve(a, True, method="CFM6(4)", args=(2.0,), parameters=[0.5, 0.25])
-        single = self.solve(lambda t: [2 * t, 0.5, 0.25], False, method="CFM6(4)")
-        np.testing.assert_allclose(together.y, single.y, rtol=0, atol=1e-14)
-
-    @pytest.mark.parametrize(
-        ("a", "message"),
-        [
-            (lambda t: np.ones(3), r"a must return an array of shape \(1, 3\), a row for each "
-             r"time, since vectorized=True, got shape \(3,\)"),
-            (lambda t: np.ones((3, len(t))), r"shape \(1, 3\), .* got shape \(3, 1\)"),
-            (lambda t: np.ones((1, 3)), r"shape \(4, 3\), .* got shape \(1, 3\) at t = 0.069"),
-            (lambda t: np.stack([np.where(t > 0, np.nan, 1)] * 3, axis=-1),
-             "a must return finite numbers"),
-        ],
-    )  # fmt: skip
-    def test_wrong_results_are_refused(self, a, message):
-        refuses(ValueError, message, self.solve, a, True, method="CFM6(4)")
-
-    def test_an_exception_ends_the_call(self):
-        def a(t):
-            if len(t) > 1:
-                raise LookupError("no such field")
-            return np.ones((len(t), 3))
-
-        refuses(LookupError, "no such field", self.solve, a, True, method="CFM6(4)")
-
-
-def coefficients_of_rows(t, rows):
-    """Return coefficients of many times, along two generators or three fields."""
-    first, second = np.moveaxis(np.atleast_2d(rows), -1, 0)
-    t = np.atleast_1d(t)
-    return np.stack([first * np.cos(t), second + 0 * t, np.sin(first * t)], axis=-1)
-
-
-@pytest.mark.parametrize("vectorized", [False, True])
-@pytest.mark.parametrize("common", [False, True])
-@pytest.mark.parametrize("kind", ["rotations", "vectors", "propagators"])
-def test_members_of_ensembles_are_single_solutions(kind, vectorized, common):
-    rng = np.random.default_rng(3)
-    rows = rng.standard_normal((4, 2))
-    frame, y0 = SO3(), np.array([SO3().random_point(rng) for _ in rows])
-    if kind != "rotations":
-        generators = rng.standard_normal((3, 5, 5))
-        frame = LinearAction(list(generators), columns=None if kind == "vectors" else 2)
-        y0 = rng.standard_normal((4, *frame.point_shape))
-
-    def a(t, row):
-        values = coefficients_of_rows(t, row)
-        return values if vectorized else values[0]
-
-    options = {"frame": frame, "vectorized": vectorized, "rtol": 1e-9, "atol": 1e-9}
-    many = cg.solve_linear_ensemble(
-        a, (0, 2), y0, parameters=rows, common_steps=common, t_eval=[1.0, 2.0], **options
-    )
-    for k, row in enumerate(rows):
-        one = cg.solve_linear(a, (0, 2), y0[k], parameters=row, t_eval=[1.0, 2.0], **options)
-        size = 1e-8 * np.abs(one.y).max() if common else 0.0
-        np.testing.assert_allclose(many[k].y, one.y, rtol=0, atol=size)
-        assert common or many[k].nfev == one.nfev
-
-
 class Qobj:
     """Not convertible to an array."""
 
@@ -347,20 +199,11 @@ def test_stiff_methods_that_need_brackets_are_no_better():
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"a": 3}, TypeError, "a must be callable as a"),
-        (
-            {"a": lambda t, y: [1.0, 0.0, 0.0]},
-            TypeError,
-            r"^a must be callable as a\(t\), got a function of \(t, y\)",
-        ),
+        ({"a": lambda t, y: [1.0, 0.0, 0.0]}, TypeError, r"^a must .* as a\(t\), .* of \(t, y\)"),
         ({"args": (1.0,)}, TypeError, r"^a must be callable as a\(t, args\[0\]\), got a .* \(t\)"),
         ({"vectorized": 1}, TypeError, "vectorized"),
         ({"method": "CFM5"}, ValueError, "CFM5"),
-        (
-            {"a": lambda t: [1.0]},
-            ValueError,
-            r"^a must return an array of shape \(3,\), got shape \(1,\)",
-        ),
+        ({"a": lambda t: [1.0]}, ValueError, r"^a must return an array of shape \(3,\), got shape"),
         ({"a": lambda t: [1j, 0, 0]}, ValueError, "^a must return 3 real numbers.*of two fields"),
         (
             {"a": lambda t: Qobj()},
@@ -368,7 +211,6 @@ def test_stiff_methods_that_need_brackets_are_no_better():
             r"^a must return 3 real numbers.*of a Qobj.*full\(\)",
         ),
         ({"a": lambda t: [np.nan] * 3}, ValueError, "^a must return finite numbers"),
-        ({"h": -1.0}, ValueError, "h"),
     ],
 )
 def test_bad_input_is_refused(change, error, message):

@@ -99,16 +99,6 @@ class TestLinearAction:
         with pytest.raises(ValueError, match="columns must be at least 1, got 0"):
             LinearAction(generators, columns=0)
 
-    def test_propagators_are_unitary(self):
-        h = self.DENSE[0] + self.DENSE[0].T
-        frame = LinearAction([-1j * h, 1j * self.DENSE[1] @ self.DENSE[1].T], columns=6)
-        run = cg.solve_linear(
-            lambda t: [1.0, np.cos(t)], (0, 2), np.eye(6), frame=frame, rtol=1e-11, atol=1e-11
-        )
-        u = run.y[-1]
-        np.testing.assert_allclose(u.conj().T @ u, np.eye(6), rtol=0, atol=1e-10)
-        check(frame)
-
     def test_unitary_flows(self):
         hamiltonian = self.DENSE[0] + self.DENSE[0].T
         rounded = 0.1 * (hamiltonian / 0.1) + 1e-15 * np.triu(hamiltonian)
@@ -135,23 +125,6 @@ class TestLinearAction:
         for frames in (distinct, zeros):
             assert len(set(frames)) == len({hash(frame) for frame in frames}) == len(frames)
         assert first != LinearAction(list(self.DENSE[:2]))
-
-    def test_a_spin_chain_as_unitary_matrices(self):
-        x, z = np.array([[0, 1], [1, 0]]), np.diag([1.0, -1.0])
-        eye = np.eye(2)
-        zz, xx = np.kron(z, z), np.kron(x, eye) + np.kron(eye, x)
-        generators = [-1j * zz, -1j * xx]
-        frame = LinearAction([sparse.csr_array(g) for g in generators])
-        psi = np.array([1.0, 0, 0, 0], dtype=complex)
-
-        def a(t):
-            return [1.0, np.cos(t)]
-
-        solution = cg.solve_linear(a, (0, 3), psi, frame=frame, rtol=1e-9, atol=1e-9)
-        dense = cg.frames.MatrixFrame(generators)
-        same = cg.solve_linear(a, (0, 3), psi, frame=dense, method="CFM8(4)", h=0.02)
-        np.testing.assert_allclose(solution.y[-1], same.y[-1], rtol=0, atol=1e-9)
-        assert abs(np.linalg.norm(solution.y[-1]) - 1) < 1e-13
 
     def test_a_flow_beyond_double_precision_is_refused(self):
         with pytest.raises(cg.frames.FlowOverflowError):
@@ -313,14 +286,6 @@ class TestPolynomialFlows:
         )  # fmt: skip
         assert run.t[-1] == times[157] < np.pi / 2
         np.testing.assert_allclose(run.y[:, 0], np.cos(run.t), atol=1e-13)
-
-    def test_events_are_found(self):
-        frame = LinearAction([[[0.0, 1.0], [-1.0, 0.0]]])
-        run = cg.solve_linear(
-            lambda t: [1.0], (0, 5), [1.0, 0.0], frame=frame, rtol=1e-10, atol=1e-10,
-            events=lambda t, y: y[0],
-        )  # fmt: skip
-        np.testing.assert_allclose(run.t_events[0], [np.pi / 2, 3 * np.pi / 2], atol=1e-12)
 
     def test_a_step_beyond_double_precision_ends_the_integration(self):
         frame = LinearAction([np.diag([-1.0, -2.0])])

@@ -8,18 +8,7 @@ import pytest
 from scipy import LowLevelCallable
 
 import cg
-from cg.frames import (
-    SO,
-    SO3,
-    SU,
-    Euclidean,
-    PhaseSpace,
-    Power,
-    Product,
-    Sphere,
-    U,
-    UnitQuaternion,
-)
+from cg.frames import SO, SO3, SU, Euclidean, PhaseSpace, Power, Product, Sphere, U, UnitQuaternion
 from cg.integration.step.interpolant import extra_evaluations
 from tests.helpers.mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, system
 
@@ -152,19 +141,6 @@ def test_the_energy_error_does_not_grow(heavy):
     assert errors[0][-200:].max() <= 3 * errors[0][:200].max()
 
 
-def test_a_symmetric_top_keeps_its_axial_momentum():
-    frame = PhaseSpace(SO3(), [1.0, 1.0, 2.0])
-
-    def f(t, y):
-        return np.cross(frame.split(y)[0][2], [0.0, 0.0, 1.0])
-
-    y0 = frame.join(SO3().flow([0.4, 0.3, 0.0], np.eye(3)), [0.3, -0.2, 1.5])
-    run = cg.integrate(f, (0, 100), y0, frame=frame, method="BlanesMoan4", h=0.1)
-    q, momentum = frame.split(run.y)
-    assert np.ptp(momentum[:, 2]) < 1e-12
-    assert np.ptp((q @ momentum[..., None])[:, 2, 0]) < 1e-12
-
-
 def test_momenta_on_spheres_are_tangential():
     frame = PhaseSpace(Sphere(2))
     y0 = frame.join([0.6, 0.0, 0.8], [1.0, 1.0, 1.0])
@@ -256,36 +232,7 @@ def switched(t, y):
     return TOP.f(t, y) * (2.0 if t < 1.0 else -0.5)
 
 
-def with_row(t, y, row):
-    return row[..., :1] * TOP.f(t, y)
-
-
-@pytest.mark.parametrize("method", ["McLachlan2", "BlanesMoan4", "CF4(3)"])
-def test_members_of_ensembles_are_those_alone(method):
-    rows = np.array([[0.5], [1.0], [-2.0]])
-    times = [0.3, 1.0]
-    common = {"frame": TOP.frame, "method": method, "h": 0.1, "t_eval": times}
-    alone = [cg.solve_ivp(with_row, (0, 1), TOP.y0, parameters=row, **common).y for row in rows]
-    for vectorized in (False, True):
-        together = cg.solve_ensemble(
-            with_row, (0, 1), TOP.y0, parameters=rows, vectorized=vectorized, **common
-        )
-        assert np.abs(together.y - np.swapaxes(alone, 0, 1)).max() < 1e-14
-
-
-def test_a_failing_force_ends_the_call():
-    def late(t, y):
-        if t > 0.5:
-            raise KeyError("late")
-        return TOP.f(t, y)
-
-    with pytest.raises(KeyError, match="late"):
-        cg.solve_ivp(late, (0, 1), TOP.y0, frame=TOP.frame, method="Leapfrog", h=0.1)
-    with pytest.raises(ValueError, match="f must return finite numbers"):
-        cg.solve_ivp(
-            lambda t, y: np.full(3, np.nan if t > 0.5 else 0.0), (0, 1), TOP.y0, frame=TOP.frame,
-            method="McLachlan2", h=0.1,
-        )  # fmt: skip
+def test_a_force_of_another_shape_is_refused():
     with pytest.raises(ValueError, match=r"shape \(3,\), got shape \(6,\)"):
         cg.solve_ivp(lambda t, y: np.zeros(6), (0, 1), TOP.y0, frame=TOP.frame)
 

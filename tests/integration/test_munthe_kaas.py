@@ -172,12 +172,12 @@ def test_rows_that_repeat_or_are_zero(frame):
     weights = ["1/12", "1/12", "1/3", "1/3", 0, "1/6"]
     method = cg.MuntheKaas(cg.Tableau(rows, weights))
     # the same points, once each
-    plain = cg.MuntheKaas(
+    without = cg.MuntheKaas(
         cg.Tableau([[], ["1/2"], ["1/4", "3/4"], [0, 1, 0]], ["1/6", "2/3", 0, "1/6"])
     )
     f, y0 = generic(frame)
     options = {"frame": frame, "h": 0.1, "dense_output": True}
-    one, other = (cg.solve_ivp(f, (0, 1), y0, method=m, **options) for m in (method, plain))
+    one, other = (cg.solve_ivp(f, (0, 1), y0, method=m, **options) for m in (method, without))
     np.testing.assert_allclose(one.y, other.y, rtol=0, atol=1e-14)
     t = np.linspace(0, 1, 23)
     np.testing.assert_allclose(one.sol(t), other.sol(t), rtol=0, atol=1e-13)

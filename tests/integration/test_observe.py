@@ -155,9 +155,9 @@ class TestFailures:
         ("value", "match"),
         [
             (np.nan, "observe must return finite numbers, got nan at t = 1"),
-            ([1.0, 2.0], r"observe must return shape \(\) at all times"),
-            ("text", "observe must return real numbers, got 'text'"),
-            (1j, "observe must return real numbers"),
+            ([1.0, 2.0], r"observe must return an array of shape \(\), got shape \(2,\)"),
+            ("text", "observe must return a real number, got 'text'"),
+            (1j, "observe must return a real number"),
         ],
     )
     @pytest.mark.parametrize("store", ["all", "observed"])

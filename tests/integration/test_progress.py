@@ -35,12 +35,6 @@ def check(reports, total, end=None):
 
 
 class TestProgress:
-    @pytest.mark.parametrize("span", [(0, 3), (3, 0)])
-    def test_of_fixed_steps(self, reports, span):
-        cg.integrate(turn, span, np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=reports)
-        check(reports, 3.0)
-        assert len(reports) >= 2
-
     @pytest.mark.parametrize("options", [{}, {"h": 0.1}, {"t_eval": [1.0, 2.0]}])
     def test_of_solve_ivp(self, reports, options):
         cg.solve_ivp(

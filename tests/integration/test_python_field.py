@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.frames import SO3, SU, Euclidean, Power, Product
+from cg.frames import SO3, SU, Euclidean, Power, Product, UnitQuaternion
 
 FRAME = Product(SO3(), Euclidean(3))
 Y0 = FRAME.join(np.eye(3), [0.1, -0.2, 0.3])
@@ -205,6 +205,26 @@ def test_any_number_of_further_arguments(frame, method, count):
 def test_hints(frame, y0, value, hint):
     with pytest.raises(ValueError, match=hint):
         cg.solve_ivp(lambda t, y: value, (0, 1), y0, frame=frame)
+
+
+@pytest.mark.parametrize("batch", [(), (2,)])
+@pytest.mark.parametrize(
+    "frame", [UnitQuaternion(), Product(UnitQuaternion(), Euclidean(3))], ids=repr
+)
+def test_the_derivative_of_the_point_is_recognised(frame, batch):
+    start = np.broadcast_to(frame.random_point(np.random.default_rng(1)), (*batch, frame.dim + 1))
+
+    def solve(f):
+        if batch:
+            cg.solve_ensemble(f, (0, 1), start, frame=frame, vectorized=True)
+        else:
+            cg.solve_ivp(f, (0, 1), start, frame=frame)
+
+    with pytest.raises(ValueError, match="coefficients of the frame's fields, not the deriv"):
+        solve(lambda t, y: np.zeros_like(y))
+    shape = "2, 2" if batch else "2,"
+    with pytest.raises(ValueError, match=rf"got shape \({shape}\) at t = 0(\n|$)"):
+        solve(lambda t, y: np.zeros((*batch, 2)))
 
 
 NUMBERED = {"frame": SO3(), "parameters": np.arange(5.0)[:, None]}

@@ -84,19 +84,6 @@ def test_other_steps_do_not_keep_areas(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("method", MIDPOINTS)
-def test_slopes_are_orders(method, seed):
-    spins, order, time = Spins(seed), cg.methods[method].order, 2.0
-    exact = cg.integrate(
-        spins.turning, (0, time), spins.y0, frame=spins.sphere, method="DOP853", h=0.01
-    ).y[-1]
-    counts = {2: (80, 160), 4: (40, 80), 6: (20, 40)}[order]
-    errors = [np.abs(spins.end(method, time / n, time=time) - exact).max() for n in counts]
-    assert errors[1] > 1e-12  # more than rounding
-    assert abs(np.log2(errors[0] / errors[1]) - order) < 0.2
-
-
-@pytest.mark.parametrize("seed", range(3))
 def test_suzukis_steps_have_smaller_errors_at_equal_work(seed):
     spins = Spins(seed)
     exact = spins.end("DICG6", 0.02, time=2.0)

@@ -1,8 +1,4 @@
-"""The collocation method RadauIIA5, and the detection of stiff equations."""
-
-import copy
-import pickle
-import warnings
+"""The collocation method RadauIIA5."""
 
 import numpy as np
 import pytest
@@ -163,114 +159,6 @@ class TestLikeScipy:
         assert run.nfev <= 7.5 * (run.steps + run.nrejected)
 
 
-class TestJacobian:
-    @pytest.mark.parametrize("jac", [jacobian, sparse_jacobian])
-    def test_given(self, jac):
-        run, other = solve(jac=jac), solve()
-        np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=1e-6)
-        assert run.nfev < other.nfev
-
-    @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])
-    @pytest.mark.parametrize(("rtol", "atol"), [(1e-3, 1e-6), (1e-6, 1e-6), (1e-6, 1e-10)])
-    def test_differences_of_small_coordinates(self, unit, rtol, atol):
-        """Of Robertson's reaction, in which 1e-13 of a substance remains."""
-
-        def f(t, y):
-            slow, fast, slowest = 0.04 * y[0], 1e4 / unit * y[1] * y[2], 3e7 / unit * y[1] ** 2
-            return [fast - slow, slow - fast - slowest, slowest]
-
-        def jac(t, y):
-            fast, slowest = 1e4 / unit * y[1:][::-1], 6e7 / unit * y[1]
-            return [[-0.04, *fast], [0.04, -fast[0] - slowest, -fast[1]], [0.0, slowest, 0.0]]
-
-        options = {"frame": Euclidean(3), "rtol": rtol, "atol": atol * unit}
-        run, other = (solve(f, 1e11, [unit, 0.0, 0.0], jac=j, **options) for j in (None, jac))
-        assert (run.success, run.steps) == (True, pytest.approx(other.steps, rel=0.05))
-        reference = np.array([2.08334015e-08, 8.33336077e-14, 0.9999999791666])
-        assert (np.abs(run.y[-1] / unit - reference) < max(100 * atol * rtol, atol)).all()
-
-    def test_differences_where_a_coordinate_vanishes(self):
-        def f(t, y):
-            return [
-                -1e3 * y[0],
-                1e3 * y[0] - 1e6 * (y[1] - np.cos(t)) * (1 + y[1] ** 2),
-                y[1] - y[2],
-            ]
-
-        options = {"frame": Euclidean(3), "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-9}
-        run = cg.solve_variational(f, (0, 2), [1.0, 0.0, 0.0], **options)
-        np.testing.assert_allclose(run.transition[-1, 2, 2], np.exp(-2.0), rtol=1e-7)
-
-    @pytest.mark.parametrize("kind", [np.array, sparse.csc_array])
-    @pytest.mark.parametrize("frame", [SO3(), SO3("space"), Sphere(2)], ids=repr)
-    @pytest.mark.parametrize(("rate", "spin"), [(1e4, 0.0), (1.0, 30.0)])
-    def test_brackets_are_added(self, frame, kind, rate, spin):
-        """With exact Jacobians Newton's method takes as many iterations as with differences.
-
-        In a fast rotation brackets are most of the Jacobian.
-        """
-        fast = rate * np.array([[1.0, 0.2, 0.0], [-0.3, 2.0, 0.1], [0.0, 0.4, 3.0]])
-        y0 = np.eye(3) if frame.point_shape == (3, 3) else np.array([0.0, 0.6, 0.8])
-
-        def f(t, y):
-            first = y.reshape(-1, 3)[0]
-            return fast @ np.cross(first, [np.cos(t), np.sin(t), 0.0]) + spin * np.ones(3)
-
-        def jac(t, y):
-            h = 1e-6
-            ends = [[f(t, frame.flow(s * v, y)) for v in np.eye(3)] for s in (h, -h)]
-            return kind((np.array(ends[0]) - np.array(ends[1])).T / (2.0 * h))
-
-        run, other = solve(f, 0.5, y0, frame, jac=jac), solve(f, 0.5, y0, frame)
-        np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=0, atol=1e-3)
-        assert run.nfev + 3 * run.njev == pytest.approx(other.nfev, rel=0.02)
-
-    def test_compiled_functions(self, function):
-        """The heavy top in C, with its parameters, alone and in an ensemble."""
-        frame = Product(SO3(), Euclidean(3))
-        y0 = frame.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
-        p = np.array([0.8, 0.9, 0.4, 2.0])
-        options = {"frame": frame, "method": "RadauIIA5", "rtol": 1e-9, "atol": 1e-9}
-        f, jac = function("top"), function("top_jac")
-        run = cg.solve_ivp(f, (0, 2), y0, parameters=p, jac=jac, **options)
-        other = cg.solve_ivp(f, (0, 2), y0, parameters=p, **(options | {"method": "auto"}))
-        np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=0, atol=1e-7)
-        rows = np.array([0.5 * p, p])
-        both = cg.solve_ensemble(f, (0, 2), y0, parameters=rows, jac=jac, **options)
-        np.testing.assert_array_equal(both.y[-1, 1], run.y[-1])
-
-    @pytest.mark.parametrize(
-        ("jac", "error", "message"),
-        [
-            (3, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
-            (lambda t, y: [[1.0]], ValueError, r"jac must return .*\(2, 2\), got shape \(1, 1\)"),
-            (lambda t, y: sparse.eye_array(3), ValueError, r"jac must return .*\(2, 2\)"),
-            (lambda t, y: np.full((2, 2), np.nan), ValueError, "jac must return finite numbers"),
-            (lambda t, y: jacobian(t, y) * (1.0 if t < 1 else np.nan), ValueError, "finite"),
-            (lambda t, y: sparse_jacobian(t, y) * (1.0 if t < 1 else np.inf), ValueError, "finite"),
-            (lambda t, y: (jacobian if t > 1 else sparse_jacobian)(t, y), ValueError, "a sparse m"),
-            (lambda t, y: (sparse_jacobian if t > 1 else jacobian)(t, y), ValueError, "an array"),
-            (lambda t, y: (1j if t > 1 else 1) * sparse_jacobian(t, y), ValueError, "real numbers"),
-            (lambda t, y: jacobian(t, y) / (0 if t > 1 else 1.0) // 0, ValueError, "finite"),
-        ],
-    )
-    @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-    def test_bad_values(self, jac, error, message):
-        refuses(error, message, solve, jac=jac)
-
-    @pytest.mark.parametrize("at", [0.0, 1.0])
-    def test_exceptions_pass_through(self, at):
-        def jac(t, y):
-            if t >= at:
-                raise KeyError("mine")
-            return jacobian(t, y)
-
-        refuses(KeyError, "mine", solve, jac=jac)
-
-    def test_other_methods_reject_jac(self):
-        refuses(ValueError, "jac must", solve, method="auto", jac=jacobian)
-
-
 class TestLoop:
     def test_output_within_steps_and_events(self):
         crossing = cg.Event(lambda t, y: y[0])
@@ -301,22 +189,6 @@ class TestLoop:
             method="RadauIIA5", rtol=1e-6, atol=1e-6,
         )  # fmt: skip
         assert abs(run.y[-1, 0] - 1.0) < 1e-6
-
-    @pytest.mark.parametrize("jac", [None, jacobian, sparse_jacobian])
-    @pytest.mark.parametrize("copied", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy])
-    def test_copies_of_steppers_continue_alike(self, jac, copied):
-        options = {"frame": PLANE, "method": "RadauIIA5", "rtol": 1e-5, "atol": 1e-7}
-        one = cg.Stepper(van_der_pol, 0.0, START, 200.0, jac=jac, **options)
-        for _ in range(15):
-            one.step()
-        other = copied(one)
-        for _ in range(30):
-            one.step()
-            other.step()
-        np.testing.assert_array_equal(one.y, other.y)
-        assert (one.nfev, one.njev, one.nlu) == (other.nfev, other.njev, other.nlu)
-        middle = 0.5 * (one.t_old + one.t)
-        np.testing.assert_array_equal(one.dense_output()(middle), other.dense_output()(middle))
 
     def test_restart_forgets_the_last_step(self):
         options = {"frame": PLANE, "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6}
@@ -358,12 +230,6 @@ class TestLoop:
         exact = cg.solve_ensemble(alone, (0, 20), START, jac=jac, workers=2, **options)
         np.testing.assert_allclose(exact.y[-1], each, rtol=1e-5)
 
-    def test_derivatives(self):
-        options = {"frame": PLANE, "rtol": 1e-8, "atol": 1e-8}
-        run = cg.solve_variational(pendulum, (0, 3), START, method="RadauIIA5", **options)
-        other = cg.solve_variational(pendulum, (0, 3), START, **options)
-        np.testing.assert_allclose(run.transition[-1], other.transition[-1], atol=1e-6)
-
     def test_steps_without_a_solution(self):
         options = {"frame": Euclidean(1), "method": "RadauIIA5"}
         with pytest.raises(cg.ConvergenceError, match="did not converge"):
@@ -400,72 +266,8 @@ class TestLoop:
 
 
 class TestTableau:
-    def test_coefficients(self):
-        root = np.sqrt(6.0)
-        np.testing.assert_allclose(RADAU.c, [0, 0.4 - root / 10, 0.4 + root / 10, 1], atol=1e-15)
-        for k in (1, 2, 3):
-            moments = RADAU.a[1:, 1:] @ RADAU.c[1:] ** (k - 1)
-            np.testing.assert_allclose(moments, RADAU.c[1:] ** k / k, atol=1e-15)
-
     def test_other_implicit_tableaux_are_refused(self):
         gauss = cg.Tableau(
             [["1/4", "-0.0386751345948128823"], ["0.538675134594812882", "1/4"]], ["1/2", "1/2"]
         )
         refuses(cg.MethodError, "tableau must", cg.MuntheKaas, gauss)
-
-
-class TestDetection:
-    @pytest.mark.parametrize("method", ["auto", "RKMK5(4)", "BS3(2)"])
-    @pytest.mark.parametrize("rtol", [1e-3, 1e-8])
-    def test_stiff(self, method, rtol):
-        run = solve(method=method, rtol=rtol, max_steps=500, t1=2000.0)
-        assert not run.success
-        assert "stiff" in run.message
-        assert "RadauIIA5" in run.message
-
-    @pytest.mark.parametrize("rtol", [1e-3, 1e-8])
-    @pytest.mark.parametrize("f", [lambda t, y: [y[1], -1e4 * y[0]], pendulum])
-    def test_not_stiff(self, f, rtol):
-        run = solve(f, 1e4, method="auto", rtol=rtol, max_steps=50)
-        assert "max_steps = 50" in run.message
-        assert "stiff" not in run.message
-
-    def test_warning_while_it_runs(self):
-        with pytest.warns(UserWarning, match="many steps, since .* stiff.*RadauIIA5") as caught:
-            run = solve(method="auto", max_steps=12_000, t1=2000.0)
-        assert len(caught) == 1
-        assert run.steps + run.nrejected == 12_000
-
-    @pytest.mark.parametrize("rtol", [1e-3, 1e-8])
-    def test_no_warning_if_it_is_not_stiff(self, rtol, recwarn):
-        run = solve(pendulum, 1e5, method="auto", rtol=rtol, max_steps=12_000)
-        assert run.steps + run.nrejected == 12_000
-        assert not recwarn
-
-    @pytest.mark.parametrize("workers", [None, 2])
-    def test_one_warning_for_an_ensemble(self, workers):
-        starts = [START, [1.0, 0.0]]
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("default")
-            cg.solve_ensemble(
-                van_der_pol, (0, 2000), starts, frame=PLANE, max_steps=25_000, workers=workers
-            )
-        assert sum("many steps, since" in str(w.message) for w in caught) == 1
-
-    @pytest.mark.parametrize("force", [0.5, 0.2])
-    def test_a_discontinuity_that_the_solution_stays_at(self, force):
-        def friction(t, y):
-            return [y[1], force * np.sin(t) - np.sign(y[1])]
-
-        with pytest.warns(UserWarning, match="many steps, since f is discontinuous"):
-            run = solve(friction, 20.0, [0.0, 1.0], method="auto", max_steps=12_000)
-        assert f"{run.nrejected} of them were rejected; f is discontinuous" in run.message
-        assert "event" in run.message
-        assert "stiff" not in run.message
-
-    @pytest.mark.filterwarnings("ignore:Failure of")
-    def test_in_ensembles(self):
-        run = cg.solve_ensemble(
-            van_der_pol, (0, 2000), [START, [1.0, 0.0]], frame=PLANE, max_steps=500
-        )
-        assert "stiff" in run.message

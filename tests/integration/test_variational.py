@@ -106,12 +106,14 @@ def test_errors_of_derivatives_choose_steps_if_asked():
         return [0.0, 0.0, 1.0]  # one step of any method is exact
 
     options = {"frame": SO3(), "rtol": 1e-9, "atol": 1e-9}
-    free = cg.solve_variational(spin, (0, np.pi), np.eye(3), **options)
-    held = cg.solve_variational(spin, (0, np.pi), np.eye(3), control_derivatives=True, **options)
+    uncontrolled = cg.solve_variational(spin, (0, np.pi), np.eye(3), **options)
+    controlled = cg.solve_variational(
+        spin, (0, np.pi), np.eye(3), control_derivatives=True, **options
+    )
     expected = np.diag([-1.0, -1.0, 1.0])
-    assert held.steps > free.steps
-    assert np.abs(held.transition[-1] - expected).max() < 1e-8
-    assert np.abs(free.transition[-1] - expected).max() > 1e-7
+    assert controlled.steps > uncontrolled.steps
+    assert np.abs(controlled.transition[-1] - expected).max() < 1e-8
+    assert np.abs(uncontrolled.transition[-1] - expected).max() > 1e-7
 
 
 def test_tolerances_of_each_coordinate_are_those_of_its_derivatives():
@@ -127,6 +129,7 @@ def test_tolerances_of_each_coordinate_are_those_of_its_derivatives():
         {"method": "CG6f", "h": 0.02, "rtol": None, "atol": None},
         {"method": "CF6(5)"},
         {"method": "RKMK5(4)"},
+        {"method": "RadauIIA5", "rtol": 1e-10, "atol": 1e-10},
         {"method": "DP5(4)", "rtol": 1e-10, "atol": 1e-10},
         {"method": "ImplicitMidpoint", "h": 0.1, "rtol": None, "atol": None},
     ],

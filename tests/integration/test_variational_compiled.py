@@ -71,13 +71,6 @@ def jacobian(functions, y, p):
     return actual
 
 
-def test_steps_are_those_of_the_solution_alone(functions):
-    solution = solve(functions)
-    alone = cg.solve_ivp(functions["f"], SPAN, Y0, parameters=P, **GIVEN)
-    np.testing.assert_array_equal(solution.t, alone.t)
-    np.testing.assert_array_equal(solution.y, alone.y)
-
-
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_differences_on_every_frame(name, affine):
     problem = PROBLEMS[name]
@@ -127,21 +120,6 @@ def test_ensembles(functions, executor):
         np.testing.assert_array_equal(solution.sensitivity[-1, k], alone.sensitivity[-1])
 
 
-def test_ensembles_in_other_processes(library):
-    path = library._name
-    arguments = {
-        name: cg.CompiledFunction(path, symbol)
-        for name, symbol in (("f", "top"), ("jac", "top_jac"), ("df_dp", "top_df_dp"))
-    }
-    rows = P * np.linspace(0.9, 1.1, 3)[:, None]
-    options = {"t_span": SPAN, "y0": Y0, "parameters": rows, **GIVEN}
-    alone = cg.solve_variational_ensemble(**arguments, **options)
-    solution = cg.solve_variational_ensemble(
-        **arguments, **options, executor="processes", workers=1
-    )
-    np.testing.assert_array_equal(solution.transition, alone.transition)
-
-
 def test_user_data_without_parameters(functions, function):
     """Without parameters all compiled functions receive the data of f."""
     data = P.copy()
@@ -166,14 +144,16 @@ def test_many_points_at_a_time_have_the_derivatives_of_one():
 
 class TestFailures:
     @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
-    def test_error_codes_name_the_function(self, functions, function, name):
-        with pytest.raises(RuntimeError, match=f"^{name} returned the error code 7 at t ="):
-            solve(functions | {name: function("stops")}, y0=BODY.join(np.eye(3), np.zeros(3)))
-
-    @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
-    def test_functions_that_write_nothing(self, functions, function, name):
-        with pytest.raises(ValueError, match=f"^{name} must return finite numbers"):
-            solve(functions | {name: function("writes_nothing")})
+    @pytest.mark.parametrize(
+        ("wrong", "error", "message"),
+        [
+            ("stops", RuntimeError, "returned the error code 7 at t ="),
+            ("writes_nothing", ValueError, "must return finite numbers"),
+        ],
+    )
+    def test_the_function_is_named(self, functions, function, name, wrong, error, message):
+        with pytest.raises(error, match=f"^{name} {message}"):
+            solve(functions | {name: function(wrong)}, y0=BODY.join(np.eye(3), np.zeros(3)))
 
     @pytest.mark.parametrize("name", ["jac", "df_dp"])
     def test_signatures(self, library, functions, name):

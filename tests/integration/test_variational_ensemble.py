@@ -84,37 +84,20 @@ def test_members_are_those_of_single_calls():
 
 
 @pytest.mark.parametrize("exact", [True, False])
-@pytest.mark.parametrize("common", [True, False])
-def test_functions_of_many_points(exact, common):
-    alone = members()
+@pytest.mark.parametrize(("common", "events"), [(True, None), (False, None), (False, FLOOR)])
+def test_functions_of_many_points(exact, common, events):
+    alone = members(events=events)
     derivatives = {"jac": swings_jac, "df_dp": swings_dp} if exact else {"jac": None, "df_dp": None}
     solution = cg.solve_variational_ensemble(
-        swings,
-        (0, 4),
-        Y0,
-        parameters=P,
-        vectorized=True,
-        common_steps=common,
+        swings, (0, 4), Y0, parameters=P, vectorized=True, common_steps=common, events=events,
         **(GIVEN | derivatives),
-    )
-    tolerance = 1e-6 if common else 1e-9
-    np.testing.assert_allclose(
-        solution.transition, alone.transition, atol=tolerance, rtol=tolerance
-    )
-    np.testing.assert_allclose(
-        solution.sensitivity, alone.sensitivity, atol=tolerance, rtol=tolerance
-    )
-
-
-def test_functions_of_many_points_with_jumps():
-    alone = members(events=FLOOR)
-    solution = cg.solve_variational_ensemble(
-        swings, (0, 4), Y0, parameters=P, vectorized=True, events=FLOOR,
-        **(GIVEN | {"jac": swings_jac, "df_dp": swings_dp}),
     )  # fmt: skip
-    np.testing.assert_allclose(solution.transition, alone.transition, atol=1e-9)
-    for rows, others in zip(solution.dt_events[0], alone.dt_events[0], strict=True):
-        np.testing.assert_allclose(rows, others, atol=1e-9)
+    tolerance = {"rtol": 1e-6, "atol": 1e-6} if common else {"rtol": 1e-9, "atol": 1e-9}
+    for name in ("transition", "sensitivity"):
+        np.testing.assert_allclose(getattr(solution, name), getattr(alone, name), **tolerance)
+    if events is not None:
+        for rows, others in zip(solution.dt_events[0], alone.dt_events[0], strict=True):
+            np.testing.assert_allclose(rows, others, **tolerance)
 
 
 def test_rotations_and_a_common_covariance():

@@ -75,11 +75,11 @@ class DenseOutput(ReadOnly):
     >>> import numpy as np
     >>> import crouch_grossman as cg
     >>> frame = cg.frames.UnitQuaternion()
-    >>> run = cg.solve_ivp(
+    >>> solution = cg.solve_ivp(
     ...     lambda t, q: [np.cos(t), 0.5, np.sin(t)], (0, 10), [0.0, 0.0, 0.0, 1.0],
     ...     frame=frame, rtol=1e-8, atol=1e-8, dense_output=True,
     ... )
-    >>> between = run.sol([2.5, 5.0, 7.5])
+    >>> between = solution.sol([2.5, 5.0, 7.5])
     >>> between.shape, bool((frame.membership_error(between) < 1e-14).all())
     ((3, 4), True)
     """
@@ -138,12 +138,6 @@ class EnsembleOutput(DenseOutput):
     """The solutions of the members of an ensemble as a function of time.
 
     It is NaN for a member beyond the time at which the member's integration ended.
-
-    Parameters
-    ----------
-    members
-        The members' solutions.
-
     """
 
     def __init__(self, members: list[DenseOutput]) -> None:

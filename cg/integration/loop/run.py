@@ -39,16 +39,10 @@ class Run:
     step may be requested. By default one member at a time is integrated, or up to 1024 by a
     vectorized function.
 
-    Attributes
-    ----------
-    end, reached
-        The last points as doubles, shape ``(members, width)``, and their times.
-    status, flag, failed_at
-        Of each member a `Stop`, what a compiled function returned, and when it failed.
-    counts
-        Of each member, shape ``(members, 6)``; see `COUNTS`.
-    kept
-        Number of vectors of coefficients that a member keeps between steps.
+    ``end`` and ``reached`` are the last points as doubles, shape ``(members, width)``, and their
+    times; ``status``, ``flag`` and ``failed_at`` a `Stop`, what a compiled function returned, and
+    when it failed; ``counts`` has the shape ``(members, 6)``, see `COUNTS`; ``kept`` is the number
+    of vectors of coefficients that a member keeps between steps.
     """
 
     address = 0  # of the run in compiled code
@@ -82,16 +76,7 @@ class Run:
         self._steps: list[tuple[Array, ...]] = []
         self._events: list[tuple[Array, ...]] = []
         self._share_members(plan.doubles(problem.points))
-        for name, array in (("y", y), ("observed", observed)):
-            if array is not None and len(array):
-                self.record.outputs = len(array)
-                self._share("times", np.array(problem.t_eval))
-                self._share(name, array)
-        if problem.observer is not None:
-            self.record.observations = problem.observer.count
-            fields, self._observing = problem.observer.fields(self.rhs)
-            for name, value in fields.items():
-                setattr(self.record, name, value)
+        self._share_output(y, observed)
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
         self._share("stops", np.array(problem.stops))
@@ -119,7 +104,7 @@ class Run:
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
-        """Record how implicit stages are solved; return how many vectors are kept for it."""
+        """Set how implicit stages are solved; return how many vectors are kept for it."""
         plan, problem, stages = self.plan, self.problem, self.plan.method.stages
         jacobian = problem.jacobian
         if jacobian is not None:
@@ -174,6 +159,19 @@ class Run:
             setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
         return array
 
+    def _share_output(self, y: Array | None, observed: Array | None) -> None:
+        """Share the arrays for output at given times, and the functions that are observed."""
+        for name, array in (("y", y), ("observed", observed)):
+            if array is not None and len(array):
+                self.record.outputs = len(array)
+                self._share("times", np.array(self.problem.t_eval))
+                self._share(name, array)
+        if self.problem.observer is not None:
+            self.record.observations = self.problem.observer.count
+            fields, self._observing = self.problem.observer.fields(self.rhs)
+            for name, value in fields.items():
+                setattr(self.record, name, value)
+
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
         rhs = self.rhs
@@ -193,15 +191,15 @@ class Run:
                 self.record.step_y = self.record.step_t + 8 * capacity
             if problem.observer is not None:
                 self._share("step_observed", np.empty((capacity, problem.observer.count)))
-        more = min(capacity, _MAX_BUFFER)
+        spare = min(capacity, _MAX_BUFFER)
         if self._functions:
-            self.record.event_capacity = self._functions * self._lanes + more
+            self.record.event_capacity = self._functions * self._lanes + spare
             events = self.record.event_capacity
             self._share("event_of", np.empty((events, 2), dtype=np.int64))
             self._share("event_t", np.empty(events))
             self._share("event_y", np.empty((events, 2, width)))
         if problem.dense:
-            self.allocate_interpolants(self._lanes + more)
+            self.allocate_interpolants(self._lanes + spare)
 
     def allocate_interpolants(self, capacity: int) -> None:
         """Allocate memory for `capacity` interpolants."""

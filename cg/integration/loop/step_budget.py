@@ -13,15 +13,10 @@ class StepBudget:
     """The number of steps to take at a time, chosen from the duration of the last ones.
 
     Python can't stop compiled code; a keyboard interrupt takes effect when it returns.
-
-    Attributes
-    ----------
-    steps
-        The number of steps to take next. It starts with one, since the cost of a step is unknown.
     """
 
     def __init__(self) -> None:
-        self.steps = 1
+        self.steps = 1  # at first, since the cost of a step is unknown
         self._since = time.perf_counter()
 
     def start(self) -> int:

@@ -38,11 +38,6 @@ class StepCheck:
     """Warns once while a run takes many steps, if its equation is stiff or discontinuous.
 
     It looks after 10,000, 20,000, 40,000, ... steps of a member, and again 1000 steps later.
-
-    Parameters
-    ----------
-    run
-        The run.
     """
 
     def __init__(self, run: Run) -> None:

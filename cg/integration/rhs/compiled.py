@@ -68,8 +68,7 @@ class CompiledRhs:
             raise ValueError(
                 f"parameters must be None for a compiled {self.name} that has user_data"
             )
-        data = parameters if inputs is None else inputs.data_with(parameters)
-        return replace(self, frame=frame, parameters=parameters, inputs=inputs, data=data)
+        return replace(self, frame=frame).with_data((), parameters, inputs)
 
     def with_data(
         self,
@@ -140,7 +139,7 @@ class CompiledRhs:
         rows = points.reshape(len(y), -1).view(np.float64)
         _, code = core.call_field(self.address, data, 0, t, rows.T, values.T)
         if code:
-            raise RuntimeError(f"{self.name} returned the error code {code} at t = {t:.17g}")
+            raise RuntimeError(f"{self.failed_name} returned the error code {code} at t = {t:.17g}")
         return values.reshape(len(y), *shape)
 
 

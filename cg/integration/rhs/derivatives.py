@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from cg.frames.arrays import Array, Points, is_array, real_array
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.inputs import Inputs, WithInput
-from cg.integration.rhs.python import when
+from cg.integration.rhs.values import read_finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,24 +33,7 @@ class Derivative:
     def check(self, value: Any, t: Any, _: Any = None) -> Array:
         """Return the value of the function as a C-ordered array, after checking it."""
         expected = (len(t), *self.shape) if self.vectorized else self.shape
-        if not is_array(value, np.float64):
-            try:
-                value = real_array(value if value is not None else "None", self.name)
-            except ValueError as error:
-                raise ValueError(
-                    f"{self.name} must return an array of shape {expected}, got {value!r} at "
-                    f"{when(t)}"
-                ) from error
-        if value.shape == () and math.prod(expected) == 1:
-            value = value.reshape(expected)
-        if value.shape != expected:
-            raise ValueError(
-                f"{self.name} must return an array of shape {expected}, got shape {value.shape} at "
-                f"{when(t)}"
-            )
-        if not math.isfinite(value.sum()) and not np.isfinite(value).all():
-            raise ValueError(f"{self.name} must return finite numbers, got {value} at {when(t)}")
-        return np.ascontiguousarray(value)
+        return read_finite(value, self.name, expected, t, number=True)
 
 
 def derivative_of(
@@ -63,6 +43,7 @@ def derivative_of(
     shape: tuple[int, ...],
     vectorized: bool,
     inputs: Inputs | None,
+    kind: type[Derivative] = Derivative,
 ) -> Derivative | None:
     """Return a function that the user gave, after checking it, or None."""
     compiled = compiled_rhs(function, name)
@@ -81,7 +62,7 @@ def derivative_of(
         )
     if compiled is None and inputs is not None:
         function = WithInput(function)
-    return Derivative(name, compiled or function, frame, shape, vectorized)
+    return kind(name, compiled or function, frame, shape, vectorized)
 
 
 def read_only(y: Points) -> Points:

@@ -14,6 +14,7 @@ from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
+from cg.integration.rhs.values import read_finite
 from cg.support.shared_records import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
@@ -66,11 +67,11 @@ class Event:
     ...     lambda t, y: y[0], direction=-1, terminal=4,
     ...     jump=lambda t, y: [0.0, -0.9 * y[1]],
     ... )
-    >>> run = cg.solve_ivp(
+    >>> solution = cg.solve_ivp(
     ...     lambda t, y: [y[1], -9.81], (0, 10), [1.0, 0.0], frame=cg.frames.Euclidean(2),
     ...     events=floor,
     ... )
-    >>> run.t_events[0].round(3)
+    >>> solution.t_events[0].round(3)
     array([0.452, 1.264, 1.996, 2.654])
     """
 
@@ -177,24 +178,7 @@ class EventTable:
         raw = self.events[index].function(t, y, *arguments)
         if isinstance(raw, float) and math.isfinite(raw):
             return raw
-        name = f"events[{index}]"
-        if isinstance(raw, bool | np.bool_) or getattr(raw, "dtype", None) == np.bool_:
-            raise ValueError(
-                f"{name} must return a real number that changes sign, got the bool {raw!r} at "
-                f"t = {t:.17g}"
-            )
-        try:
-            given = np.asarray(raw)
-            if given.dtype.kind not in "iufO" or np.ma.is_masked(raw):  # complex ones lose a part
-                raise TypeError("not real")
-            value = float(given.item())
-        except (TypeError, ValueError, OverflowError) as error:
-            raise ValueError(
-                f"{name} must return a real number, got {raw!r} at t = {t:.17g}"
-            ) from error
-        if not math.isfinite(value):
-            raise ValueError(f"{name} must return a finite number, got {value} at t = {t:.17g}")
-        return value
+        return float(read_finite(raw, f"events[{index}]", (), t, number=True))
 
     def jump(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
         """Return the point after a jump, after checking it."""

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points, real_array
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import CompiledRhs, compiled_event
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.inputs import WithInput
-from cg.integration.rhs.python import PythonRhs, context_of, when
+from cg.integration.rhs.python import Contexts, PythonRhs
+from cg.integration.rhs.values import read_finite
 
 STORED = "all", "observed"
 
@@ -30,24 +31,10 @@ class Observer:
 
     def check(self, value: Any, t: float, _: Points) -> Array:
         """Return a value as an array, after checking it."""
-        try:
-            numbers = real_array(value, "observe")
-        except (TypeError, ValueError) as error:
-            raise ValueError(
-                f"observe must return real numbers, got {value!r} at {when(t)}"
-            ) from error
-        if numbers.shape != self.shape:
-            raise ValueError(
-                f"observe must return shape {self.shape} at all times, got {value!r} at {when(t)}"
-            )
-        if not np.isfinite(numbers).all():
-            raise ValueError(f"observe must return finite numbers, got {value!r} at {when(t)}")
-        return np.ascontiguousarray(numbers)
+        return read_finite(value, "observe", self.shape, t)
 
     def fields(self, rhs: CompiledRhs | PythonRhs) -> tuple[dict[str, int], Any]:
         """Return entries of the record of a run, and what has to stay alive with them."""
-        import cg._core_r64 as core
-
         if isinstance(self.function, list):
             data, stride = rhs.addresses()[1:] if isinstance(rhs, CompiledRhs) else (0, 0)
             if isinstance(rhs, PythonRhs) and rhs.inputs is not None:
@@ -55,22 +42,14 @@ class Observer:
             if isinstance(rhs, PythonRhs) and rhs.parameters is not None:
                 data, stride = rhs.parameters.ctypes.data, rhs.parameters.strides[0]
             table = EventTable(self.function, self.frame).rows
-            return {
-                "observers": len(table), "observer_table": table.ctypes.data,
-                "observer_data": data, "observer_stride": stride,
-            }, table  # fmt: skip
+            entries = {"observers": len(table), "observer_table": table.ctypes.data}
+            return entries | {"observer_data": data, "observer_stride": stride}, table
         count = None if rhs.inputs is None else rhs.inputs.members
         count = count if rhs.parameters is None else len(rhs.parameters)
-        members = range(1 if count is None else count)
         rest = self.frame, self.shape, self.check
-        contexts = [context_of(self.function, rhs.arguments(k), *rest) for k in members]
-        pointers = np.array([id(context) for context in contexts])
-        field, member, _ = core.function_addresses()
-        function = field if count is None else member
-        data = id(contexts[0]) if count is None else pointers.ctypes.data
-        stride = 0 if count is None else 8
-        entries = {"observer": function, "observer_data": data, "observer_stride": stride}
-        return entries, (contexts, pointers)
+        contexts = Contexts(self.function, rhs.arguments, count, *rest)
+        names = "observer", "observer_data", "observer_stride"
+        return dict(zip(names, contexts.addresses(), strict=True)), contexts
 
     @property
     def count(self) -> int:

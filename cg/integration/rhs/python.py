@@ -1,94 +1,21 @@
-"""Right-hand sides that are functions in Python, and checks of their results."""
+"""Right-hand sides that are functions in Python."""
 
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, conversion_hint, is_complex_array, real_array
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.frames.homogeneous import HomogeneousSpace
-from cg.frames.matrix_group import MatrixGroup
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.inputs import Inputs, WithInput, arguments_of
+from cg.integration.rhs.values import Check
 
 Coefficients = Callable[..., ArrayLike]
-_JOIN = "; join parts by np.concatenate"
-_COMPLEX = "; the real and the imaginary part of a complex drive are coefficients of two fields"
-
-
-class Check:
-    """The check of what a function in Python returns."""
-
-    def __init__(
-        self, f: Any, frame: Frame, vectorized: bool = False, first: int | None = None
-    ) -> None:
-        self.frame, self.vectorized, self.first = frame, vectorized, first
-        self.of_time = isinstance(f, TimeFunction)
-        self.name = "a" if self.of_time else "f"  # in error messages
-
-    def __call__(self, value: Any, t: Any, y: Points, members: Any = None) -> Array:
-        """Return what ``f(t, y)`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
-
-        ValueError is raised if it has another shape, or isn't finite numbers although ``y`` is;
-        compiled code detects points that aren't finite. ``members`` of a vectorized function are
-        named in errors.
-        """
-        n, shape = self.frame.rhs_dim, self.frame.rhs_shape
-        if self.vectorized:
-            shape = (len(t), *shape)
-        try:
-            # a copy, since f may return the same buffer each time
-            coefficients = real_array(value, self.name)
-        except ValueError as error:
-            expected = (
-                f"an array of shape {shape}" if len(shape) > 1 else f"{shape[0]} real numbers"
-            )
-            join = isinstance(value, list | tuple) and any(map(np.ndim, value))
-            hint = _JOIN if join else conversion_hint(value, error)
-            hint = _COMPLEX if not hint and is_complex_array(value) else hint
-            raise ValueError(
-                f"{self.name} must return {expected}, got {value!r} at {when(t)}{hint}"
-            ) from error
-        if coefficients.shape != shape:
-            got = "None" if value is None else f"shape {coefficients.shape}"
-            each = "time" if self.of_time else "member"
-            together = f", a row for each {each}, since vectorized=True" if self.vectorized else ""
-            raise ValueError(
-                f"{self.name} must return an array of shape {shape}{together}, got {got} at "
-                f"{when(t)}{self._hint(coefficients.shape[self.vectorized :])}"
-            )
-        # a finite sum means that all terms are finite, and takes a fraction of the time
-        if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
-            rows = y.reshape(len(y) if self.vectorized else 1, -1)
-            answers = np.isfinite(coefficients.reshape(-1, n)).all(axis=1)
-            wrong = np.isfinite(rows).all(axis=1) & ~answers
-            if wrong.any():
-                got = f"{coefficients} at {when(t)}"
-                if self.vectorized:
-                    worst, *others = np.flatnonzero(wrong).tolist()
-                    got = f"{coefficients[worst]} at {when(t[worst])}"
-                    if members is not None:
-                        got += f" for member {(self.first or 0) + members[worst]}"
-                        got += f" and {len(others)} more" if others else ""
-                raise ValueError(f"{self.name} must return finite numbers, got {got}")
-        return coefficients
-
-    def _hint(self, shape: tuple[int, ...]) -> str:
-        """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
-        group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
-        flat = isinstance(group, MatrixGroup) and shape == (math.prod(group.point_shape),)
-        if not isinstance(group, MatrixGroup) or not (flat or shape == group.point_shape):
-            if shape != self.frame.point_shape:
-                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
-            return "; f returns coefficients of the frame's fields, not the derivative of y"
-        name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
-        return f"; {name}(matrix) are those of a matrix in the Lie algebra"
 
 
 class PythonRhs:
@@ -117,15 +44,10 @@ class PythonRhs:
         self.check = Check(f, frame, vectorized, first)
         self.name = self.failed_name = self.check.name
         function = f.a if isinstance(f, TimeFunction) else f
-        rest = frame, frame.rhs_shape, self.check, self.check.of_time
         own = None if inputs is None else inputs.members
-        if parameters is not None:
-            own = len(parameters)
-        self._by_member = own is not None and not vectorized
-        members = range(own if own is not None and self._by_member else 1)
-        self._contexts = [context_of(function, self.arguments(k), *rest) for k in members]
-        if self._by_member:
-            self._pointers = np.array([id(context) for context in self._contexts])
+        own = own if parameters is None else len(parameters)
+        rest = frame, frame.rhs_shape, self.check, self.check.of_time
+        self._contexts = Contexts(function, self.arguments, None if vectorized else own, *rest)
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = self.f, self.frame, self.args, self.parameters, self.vectorized, self.first
@@ -147,19 +69,12 @@ class PythonRhs:
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
-        import cg._core_r64 as core
-
-        field, member, _ = core.function_addresses()
-        if not self._by_member:
-            return field, self.data_address, 0
-        return member, self.data_address, 8
+        return self._contexts.addresses()
 
     @property
     def data_address(self) -> int:
         """Address of the first member's data, which changes with the further arguments."""
-        if not self._by_member:
-            return id(self._contexts[0])
-        return int(self._pointers.ctypes.data)
+        return self._contexts.address
 
     def note(self, t: float, member: int = 0) -> str:
         """Return a note to an exception at ``t`` in a member, which says how ``f`` is called."""
@@ -210,18 +125,44 @@ class PythonRhs:
         return self.check(value, t, y, members=members)
 
 
+class Contexts:
+    """What ``fortran/interface/python_field.c`` reads to call a function, of each member or once.
+
+    ``arguments`` returns the further arguments of a member. With a ``count`` of members there is a
+    context for each of them.
+    """
+
+    def __init__(
+        self,
+        function: Any,
+        arguments: Callable[[int], tuple[Any, ...]],
+        count: int | None,
+        *rest: Any,
+    ) -> None:
+        members = range(1 if count is None else count)
+        self.each = [context_of(function, arguments(k), *rest) for k in members]
+        self.pointers = None if count is None else np.array([id(context) for context in self.each])
+
+    @property
+    def address(self) -> int:
+        """Address of the first context, or of the pointers to all."""
+        return id(self.each[0]) if self.pointers is None else int(self.pointers.ctypes.data)
+
+    def addresses(self) -> tuple[int, int, int]:
+        """Return the addresses of the function and of the first member's data, and their stride."""
+        import cg._core_r64 as core
+
+        field, member, _ = core.function_addresses()
+        return (field, self.address, 0) if self.pointers is None else (member, self.address, 8)
+
+
 def context_of(
     function: Any, args: tuple[Any, ...], frame: Frame, shape: tuple[int, ...], check: Any,
     of_time: bool = False,
 ) -> tuple[Any, ...]:  # fmt: skip
-    """Return what ``fortran/interface/python_field.c`` reads to call a function."""
+    """Return one context."""
     with_input = isinstance(function, WithInput)
     if with_input:
         function, args = function.function, (args[0].at_times(), *args[1:])
     rest = frame.point_shape, frame.dtype.num, shape, check, [None], of_time, with_input
     return function, args, *rest
-
-
-def when(t: Any) -> str:
-    """Return the time of a call, or the first of many times, for a message."""
-    return f"t = {np.atleast_1d(t)[0]:.17g}"

@@ -32,14 +32,8 @@ class Callbacks:
     Compiled code calls ``callbacks(operation, a, b)`` with two vectors of doubles; the result is
     a vector.
 
-    Attributes
-    ----------
-    rhs, events, jacobian
-        What functions of the user are called, None in a continuous solution, or without them.
-    last_error
-        The last exception that compiled code treats as a step that is too long.
-    failed_event
-        The name of the function of an event that raised an exception, its time and member.
+    ``last_error`` is the last exception that compiled code treats as a step that is too long;
+    ``failed_event`` the name of an event's function that raised an exception, its time and member.
     """
 
     def __init__(

@@ -12,7 +12,8 @@ from cg.frames.base import Frame
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative, derivative_of
 from cg.integration.rhs.inputs import data_at
-from cg.integration.rhs.python import PythonRhs, when
+from cg.integration.rhs.python import PythonRhs
+from cg.integration.rhs.values import when
 from cg.integration.step.collocation import is_collocation
 from cg.method.method import Method
 

@@ -1,4 +1,18 @@
-"""Methods as paths of flows between points."""
+r"""Methods as paths of flows between points, as compiled code takes them.
+
+Point m of a method is reached from its parent by one flow, of fields :math:`F_k` that are frozen
+at stages k,
+
+.. math:: y_m = \exp\Bigl(h \sum_k \alpha_{mk} F_k\Bigr) y_{\mathrm{parent}(m)} .
+
+Points are stored only where they are needed again: stages, results, and points with several
+children. A `Path` is the sequence of flows from one stored point to the next; equal points are
+merged, and points that lead to no stage or result are left out. A row of a tableau is a path from
+the start, with one flow for each coefficient that isn't zero (P. E. Crouch, R. Grossman, "Numerical
+integration of ordinary differential equations on manifolds", J. Nonlinear Sci. 3 (1993), 1-33);
+stages of a commutator-free method may share the first flows (E. Celledoni, A. Marthinsen,
+B. Owren, "Commutator-free Lie group methods", Future Gener. Comput. Syst. 19 (2003), 341-352).
+"""
 
 from __future__ import annotations
 
@@ -37,18 +51,10 @@ Flow = tuple[tuple[int, Fraction], ...]
 
 @dataclass(frozen=True)
 class Path:
-    """Flows from one stored point to another.
+    """Flows from one stored point to another."""
 
-    Attributes
-    ----------
-    origin
-        The path at whose end it starts, counting from 1; 0 is the start of the step.
-    flows
-        The flows, the first one first.
-    """
-
-    origin: int
-    flows: tuple[Flow, ...]
+    origin: int  # the path at whose end it starts, counting from 1; 0 is the start of the step
+    flows: tuple[Flow, ...]  # the first one first
 
 
 @dataclass(frozen=True)
@@ -57,64 +63,36 @@ class MethodPaths:
 
     Stored points are stages, results, and points from which several paths start. Paths are in the
     order in which a step needs them and counted from 1; 0 is the start of the step.
-
-    Attributes
-    ----------
-    paths
-        All paths.
-    stages
-        The path to each stage.
-    result, embedded
-        The paths to the result of the step, and to the second result of a pair (0 if there
-        is none). The one of higher order is the result.
-    third
-        The path to a third result, for a second estimate of the error, or 0.
-    final_stage
-        The stage (from 1) at the end of the step, which is the first stage of the next step, or 0
-        if there is none.
-    c
-        Abscissae.
-    registers
-        The coefficients A and B of a method of two registers, None of others.
-    series
-        For a method on a Lie algebra, the order up to which the series of dexp⁻¹ is needed, else
-        0. Coefficients at stages become derivatives of coordinates.
-    errors
-        Weights on the coefficients at stages of the combinations by which errors are estimated.
-        With a second result they are those of the second estimate, or those of `end_weights`,
-        where the end of the step is a stage more. Those of `kink_weights` are the last but one.
-    transformation
-        Of a collocation method, the numbers of `transformation`.
-    power
-        The exponent of the quotient of two error estimates, see `error_power`; 0 if the larger one
-        counts.
-    factor
-        The factor of the second one in it.
-    polynomial
-        Whether the flows of the only path are the coefficients of a polynomial in 2θ - 1 along
-        which one flow leads to the result.
-    blocks
-        Number of blocks of stages of an implicit method that are solved one after the other.
-    drifts
-        Of a splitting method, the drift after each flow, which is a kick; else empty.
     """
 
     paths: tuple[Path, ...]
-    stages: tuple[int, ...]
+    stages: tuple[int, ...]  # the path to each stage
+    # The paths to the result of the step, the one of higher order of a pair, and to its second
+    # result, or 0.
     result: int
     embedded: int
+    # The stage (from 1) at the end of the step, which is the first one of the next step, or 0.
     final_stage: int
-    c: tuple[Fraction, ...]
-    registers: Registers | None = None
+    c: tuple[Fraction, ...]  # abscissae
+    registers: Registers | None = None  # A and B of a method of two registers
+    # For a method on a Lie algebra, the order up to which the series of dexp⁻¹ is needed, else 0.
+    # Coefficients at stages become derivatives of coordinates.
     series: int = 0
+    # Weights on the coefficients at stages of the combinations by which errors are estimated. With
+    # a second result they are those of the second estimate, or those of `end_weights`, where the
+    # end of the step is a stage more. Those of `kink_weights` are the last but one.
     errors: tuple[tuple[Fraction, ...], ...] = ()
-    transformation: tuple[Fraction, ...] = ()
-    third: int = 0
+    transformation: tuple[Fraction, ...] = ()  # of a collocation method, those of `transformation`
+    third: int = 0  # the path to a third result, for a second estimate of the error, or 0
+    # The exponent of the quotient of two error estimates, see `error_power`, 0 if the larger one
+    # counts; and the factor of the second one in it, by default that of DOP853.
     power: int = 1
-    factor: Fraction = Fraction(1, 10)  # of DOP853
+    factor: Fraction = Fraction(1, 10)
+    # Whether the flows of the only path are the coefficients of a polynomial in 2θ - 1 along which
+    # one flow leads to the result.
     polynomial: bool = False
-    blocks: int = 0
-    drifts: tuple[Fraction, ...] = ()
+    blocks: int = 0  # of stages of an implicit method that are solved one after the other
+    drifts: tuple[Fraction, ...] = ()  # of a splitting method, after each flow, which is a kick
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -181,14 +159,9 @@ def paths_of(method: Method) -> MethodPaths:
     """Return the paths of a method."""
     if isinstance(method, Splitting):
         return _splitting_paths(method)
-    series = 0
     if isinstance(method, MuntheKaas) and not method.explicit:
-        flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
-        c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
-        return MethodPaths(
-            (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, c, None, method.order,
-            method.error_weights, transformation(method), blocks=1,
-        )  # fmt: skip
+        return _collocation_paths(method)
+    series = 0
     if isinstance(method, MuntheKaas):
         method = method.advancing
         series = max(method.order, 1)
@@ -201,11 +174,8 @@ def paths_of(method: Method) -> MethodPaths:
     stages = tuple(builder.path_to(point) for point in tree.stage_points)
     result_path = builder.path_to(result)
     c = _abscissae(method)
-    final = [
-        k
-        for k, path in enumerate(stages, 1)
-        if method.explicit and path == result_path > 0 and c[k - 1] == 1
-    ]
+    ends = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
+    final = ends[0] if ends and method.explicit else 0
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
     third, factor = 0, MethodPaths.factor
     if isinstance(method, MagnusMethod) and method.third_weights is not None:
@@ -214,25 +184,25 @@ def paths_of(method: Method) -> MethodPaths:
         builder.paths.append(Path(0, (flow,)))
         third = len(builder.paths)
     if end := end_weights(method):
-        stages, c, final = (*stages, result_path), (*c, Fraction(1)), [len(stages) + 1]
+        stages, c, final = (*stages, result_path), (*c, Fraction(1)), len(stages) + 1
         errors, factor = end.rows, end.factor
     if kinks := kink_weights(method):
         errors = (*errors[:-1], kinks, errors[-1])
+    registers = None if series or isinstance(method, MagnusMethod) else two_registers(method)
     return MethodPaths(
-        tuple(builder.paths),
-        stages,
-        result_path,
-        embedded_path,
-        final[0] if final else 0,
-        c,
-        None if series or isinstance(method, MagnusMethod) else two_registers(method),
-        series,
-        errors,
-        third=third,
-        power=error_power(method),
-        factor=factor,
-        blocks=_blocks(method),
-    )
+        tuple(builder.paths), stages, result_path, embedded_path, final, c, registers, series,
+        errors, third=third, power=error_power(method), factor=factor, blocks=_blocks(method),
+    )  # fmt: skip
+
+
+def _collocation_paths(method: MuntheKaas) -> MethodPaths:
+    """Return the paths of a collocation method: one flow to the result."""
+    flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
+    c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
+    return MethodPaths(
+        (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, c, None, method.order,
+        method.error_weights, transformation(method), blocks=1,
+    )  # fmt: skip
 
 
 def _splitting_paths(method: Splitting) -> MethodPaths:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from functools import lru_cache
-from typing import Any
+from collections.abc import Callable
+from functools import lru_cache, wraps
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -42,26 +43,12 @@ from cg.support.shared_numbers import BlockKind, BlockOption
 class Plan:
     """A frame and a method in compiled code.
 
-    Parameters
-    ----------
-    frame
-        Any frame; one in Python is called through callbacks.
-    method
-        Any method.
-
-    Attributes
-    ----------
-    core, address
-        The compiled module, and the address of the plan.
-    width
-        Number of doubles of a point.
-    kept, kept_nodes
-        Numbers of vectors of coefficients stored for a step, its stages, with the end where the
-        error estimate needs it, or one register, and of the step before, those of a Magnus method.
-    columns
-        Number of vectors of an interpolant.
-    exponent
-        Power of an error that a step is proportional to; 0 without an estimate of the error.
+    A frame in Python is called through callbacks. ``core`` is the compiled module, and ``address``
+    that of the plan; ``width`` the number of doubles of a point, ``columns`` that of vectors of an
+    interpolant; ``exponent`` the power of an error that a step is proportional to, 0 without an
+    estimate of the error. ``kept`` vectors of coefficients are stored for a step: its stages, with
+    the end where the error estimate needs it, or one register; ``kept_nodes`` are those of the step
+    before, of a Magnus method.
     """
 
     def __init__(self, frame: Frame, method: Method) -> None:
@@ -90,9 +77,7 @@ class Plan:
         of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
         self.kept_nodes = method.stages if of_nodes else 0
         self.address: int = core.plan_open(
-            blocks,
-            block_constants(frame),
-            ctypes.addressof(paths.record),
+            blocks, block_constants(frame), ctypes.addressof(paths.record)
         )
         if isinstance(frame, PhaseSpace):
             core.plan_set_bodies(self.address, *frame.compiled_bodies())
@@ -127,13 +112,10 @@ class Plan:
         """
         if self._measures is not None:
             return self._measures
-        try:
-            return _has_coordinates(self.frame, _AnyPoint(point))
-        except TypeError:  # a frame of the user that can't be hashed
-            return _has_coordinates.__wrapped__(self.frame, _AnyPoint(point))
+        return _has_coordinates(self.frame, _AnyPoint(point))
 
     def is_free(self, point: Points) -> bool:
-        """Return whether different small coefficients lead to different points.
+        """Return whether the fields act freely: small coefficients that differ move points apart.
 
         Then the ends of a step determine its coordinates. Any point of a frame whose differences
         are measured in coordinates serves as ``point``.
@@ -179,12 +161,26 @@ class Plan:
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
 
+_Result = TypeVar("_Result")
+
+
+def _cached(function: Callable[..., _Result]) -> Callable[..., _Result]:
+    """Keep the last results of a function, unless a frame of the user can't be hashed."""
+    cached = lru_cache(maxsize=64)(function)
+
+    @wraps(function)
+    def call(frame: Frame, *rest: Any) -> _Result:
+        try:
+            return cached(frame, *rest)
+        except TypeError:
+            return function(frame, *rest)
+
+    return call
+
+
 def plan_of(frame: Frame, method: Method) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
-    try:
-        return _cached_plan(frame, _Same(method))
-    except TypeError:  # a frame of the user that can't be hashed
-        return Plan(frame, method)
+    return _cached_plan(frame, _Same(method))
 
 
 def _restored(frame: Frame, method: str | Method) -> Plan:
@@ -204,7 +200,7 @@ class _Same:
         return isinstance(other, _Same) and other.method is self.method
 
 
-@lru_cache(maxsize=64)
+@_cached
 def _cached_plan(frame: Frame, same: _Same) -> Plan:
     return Plan(frame, same.method)
 
@@ -255,21 +251,14 @@ class _AnyPoint:
         return isinstance(other, _AnyPoint)
 
 
-@lru_cache(maxsize=64)
+@_cached
 def _has_coordinates(frame: Frame, at: _AnyPoint) -> bool:
     return frame.exp_coordinates(at.point, at.point) is not None
 
 
+@_cached
 def has_brackets(frame: Frame) -> bool:
     """Return whether a frame has brackets of its fields."""
-    try:
-        return _has_brackets(frame)
-    except TypeError:  # a frame of the user that can't be hashed
-        return _has_brackets.__wrapped__(frame)
-
-
-@lru_cache(maxsize=64)
-def _has_brackets(frame: Frame) -> bool:
     try:
         frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
     except NotImplementedError:

@@ -69,16 +69,13 @@ class CompiledVariation(CompiledRhs):
         return self.address, self.data_address, distance
 
     def at_times(self, times: Array, z: Array) -> Array:
-        """Return the coefficients of a single member at points, which are overwritten."""
-        import cg._core_r64 as core
-
-        values = np.empty((len(z), self.variational.product.dim))
-        address, data, _ = self.addresses()
-        for k, t in enumerate(times.tolist()):
-            _, code = core.call_field(address, data, 0, t, z[k : k + 1].T, values[k : k + 1].T)
-            if code:
-                raise RuntimeError(f"{self.failed_name} returned the error code {code} at t = {t}")
-        return values
+        """Return the coefficients of a single member at points."""
+        product, data = self.variational.product, self.data_address
+        values = [
+            self.values(product, data, t, z[k : k + 1], (product.dim,))
+            for k, t in enumerate(times.tolist())
+        ]
+        return np.concatenate(values)
 
     @property
     def data_address(self) -> int:

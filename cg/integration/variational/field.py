@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +16,7 @@ from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative, read_only
 from cg.integration.rhs.inputs import Reader, data_at
-from cg.integration.rhs.python import Check, when
+from cg.integration.rhs.values import Check, when
 from cg.integration.step.flows import Flows, flows_of
 
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
@@ -43,8 +44,8 @@ class VariationalField:
     df_dp: Derivative | None
     count: int  # number of parameters, with inputs if there are derivatives with respect to them
     vectorized: bool = False  # whether the functions take points of several members in one call
-    inputs: int = 0  # how many of them are inputs
-    moments: int = 0  # how many of these have derivatives that are multiplied by the time, too
+    inputs: int = 0  # number of the parameters that are values of inputs
+    moments: int = 0  # number of inputs whose derivatives are also multiplied by the time
     noise: Derivative | Array | None = None  # spectral density of noise
 
     @property
@@ -167,13 +168,9 @@ class VariationalField:
         """Return derivatives of ``f`` with respect to parameters, shape ``(members, n, k)``."""
         if self.df_dp is not None:
             return self.df_dp(t, y, arguments)
-        columns = []
-        for moved, size in parameter_steps(arguments[-1], DIFFERENCE_STEP):
-            ahead, behind = (
-                self.coefficients(t, y, (*arguments[:-1], row)) for row in (moved(1.0), moved(-1.0))
-            )
-            columns.append((ahead - behind) / (2.0 * size[..., None]))
-        return np.stack(columns, axis=-1)
+        return parameter_differences(
+            lambda row: self.coefficients(t, y, (*arguments[:-1], row)), arguments[-1]
+        )
 
 
 def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
@@ -193,6 +190,15 @@ def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
 
         steps_of.append((moved, np.asarray(size)))
     return steps_of
+
+
+def parameter_differences(function: Callable[[Array], Array], row: Array) -> Array:
+    """Return central differences of ``function(row)`` by each parameter, on a last axis."""
+    columns = []
+    for moved, size in parameter_steps(row, DIFFERENCE_STEP):
+        ahead, behind = function(moved(1.0)), function(moved(-1.0))
+        columns.append((ahead - behind) / (2.0 * size[..., None]))
+    return np.stack(columns, axis=-1)
 
 
 def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:

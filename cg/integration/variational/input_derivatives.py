@@ -1,9 +1,11 @@
-"""Derivatives of a solution with respect to the values of samples.
+r"""Derivatives of a solution with respect to the values of samples.
 
-Between samples the solution depends on the present values alone. There the transition matrix and
-the derivatives with respect to the inputs start anew at each sample, and at the end those of all
-intervals are chained. A linear curve has two present values, whose weights are linear in time, so
-that derivatives times the time are integrated as well.
+In the interval k between samples the solution depends on the present values :math:`u_k` alone. Its
+transition matrix :math:`\Phi_k` and its derivative :math:`S_k` by them start anew at each sample,
+and the derivative of the end by :math:`u_k` is :math:`\Phi_n \cdots \Phi_{k+1} S_k`. This takes
+as many columns as there are inputs at one time, where parameters would take as many as there are
+samples. A linear curve is :math:`(1 - s)\,u_k + s\,u_{k+1}` with s linear in time, so that
+derivatives multiplied by the time are integrated as well (the moments of `VariationalField`).
 """
 
 from __future__ import annotations
@@ -143,14 +145,14 @@ class _Chain:
                 which = slice(first, first + total.shape[-1])
                 first = which.stop
                 piece = int(np.searchsorted(curve.times, middle, side="right")) - 1
-                plain = moved[:, which]
+                by_input = moved[:, which]
                 if curve.kind == "hold":
-                    total[piece] += plain
+                    total[piece] += by_input
                     continue
                 before, after = curve.times[piece : piece + 2]
-                share = moved[:, width:][:, which] + (start - before) * plain
+                share = moved[:, width:][:, which] + (start - before) * by_input
                 share /= after - before
-                total[piece] += plain - share
+                total[piece] += by_input - share
                 total[piece + 1] += share
             later = later @ part[:, :n]
         shaped = [

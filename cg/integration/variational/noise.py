@@ -12,7 +12,7 @@ from cg.frames.arrays import Array, Points, check_finite, real_array
 from cg.integration.problem import Problem
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.derivatives import Derivative, derivative_of
-from cg.integration.rhs.python import when
+from cg.integration.rhs.values import when
 
 # tolerance relative to the largest entry or eigenvalue of a covariance
 _ROUNDING = 1e-9
@@ -46,9 +46,8 @@ def noise_of(noise: Any, problem: Problem) -> Noise | Array | None:
     if not callable(noise) and compiled_rhs(noise, "noise") is None:
         matrix = check_covariance(noise, frame.dim, None, "noise")
         return np.ascontiguousarray(matrix)
-    made = derivative_of(noise, "noise", frame, shape, rhs.vectorized, rhs.inputs)
-    assert made is not None
-    function = Noise("noise", made.function, frame, shape, rhs.vectorized)
+    function = derivative_of(noise, "noise", frame, shape, rhs.vectorized, rhs.inputs, Noise)
+    assert isinstance(function, Noise)
     if isinstance(function.function, CompiledRhs) and rhs.inputs is None:
         arguments = rhs.arguments(0)
         data = int(arguments[-1].ctypes.data) if rhs.parameters is not None else 0

@@ -34,26 +34,13 @@ def add_derivatives(
 ) -> Problem:
     """Return the problem of points with derivatives, after checking the arguments.
 
-    Further arguments are those of `cg.solve_variational`; with ``moments`` there are derivatives
-    with respect to the inputs at each time, too, and as many times this time.
+    Further arguments are those of `cg.solve_variational`. Unless ``moments`` is None the values of
+    inputs are parameters as well; of this many inputs derivatives that are multiplied by the time
+    are added.
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     control_derivatives = check_flag("control_derivatives", control_derivatives)
-    if isinstance(problem.plan.method, Splitting):
-        raise ValueError(
-            f"method must not be a splitting method, got {problem.plan.method!r}, which moves no "
-            "derivatives"
-        )
-    if not has_brackets(frame):
-        raise ValueError(
-            "frame must know the bracket of its fields, by which derivatives move, got "
-            f"{frame!r}, whose fields are no Lie algebra or none that it knows"
-        )
-    if not problem.keeps_points:
-        raise ValueError(
-            'store must be "all" where solutions have derivatives, which belong to points, got '
-            '"observed"'
-        )
+    _check_problem(problem)
     field = _make_field(frame, rhs, jac, df_dp, moments, noise_of(noise, problem))
     joint: Rhs
     if rhs.vectorized:
@@ -76,6 +63,26 @@ def add_derivatives(
         events=None if events is None else VariationalEvents(events, field),
         make_solution=SolutionMaker(field, covariance),
     )
+
+
+def _check_problem(problem: Problem) -> None:
+    """Raise ValueError if derivatives can't move along the solution."""
+    frame = problem.plan.frame
+    if isinstance(problem.plan.method, Splitting):
+        raise ValueError(
+            f"method must not be a splitting method, got {problem.plan.method!r}, which moves no "
+            "derivatives"
+        )
+    if not has_brackets(frame):
+        raise ValueError(
+            "frame must know the bracket of its fields, by which derivatives move, got "
+            f"{frame!r}, whose fields are no Lie algebra or none that it knows"
+        )
+    if not problem.keeps_points:
+        raise ValueError(
+            'store must be "all" where solutions have derivatives, which belong to points, got '
+            '"observed"'
+        )
 
 
 def _make_field(

@@ -58,11 +58,11 @@ class VariationalOutput(DenseOutput):
     --------
     >>> import numpy as np
     >>> import crouch_grossman as cg
-    >>> run = cg.solve_variational(
+    >>> solution = cg.solve_variational(
     ...     lambda t, y: [np.sin(t), 0.0, y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
     ...     dense_output=True,
     ... )
-    >>> run.sol([1.0, 2.0]).shape, run.sol.transition([1.0, 2.0]).shape
+    >>> solution.sol([1.0, 2.0]).shape, solution.sol.transition([1.0, 2.0]).shape
     ((2, 3, 3), (2, 3, 3))
     """
 
@@ -156,16 +156,16 @@ class VariationalSolution(Solution):
 
     >>> import numpy as np
     >>> import crouch_grossman as cg
-    >>> run = cg.solve_variational(
+    >>> solution = cg.solve_variational(
     ...     lambda t, y, rate: [0.0, 0.0, rate[0]], (0, np.pi), np.eye(3), frame=cg.frames.SO3(),
     ...     parameters=[1.0], P0=np.diag([1e-4, 4e-4, 1e-4]), rtol=1e-9, atol=1e-9,
     ...     control_derivatives=True,
     ... )
-    >>> run.transition[-1].round(9) + 0.0
+    >>> solution.transition[-1].round(9) + 0.0
     array([[-1.,  0.,  0.],
            [ 0., -1.,  0.],
            [ 0.,  0.,  1.]])
-    >>> run.sensitivity[-1].ravel().round(6) + 0.0
+    >>> solution.sensitivity[-1].ravel().round(6) + 0.0
     array([0.      , 0.      , 3.141593])
     """
 
@@ -194,11 +194,11 @@ class EnsembleVariationalSolution(EnsembleSolution):
     --------
     >>> import numpy as np
     >>> import crouch_grossman as cg
-    >>> run = cg.solve_variational_ensemble(
+    >>> solution = cg.solve_variational_ensemble(
     ...     lambda t, y, rate: [0.0, np.sin(t), rate[0]], (0, 5), np.eye(3),
     ...     frame=cg.frames.SO3(), parameters=[[0.5], [1.0]], t_eval=[0, 2.5, 5],
     ... )
-    >>> run.transition.shape, run[1].sensitivity.shape
+    >>> solution.transition.shape, solution[1].sensitivity.shape
     ((3, 2, 3, 3), (3, 3, 1))
     """
 

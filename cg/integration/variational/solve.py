@@ -6,19 +6,21 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Never, Unpack, cast
 
+import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.executors import ExecutorLike
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.adjoint import check_derivatives, with_adjoint
+from cg.integration.adjoint import Equation, check_derivatives, tolerance_of, with_adjoint
 from cg.integration.ensemble import solve_members
+from cg.integration.loop.dense import DenseOutput
 from cg.integration.options import Options, complete_options, expand_options
-from cg.integration.problem import make_problem
+from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.variational.adjoint import check_without, equation_along
 from cg.integration.variational.input_derivatives import solve_with_input_derivatives
 from cg.integration.variational.problem import add_derivatives
 from cg.integration.variational.results import EnsembleVariationalSolution, VariationalSolution
@@ -143,11 +145,11 @@ def solve_variational(
     The derivative of the solution of a linear equation is the matrix exponential.
 
     >>> import crouch_grossman as cg
-    >>> run = cg.solve_variational(
+    >>> solution = cg.solve_variational(
     ...     lambda t, y: [y[1], -y[0]], (0, 1), [1.0, 0.0], frame=cg.frames.Euclidean(2),
     ...     jac=lambda t, y: [[0.0, 1.0], [-1.0, 0.0]], rtol=1e-10, atol=1e-10,
     ... )
-    >>> run.transition[-1].round(8)
+    >>> solution.transition[-1].round(8)
     array([[ 0.54030231,  0.84147098],
            [-0.84147098,  0.54030231]])
     """
@@ -157,7 +159,7 @@ def solve_variational(
     )  # fmt: skip
     adjoint = check_derivatives(derivatives)
     if adjoint:
-        check_without(
+        _check_without(
             P0=P0,
             noise=noise,
             control_derivatives=check_flag("control_derivatives", control_derivatives) or None,
@@ -168,7 +170,7 @@ def solve_variational(
         return solve_with_input_derivatives(problem, jac, df_dp, P0, control_derivatives)
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise=noise)
     if adjoint:
-        joint = with_adjoint(problem, partial(equation_along, joint))
+        joint = with_adjoint(problem, partial(_equation_along, joint))
     return cast(VariationalSolution, solve_members(joint, progress)[0])
 
 
@@ -231,11 +233,11 @@ def solve_variational_ensemble(
     --------
     >>> import numpy as np
     >>> import crouch_grossman as cg
-    >>> run = cg.solve_variational_ensemble(
+    >>> solution = cg.solve_variational_ensemble(
     ...     lambda t, y, rate: [rate[0] * y[0]], (0, 1), [1.0], frame=cg.frames.Euclidean(1),
     ...     parameters=[[0.5], [1.0]], rtol=1e-9, atol=1e-9,
     ... )
-    >>> run.transition[-1].ravel().round(6)
+    >>> solution.transition[-1].ravel().round(6)
     array([1.648721, 2.718282])
     """
     problem = make_problem(
@@ -246,3 +248,28 @@ def solve_variational_ensemble(
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise=noise)
     solution = solve_members(joint, progress, executor, workers)
     return cast(EnsembleVariationalSolution, solution)
+
+
+def _check_without(**given: Any) -> None:
+    """Raise ValueError unless arguments that derivatives by the adjoint equation lack are None."""
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} must not be given with derivatives='adjoint', got {value!r}")
+
+
+def _equation_along(joint: Problem, sol: DenseOutput) -> Equation:
+    """Return the equation of the problem with derivatives, along a solution without them."""
+    rhs: Any = joint.rhs
+    count = rhs.variational.count or None
+    return Equation(partial(_along, rhs, sol), (rhs.plan.frame.dim,), tolerance_of(joint), count)
+
+
+def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
+    """Return A and B along a solution, from derivatives that are unit vectors."""
+    variational = rhs.variational
+    n = variational.frame.dim
+    values = rhs.at_times(times, variational.start(sol(times)))
+    if not np.isfinite(values).all():
+        raise ValueError("f and its derivatives must return finite numbers")
+    slopes = values[:, n:].reshape(len(times), n, -1)
+    return slopes[..., :n], slopes[..., n:] if variational.count else None

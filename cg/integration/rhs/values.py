@@ -1,0 +1,135 @@
+"""Checks of what functions of the user return."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cg.frames.arrays import Array, Points, conversion_hint, is_complex_array, real_array
+from cg.frames.base import Frame
+from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.matrix_group import MatrixGroup
+from cg.integration.rhs.function import TimeFunction
+
+_JOIN = "; join parts by np.concatenate"
+_COMPLEX = "; the real and the imaginary part of a complex drive are coefficients of two fields"
+
+
+def when(t: Any) -> str:
+    """Return the time of a call, or the first of many times, for a message."""
+    return f"t = {np.atleast_1d(t)[0]:.17g}"
+
+
+def read_value(
+    value: Any,
+    name: str,
+    shape: tuple[int, ...],
+    t: Any,
+    rows: str = "",
+    hint: Callable[[tuple[int, ...]], str] | None = None,
+    number: bool = False,
+) -> Array:
+    """Return what a function returned at ``t`` as a new array; ValueError if it isn't of the shape.
+
+    A vectorized function returns ``rows``, each of a member or of a time. The hint gets the shape
+    of the array.
+    """
+    try:
+        array = real_array(value, name)
+    except ValueError as error:
+        expected = f"{shape[0]} real numbers" if len(shape) == 1 else f"an array of shape {shape}"
+        expected = expected if shape else "a real number"
+        join = isinstance(value, list | tuple) and any(map(np.ndim, value))
+        text = _JOIN if join else conversion_hint(value, error)
+        text = _COMPLEX if not text and is_complex_array(value) and hint is not None else text
+        raise ValueError(
+            f"{name} must return {expected}, got {value!r} at {when(t)}{text}"
+        ) from error
+    if number and array.size == 1 == math.prod(shape):
+        array = array.reshape(shape)
+    if array.shape != shape:
+        got = "None" if value is None else f"shape {array.shape}"
+        each = f", a row for each {rows}, since vectorized=True" if rows else ""
+        raise ValueError(
+            f"{name} must return an array of shape {shape}{each}, got {got} at {when(t)}"
+            f"{hint(array.shape) if hint else ''}"
+        )
+    return array
+
+
+def read_finite(
+    value: Any, name: str, shape: tuple[int, ...], t: Any, number: bool = False
+) -> Array:
+    """Return what a function returned as a new array; ValueError unless it is finite as well.
+
+    A single number may have any shape if ``number``.
+    """
+    array = read_value(value, name, shape, t, number=number)
+    if not is_finite(array):
+        raise ValueError(f"{name} must return finite numbers, got {value} at {when(t)}")
+    return array
+
+
+def is_finite(array: Array) -> bool:
+    """Return whether all numbers are finite.
+
+    A finite sum means that all terms are finite, and takes a fraction of the time.
+    """
+    return math.isfinite(array.sum()) or bool(np.isfinite(array).all())
+
+
+class Check:
+    """The check of what ``f`` returns; ``first`` is the place of the first member, for messages."""
+
+    def __init__(
+        self, f: Any, frame: Frame, vectorized: bool = False, first: int | None = None
+    ) -> None:
+        self.frame, self.vectorized, self.first = frame, vectorized, first
+        self.of_time = isinstance(f, TimeFunction)
+        self.name = "a" if self.of_time else "f"  # in error messages
+        self.rows = ("time" if self.of_time else "member") if vectorized else ""
+
+    def __call__(self, value: Any, t: Any, y: Points, members: Any = None) -> Array:
+        """Return what ``f(t, y)`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
+
+        ValueError is raised if it has another shape, or isn't finite numbers although ``y`` is;
+        compiled code detects points that aren't finite. ``members`` of a vectorized function are
+        named in errors.
+        """
+        shape = self.frame.rhs_shape
+        shape = (len(t), *shape) if self.vectorized else shape
+        coefficients = read_value(value, self.name, shape, t, self.rows, self._hint)
+        if not is_finite(coefficients):
+            self._check_rows(coefficients, t, y, members)
+        return coefficients
+
+    def _check_rows(self, coefficients: Array, t: Any, y: Points, members: Any) -> None:
+        """Raise ValueError if coefficients aren't finite where the point is."""
+        rows = y.reshape(len(y) if self.vectorized else 1, -1)
+        finite = np.isfinite(coefficients.reshape(len(rows), -1)).all(axis=1)
+        wrong = np.isfinite(rows).all(axis=1) & ~finite
+        if not wrong.any():
+            return
+        got = f"{coefficients} at {when(t)}"
+        if self.vectorized:
+            worst, *others = np.flatnonzero(wrong).tolist()
+            got = f"{coefficients[worst]} at {when(t[worst])}"
+            if members is not None:
+                got += f" for member {(self.first or 0) + members[worst]}"
+                got += f" and {len(others)} more" if others else ""
+        raise ValueError(f"{self.name} must return finite numbers, got {got}")
+
+    def _hint(self, shape: tuple[int, ...]) -> str:
+        """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
+        shape = shape[int(self.vectorized) :]
+        group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
+        flat = isinstance(group, MatrixGroup) and shape == (math.prod(group.point_shape),)
+        if not isinstance(group, MatrixGroup) or not (flat or shape == group.point_shape):
+            if shape != self.frame.point_shape:
+                return _JOIN if len(shape) > 1 and math.prod(shape) == self.frame.rhs_dim else ""
+            return "; f returns coefficients of the frame's fields, not the derivative of y"
+        name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
+        return f"; {name}(matrix) are those of a matrix in the Lie algebra"
