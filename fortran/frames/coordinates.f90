@@ -53,13 +53,11 @@ contains
     select case (block%kind)
     case (euclidean_block)
       v = y - x
-    case (so3_block)
-      v = logarithm(quaternion_of(quotient(block, rotation(x), rotation(y))))
     case (quaternion_block, su2_block)
       p = get_quaternion(block, x)
       q = get_quaternion(block, y)
       v = logarithm(quaternion_quotient(p, q, block%space))
-    case (se3_block)
+    case (so3_block, se3_block)
       call find_twist(block, x, y, v)
     case (sphere_block)
       v = smallest_rotation(x, y)
@@ -97,14 +95,6 @@ contains
       end associate
     end do
   end subroutine sizes
-
-  ! The rotation in a matrix that is stored row by row
-  pure function rotation(y)
-    real(wp), contiguous, intent(in) :: y(:)
-    real(wp) :: rotation(3, 3)
-
-    rotation = transpose(reshape(y, [3, 3]))
-  end function rotation
 
   ! The rotation from x to y, x^T y in body axes and y x^T in space axes
   pure function quotient(block, x, y)
@@ -171,11 +161,12 @@ contains
 
     r = quotient(block, transpose(x(1:3, :)), transpose(y(1:3, :)))
     v = logarithm(quaternion_of(r))
+    twist(:, 0) = v
+    if (block%k == 0) return
     half = max(sqrt(dot_product(v, v)) / 2, smallest)
     n = v / (2 * half)
     a = half * cos(half) / sin(half)
     b = half
-    twist(:, 0) = v
     do i = 1, block%k
       if (block%space) then
         u = y(3 + i, :) - matmul(r, x(3 + i, :))

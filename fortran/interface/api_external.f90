@@ -31,35 +31,14 @@ subroutine call_field(function_address, data_address, data_stride, t, members, n
   end do
 end subroutine call_field
 
-! The addresses of functions of the type rhs_i: those that call a function of Python, whose data are
-! the user data or a member's, and the right-hand side of a solution with its derivatives
+! The addresses of functions of the type rhs_i: those that call a function of Python, and the
+! right-hand side of a solution with its derivatives
 subroutine function_addresses(python_field, python_member, variational)
-  use, intrinsic :: iso_c_binding, only: c_double, c_funloc, c_int, c_intptr_t, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_funloc, c_intptr_t
   use variational_m, only: variational_field
+  use vector_field_m, only: call_python_field, call_python_member
   implicit none
   integer(c_intptr_t), intent(out) :: python_field, python_member, variational
-
-  interface
-
-    function call_python_field(t, y, f, user_data) bind(c) result(code)
-      import :: c_double, c_int, c_ptr
-      real(c_double), value, intent(in) :: t
-      real(c_double), intent(in) :: y(*)
-      real(c_double), intent(inout) :: f(*)
-      type(c_ptr), value, intent(in) :: user_data
-      integer(c_int) :: code
-    end function call_python_field
-
-    function call_python_member(t, y, f, user_data) bind(c) result(code)
-      import :: c_double, c_int, c_ptr
-      real(c_double), value, intent(in) :: t
-      real(c_double), intent(in) :: y(*)
-      real(c_double), intent(inout) :: f(*)
-      type(c_ptr), value, intent(in) :: user_data
-      integer(c_int) :: code
-    end function call_python_member
-
-  end interface
 
   python_field = transfer(c_funloc(call_python_field), python_field)
   python_member = transfer(c_funloc(call_python_member), python_member)

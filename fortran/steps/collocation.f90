@@ -152,8 +152,8 @@ contains
       if (.not. problem%adaptive) then
         call sizes(frame, x%y(:, 0), x%u)
         correction_norm = abs(sum(dz))       ! NaN if an entry is, which maxval leaves out
-        if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z + dz)), &
-                                                tiny(1.0_wp))
+        if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) &
+          / max(maxval(x%u), maxval(abs(x%newton%z + dz)), tiny(1.0_wp))
         return
       end if
       call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)

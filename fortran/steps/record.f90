@@ -9,7 +9,7 @@ module record_m
   use output_m, only: store_interpolant, store_point, store_step, output_t
   use simultaneous_events_m, only: record_zeros
   use step_events_m, only: crosses, find_zeros
-  use requests_m, only: evaluate_events
+  use requests_m, only: evaluate_at_start, evaluate_events
   use phases_m
   use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends
@@ -81,11 +81,12 @@ contains
       call find_zeros(problem, trajectory, .true., stopped)
       x%phase = phase_record_step
       if (stopped .and. x%status == finished) call fail(x, raised, x%t_end)
-      x%needs_interpolant = any(x%events%zero < 1 .or. abs(x%events%after(x%events%zero_of)) > 0 &
-                                .or. x%last%kept)
-      x%seeks_events = size(x%events%zero) > 0
-      if (x%needs_interpolant .or. .not. x%seeks_events) &
-        deallocate (x%events%zero, x%events%zero_of, x%events%zero_from)
+      associate (zeros => x%events%zeros)
+        x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &
+                                  .or. x%last%kept)
+        x%seeks_events = size(zeros) > 0
+      end associate
+      if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
       if (x%needs_interpolant .and. .not. stopped) call interpolate(problem, trajectory)
     end associate
   end subroutine detect_events
@@ -122,7 +123,7 @@ contains
 
     associate (x => trajectory)
       stopped = .false.
-      if (.not. allocated(x%events%zero)) call find_zeros(problem, trajectory, .false., stopped)
+      if (.not. allocated(x%events%zeros)) call find_zeros(problem, trajectory, .false., stopped)
       if (.not. stopped) call record_zeros(problem, trajectory, output, until, ended, after, full, &
                                            stopped)
       if (stopped) then
@@ -133,7 +134,7 @@ contains
         x%status = buffer_full
         return
       end if
-      deallocate (x%events%zero, x%events%zero_of, x%events%zero_from)
+      deallocate (x%events%zeros)
       t = x%t_end
       if (until < 1) t = x%t + until * (x%t_end - x%t)
       if (ended) then
@@ -211,7 +212,7 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
     logical :: stopped, terminal
-    real(wp), dimension(size(trajectory%events%before)) :: sizes, values
+    real(wp) :: sizes(size(trajectory%events%before))
 
     associate (x => trajectory)
       sizes = max(abs(x%events%before), abs(x%events%after))
@@ -227,17 +228,8 @@ contains
         call fail(x, jumps_without_progress, t)
         return
       end if
-      call evaluate_events(problem, trajectory, t, y, values, stopped)
+      call evaluate_at_start(problem, trajectory, t, y, small_value * sizes, stopped)
       if (stopped) return
-      x%events%before = values
-      ! where jumps leave the function of an event at zero, this zero isn't another event
-      where (abs(values) > max(small_value * sizes, &
-                               epsilon(t) * maxval(abs(y(:problem%events%width)))))
-        x%events%came_from = 0
-      elsewhere (x%events%came_from /= 0)
-        x%events%before = 0.0_wp
-        x%events%value_after = values
-      end where
       x%control%step_size = 0.0_wp
       x%control%last_error = 1.0_wp
       x%phase = phase_begin_segment

@@ -13,7 +13,7 @@ module requests_m
   use vectors_m, only: finite
   implicit none
   private
-  public :: check_coefficients, evaluate_events, reject_stage, request, within_segment
+  public :: check_coefficients, evaluate_at_start, evaluate_events, reject_stage, request, within_segment
 
 contains
 
@@ -145,5 +145,30 @@ contains
       return
     end do
   end subroutine evaluate_events
+
+  ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
+  ! or a jump has left its function at zero, this zero isn't another event.
+  subroutine evaluate_at_start(problem, trajectory, t, y, small, stopped)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), intent(in) :: small(:)                   ! (events) values that count as zero
+    logical, intent(out) :: stopped
+    real(wp) :: values(size(small))
+
+    call evaluate_events(problem, trajectory, t, y, values, stopped)
+    if (stopped) return
+    associate (events => trajectory%events)
+      events%before = values
+      where (events%came_from /= 0 &
+             .and. abs(values) <= max(small, epsilon(t) * maxval(abs(y(:problem%events%width)))))
+        events%before = 0.0_wp
+        events%value_after = values
+      elsewhere
+        events%came_from = 0
+      end where
+    end associate
+  end subroutine evaluate_at_start
 
 end module requests_m

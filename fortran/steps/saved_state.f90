@@ -17,15 +17,15 @@ contains
     real(wp), intent(out) :: reals(:)        ! reals_of_state, then of each event five numbers
     integer(int64), intent(out) :: integers(integers_of_state)
     ! (point_size, 2), (dimension, 2 + columns of f, then f_before, last and jacobian of newton_t,
-    ! or lu and pivot of solver_t, which is zero for factors of other step sizes)
+    ! or lu and pivot of stage_solver_t, which is zero for factors of other step sizes)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
     integer, allocatable :: pivot(:, :)
     integer :: i
 
     associate (x => trajectory)
       reals = [x%t, x%control%step_size, x%control%last_error, x%last%t, x%last%h, x%h, &
-               x%newton%last_h, x%newton%rate_factor, x%newton%factored_h, x%grid%start, x%grid%step, x%grid%last, &
-               x%grid%stop, x%h_before, x%events%before, x%events%value_after, x%events%time, &
+               x%newton%last_h, x%newton%rate_factor, x%newton%factored_h, x%grid%start, &
+               x%grid%step, x%grid%last, x%grid%stop, x%h_before, x%events%before, x%events%value_after, x%events%time, &
                real(x%events%came_from, wp), real(x%events%count, wp)]
       associate (counts => x%counts)
         integers = [merge(1_int64, 0_int64, x%slope_known) &

@@ -9,28 +9,17 @@ module step_events_m
   use kinds, only: wp
   use frames_m, only: turn
   use requests_m, only: evaluate_events
-  use root_m, only: find_root, function_t
+  use root_m, only: event_function_t, find_root
   use shared_numbers, only: resting_contact
-  use trajectory_m, only: fail, problem_t, trajectory_t
-  use within_step_m, only: point_at
+  use trajectory_m, only: fail, problem_t, trajectory_t, zero_t
+  use within_step_m, only: point_at, time_at
   implicit none
   private
-  public :: crosses, find_zeros, time_at
+  public :: crosses, find_zeros
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
   integer, parameter :: min_parts = 4, max_parts = 10000
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
-
-  ! The function of an event along the interpolant
-  type, extends(function_t) :: event_function_t
-    type(problem_t), pointer :: problem => null()
-    type(trajectory_t), pointer :: trajectory => null()
-    integer :: event = 0
-    real(wp), allocatable :: y(:)
-    logical :: detects = .false.             ! whether any number serves as the zero of an interval
-  contains
-    procedure :: value => event_along_step
-  end type event_function_t
 
 contains
 
@@ -64,9 +53,7 @@ contains
     g%problem => problem
     g%trajectory => trajectory
     g%detects = detects
-    trajectory%events%zero = [real(wp) ::]
-    trajectory%events%zero_of = [integer ::]
-    trajectory%events%zero_from = [integer ::]
+    trajectory%events%zeros = [zero_t ::]
     stopped = .false.
     do first = 2, 1, -1
       do k = first, n - 1, 2
@@ -198,9 +185,9 @@ contains
     zero = ends(2)
     if (abs(values(2)) > 0 .and. .not. g%detects) &
       call find_root(g, ends(1), ends(2), values(1), values(2), zero, stopped)
-    g%trajectory%events%zero = [g%trajectory%events%zero, zero]
-    g%trajectory%events%zero_of = [g%trajectory%events%zero_of, g%event]
-    g%trajectory%events%zero_from = [g%trajectory%events%zero_from, merge(-1, 1, values(1) < 0)]
+    associate (events => g%trajectory%events)
+      events%zeros = [events%zeros, zero_t(zero, g%event, merge(-1, 1, values(1) < 0))]
+    end associate
   end subroutine add_zero
 
   ! Decides what follows after an event, whose function is zero at the start of the step up to
@@ -304,26 +291,5 @@ contains
                         32 * epsilon(1.0_wp) * maxval(sizes))
     end associate
   end function rounding_at
-
-  ! The time at a fraction of the step
-  pure real(wp) function time_at(trajectory, x)
-    type(trajectory_t), intent(in) :: trajectory
-    real(wp), intent(in) :: x
-
-    time_at = trajectory%t_end
-    if (x < 1) time_at = trajectory%t + x * (trajectory%t_end - trajectory%t)
-  end function time_at
-
-  ! Evaluates the function of an event at a fraction of the step.
-  subroutine event_along_step(self, x, y, stop)
-    class(event_function_t), intent(inout) :: self
-    real(wp), intent(in) :: x                          ! fraction of the step
-    real(wp), intent(out) :: y
-    logical, intent(out) :: stop
-
-    call point_at(self%problem, self%trajectory, x, self%y)
-    call self%problem%events%value(self%trajectory%member, self%event, &
-                                   time_at(self%trajectory, x), self%y, y, stop)
-  end subroutine event_along_step
 
 end module step_events_m

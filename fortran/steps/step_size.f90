@@ -7,7 +7,7 @@ module step_size_m
   use error_norm_m, only: norm, point_sizes, scales, tangent
   use frames_m, only: flow_along, restore
   use time_grid_m, only: make_grid
-  use requests_m, only: evaluate_events, request
+  use requests_m, only: evaluate_at_start, request
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
   use vectors_m, only: copy
@@ -23,7 +23,6 @@ contains
   subroutine begin_segment(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: values(size(trajectory%events%before))
     logical :: stopped
 
     if (.not. abs(problem%stops(trajectory%segment) - trajectory%t) > 0) then
@@ -47,20 +46,9 @@ contains
     end if
     if (.not. associated(problem%events)) return
     if (trajectory%events%known) return
-    call evaluate_events(problem, trajectory, trajectory%t, trajectory%y(:, 0), values, stopped)
-    if (stopped) return
-    associate (events => trajectory%events)
-      events%known = .true.
-      events%before = values
-      ! after a restart where an event has happened, this zero isn't another event
-      where (events%came_from /= 0 .and. abs(values) <= max(8 * abs(events%value_after), &
-          epsilon(1.0_wp) * maxval(abs(trajectory%y(:problem%events%width, 0)))))
-        events%before = 0.0_wp
-        events%value_after = values
-      elsewhere
-        events%came_from = 0
-      end where
-    end associate
+    call evaluate_at_start(problem, trajectory, trajectory%t, trajectory%y(:, 0), &
+                           8 * abs(trajectory%events%value_after), stopped)
+    if (.not. stopped) trajectory%events%known = .true.
   end subroutine begin_segment
 
   ! Makes the grid of equal steps to a stop, unless the present one leads there.

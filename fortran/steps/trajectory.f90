@@ -5,7 +5,7 @@ module trajectory_m
   use events_m, only: events_t
   use blocks_m, only: flow_sequence_t
   use frames_m, only: frame_t
-  use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
+  use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use method_m, only: method_t
   use newton_m, only: newton_t, reserve
   use phases_m
@@ -15,7 +15,7 @@ module trajectory_m
   use shared_numbers, only: counters_t, paused
   implicit none
   private
-  public :: problem_t, trajectory_t, continue_run, fail, forget_step, set_start, start
+  public :: problem_t, trajectory_t, zero_t, continue_run, fail, forget_step, set_start, start
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
@@ -37,7 +37,7 @@ module trajectory_m
   end type problem_t
 
   ! The state of implicit_m
-  type :: solver_t
+  type :: stage_solver_t
     logical :: fixed_point = .false.         ! whether no Jacobian is used
     integer :: first = 0, last = 0           ! stages of the block, 0 before the first one
     integer :: iteration = 0
@@ -49,7 +49,7 @@ module trajectory_m
     real(wp), allocatable :: factored_h(:)   ! (blocks) step sizes of the factors, or 0
     real(wp), allocatable :: lu(:, :, :)     ! (unknowns, unknowns, blocks)
     integer, allocatable :: pivot(:, :)      ! (unknowns, blocks)
-  end type solver_t
+  end type stage_solver_t
 
   ! A request for coefficients and its answer
   type :: request_t
@@ -74,6 +74,13 @@ module trajectory_m
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
   end type control_t
 
+  ! A zero of the function of an event within a step
+  type :: zero_t
+    real(wp) :: at = 0.0_wp                  ! fraction of the step, 2 when it has been recorded
+    integer :: event = 0
+    integer :: from = 0                      ! sign of the function before
+  end type zero_t
+
   ! The events of a trajectory
   type :: event_state_t
     logical :: known = .false.               ! whether the values at the start of the step are
@@ -84,10 +91,7 @@ module trajectory_m
     ! if there is none, and the function then
     integer, allocatable :: came_from(:)
     real(wp), allocatable :: value_after(:)
-    ! (zeros) those within the step that aren't recorded yet: fractions of it, or 2, events, and
-    ! signs of their functions before
-    real(wp), allocatable :: zero(:)
-    integer, allocatable :: zero_of(:), zero_from(:)
+    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is recorded
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
   end type event_state_t
 
@@ -134,7 +138,7 @@ module trajectory_m
     logical :: end_known = .false.
     real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     type(newton_t) :: newton                 ! of a collocation method
-    type(solver_t) :: solver                 ! of another implicit method
+    type(stage_solver_t) :: solver                 ! of another implicit method
     ! output
     type(interpolant_t) :: interpolant
     logical :: needs_interpolant = .false.
@@ -155,7 +159,7 @@ contains
     logical, intent(in) :: keep_last         ! whether that of the last step may be requested
     type(trajectory_t), intent(out) :: trajectory
     integer, intent(out) :: memory           ! nonzero if an allocation failed
-    integer :: n
+    integer :: k, n
 
     associate (frame => problem%frame, method => problem%method)
       trajectory%result = merge(1, method%result, method%two_registers)
@@ -183,16 +187,13 @@ contains
       if (memory /= 0) return
       n = 0
       if (problem%adaptive) n = width(frame, problem%tolerances)
-      associate (control => trajectory%control)
-        allocate (control%v(n), control%scale(n), control%work(n), stat=memory)
-      end associate
-      if (memory /= 0) return
-      n = 0
-      if (associated(problem%events)) n = problem%events%count
-      associate (events => trajectory%events)
-        allocate (events%before(n), events%after(n), events%count(n), events%time(n), &
-                  events%came_from(n), events%value_after(n), stat=memory)
-        if (memory == 0) events%came_from = 0
+      k = 0
+      if (associated(problem%events)) k = problem%events%count
+      associate (control => trajectory%control, events => trajectory%events)
+        allocate (control%v(n), control%scale(n), control%work(n), events%before(k), &
+                  events%after(k), events%count(k), events%time(k), events%value_after(k), &
+                  stat=memory)
+        if (memory == 0) allocate (events%came_from(k), source=0, stat=memory)
       end associate
       if (memory /= 0) return
       if (within) call reserve_interpolant(frame, problem%scheme, trajectory%interpolant, memory)
@@ -233,7 +234,7 @@ contains
     trajectory%events%known = .false.
     trajectory%events%before = 0.0_wp
     trajectory%events%count = 0
-    if (allocated(trajectory%events%zero)) call forget_zeros(trajectory)
+    if (allocated(trajectory%events%zeros)) deallocate (trajectory%events%zeros)
     if (same) return
     trajectory%events%time = huge(1.0_wp)
     trajectory%events%came_from = 0
@@ -260,15 +261,8 @@ contains
     trajectory%segment = 1
     trajectory%phase = phase_begin_segment
     trajectory%interpolate_only = .false.
-    if (allocated(trajectory%events%zero)) call forget_zeros(trajectory)
+    if (allocated(trajectory%events%zeros)) deallocate (trajectory%events%zeros)
   end subroutine continue_run
-
-  ! Forgets zeros within a step that a failure has interrupted.
-  pure subroutine forget_zeros(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
-
-    deallocate (trajectory%events%zero, trajectory%events%zero_of, trajectory%events%zero_from)
-  end subroutine forget_zeros
 
   ! Ends a trajectory with an error.
   subroutine fail(trajectory, status, t)

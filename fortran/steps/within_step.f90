@@ -3,9 +3,9 @@
 module within_step_m
   use kinds, only: wp
   use free_motion_m, only: add_free_motion
+  use flow_interpolant_m, only: reserve_interpolant, set_ends
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
-                               flows_of_evaluation, make_cubic, next_node, reserve_interpolant, &
-                               set_ends
+                           flows_of_evaluation, make_cubic, next_node
   use requests_m, only: reject_stage, request
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
@@ -14,7 +14,7 @@ module within_step_m
   implicit none
   private
   public :: store_begin, store_node, interpolate, store_end, point_at, request_ends, request_node, &
-            request_interpolant
+            request_interpolant, time_at
 
 contains
 
@@ -192,5 +192,14 @@ contains
       call evaluate_interpolant(problem%frame, problem%scheme, trajectory%interpolant, theta, y)
     end if
   end subroutine point_at
+
+  ! The time at a fraction of the step
+  pure real(wp) function time_at(trajectory, x)
+    type(trajectory_t), intent(in) :: trajectory
+    real(wp), intent(in) :: x
+
+    time_at = trajectory%t_end
+    if (x < 1) time_at = trajectory%t + x * (trajectory%t_end - trajectory%t)
+  end function time_at
 
 end module within_step_m
