@@ -27,21 +27,21 @@ module error_estimate_m
 contains
 
   ! Estimates the error of a step whose results are known.
-  subroutine estimate_error(problem, trajectory)
+  subroutine estimate_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: errors(3), error, ratio
     integer :: i, k, place, sums
 
-    associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
-               method => problem%method, v => trajectory%u)
+    associate (frame => problem%frame, tolerances => problem%tolerances, &
+               method => problem%method, v => x%u)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
       errors = 0.0_wp
       sums = size(method%error, 2)
       if (method%embedded > 0) then
         if (.not. finite(x%y(:, method%embedded))) return
-        errors(1) = distance(problem, trajectory, method%embedded)
-        if (method%third > 0) errors(2) = distance(problem, trajectory, method%third)
+        errors(1) = distance(problem, x, method%embedded)
+        if (method%third > 0) errors(2) = distance(problem, x, method%third)
       end if
       x%path_of_u = 0
       do i = 1, sums
@@ -53,7 +53,7 @@ contains
         call remove_isotropy(frame, x%y(:, x%result), v)
         place = merge(2 + i - sums, 1 + 2 * (i - 1) / sums, method%embedded > 0)
         if (method%power == 0) place = 1 + i
-        error = norm_of_u(problem, trajectory)
+        error = norm_of_u(problem, x)
         if (method%polynomial) error = hypot(errors(place), error)
         if (.not. error <= errors(place)) errors(place) = error
       end do
@@ -66,62 +66,56 @@ contains
           errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
         x%error = max(errors(1), method%factor * errors(2))
       end if
-      call limit_angle(problem, trajectory)
+      call limit_angle(problem, x)
       if (method%has_nodes .and. abs(x%h_before) > 0) then
         call node_difference(method%c, x%f, x%h_before / x%h, x%f_before, v)
         v = x%h * v
         call remove_isotropy(frame, x%y(:, x%result), v)
-        x%error = max(x%error, norm_of_u(problem, trajectory))
+        x%error = max(x%error, norm_of_u(problem, x))
       end if
     end associate
   end subroutine estimate_error
 
   ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
   ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.
-  subroutine limit_angle(problem, trajectory)
+  subroutine limit_angle(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: excess
     integer :: k
 
-    associate (x => trajectory)
-      if (problem%method%collocation .or. problem%method%polynomial) return
-      excess = (abs(x%h) * turning(problem%frame, x%f(:, 1)) / max_angle) &
-               **(1 / problem%tolerances%exponent)
-      if (excess <= max(x%error, least_excess)) return
-      x%path_of_u = 0
-      do k = 2, size(x%f, 2)
-        x%u = x%h * (x%f(:, k) - x%f(:, 1))
-        if (.not. norm_of_u(problem, trajectory) <= 1) then
-          x%error = excess
-          exit
-        end if
-      end do
-    end associate
+    if (problem%method%collocation .or. problem%method%polynomial) return
+    excess = (abs(x%h) * turning(problem%frame, x%f(:, 1)) / max_angle) &
+             **(1 / problem%tolerances%exponent)
+    if (excess <= max(x%error, least_excess)) return
+    x%path_of_u = 0
+    do k = 2, size(x%f, 2)
+      x%u = x%h * (x%f(:, k) - x%f(:, 1))
+      if (.not. norm_of_u(problem, x) <= 1) then
+        x%error = excess
+        exit
+      end if
+    end do
   end subroutine limit_angle
 
   ! The norm of the difference of the result from another one
-  real(wp) function distance(problem, trajectory, path)
+  real(wp) function distance(problem, x, path)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
 
-    associate (x => trajectory)
-      call point_difference(problem%frame, problem%tolerances, x%y(:, path), x%y(:, x%result), &
-                            x%control%v)
-      distance = norm(problem%tolerances, x%control%v, x%control%scale)
-    end associate
+    call point_difference(problem%frame, problem%tolerances, x%y(:, path), x%y(:, x%result), &
+                          x%control%v)
+    distance = norm(problem%tolerances, x%control%v, x%control%scale)
   end function distance
 
   ! The norm of the displacement u at the end of the step
-  real(wp) function norm_of_u(problem, trajectory)
+  real(wp) function norm_of_u(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    associate (x => trajectory)
-      call tangent(problem%frame, problem%tolerances, x%u, x%y(:, x%result), x%control%work)
-      norm_of_u = norm(problem%tolerances, x%control%work, x%control%scale)
-    end associate
+    call tangent(problem%frame, problem%tolerances, x%u, x%y(:, x%result), x%control%work)
+    norm_of_u = norm(problem%tolerances, x%control%work, x%control%scale)
   end function norm_of_u
 
 end module error_estimate_m

@@ -17,40 +17,40 @@ module simultaneous_events_m
 contains
 
   ! Records zeros in the order of their times, up to the first one that ends the step.
-  subroutine record_zeros(problem, trajectory, output, until, ended, after, full, stopped)
+  subroutine record_zeros(problem, x, output, until, ended, after, full, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory    ! its zeros move to 2
+    type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
     logical, intent(out) :: ended                      ! whether an event ends the step there
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
     logical, intent(out) :: full                       ! whether there is no room for an event
     logical, intent(out) :: stopped
-    logical :: happen(size(trajectory%events%zeros))
+    logical :: happen(size(x%events%zeros))
     real(wp) :: y(size(after))
     integer :: k
 
     until = 1.0_wp
     ended = .false.
     stopped = .false.
-    associate (x => trajectory%events, events => problem%events, zeros => trajectory%events%zeros)
+    associate (state => x%events, events => problem%events, zeros => x%events%zeros)
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
         happen = zeros%at <= zeros(k)%at + together
         ended = any(happen .and. (events%jumps(zeros%event) &
-                                  .or. x%count(zeros%event) + 1 >= events%most(zeros%event)))
-        call point_at(problem, trajectory, zeros(k)%at, y)
+                                  .or. state%count(zeros%event) + 1 >= events%most(zeros%event)))
+        call point_at(problem, x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
         if (ended) then
           until = zeros(k)%at
-          call find_together(problem, trajectory, until, y, happen, stopped)
+          call find_together(problem, x, until, y, happen, stopped)
           if (stopped) return
         end if
         full = output%events + count(happen, kind=int64) > output%event_capacity
         if (full) return
-        call record_together(problem, trajectory, zeros(k)%at, y, happen, output, after, stopped)
-        if (ended) x%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
+        call record_together(problem, x, zeros(k)%at, y, happen, output, after, stopped)
+        if (ended) state%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
         if (stopped .or. ended) return
         zeros(k)%at = 2.0_wp
       end do
@@ -60,9 +60,9 @@ contains
 
   ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
   ! are accurate, or where rounding has changed the sign already.
-  subroutine find_together(problem, trajectory, until, y, happen, stopped)
+  subroutine find_together(problem, x, until, y, happen, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
+    type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: until                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
     logical, intent(inout) :: happen(:)                ! (zeros)
@@ -71,13 +71,13 @@ contains
     integer :: k
 
     stopped = .false.
-    associate (zeros => trajectory%events%zeros, t => time_at(trajectory, until))
+    associate (zeros => x%events%zeros, t => time_at(x, until))
       do k = 1, size(happen)
         if (zeros(k)%at > until + near .or. any(happen .and. zeros%event == zeros(k)%event)) cycle
         happen(k) = zeros(k)%at <= until + together &
-                    .or. abs(time_at(trajectory, zeros(k)%at) - t) <= smallest_size(t)
+                    .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
         if (happen(k)) cycle
-        call problem%events%value(trajectory%member, zeros(k)%event, t, y, value, stopped)
+        call problem%events%value(x%member, zeros(k)%event, t, y, value, stopped)
         if (stopped) return
         happen(k) = value * real(zeros(k)%from, wp) <= 0
       end do
@@ -86,9 +86,9 @@ contains
 
   ! Records events that happen together. Those without a jump come first, at the point before all
   ! jumps; then each jump starts from the point that the one before has left.
-  subroutine record_together(problem, trajectory, theta, y, happen, output, after, stopped)
+  subroutine record_together(problem, x, theta, y, happen, output, after, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: theta                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
     logical, intent(in) :: happen(:)                   ! (zeros)
@@ -101,8 +101,7 @@ contains
 
     stopped = .false.
     after = y
-    associate (x => trajectory, events => problem%events, zeros => trajectory%events%zeros, &
-               t => time_at(trajectory, theta))
+    associate (events => problem%events, zeros => x%events%zeros, t => time_at(x, theta))
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
           if (happen(k)) x%events%count(of) = x%events%count(of) + 1

@@ -26,23 +26,23 @@ contains
 
   ! Moves to the point of the next stage and requests the coefficients there. The first stage is at
   ! the start, unless it is at a node of its own. Functions of time need no points.
-  subroutine request_stage(problem, trajectory)
+  subroutine request_stage(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     integer :: path
 
-    associate (x => trajectory, method => problem%method)
+    associate (method => problem%method)
       if (method%collocation) then
-        call request_collocation(problem, trajectory)
+        call request_collocation(problem, x)
         return
       else if (method%implicit) then
-        call prepare_stage(problem, trajectory)
+        call prepare_stage(problem, x)
         if (x%phase == phase_finish_step) return
       else if (x%stage == 1 .and. .not. abs(method%c(1)) > 0) then
         x%f(:, 1) = x%slope
         if (method%two_registers) then
           x%y(:, 1) = x%y(:, 0)
-          call advance_register(problem, trajectory)
+          call advance_register(problem, x)
         end if
         x%stage = 2
       end if
@@ -51,14 +51,13 @@ contains
         return
       end if
       if (problem%of_time .and. .not. (method%implicit .or. associated(problem%field))) then
-        call evaluate_nodes(problem, trajectory)
+        call evaluate_nodes(problem, x)
         return
       end if
       path = merge(1, method%stage_path(x%stage), method%two_registers)
       if (problem%of_time) path = 0
-      if (.not. method%two_registers) call follow_paths(problem, trajectory, path)
-      call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), &
-                   phase_stage_received)
+      if (.not. method%two_registers) call follow_paths(problem, x, path)
+      call request(problem, x, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
     end associate
   end subroutine request_stage
 
@@ -71,18 +70,17 @@ contains
   end function stages
 
   ! Evaluates a vectorized function of time for all remaining stages of the step.
-  subroutine evaluate_nodes(problem, trajectory)
+  subroutine evaluate_nodes(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: times(stages(problem) - trajectory%stage + 1)
-    real(wp) :: members(size(times)), answer(size(trajectory%request%received) * size(times))
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: times(stages(problem) - x%stage + 1)
+    real(wp) :: members(size(times)), answer(size(x%request%received) * size(times))
     integer :: k
 
-    associate (x => trajectory, method => problem%method)
+    associate (method => problem%method)
       times = within_segment(problem, x, x%t + method%c(x%stage:stages(problem)) * x%h)
       members = real(x%member - 1, wp)
-      call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), &
-                                         answer)
+      call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer)
       if (.not. finite(answer)) then                   ! Python has raised an exception
         call fail(x, raised, x%t)
         return
@@ -92,7 +90,7 @@ contains
         associate (n => size(x%request%received))
           x%request%received(:) = answer((k - 1) * n + 1:k * n)
         end associate
-        call store_stage(problem, trajectory)
+        call store_stage(problem, x)
         if (x%phase /= phase_next_stage) return
       end do
       x%phase = phase_finish_step
@@ -100,22 +98,22 @@ contains
   end subroutine evaluate_nodes
 
   ! Stores the coefficients at a stage. On a Lie algebra they become derivatives of coordinates.
-  subroutine store_stage(problem, trajectory)
+  subroutine store_stage(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    associate (x => trajectory, method => problem%method)
+    associate (method => problem%method)
       if (method%collocation) then
-        call store_collocation(problem, trajectory)
+        call store_collocation(problem, x)
         return
       else if (method%implicit) then
-        call store_value(problem, trajectory)
+        call store_value(problem, x)
         return
       end if
       if (method%two_registers) then
         x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%request%received
-        call advance_register(problem, trajectory)
+        call advance_register(problem, x)
       else
         x%f(:, x%stage) = x%request%received
         if (x%stage == method%final_stage .or. (problem%of_time .and. &
@@ -125,11 +123,11 @@ contains
         end if
         if (method%on_algebra .and. method%stage_path(x%stage) > 0) then
           if (x%path_of_u /= method%stage_path(x%stage)) then
-            call combine_coordinates(method, method%stage_path(x%stage), trajectory)
+            call combine_coordinates(method, method%stage_path(x%stage), x)
           end if
           call dexpinv(problem%frame, method%series, x%u, x%f(:, x%stage), exists)
           if (.not. exists) then
-            call reject_stage(problem, trajectory, step_too_long, x%t)
+            call reject_stage(problem, x, step_too_long, x%t)
             return
           end if
         end if
@@ -141,18 +139,18 @@ contains
 
   ! Computes the ends of all paths up to one. On a path the flow of the lowest stage comes first.
   ! Rounding off the manifold is removed from results only, since it doesn't accumulate in stages.
-  subroutine follow_paths(problem, trajectory, last)
+  subroutine follow_paths(problem, x, last)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: last
     integer :: i
 
-    associate (x => trajectory, method => problem%method, frame => problem%frame)
+    associate (method => problem%method, frame => problem%frame)
       do i = x%paths + 1, last
         if (problem%of_time .and. .not. method%leads(i)) cycle
         call copy(frame%point_size, x%y(:, method%origin(i)), x%y(:, i))
         if (method%on_algebra) then
-          call combine_coordinates(method, i, trajectory)
+          call combine_coordinates(method, i, x)
           call flow_along(frame, x%u, x%y(:, i))
         else if (method%splitting) then
           call move_by_kicks(frame, x%flows, x%h * method%drift, method%path_first(i), &
@@ -171,13 +169,13 @@ contains
   end subroutine follow_paths
 
   ! Computes the coordinates of the end of a path that has one flow.
-  subroutine combine_coordinates(method, path, trajectory)
+  subroutine combine_coordinates(method, path, x)
     type(method_t), intent(in) :: method
     integer, intent(in) :: path
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     integer :: flow, k
 
-    associate (x => trajectory, flows => trajectory%flows)
+    associate (flows => x%flows)
       x%path_of_u = path
       flow = method%path_first(path)
       k = flows%first(flow)
@@ -189,42 +187,40 @@ contains
   end subroutine combine_coordinates
 
   ! Moves the point of a two-register method along h b Z.
-  subroutine advance_register(problem, trajectory)
+  subroutine advance_register(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    associate (x => trajectory)
-      x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
-      call flow_along(problem%frame, x%u, x%y(:, 1))
-      call restore(problem%frame, x%y(:, 1))
-      x%counts%nexp = x%counts%nexp + 1
-    end associate
+    x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
+    call flow_along(problem%frame, x%u, x%y(:, 1))
+    call restore(problem%frame, x%y(:, 1))
+    x%counts%nexp = x%counts%nexp + 1
   end subroutine advance_register
 
   ! Computes the results and estimates the error.
-  subroutine finish_step(problem, trajectory)
+  subroutine finish_step(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     integer :: last
 
-    associate (x => trajectory, method => problem%method)
+    associate (method => problem%method)
       if (.not. method%two_registers) then
         last = method%result
         if (problem%adaptive) last = max(last, method%embedded, method%third)
-        call follow_paths(problem, trajectory, last)
+        call follow_paths(problem, x, last)
       end if
       x%phase = phase_decide_step
       if (problem%adaptive) then
         x%error = huge(1.0_wp)
-        if (finite(x%y(:, x%result))) call estimate_error(problem, trajectory)
+        if (finite(x%y(:, x%result))) call estimate_error(problem, x)
         if (method%collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
             .and. (x%control%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
-          call request_error(problem, trajectory)
+          call request_error(problem, x)
         else
-          call share_error(problem, trajectory)
+          call share_error(problem, x)
         end if
       else if (.not. finite(x%y(:, x%result))) then
-        call fail(trajectory, solution_not_finite, x%t_end)
+        call fail(x, solution_not_finite, x%t_end)
       end if
     end associate
   end subroutine finish_step
@@ -232,48 +228,47 @@ contains
   ! Requests the coefficients at the start displaced by the estimated error, with which the estimate
   ! is damped once more: with one solution only, stiff components are far too large where they
   ! aren't in equilibrium.
-  subroutine request_error(problem, trajectory)
+  subroutine request_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: y(problem%frame%point_size)
 
-    y = trajectory%y(:, 0)
-    trajectory%u = -trajectory%u
-    call flow_along(problem%frame, trajectory%u, y)
-    trajectory%counts%nexp = trajectory%counts%nexp + 1
-    call request(problem, trajectory, trajectory%t, y, phase_error_received)
+    y = x%y(:, 0)
+    x%u = -x%u
+    call flow_along(problem%frame, x%u, y)
+    x%counts%nexp = x%counts%nexp + 1
+    call request(problem, x, x%t, y, phase_error_received)
   end subroutine request_error
 
   ! Stores these coefficients and estimates the error again.
-  subroutine store_error(problem, trajectory)
+  subroutine store_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    trajectory%f(:, 1) = trajectory%request%received
-    call estimate_error(problem, trajectory)
-    call share_error(problem, trajectory)
+    x%f(:, 1) = x%request%received
+    call estimate_error(problem, x)
+    call share_error(problem, x)
   end subroutine store_error
 
   ! Makes the error known to trajectories with common steps.
-  subroutine share_error(problem, trajectory)
+  subroutine share_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    if (.not. trajectory%error < huge(1.0_wp)) trajectory%error = huge(1.0_wp)
-    trajectory%request%shared = trajectory%error
-    trajectory%phase = phase_decide_step
-    if (problem%common) trajectory%status = needs_maximum
+    if (.not. x%error < huge(1.0_wp)) x%error = huge(1.0_wp)
+    x%request%shared = x%error
+    x%phase = phase_decide_step
+    if (problem%common) x%status = needs_maximum
   end subroutine share_error
 
   ! Accepts a step, or rejects it and chooses a smaller size.
-  subroutine accept_or_reject(problem, trajectory)
+  subroutine accept_or_reject(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: predicted, error
 
-    associate (x => trajectory, exponent => problem%tolerances%exponent, &
-               control => trajectory%control, &
-               newton => trajectory%newton, collocation => problem%method%collocation)
+    associate (exponent => problem%tolerances%exponent, control => x%control, &
+               newton => x%newton, collocation => problem%method%collocation)
       x%phase = phase_accepted
       predicted = 0.0_wp
       if (problem%adaptive) then
@@ -309,7 +304,7 @@ contains
           x%h_before = x%h
         end if
       end if
-      if (collocation) call keep_step(trajectory)
+      if (collocation) call keep_step(x)
     end associate
   end subroutine accept_or_reject
 

@@ -34,43 +34,42 @@ contains
   end function crosses
 
   ! Finds the zeros of all events in a step. If `detects` is true, the times of zeros aren't computed.
-  subroutine find_zeros(problem, trajectory, detects, stopped)
+  subroutine find_zeros(problem, x, detects, stopped)
     type(problem_t), target, intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: trajectory  ! its zeros are set
+    type(trajectory_t), target, intent(inout) :: x  ! its zeros are set
     logical, intent(in) :: detects
     logical, intent(out) :: stopped
     type(event_function_t) :: g
-    real(wp), allocatable :: x(:), values(:, :)        ! (0:parts), (events, 0:parts)
+    real(wp), allocatable :: theta(:), values(:, :)        ! (0:parts), (events, 0:parts)
     real(wp), allocatable :: own(:)                    ! (0:parts) values of one event
     integer :: first, i, k, n
 
-    n = parts(problem, trajectory)
-    allocate (x(0:n), own(0:n), values(size(trajectory%events%before), 0:n))
-    x = [(real(k, wp) / real(n, wp), k=0, n)]
-    values(:, 0) = trajectory%events%before
-    values(:, n) = trajectory%events%after
+    n = parts(problem, x)
+    allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n))
+    theta = [(real(k, wp) / real(n, wp), k=0, n)]
+    values(:, 0) = x%events%before
+    values(:, n) = x%events%after
     allocate (g%y(problem%frame%point_size))
     g%problem => problem
-    g%trajectory => trajectory
+    g%trajectory => x
     g%detects = detects
-    trajectory%events%zeros = [zero_t ::]
+    x%events%zeros = [zero_t ::]
     stopped = .false.
     do first = 2, 1, -1
       do k = first, n - 1, 2
-        call point_at(problem, trajectory, x(k), g%y)
-        call evaluate_events(problem, trajectory, time_at(trajectory, x(k)), g%y, values(:, k), &
-                             stopped)
+        call point_at(problem, x, theta(k), g%y)
+        call evaluate_events(problem, x, time_at(x, theta(k)), g%y, values(:, k), stopped)
         if (stopped) return
       end do
-      if (first == 2 .and. n == min_parts .and. all(trajectory%events%came_from == 0)) then
+      if (first == 2 .and. n == min_parts .and. all(x%events%came_from == 0)) then
         if (all(are_far(values(:, ::2)))) return
       end if
     end do
     do i = 1, size(values, 1)
       g%event = i
       own(:) = values(i, :)
-      if (trajectory%events%came_from(i) /= 0) call find_after_event(g, x, own, stopped)
-      if (.not. stopped) call find_zeros_of(g, x, own, stopped)
+      if (x%events%came_from(i) /= 0) call find_after_event(g, theta, own, stopped)
+      if (.not. stopped) call find_zeros_of(g, theta, own, stopped)
       if (stopped) return
     end do
   end subroutine find_zeros
@@ -86,14 +85,12 @@ contains
   end function are_far
 
   ! The number of parts whose ends are compared
-  pure integer function parts(problem, trajectory)
+  pure integer function parts(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
+    type(trajectory_t), intent(in) :: x
     real(wp) :: angle
 
-    associate (x => trajectory)
-      angle = max(turn(problem%frame, x%h * x%slope), turn(problem%frame, x%h * x%end_slope))
-    end associate
+    angle = max(turn(problem%frame, x%h * x%slope), turn(problem%frame, x%h * x%end_slope))
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
   end function parts
 

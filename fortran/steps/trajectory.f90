@@ -153,125 +153,121 @@ module trajectory_m
 contains
 
   ! Allocates the memory of a trajectory.
-  subroutine start(problem, within, keep_last, trajectory, memory)
+  subroutine start(problem, within, keep_last, x, memory)
     type(problem_t), intent(in) :: problem
     logical, intent(in) :: within            ! whether interpolants are needed
     logical, intent(in) :: keep_last         ! whether that of the last step may be requested
-    type(trajectory_t), intent(out) :: trajectory
+    type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
     integer :: k, n
 
     associate (frame => problem%frame, method => problem%method)
-      trajectory%result = merge(1, method%result, method%two_registers)
-      allocate (trajectory%y(frame%point_size, 0:merge(1, size(method%origin), &
-                                                       method%two_registers)), &
-                trajectory%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
-                trajectory%request%y(frame%point_size), &
-                trajectory%request%received(frame%dimension), trajectory%slope(frame%dimension), &
-                trajectory%end_slope(frame%dimension), trajectory%u(frame%dimension), &
-                stat=memory)
-      if (memory == 0 .and. method%has_nodes) &
-        allocate (trajectory%f_before, mold=trajectory%f, stat=memory)
+      x%result = merge(1, method%result, method%two_registers)
+      allocate (x%y(frame%point_size, 0:merge(1, size(method%origin), method%two_registers)), &
+                x%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
+                x%request%y(frame%point_size), &
+                x%request%received(frame%dimension), x%slope(frame%dimension), &
+                x%end_slope(frame%dimension), x%u(frame%dimension), stat=memory)
+      if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory /= 0) return
-      trajectory%flows = method%flows
+      x%flows = method%flows
       if (method%collocation) then
-        call reserve(frame%dimension, .not. problem%dense, trajectory%newton, memory)
+        call reserve(frame%dimension, .not. problem%dense, x%newton, memory)
       else if (method%implicit) then
-        trajectory%solver%fixed_point = .not. problem%dense
-        n = merge(size(trajectory%f) / method%blocks, 0, problem%dense)
-        allocate (trajectory%solver%value, mold=trajectory%f, stat=memory)
-        if (memory == 0) allocate (trajectory%solver%lu(n, n, method%blocks), &
-                                   trajectory%solver%pivot(n, method%blocks), &
-                                   trajectory%solver%factored_h(method%blocks), stat=memory)
+        x%solver%fixed_point = .not. problem%dense
+        n = merge(size(x%f) / method%blocks, 0, problem%dense)
+        allocate (x%solver%value, mold=x%f, stat=memory)
+        if (memory == 0) allocate (x%solver%lu(n, n, method%blocks), &
+                                   x%solver%pivot(n, method%blocks), &
+                                   x%solver%factored_h(method%blocks), stat=memory)
       end if
       if (memory /= 0) return
       n = 0
       if (problem%adaptive) n = width(frame, problem%tolerances)
       k = 0
       if (associated(problem%events)) k = problem%events%count
-      associate (control => trajectory%control, events => trajectory%events)
+      associate (control => x%control, events => x%events)
         allocate (control%v(n), control%scale(n), control%work(n), events%before(k), &
                   events%after(k), events%count(k), events%time(k), events%value_after(k), &
                   stat=memory)
         if (memory == 0) allocate (events%came_from(k), source=0, stat=memory)
       end associate
       if (memory /= 0) return
-      if (within) call reserve_interpolant(frame, problem%scheme, trajectory%interpolant, memory)
+      if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
-      trajectory%last%kept = .true.
-      allocate (trajectory%last%y(frame%point_size), trajectory%last%slope(frame%dimension), &
-                stat=memory)
+      x%last%kept = .true.
+      allocate (x%last%y(frame%point_size), x%last%slope(frame%dimension), stat=memory)
     end associate
   end subroutine start
 
   ! Starts a trajectory at a point, without memory of earlier steps.
-  pure subroutine set_start(t, y, first_step, trajectory)
+  pure subroutine set_start(t, y, first_step, x)
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(in) :: first_step                 ! zero to choose it
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     logical :: same                          ! whether it was there already
 
-    same = .not. (abs(trajectory%t - t) > 0 .or. any(abs(trajectory%y(:, 0) - y) > 0))
-    trajectory%t = t
-    trajectory%y(:, 0) = y
-    trajectory%slope_known = .false.
-    trajectory%end_known = .false.
-    trajectory%control%step_size = first_step
-    trajectory%control%last_error = 1.0_wp
-    trajectory%control%after_rejection = .false.
-    trajectory%control%suspicion = 0
-    trajectory%phase = phase_begin_segment
-    trajectory%status = paused
-    trajectory%segment = 1
-    trajectory%interpolate_only = .false.
-    trajectory%events%jumps_in_place = 0
-    trajectory%grid = grid_t()
-    trajectory%grid_done = 0
-    trajectory%weighted_by = 0.0_wp
-    call forget_step(trajectory)
-    trajectory%last%cut = .false.
-    trajectory%events%known = .false.
-    trajectory%events%before = 0.0_wp
-    trajectory%events%count = 0
-    if (allocated(trajectory%events%zeros)) deallocate (trajectory%events%zeros)
+    same = .not. (abs(x%t - t) > 0 .or. any(abs(x%y(:, 0) - y) > 0))
+    x%t = t
+    x%y(:, 0) = y
+    x%slope_known = .false.
+    x%end_known = .false.
+    x%control%step_size = first_step
+    x%control%last_error = 1.0_wp
+    x%control%after_rejection = .false.
+    x%control%suspicion = 0
+    x%phase = phase_begin_segment
+    x%status = paused
+    x%segment = 1
+    x%interpolate_only = .false.
+    x%events%jumps_in_place = 0
+    x%grid = grid_t()
+    x%grid_done = 0
+    x%weighted_by = 0.0_wp
+    call forget_step(x)
+    x%last%cut = .false.
+    x%events%known = .false.
+    x%events%before = 0.0_wp
+    x%events%count = 0
+    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
     if (same) return
-    trajectory%events%time = huge(1.0_wp)
-    trajectory%events%came_from = 0
+    x%events%time = huge(1.0_wp)
+    x%events%came_from = 0
   end subroutine set_start
 
   ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or the
   ! solution may jump.
-  pure subroutine forget_step(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
+  pure subroutine forget_step(x)
+    type(trajectory_t), intent(inout) :: x
 
-    trajectory%h_before = 0.0_wp
-    trajectory%newton%has_jacobian = .false.
-    trajectory%newton%fresh = .false.
-    trajectory%newton%last_h = 0.0_wp
-    trajectory%newton%rate_factor = 1.0_wp
-    if (allocated(trajectory%solver%factored_h)) trajectory%solver%factored_h = 0.0_wp
+    x%h_before = 0.0_wp
+    x%newton%has_jacobian = .false.
+    x%newton%fresh = .false.
+    x%newton%last_h = 0.0_wp
+    x%newton%rate_factor = 1.0_wp
+    if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
-  pure subroutine continue_run(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
+  pure subroutine continue_run(x)
+    type(trajectory_t), intent(inout) :: x
 
-    trajectory%status = paused
-    trajectory%segment = 1
-    trajectory%phase = phase_begin_segment
-    trajectory%interpolate_only = .false.
-    if (allocated(trajectory%events%zeros)) deallocate (trajectory%events%zeros)
+    x%status = paused
+    x%segment = 1
+    x%phase = phase_begin_segment
+    x%interpolate_only = .false.
+    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
   end subroutine continue_run
 
   ! Ends a trajectory with an error.
-  subroutine fail(trajectory, status, t)
-    type(trajectory_t), intent(inout) :: trajectory
+  subroutine fail(x, status, t)
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
-    trajectory%status = status
-    trajectory%failed_at = t
+    x%status = status
+    x%failed_at = t
   end subroutine fail
 
 end module trajectory_m
