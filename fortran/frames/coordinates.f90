@@ -1,5 +1,8 @@
-! Differences of points: the coefficients of the flow from one point to another.
-! `sizes` gives the magnitudes that relative tolerances of such coefficients refer to.
+! Differences of points: the smallest coefficients v of a flow from x to y, by which errors of steps
+! are measured, and the magnitudes that their relative tolerances refer to.
+!
+! Of rotations v is the logarithm of the quotient as a quaternion q = (sin(a / 2) n, cos(a / 2)),
+! v = 2 atan2(|q(1:3)|, q(4)) q(1:3) / |q(1:3)|, which is accurate for every angle a.
 module coordinates_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
@@ -57,7 +60,9 @@ contains
       p = get_quaternion(block, x)
       q = get_quaternion(block, y)
       v = logarithm(quaternion_quotient(p, q, block%space))
-    case (so3_block, se3_block)
+    case (so3_block)
+      v = logarithm(quaternion_of(quotient(block, rotation(x), rotation(y))))
+    case (se3_block)
       call find_twist(block, x, y, v)
     case (sphere_block)
       v = smallest_rotation(x, y)
@@ -95,6 +100,14 @@ contains
       end associate
     end do
   end subroutine sizes
+
+  ! The rotation in a matrix that is stored row by row
+  pure function rotation(y)
+    real(wp), contiguous, intent(in) :: y(:)
+    real(wp) :: rotation(3, 3)
+
+    rotation = transpose(reshape(y, [3, 3]))
+  end function rotation
 
   ! The rotation from x to y, x^T y in body axes and y x^T in space axes
   pure function quotient(block, x, y)
@@ -162,7 +175,6 @@ contains
     r = quotient(block, transpose(x(1:3, :)), transpose(y(1:3, :)))
     v = logarithm(quaternion_of(r))
     twist(:, 0) = v
-    if (block%k == 0) return
     half = max(sqrt(dot_product(v, v)) / 2, smallest)
     n = v / (2 * half)
     a = half * cos(half) / sin(half)

@@ -2,9 +2,9 @@
 ! the coefficients, and differences of points on them and on SO(n). Points are matrices row by row,
 ! real for SO(n).
 !
-! The exponential is the power series of X / 2^s, squared s times, which takes products alone; a step
-! of Newton and Schulz, y (3 - y^* y) / 2, removes rounding off the group (N. J. Higham, "Functions of
-! Matrices", SIAM, 2008, sections 8.3 and 10.3).
+! The exponential is the power series of X / 2^s, squared s times, which takes products alone; a
+! step of Newton and Schulz, y (3 - y^* y) / 2, removes rounding off the group (N. J. Higham,
+! "Functions of Matrices", SIAM, 2008, sections 8.3 and 10.3).
 module unitary_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
@@ -173,13 +173,8 @@ contains
     integer, intent(in) :: n
     complex(wp), intent(inout) :: y(n, n)
     complex(wp), dimension(n, n) :: adjoint, square, product
-    integer :: i, j
 
-    do j = 1, n
-      do i = 1, n
-        adjoint(i, j) = conjg(y(j, i))
-      end do
-    end do
+    adjoint = conjg(transpose(y))
     call multiply(n, adjoint, y, square)
     call multiply(n, y, square, product)
     y = times_real(1.5_wp, y) - times_real(0.5_wp, product)

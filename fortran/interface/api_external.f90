@@ -1,4 +1,4 @@
-! Interface for f2py of functions in C and of single operations of frames.
+! Interface for f2py of functions in C, of single operations of frames, and of grids of times.
 ! Each procedure converts its arguments and calls the core.
 
 ! Calls a function in C for each of some points, which it may overwrite.
@@ -131,3 +131,29 @@ contains
   end subroutine move_all
 
 end subroutine frame_move
+
+! Counts the products by flows of LinearAction so far.
+subroutine linear_products(count)
+  use, intrinsic :: iso_fortran_env, only: int64
+  use linear_action_m, only: products
+  implicit none
+  integer(int64), intent(out) :: count
+
+  count = products
+end subroutine linear_products
+
+! The number of equal steps in a span, and the size of the last one
+subroutine equal_steps(start, stop, h, steps, last)
+  use, intrinsic :: iso_fortran_env, only: int64
+  use kinds, only: wp
+  use time_grid_m, only: grid_t, make_grid
+  implicit none
+  real(wp), intent(in) :: start, stop, h
+  integer(int64), intent(out) :: steps
+  real(wp), intent(out) :: last
+  type(grid_t) :: grid
+
+  call make_grid(start, stop, h, grid)
+  steps = grid%steps
+  last = grid%last
+end subroutine equal_steps

@@ -101,16 +101,6 @@ subroutine plan_distance_bound(address, n, members, y, bound)
   end do
 end subroutine plan_distance_bound
 
-! Counts the products by flows of LinearAction so far.
-subroutine linear_products(count)
-  use, intrinsic :: iso_fortran_env, only: int64
-  use linear_action_m, only: products
-  implicit none
-  integer(int64), intent(out) :: count
-
-  count = products
-end subroutine linear_products
-
 ! Frees a plan.
 subroutine plan_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
@@ -344,19 +334,3 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
     end if
   end do
 end subroutine plan_interpolate
-
-! The number of equal steps in a span, and the size of the last one
-subroutine equal_steps(start, stop, h, steps, last)
-  use, intrinsic :: iso_fortran_env, only: int64
-  use kinds, only: wp
-  use time_grid_m, only: grid_t, make_grid
-  implicit none
-  real(wp), intent(in) :: start, stop, h
-  integer(int64), intent(out) :: steps
-  real(wp), intent(out) :: last
-  type(grid_t) :: grid
-
-  call make_grid(start, stop, h, grid)
-  steps = grid%steps
-  last = grid%last
-end subroutine equal_steps

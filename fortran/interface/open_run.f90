@@ -56,7 +56,7 @@ contains
       problem%scheme => plan%scheme
       problem%common = record%common /= 0
       problem%of_time = record%of_time /= 0
-      problem%free = record%free /= 0
+      problem%unique_flows = record%free /= 0
       problem%has_jacobian = record%jacobian /= differences_jacobian
       problem%dense = record%jacobian /= sparse_jacobian
     end associate

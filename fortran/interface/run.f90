@@ -123,7 +123,8 @@ contains
   end subroutine drive
 
   ! Advances one lane, through several members if they end, until it needs something. The result is
-  ! what it needs, `raised` after an exception in Python, or `finished` if there are no more members.
+  ! what it needs, `raised` after an exception in Python, or `finished` if there are no more
+  ! members.
   integer function advance_lane(run, i, budget) result(status)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i

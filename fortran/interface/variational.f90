@@ -21,8 +21,8 @@ module variational_m
 
 contains
 
-  ! A function of the type rhs_i. The data are the parameters and inputs of a member; the eight bytes
-  ! before them are the address of the record.
+  ! A function of the type rhs_i. The data are the parameters and inputs of a member; the eight
+  ! bytes before them are the address of the record.
   function variational_field(t, y, f, user_data) bind(c) result(code)
     real(c_double), value, intent(in) :: t
     real(c_double), intent(in) :: y(*)

@@ -15,7 +15,8 @@ module collocation_m
   use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
   implicit none
   private
-  public :: converges_fast, keep_step, refactor, request_collocation, store_collocation, store_column
+  public :: converges_fast, keep_step, refactor, request_collocation, store_collocation, &
+            store_column
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
   ! end it, and those below `noise` that no longer decrease, both relative to the point.
@@ -262,7 +263,7 @@ contains
   subroutine store_column(problem, x)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: x
-    logical :: exists, free(size(x%u))
+    logical :: exists, uncontrolled(size(x%u))
 
     associate (newton => x%newton, column => x%newton%column)
       x%u = 0.0_wp
@@ -270,9 +271,9 @@ contains
       newton%jacobian(:, column) = x%request%received
       call dexpinv(problem%frame, problem%method%series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
-      free = without_control(problem, size(free))
-      if (.not. free(column)) newton%jacobian(:, column) = merge(0.0_wp, &
-                                                                 newton%jacobian(:, column), free)
+      uncontrolled = without_control(problem, size(uncontrolled))
+      if (.not. uncontrolled(column)) &
+        newton%jacobian(:, column) = merge(0.0_wp, newton%jacobian(:, column), uncontrolled)
       column = column + 1
       if (column <= size(newton%jacobian, 2)) then
         call request_column(problem, x)

@@ -1,15 +1,16 @@
-! The stage equations of implicit Crouch-Grossman methods (one weight per flow). The unknowns are the
-! coefficients at the stages, which lie in a linear space whatever the manifold is:
+! The stage equations of implicit Crouch-Grossman methods (one weight per flow). The unknowns are
+! the coefficients at the stages, which lie in a linear space whatever the manifold is:
 !
 !   k_i = f(t + c_i h, Y_i(k)),   Y_i(k) = exp(h a_is k_s) ... exp(h a_i1 k_1) y.
 !
-! If A is lower triangular, each stage is a block of its own, solved after those before it; otherwise
-! all stages are one block. The fixed-point iteration repeats the equation. Newton's method takes the
-! Jacobian of k - f(Y(k)) by differences along the flows, as in B. Owren, B. Welfert, "The Newton
-! iteration on Lie groups", BIT 40 (2000), 121-145, but with the derivative of the exponential inside
-! the difference, and keeps its factors, also over several steps of the same size, as long as
-! corrections decrease by a factor of ten. Both iterate down to the level of rounding, since an
-! implicit method preserves invariants only as accurately as its stages are solved.
+! If A is lower triangular, each stage is a block of its own, solved after those before it;
+! otherwise all stages are one block. The fixed-point iteration repeats the equation. Newton's
+! method takes the Jacobian of k - f(Y(k)) by differences along the flows, as in B. Owren, B.
+! Welfert, "The Newton iteration on Lie groups", BIT 40 (2000), 121-145, but with the derivative of
+! the exponential inside the difference, and keeps its factors, also over several steps of the same
+! size, as long as corrections decrease by a factor of ten. Both iterate down to the level of
+! rounding, since an implicit method preserves invariants only as accurately as its stages are
+! solved.
 module implicit_m
   use kinds, only: wp
   use coordinates_m, only: sizes
@@ -24,7 +25,7 @@ module implicit_m
   public :: prepare_stage, store_value
 
   real(wp), parameter :: noise = 1e-10_wp      ! corrections below it may be rounding errors of f
-  real(wp), parameter :: slow = 0.1_wp         ! factors are replaced if corrections decrease by less
+  real(wp), parameter :: slow = 0.1_wp         ! rate above which factors are replaced
   real(wp), parameter :: diverged = 1e3_wp     ! growth of residuals
 
 contains
@@ -62,7 +63,8 @@ contains
     end associate
   end subroutine next_block
 
-  ! Returns to the first stage of the block. If it is the only one, its path is the last of its flows.
+  ! Returns to the first stage of the block. If it is the only one, its path is the last of its
+  ! flows.
   pure subroutine rewind_paths(method, x)
     type(method_t), intent(in) :: method
     type(trajectory_t), intent(inout) :: x

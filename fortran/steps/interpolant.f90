@@ -7,8 +7,8 @@
 !
 ! in derivatives k_j of coordinates: those at the stages of a flat method, or that at the start and
 ! the mean u(1) / h, then that at the end, and those at further nodes, each evaluated where the ones
-! before it lead. One flow reaches a point. cg/integration/step/interpolant.py derives the coefficients
-! of both forms.
+! before it lead. One flow reaches a point. cg/integration/step/interpolant.py derives the
+! coefficients of both forms.
 module interpolant_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
@@ -19,8 +19,8 @@ module interpolant_m
   use vectors_m, only: combine
   implicit none
   private
-  public :: add_node, begin_interpolant, evaluate_inner, evaluate_interpolant, flows_of_evaluation, &
-            make_cubic, next_node
+  public :: add_node, begin_interpolant, evaluate_inner, evaluate_interpolant, &
+            flows_of_evaluation, make_cubic, next_node
 
   integer, parameter :: iterations = 20
   real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! its square is below rounding
@@ -28,17 +28,17 @@ module interpolant_m
 contains
 
   ! Starts an interpolant from the ends and the stages of its step.
-  subroutine begin_interpolant(frame, scheme, free, stages, interpolant, exists)
+  subroutine begin_interpolant(frame, scheme, unique_flows, stages, interpolant, exists)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
-    logical, intent(in) :: free              ! whether coordinates are known from the ends
+    logical, intent(in) :: unique_flows      ! whether coordinates are known from the ends
     real(wp), intent(in) :: stages(:, :)     ! (dimension, stages) of a flat method, derivatives
     type(interpolant_t), intent(inout) :: interpolant
     logical, intent(out) :: exists           ! false if the step is too long for coordinates
 
     interpolant%nexp = 0
     interpolant%complete = .false.
-    interpolant%on_algebra = .not. scheme%at_stages .and. (scheme%flat .or. free)
+    interpolant%on_algebra = .not. scheme%at_stages .and. (scheme%flat .or. unique_flows)
     if (scheme%at_stages) then
       interpolant%known = scheme%nodes
       interpolant%field(:, :scheme%nodes) = stages

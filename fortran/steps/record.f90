@@ -66,8 +66,8 @@ contains
                .and. (abs(values) > 0 .or. x%last%kept))
   end subroutine examine_events
 
-  ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just at
-  ! the end of the step don't need it.
+  ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just
+  ! at the end of the step don't need it.
   subroutine detect_events(problem, x)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), target, intent(inout) :: x
@@ -267,8 +267,8 @@ contains
     call fail(x, raised, t)
   end subroutine fail_to_observe
 
-  ! Lets the next flow along a polynomial compute the points at the next output times in the step, as
-  ! many as have room in memory.
+  ! Lets the next flow along a polynomial compute the points at the next output times in the step,
+  ! as many as have room in memory.
   subroutine prepare_inner(problem, x, output)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: x

@@ -13,7 +13,8 @@ module requests_m
   use vectors_m, only: finite
   implicit none
   private
-  public :: check_coefficients, evaluate_at_start, evaluate_events, reject_stage, request, within_segment
+  public :: check_coefficients, evaluate_at_start, evaluate_events, reject_stage, request, &
+            within_segment
 
 contains
 

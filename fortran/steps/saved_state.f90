@@ -24,7 +24,8 @@ contains
 
     reals = [x%t, x%control%step_size, x%control%last_error, x%last%t, x%last%h, x%h, &
              x%newton%last_h, x%newton%rate_factor, x%newton%factored_h, x%grid%start, &
-             x%grid%step, x%grid%last, x%grid%stop, x%h_before, x%events%before, x%events%value_after, x%events%time, &
+             x%grid%step, x%grid%last, x%grid%stop, x%h_before, x%events%before, &
+             x%events%value_after, x%events%time, &
              real(x%events%came_from, wp), real(x%events%count, wp)]
     associate (counts => x%counts)
       integers = [merge(1_int64, 0_int64, x%slope_known) &

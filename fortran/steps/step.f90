@@ -1,5 +1,6 @@
-! One step: its stages, its results and its error estimate.
-! Points are reached along the paths of method_t, by flows of the frame.
+! One step: its stages and its results. Points are ends of the paths of method_t, y_path = exp(h
+! sum_k weight_k f_stage(k)) ... y_origin, by flows of the frame; methods on the Lie algebra have
+! the coordinates u of a point instead, y = exp(u) y_0. For the error see error_estimate.f90.
 module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv

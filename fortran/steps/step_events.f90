@@ -33,7 +33,8 @@ contains
               .or. (before > 0 .and. after <= 0 .and. direction <= 0)
   end function crosses
 
-  ! Finds the zeros of all events in a step. If `detects` is true, the times of zeros aren't computed.
+  ! Finds the zeros of all events in a step. If `detects` is true, the times of zeros aren't
+  ! computed.
   subroutine find_zeros(problem, x, detects, stopped)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), target, intent(inout) :: x  ! its zeros are set
@@ -191,9 +192,9 @@ contains
   ! rounding: it leaves on the side that it came from, as where a ball bounces, and may return to
   ! zero within the first part of the step; or it passes; or a jump has left it at rest, as where a
   ! ball stays on the floor, through which the solution would fall. Where the function is on the
-  ! other side at the end of the first part or of the step, it is evaluated ever nearer to the start.
-  ! The first values that are larger than rounding tell a line through zero, which passes, from a
-  ! higher power of time. If the step is too small to tell, the next one decides.
+  ! other side at the end of the first part or of the step, it is evaluated ever nearer to the
+  ! start. The first values that are larger than rounding tell a line through zero, which passes,
+  ! from a higher power of time. If the step is too small to tell, the next one decides.
   subroutine find_after_event(g, x, values, stopped)
     type(event_function_t), intent(inout) :: g
     real(wp), contiguous, intent(in) :: x(0:)

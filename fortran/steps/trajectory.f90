@@ -1,4 +1,5 @@
-! The problem that a trajectory solves, and the state of the trajectory.
+! The problem that a trajectory solves, and the state of the trajectory, which procedures of the
+! loop call x.
 module trajectory_m
   use kinds, only: wp
   use error_norm_m, only: tolerances_t, width
@@ -21,7 +22,7 @@ module trajectory_m
     type(frame_t), pointer :: frame => null()
     type(method_t), pointer :: method => null()
     type(scheme_t), pointer :: scheme => null()        ! of the interpolant
-    logical :: free = .false.                ! whether small coefficients determine the flow's end
+    logical :: unique_flows = .false.        ! whether small coefficients determine the flow's end
     type(events_t), pointer :: events => null()
     type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
     logical :: adaptive = .false.
@@ -98,7 +99,7 @@ module trajectory_m
   ! The step before, whose interpolant may be requested
   type :: last_step_t
     logical :: kept = .false.
-    logical :: cut = .false.                 ! whether an event ended it; its interpolant is complete
+    logical :: cut = .false.                 ! by an event; its interpolant is complete
     real(wp) :: t = 0.0_wp, h = 0.0_wp
     real(wp), allocatable :: y(:), slope(:)  ! at its start
   end type last_step_t
@@ -145,7 +146,7 @@ module trajectory_m
     logical :: seeks_events = .false.        ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
-    integer :: inner_from = 0                ! and when points within a polynomial step were prepared
+    integer :: inner_from = 0                ! and when inner points of the step were prepared
     type(event_state_t) :: events
     type(last_step_t) :: last
   end type trajectory_t
@@ -236,8 +237,8 @@ contains
     x%events%came_from = 0
   end subroutine set_start
 
-  ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or the
-  ! solution may jump.
+  ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or
+  ! the solution may jump.
   pure subroutine forget_step(x)
     type(trajectory_t), intent(inout) :: x
 

@@ -87,7 +87,8 @@ contains
     call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
                   x%end_slope)
     call complete_ends(problem, x)
-    call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, exists)
+    call begin_interpolant(problem%frame, problem%scheme, problem%unique_flows, x%f, &
+                           x%interpolant, exists)
     if (x%needs_interpolant .or. x%interpolant%complete) then
       call advance_interpolant(problem, x, exists, x%interpolant%nexp)
     else
@@ -117,7 +118,8 @@ contains
 
     call set_ends(x%interpolant, x%last%t, x%last%h, x%last%y, x%y(:, 0), x%last%slope, slope)
     call complete_ends(problem, x)
-    call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, exists)
+    call begin_interpolant(problem%frame, problem%scheme, problem%unique_flows, x%f, &
+                           x%interpolant, exists)
     call advance_interpolant(problem, x, exists, x%interpolant%nexp)
   end subroutine interpolate_last
 
