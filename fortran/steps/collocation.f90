@@ -7,7 +7,7 @@ module collocation_m
   use coordinates_m, only: sizes
   use error_norm_m, only: norm, scales, tangent
   use frames_m, only: flow_along
-  use newton_m, only: correction, derivatives, factor, filtered, predict
+  use newton_m, only: correction, derivatives, factor, predict
   use requests_m, only: reject_stage, request
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t

@@ -13,7 +13,6 @@
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
-  use kinds, only: wp
   use output_m, only: has_room, output_t
   use record_m, only: detect_events, examine_step, prepare_inner, record_step
   use collocation_m, only: store_column
