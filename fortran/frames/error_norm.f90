@@ -4,7 +4,7 @@ module error_norm_m
   use kinds, only: wp
   use bases_m, only: algebra_matrix
   use blocks_m, only: block_t
-  use coordinates_m, only: difference, sizes
+  use coordinates_m, only: sizes
   use frames_m, only: frame_t
   use isospectral_m, only: isospectral_tangent
   use linear_action_m, only: linear_tangent
@@ -15,7 +15,7 @@ module error_norm_m
   use unitary_m, only: frobenius
   implicit none
   private
-  public :: tolerances_t, norm, point_difference, point_sizes, remove_isotropy, scales, tangent, &
+  public :: tolerances_t, norm, point_sizes, remove_isotropy, scales, tangent, &
             turning, width
 
   ! The tolerances of a pair and the limits of its steps
@@ -38,20 +38,6 @@ contains
 
     width = merge(frame%point_size, frame%dimension, tolerances%in_entries)
   end function width
-
-  ! Computes the difference of two points.
-  subroutine point_difference(frame, tolerances, x, y, v)
-    type(frame_t), intent(in) :: frame
-    type(tolerances_t), intent(in) :: tolerances
-    real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
-    real(wp), contiguous, intent(out) :: v(:)          ! (width)
-
-    if (tolerances%in_entries) then
-      v = y - x
-    else
-      call difference(frame, x, y, v)
-    end if
-  end subroutine point_difference
 
   ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
   ! isospectral, of columns, linear actions, or outside of compiled code.

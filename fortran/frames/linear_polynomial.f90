@@ -5,8 +5,7 @@ module linear_polynomial_m
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   use lapack_m, only: dgemm
-  use linear_action_m, only: inner_points_t, linear_action_t, max_parts, max_terms, multiply, &
-                             products
+  use linear_action_m, only: linear_action_t, max_parts, max_terms, multiply, products
   implicit none
   private
   public :: move_polynomially
@@ -48,7 +47,8 @@ contains
       end do
       first = last + 1
       if (associated(action%inner)) then
-        if (action%inner%wanted) last = part_of(action%inner, real(part, wp) / real(parts, wp))
+        if (action%inner%wanted) last = count(action%inner%theta(:action%inner%count) &
+                                              <= real(part, wp) / real(parts, wp))
       end if
       if (last < first) then
         call apply_polynomial(action, d, y)
@@ -85,14 +85,6 @@ contains
     end function bound
 
   end subroutine move_polynomially
-
-  ! The last of the inner points that aren't beyond a fraction of the flow
-  pure integer function part_of(inner, end)
-    type(inner_points_t), intent(in) :: inner
-    real(wp), intent(in) :: end
-
-    part_of = count(inner%theta(:inner%count) <= end)
-  end function part_of
 
   ! The norm of a vector, whose squares don't overflow, by sums that vectorize
   pure real(wp) function length_of(y)

@@ -212,25 +212,14 @@ contains
   subroutine exchange(run)
     type(run_t), intent(inout) :: run
     real(wp) :: shared
-    integer :: kind, i
 
-    kind = 0
-    shared = 0.0_wp
-    do i = 1, size(run%lanes)
-      if (.not. run%busy(i)) cycle
-      if (kind == 0) then
-        kind = run%lanes(i)%status
-        shared = run%lanes(i)%request%shared
-      else if (kind == needs_minimum) then
-        shared = min(shared, run%lanes(i)%request%shared)
-      else
-        shared = max(shared, run%lanes(i)%request%shared)
-      end if
-    end do
-    do i = 1, size(run%lanes)
-      run%lanes(i)%request%shared = shared
-      if (run%busy(i)) run%lanes(i)%status = paused
-    end do
+    if (run%lanes(findloc(run%busy, .true., 1))%status == needs_minimum) then
+      shared = minval(run%lanes%request%shared, run%busy)
+    else
+      shared = maxval(run%lanes%request%shared, run%busy)
+    end if
+    run%lanes%request%shared = shared
+    where (run%busy) run%lanes%status = paused
   end subroutine exchange
 
   ! Evaluates a vectorized function for all lanes that need coefficients.

@@ -105,7 +105,10 @@ contains
       call correction(problem%frame, method%transformation, x%h, x%f(:, 2:), newton, dz)
       remaining = merge(max_iterations, max_rounds, problem%adaptive) - newton%iteration
       tolerance = rounding
-      if (problem%adaptive) tolerance = newton_tolerance(problem%tolerances%rtol)
+      associate (rtol => max(problem%tolerances%rtol, epsilon(1.0_wp)))
+        if (problem%adaptive) tolerance = max(10 * epsilon(1.0_wp) / rtol, &
+                                              min(0.03_wp, sqrt(problem%tolerances%rtol)))
+      end associate
       size_of = correction_norm(problem, x, dz)
       slow = .not. size_of <= huge(1.0_wp)
       solved = size_of <= 0
@@ -133,14 +136,6 @@ contains
       end if
     end associate
   end subroutine correct_stages
-
-  ! The largest error of the iteration, in tolerances
-  pure real(wp) function newton_tolerance(rtol)
-    real(wp), intent(in) :: rtol
-
-    newton_tolerance = max(10 * epsilon(1.0_wp) / max(rtol, epsilon(1.0_wp)), &
-                           min(0.03_wp, sqrt(rtol)))
-  end function newton_tolerance
 
   ! The norm of a correction: in tolerances, or relative to the point where there are none
   real(wp) function correction_norm(problem, x, dz)

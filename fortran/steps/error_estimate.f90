@@ -11,7 +11,8 @@
 ! counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
 module error_estimate_m
   use kinds, only: wp
-  use error_norm_m, only: norm, point_difference, remove_isotropy, scales, tangent, turning
+  use coordinates_m, only: difference
+  use error_norm_m, only: norm, remove_isotropy, scales, tangent, turning
   use newton_m, only: filtered
   use node_difference_m, only: node_difference
   use trajectory_m, only: problem_t, trajectory_t
@@ -104,8 +105,11 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
 
-    call point_difference(problem%frame, problem%tolerances, x%y(:, path), x%y(:, x%result), &
-                          x%control%v)
+    if (problem%tolerances%in_entries) then
+      x%control%v(:) = x%y(:, x%result) - x%y(:, path)
+    else
+      call difference(problem%frame, x%y(:, path), x%y(:, x%result), x%control%v)
+    end if
     distance = norm(problem%tolerances, x%control%v, x%control%scale)
   end function distance
 

@@ -176,7 +176,10 @@ contains
         end do
       end do
       flows%first(last:last + 1) = [k + 1, k + 2]
-      flows%weight(k + 1) = blend_at(scheme, n, theta)
+      flows%weight(k + 1) = 0.0_wp                     ! w(theta)
+      do i = n + 1, 0, -1
+        flows%weight(k + 1) = flows%weight(k + 1) * theta + scheme%blend(i, n)
+      end do
       flows%stage(k + 1) = n + 1
       call apply_flows(frame, flows, 1, last, interpolant%field, y)
     end associate
@@ -201,18 +204,5 @@ contains
       end do
     end do
   end subroutine lagrange
-
-  ! The polynomial w(theta) for n nodes
-  pure real(wp) function blend_at(scheme, n, theta)
-    type(scheme_t), intent(in) :: scheme
-    integer, intent(in) :: n
-    real(wp), intent(in) :: theta
-    integer :: k
-
-    blend_at = 0.0_wp
-    do k = n + 1, 0, -1
-      blend_at = blend_at * theta + scheme%blend(k, n)
-    end do
-  end function blend_at
 
 end module flow_interpolant_m
