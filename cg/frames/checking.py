@@ -135,12 +135,20 @@ def _check_field(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Prob
     total = frame.field(u, y) + 2.0 * tangent
     yield from _compare("field isn't linear in v", frame.field(u + 2.0 * v, y), total, _ROUNDING)
     slope = _derivative(lambda s: frame.flow(s * v, y))
-    problem = "field(v, y) isn't the derivative of flow(s v, y) by s"
-    size = _size(y)
-    if any(True for _ in _compare("", slope, tangent, _DIFFERENCES, size)):
-        if not any(True for _ in _compare("", slope, -tangent, _DIFFERENCES, size)):
-            problem = "flow has the wrong sign: its derivative is -field(v, y)"
-        yield from _compare(problem, slope, tangent, _DIFFERENCES, size)
+    yield from _compare_derivative(
+        "field(v, y) isn't the derivative of flow(s v, y) by s",
+        "flow has the wrong sign: its derivative is -field(v, y)",
+        slope, tangent, _size(y),
+    )  # fmt: skip
+
+
+def _compare_derivative(
+    problem: str, opposite: str, actual: Any, expected: Any, scale: float
+) -> _Problems:
+    """Yield a problem as `_compare`, or the opposite one if only the sign is wrong."""
+    if not any(True for _ in _compare("", actual, -expected, _DIFFERENCES, scale)):
+        problem = opposite
+    yield from _compare(problem, actual, expected, _DIFFERENCES, scale)
 
 
 def _check_membership(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
@@ -159,21 +167,13 @@ def _check_coordinates(frame: Frame, y: Points, u: Array, v: Array, w: Array) ->
     flowed = frame.flow(v, y)
     logarithm = frame.exp_coordinates(y, flowed)
     if logarithm is not None and np.isfinite(logarithm).all():
-        yield from _compare(
-            "flow(exp_coordinates(y0, y1), y0) isn't y1",
-            frame.flow(logarithm, y),
-            flowed,
-            _ROUNDING,
-        )
+        problem = "flow(exp_coordinates(y0, y1), y0) isn't y1"
+        yield from _compare(problem, frame.flow(logarithm, y), flowed, _ROUNDING)
     near = frame.flow(0.01 * v, y)
     coordinates = frame.local_coordinates(y, near)
     if np.isfinite(coordinates).all():
-        yield from _compare(
-            "flow(local_coordinates(y0, y1), y0) isn't y1",
-            frame.flow(coordinates, y),
-            near,
-            _ROUNDING,
-        )
+        problem = "flow(local_coordinates(y0, y1), y0) isn't y1"
+        yield from _compare(problem, frame.flow(coordinates, y), near, _ROUNDING)
 
 
 def _check_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
@@ -184,11 +184,11 @@ def _check_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _P
     tangent = frame.field(bracket, y)
     commutator = _derivative(lambda s: frame.field(u, frame.flow(s * v, y)))
     commutator = commutator - _derivative(lambda s: frame.field(v, frame.flow(s * u, y)))
-    problem = "field(bracket(u, v), y) isn't the commutator DU V - DV U of the fields"
-    if any(True for _ in _compare("", commutator, tangent, _DIFFERENCES, _size(y))):
-        if not any(True for _ in _compare("", commutator, -tangent, _DIFFERENCES, _size(y))):
-            problem = "bracket has the wrong sign: it is the commutator DV U - DU V"
-        yield from _compare(problem, commutator, tangent, _DIFFERENCES, _size(y))
+    yield from _compare_derivative(
+        "field(bracket(u, v), y) isn't the commutator DU V - DV U of the fields",
+        "bracket has the wrong sign: it is the commutator DV U - DU V",
+        commutator, tangent, _size(y),
+    )  # fmt: skip
     yield from _compare(
         "bracket(v, u) isn't -bracket(u, v)", frame.bracket(v, u), -bracket, _ROUNDING
     )

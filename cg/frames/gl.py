@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Points
 from cg.frames.entries import Entries
 from cg.frames.matrix_functions import singular_values
-from cg.frames.matrix_group import SizedMatrixGroup
+from cg.frames.matrix_group_kinds import SizedMatrixGroup
 
 
 @dataclass(frozen=True, repr=False)

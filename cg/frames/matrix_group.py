@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -18,8 +16,6 @@ from cg.frames.arrays import (
     Convention,
     Points,
     Size,
-    check_convention,
-    check_random,
 )
 from cg.frames.base import Frame
 from cg.frames.dexpinv import series_dexpinv
@@ -29,16 +25,9 @@ from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import (
     MAX_EXPONENT,
     combine,
-    distance_from_unitary,
     expm,
-    minimum_norm_step,
-    nearest_unitary,
-    newton_corrected,
-    newton_schulz,
-    random_unitary,
-    relative_correction,
 )
-from cg.support.checks import check_integer, total_memory
+from cg.support.checks import total_memory
 
 MAX_DENSE = 16
 """Largest number of rows for which products with all matrices of the fields, of n^4 operations,
@@ -307,79 +296,3 @@ class MatrixGroup(Frame):
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return exponentials of normal coefficients with standard deviation 1/2."""
         return self.restore(self.exponential(0.5 * self.random_vector(rng, size)))
-
-
-class UnitaryMatrixGroup(MatrixGroup):
-    """A group of unitary or orthogonal matrices, whose inverses are their adjoints."""
-
-    _special: ClassVar[bool] = False
-
-    def _checked_coordinates(self, v: Array, start: Points, end: Points) -> Array:
-        return v  # logarithms from eigenvalues are accurate
-
-    def inverse(self, x: ArrayLike) -> Points:
-        """Return the conjugate transposes, which on the group are the inverses."""
-        return np.asarray(self._points(x, "x").mT.conj())
-
-    def restore(self, y: Points) -> Points:
-        """Return ``y`` after a Newton-Schulz step towards the group."""
-        return newton_schulz(y, self.inverse(y))
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the 2-norm distance to the nearest element of the group, shape ``(...)``."""
-        return distance_from_unitary(self._points(y), special=self._special)
-
-    def _project(self, y: Points) -> Points:
-        return nearest_unitary(y, special=self._special)
-
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
-        """Return points uniform in Haar measure, shape ``(*size, size, size)``."""
-        size = check_random(rng, size)
-        point = random_unitary(rng, (*size, *self.point_shape), complex_=self.dtype.kind == "c")
-        if self._special:
-            # Scaling a column commutes with the action of the group from the left, so that the
-            # distribution stays uniform.
-            point[..., 0] /= np.linalg.det(point)[..., None]
-        return self.restore(point)
-
-
-@dataclass(frozen=True, repr=False)
-class SizedMatrixGroup(MatrixGroup):
-    """A matrix group with the number of rows as its parameter."""
-
-    n: int
-    convention: Convention = "space"
-
-    smallest: ClassVar[int] = 1
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, self.smallest))
-        check_convention(self.convention)
-
-    @property
-    def size(self) -> int:
-        """Number of rows, ``n``."""
-        return self.n
-
-
-class NoncompactMatrixGroup(SizedMatrixGroup):
-    """A group whose elements may be large, restored by the Newton step of least norm."""
-
-    @abstractmethod
-    def _correction(self, y: Points) -> Points:
-        """Return the change of least norm that takes matrices to the group, to first order."""
-
-    def restore(self, y: Points) -> Points:
-        """Return ``y`` after the Newton step of least norm towards the group."""
-        return minimum_norm_step(y, self._correction)
-
-    def _project(self, y: Points) -> Points:
-        # Nearest in the Frobenius norm, up to the square of the distance.
-        return newton_corrected(y, self._correction)
-
-    def relative_error(self, y: ArrayLike) -> Array:
-        """Return the norm of the correction to the group, relative to the norm of ``y``.
-
-        The membership error of a large matrix is dominated by rounding.
-        """
-        return relative_correction(self._points(y), self._correction)

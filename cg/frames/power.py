@@ -52,9 +52,6 @@ class Power(Frame):
             raise TypeError(f"factor must be a Frame, got {self.factor!r}")
         object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
-    def __repr__(self) -> str:
-        return f"Power({self.factor!r}, {self.n})"
-
     @property
     def dim(self) -> int:
         """``n`` times the dimension of the factor."""
@@ -85,14 +82,12 @@ class Power(Frame):
         return self.factor.flow(self._split_vector(vector), point)
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        return self._join_vectors(
-            self.factor._bracket(self._split_vector(u), self._split_vector(v))
-        )
+        each = self.factor._bracket(self._split_vector(u), self._split_vector(v))
+        return self._join_vectors(each)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        return self._join_vectors(
-            self.factor._dexpinv(self._split_vector(u), self._split_vector(v), order)
-        )
+        each = self.factor._dexpinv(self._split_vector(u), self._split_vector(v), order)
+        return self._join_vectors(each)
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the coefficients of all points without isotropy, shape ``(..., dim)``."""
@@ -138,7 +133,7 @@ class Power(Frame):
         return None if blocks is None else blocks * self.n
 
     def _split_vector(self, vector: Array) -> Array:
-        """Return coefficients with an axis that counts the points, shape ``(..., n, m)``."""
+        """Return the coefficients of each point, shape ``(..., n, factor.dim)``."""
         return vector.reshape(*vector.shape[:-1], self.n, self.factor.dim)
 
     def _join_vectors(self, vectors: Array) -> Array:

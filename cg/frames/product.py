@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
 from math import prod
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -111,26 +112,24 @@ class Product(Frame):
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the factors' coordinates, joined; None if a factor has none."""
-        starts = self._split(self._points(y0, "y0"))
-        ends = self._split(self._points(y1, "y1"))
-        joined = []
-        for factor, start, end in zip(self.factors, starts, ends, strict=True):
-            coordinates = factor.exp_coordinates(start, end)
-            if coordinates is None:
-                return None
-            joined.append(coordinates)
-        return np.concatenate(joined, axis=-1)
+        points = self._split(self._points(y0, "y0")), self._split(self._points(y1, "y1"))
+        each = self._each("exp_coordinates", *points)
+        return None if any(v is None for v in each) else np.concatenate(each, axis=-1)
 
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return the factors' local coordinates, joined: shape ``(..., dim)``."""
-        start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
-        parts = zip(self.factors, self._split(start), self._split(end), strict=True)
-        return np.concatenate([f.local_coordinates(p, q) for f, p, q in parts], axis=-1)
+        points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
+        return np.concatenate(self._each("local_coordinates", *map(self._split, points)), axis=-1)
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         """Return the scales of the factors' coordinates, joined: shape ``(..., dim)``."""
-        parts = zip(self.factors, self.split(y), strict=True)
-        return np.concatenate([factor.coordinate_sizes(x) for factor, x in parts], axis=-1)
+        return np.concatenate(self._each("coordinate_sizes", self.split(y)), axis=-1)
+
+    def _each(self, method: str, *parts: Iterable[Any]) -> list[Any]:
+        """Return the results of a method of all factors, with the parts of each."""
+        return [
+            getattr(factor, method)(*x) for factor, *x in zip(self.factors, *parts, strict=True)
+        ]
 
     def _blocks(self) -> Blocks | None:
         blocks: Blocks = ()
@@ -146,24 +145,20 @@ class Product(Frame):
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' tangents, joined: shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
-        vectors = self._split_vector(vector)
-        parts = zip(self.factors, vectors, self._split(point), strict=True)
-        return self._join([factor.field(u, x) for factor, u, x in parts])
+        return self._join(self._each("field", self._split_vector(vector), self._split(point)))
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' flows, joined: shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
-        vectors = self._split_vector(vector)
-        parts = zip(self.factors, vectors, self._split(point), strict=True)
-        return self._join([factor.flow(u, x) for factor, u, x in parts])
+        return self._join(self._each("flow", self._split_vector(vector), self._split(point)))
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        parts = zip(self.factors, self._split_vector(u), self._split_vector(v), strict=True)
-        return np.concatenate([factor._bracket(a, b) for factor, a, b in parts], axis=-1)
+        return np.concatenate(self._each("_bracket", *map(self._split_vector, (u, v))), axis=-1)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        parts = zip(self.factors, self._split_vector(u), self._split_vector(v), strict=True)
-        return np.concatenate([factor._dexpinv(a, b, order) for factor, a, b in parts], axis=-1)
+        orders = [order] * len(self.factors)
+        each = self._each("_dexpinv", self._split_vector(u), self._split_vector(v), orders)
+        return np.concatenate(each, axis=-1)
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' coefficients without isotropy, joined: shape ``(..., dim)``."""
@@ -171,27 +166,23 @@ class Product(Frame):
         lead = np.broadcast_shapes(vector.shape[:-1], point.shape[:-1])
         vector = np.broadcast_to(vector, (*lead, self.dim))
         point = np.broadcast_to(point, (*lead, *self.point_shape))
-        parts = zip(self.factors, self._split_vector(vector), self._split(point), strict=True)
-        return np.concatenate([factor.without_isotropy(u, x) for factor, u, x in parts], axis=-1)
+        parts = self._split_vector(vector), self._split(point)
+        return np.concatenate(self._each("without_isotropy", *parts), axis=-1)
 
     def _project(self, y: Array) -> Array:
-        parts = zip(self.factors, self._split(y), strict=True)
-        return self._join([factor.project(x) for factor, x in parts])
+        return self._join(self._each("project", self._split(y)))
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the largest of the factors' membership errors, shape ``(...)``."""
-        parts = zip(self.factors, self.split(y), strict=True)
-        return np.asarray(np.max([factor.membership_error(x) for factor, x in parts], axis=0))
+        return np.asarray(np.max(self._each("membership_error", self.split(y)), axis=0))
 
     def relative_error(self, y: ArrayLike) -> Array:
         """Return the largest of the factors' relative errors, shape ``(...)``."""
-        parts = zip(self.factors, self.split(y), strict=True)
-        return np.asarray(np.max([factor.relative_error(x) for factor, x in parts], axis=0))
+        return np.asarray(np.max(self._each("relative_error", self.split(y)), axis=0))
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the root of the sum of the factors' squared distances, shape ``(...)``."""
-        parts = zip(self.factors, self.split(self._points(x, "x")), self.split(y), strict=True)
-        distances = [factor.distance(p, q) for factor, p, q in parts]
+        distances = self._each("distance", self.split(self._points(x, "x")), self.split(y))
         return np.asarray(np.sqrt(sum(d * d for d in distances)))
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:

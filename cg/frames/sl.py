@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Points
 from cg.frames.entries import Entries, entries_of
 from cg.frames.matrix_functions import determinant_correction
-from cg.frames.matrix_group import NoncompactMatrixGroup
+from cg.frames.matrix_group_kinds import NoncompactMatrixGroup
 
 
 @dataclass(frozen=True, repr=False)

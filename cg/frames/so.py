@@ -14,7 +14,8 @@ from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries, entries_of
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
-from cg.frames.matrix_group import MAX_DENSE, SizedMatrixGroup, UnitaryMatrixGroup
+from cg.frames.matrix_group import MAX_DENSE
+from cg.frames.matrix_group_kinds import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
 from cg.support.shared_numbers import BlockKind
 

@@ -14,7 +14,7 @@ from cg.frames.entries import Entries
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import unitary_exponential
-from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
+from cg.frames.matrix_group_kinds import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.support.shared_numbers import BlockKind
 
 

@@ -7,13 +7,12 @@ module algebra_m
   use blocks_m, only: block_t
   use frames_m, only: frame_t
   use shared_numbers, only: callback_block, dexpinv_operation, euclidean_block, isospectral_block, &
-                            linear_action_block, se3_block, shortest_operation, so_block, &
-                            sphere_block, stiefel_block, su_block, u_block
+                            se3_block, so_block, sphere_block, su_block, u_block
   use orthogonal_m, only: largest_own, skew_bracket
-  use unitary_m, only: multiply, times_real
+  use unitary_m, only: frobenius, multiply, times_real
   implicit none
   private
-  public :: dexpinv, remove_isotropy, turning
+  public :: dexpinv
 
   ! |B_2k| / (2 k)! for k = 1, 2, ..., by Euler's recurrence:
   ! (2 k + 1) b_k is the sum of b_j b_(k-j).
@@ -28,20 +27,9 @@ module algebra_m
   real(wp), parameter :: b9(9) = [b8, dot_product(b8, b8(8:1:-1)) / 19]
   real(wp), parameter :: b10(10) = [b9, dot_product(b9, b9(9:1:-1)) / 21]
   real(wp), parameter :: b11(11) = [b10, dot_product(b10, b10(10:1:-1)) / 23]
-  real(wp), parameter :: b12(12) = [b11, dot_product(b11, b11(11:1:-1)) / 25]
-  real(wp), parameter :: b13(13) = [b12, dot_product(b12, b12(12:1:-1)) / 27]
-  real(wp), parameter :: b14(14) = [b13, dot_product(b13, b13(13:1:-1)) / 29]
-  real(wp), parameter :: b15(15) = [b14, dot_product(b14, b14(14:1:-1)) / 31]
-  real(wp), parameter :: b16(16) = [b15, dot_product(b15, b15(15:1:-1)) / 33]
-  real(wp), parameter :: b17(17) = [b16, dot_product(b16, b16(16:1:-1)) / 35]
-  real(wp), parameter :: b18(18) = [b17, dot_product(b17, b17(17:1:-1)) / 37]
-  real(wp), parameter :: b19(19) = [b18, dot_product(b18, b18(18:1:-1)) / 39]
-  real(wp), parameter :: b20(20) = [b19, dot_product(b19, b19(19:1:-1)) / 41]
-  real(wp), parameter :: b21(21) = [b20, dot_product(b20, b20(20:1:-1)) / 43]
-  real(wp), parameter :: b22(22) = [b21, dot_product(b21, b21(21:1:-1)) / 45]
-  real(wp), parameter :: b23(23) = [b22, dot_product(b22, b22(22:1:-1)) / 47]
-  ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding.
-  integer, parameter :: last_term = merge(11, 23, digits(1.0_wp) <= 53)
+  ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding in double
+  ! precision, which no frame exceeds.
+  integer, parameter :: last_term = 11
   real(wp), parameter :: series_below = 1.0_wp             ! of the square of an angle
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))     ! its square doesn't underflow
   ! The radius of the series: at a full turn of rotations
@@ -68,9 +56,8 @@ contains
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
         if (block%kind == euclidean_block) cycle
-        sign = -1
-        if (block%space .or. block%kind == sphere_block) sign = 1
-        if (block%kind == isospectral_block) sign = 1
+        sign = merge(1.0_wp, -1.0_wp, block%space .or. block%kind == sphere_block &
+                                      .or. block%kind == isospectral_block)
         select case (block%kind)
         case (callback_block)
           call frame%callback%apply(dexpinv_operation, u, (v), v)
@@ -130,11 +117,11 @@ contains
 
     call algebra_matrix(block%kind, block%n, u, x)
     call algebra_matrix(block%kind, block%n, v, power)
-    bound = sqrt(2.0_wp) * length(x)             ! no difference of eigenvalues is larger
+    bound = sqrt(2.0_wp) * frobenius(x)             ! no difference of eigenvalues is larger
     if (bound >= radius) then
-      total = times_real(1 / max(length(power), smallest), power)
+      total = times_real(1 / max(frobenius(power), smallest), power)
       call apply_bracket(total)
-      if (length(total) <= commute * bound) return
+      if (frobenius(total) <= commute * bound) return
       if (.not. growth(total) < radius) then
         exists = .false.
         return
@@ -143,10 +130,10 @@ contains
     total = power
     call apply_bracket(power)
     total = total + times_real(-0.5_wp, power)
-    do j = 1, min(order / 2, size(b23))
+    do j = 1, min(order / 2, last_term)
       if (j > 1) call apply_bracket(power)
       call apply_bracket(power)
-      total = total + times_real(merge(b23(j), -b23(j), modulo(j, 2) == 1), power)
+      total = total + times_real(merge(b11(j), -b11(j), modulo(j, 2) == 1), power)
     end do
     call algebra_coefficients(block%kind, block%n, total, v)
 
@@ -172,11 +159,11 @@ contains
       integer :: k
 
       growth = 1.0_wp
-      factor = length(power)
+      factor = frobenius(power)
       do k = 2, powers
         power = times_real(1 / factor, power)
         call apply_bracket(power)
-        factor = length(power)
+        factor = frobenius(power)
         if (factor <= commute * bound) then
           growth = 0.0_wp
           return
@@ -215,10 +202,10 @@ contains
     total = power
     call apply_bracket(power)
     total = total - power / 2
-    do j = 1, min(order / 2, size(b23))
+    do j = 1, min(order / 2, last_term)
       if (j > 1) call apply_bracket(power)
       call apply_bracket(power)
-      total = total + merge(b23(j), -b23(j), modulo(j, 2) == 1) * power
+      total = total + merge(b11(j), -b11(j), modulo(j, 2) == 1) * power
     end do
     call skew_coefficients(n, total, v)
 
@@ -253,13 +240,6 @@ contains
     end function growth
 
   end subroutine dexpinv_skew
-
-  ! The Frobenius norm
-  pure real(wp) function length(x)
-    complex(wp), intent(in) :: x(:, :)
-
-    length = sqrt(sum(real(x, wp)**2 + aimag(x)**2))
-  end function length
 
   ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
   ! with the value and the derivative of the series at the eigenvalues of ad
@@ -296,11 +276,11 @@ contains
     if (square < series_below) then
       a = 0.0_wp
       b = 0.0_wp
-      do k = last_term - 1, 1, -1      ! of the series
-        a = (real(1 - k, wp) * b23(k + 1) + a) * square
-        b = b * square - real(k, wp) * b23(k + 1)
+      do k = last_term - 1, 1, -1            ! of the series
+        a = (real(1 - k, wp) * b11(k + 1) + a) * square
+        b = b * square - real(k, wp) * b11(k + 1)
       end do
-      a = a + b23(1)
+      a = a + b11(1)
     else
       half = sqrt(square) / 2
       sine = sin(half)
@@ -333,68 +313,5 @@ contains
     cross(2) = u(3) * v(1) - u(1) * v(3)
     cross(3) = u(1) * v(2) - u(2) * v(1)
   end function cross
-
-  ! An upper bound of the angle by which the flow of v turns other fields: of the eigenvalues of its
-  ! brackets. It is 0 for blocks outside of compiled code.
-  real(wp) function turning(frame, v)
-    type(frame_t), intent(in) :: frame
-    real(wp), contiguous, intent(in) :: v(:)         ! (dimension)
-    real(wp) :: angle
-    integer :: i
-
-    turning = 0.0_wp
-    do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
-        select case (block%kind)
-        case (euclidean_block, callback_block)
-          cycle
-        case (linear_action_block)
-          angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
-        case (stiefel_block)
-          angle = norm2(v(k + 1:k + block%dimension))
-        case (so_block, isospectral_block)
-          angle = norm2(v(k + 1:k + block%dimension))
-          if (block%n > 3) angle = sqrt(2.0_wp) * angle
-        case (su_block, u_block)
-          angle = sqrt(2.0_wp) * algebra_norm(block, v(k + 1:k + block%dimension))
-        case default                               ! rotations, the first coordinates
-          angle = norm2(v(k + 1:k + 3))
-        end select
-        turning = max(turning, angle)
-      end associate
-    end do
-
-  contains
-
-    ! The Frobenius norm of a skew-Hermitian matrix
-    real(wp) function algebra_norm(block, u)
-      type(block_t), intent(in) :: block
-      real(wp), intent(in) :: u(:)
-      complex(wp) :: x(block%n, block%n)
-
-      call algebra_matrix(block%kind, block%n, u, x)
-      algebra_norm = length(x)
-    end function algebra_norm
-
-  end function turning
-
-  ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.
-  subroutine remove_isotropy(frame, y, v)
-    type(frame_t), intent(in) :: frame
-    real(wp), contiguous, intent(in) :: y(:)         ! (point_size)
-    real(wp), contiguous, intent(inout) :: v(:)      ! (dimension)
-    integer :: i
-
-    do i = 1, size(frame%blocks)
-      if (frame%blocks(i)%kind == callback_block) then
-        call frame%callback%apply(shortest_operation, (v), y, v)
-      end if
-      if (frame%blocks(i)%kind /= sphere_block) cycle
-      associate (k => frame%blocks(i)%vectors, p => frame%blocks(i)%points)
-        v(k + 1:k + 3) = v(k + 1:k + 3) &
-                         - dot_product(v(k + 1:k + 3), y(p + 1:p + 3)) * y(p + 1:p + 3)
-      end associate
-    end do
-  end subroutine remove_isotropy
 
 end module algebra_m

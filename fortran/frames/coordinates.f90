@@ -1,5 +1,8 @@
-! Differences of points: the coefficients of the flow from one point to another.
-! `sizes` gives the magnitudes that relative tolerances of such coefficients refer to.
+! Differences of points: the smallest coefficients v of a flow from x to y, by which errors of steps
+! are measured, and the magnitudes that their relative tolerances refer to.
+!
+! Of rotations v is the logarithm of the quotient as a quaternion q = (sin(a / 2) n, cos(a / 2)),
+! v = 2 atan2(|q(1:3)|, q(4)) q(1:3) / |q(1:3)|, which is accurate for every angle a.
 module coordinates_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
@@ -53,12 +56,12 @@ contains
     select case (block%kind)
     case (euclidean_block)
       v = y - x
-    case (so3_block)
-      v = logarithm(quaternion_of(quotient(block, rotation(x), rotation(y))))
     case (quaternion_block, su2_block)
       p = get_quaternion(block, x)
       q = get_quaternion(block, y)
       v = logarithm(quaternion_quotient(p, q, block%space))
+    case (so3_block)
+      v = logarithm(quaternion_of(quotient(block, rotation(x), rotation(y))))
     case (se3_block)
       call find_twist(block, x, y, v)
     case (sphere_block)
@@ -171,11 +174,11 @@ contains
 
     r = quotient(block, transpose(x(1:3, :)), transpose(y(1:3, :)))
     v = logarithm(quaternion_of(r))
+    twist(:, 0) = v
     half = max(sqrt(dot_product(v, v)) / 2, smallest)
     n = v / (2 * half)
     a = half * cos(half) / sin(half)
     b = half
-    twist(:, 0) = v
     do i = 1, block%k
       if (block%space) then
         u = y(3 + i, :) - matmul(r, x(3 + i, :))

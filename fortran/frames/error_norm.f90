@@ -2,15 +2,21 @@
 ! point to another or, on frames without such coefficients, over the entries of points.
 module error_norm_m
   use kinds, only: wp
-  use coordinates_m, only: difference, sizes
+  use bases_m, only: algebra_matrix
+  use blocks_m, only: block_t
+  use coordinates_m, only: sizes
   use frames_m, only: frame_t
   use isospectral_m, only: isospectral_tangent
   use linear_action_m, only: linear_tangent
-  use shared_numbers, only: callback_block, linear_action_block, stiefel_block, tangent_operation
+  use shared_numbers, only: callback_block, euclidean_block, isospectral_block, &
+                            linear_action_block, shortest_operation, so_block, sphere_block, &
+                            stiefel_block, su_block, tangent_operation, u_block
   use stiefel_m, only: stiefel_tangent
+  use unitary_m, only: frobenius
   implicit none
   private
-  public :: tolerances_t, norm, point_difference, point_sizes, scales, tangent, width
+  public :: tolerances_t, norm, point_sizes, remove_isotropy, scales, tangent, &
+            turning, width
 
   ! The tolerances of a pair and the limits of its steps
   type :: tolerances_t
@@ -32,20 +38,6 @@ contains
 
     width = merge(frame%point_size, frame%dimension, tolerances%in_entries)
   end function width
-
-  ! Computes the difference of two points.
-  subroutine point_difference(frame, tolerances, x, y, v)
-    type(frame_t), intent(in) :: frame
-    type(tolerances_t), intent(in) :: tolerances
-    real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
-    real(wp), contiguous, intent(out) :: v(:)          ! (width)
-
-    if (tolerances%in_entries) then
-      v = y - x
-    else
-      call difference(frame, x, y, v)
-    end if
-  end subroutine point_difference
 
   ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
   ! isospectral, of columns, linear actions, or outside of compiled code.
@@ -122,5 +114,68 @@ contains
     counted = max(count(scale <= huge(1.0_wp)), 1)
     norm = sqrt(sum((v / scale)**2) / (real(counted, wp) / real(tolerances%parts, wp)))
   end function norm
+
+  ! An upper bound of the angle by which the flow of v turns other fields: of the eigenvalues of its
+  ! brackets. It is 0 for blocks outside of compiled code.
+  real(wp) function turning(frame, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: v(:)         ! (dimension)
+    real(wp) :: angle
+    integer :: i
+
+    turning = 0.0_wp
+    do i = 1, size(frame%blocks)
+      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
+        select case (block%kind)
+        case (euclidean_block, callback_block)
+          cycle
+        case (linear_action_block)
+          angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
+        case (stiefel_block)
+          angle = norm2(v(k + 1:k + block%dimension))
+        case (so_block, isospectral_block)
+          angle = norm2(v(k + 1:k + block%dimension))
+          if (block%n > 3) angle = sqrt(2.0_wp) * angle
+        case (su_block, u_block)
+          angle = sqrt(2.0_wp) * algebra_norm(block, v(k + 1:k + block%dimension))
+        case default                               ! rotations, the first coordinates
+          angle = norm2(v(k + 1:k + 3))
+        end select
+        turning = max(turning, angle)
+      end associate
+    end do
+
+  contains
+
+    ! The Frobenius norm of a skew-Hermitian matrix
+    real(wp) function algebra_norm(block, u)
+      type(block_t), intent(in) :: block
+      real(wp), intent(in) :: u(:)
+      complex(wp) :: x(block%n, block%n)
+
+      call algebra_matrix(block%kind, block%n, u, x)
+      algebra_norm = frobenius(x)
+    end function algebra_norm
+
+  end function turning
+
+  ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.
+  subroutine remove_isotropy(frame, y, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: y(:)         ! (point_size)
+    real(wp), contiguous, intent(inout) :: v(:)      ! (dimension)
+    integer :: i
+
+    do i = 1, size(frame%blocks)
+      if (frame%blocks(i)%kind == callback_block) then
+        call frame%callback%apply(shortest_operation, (v), y, v)
+      end if
+      if (frame%blocks(i)%kind /= sphere_block) cycle
+      associate (k => frame%blocks(i)%vectors, p => frame%blocks(i)%points)
+        v(k + 1:k + 3) = v(k + 1:k + 3) &
+                         - dot_product(v(k + 1:k + 3), y(p + 1:p + 3)) * y(p + 1:p + 3)
+      end associate
+    end do
+  end subroutine remove_isotropy
 
 end module error_norm_m

@@ -4,9 +4,8 @@ module frames_m
   use kinds, only: wp
   use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
                             linear_action_block, polynomial, quaternion_block, &
-                            restore_operation, scalar_first, se3_block, &
-                            so3_block, so_block, space_axes, sphere_block, stiefel_block, su2_block, &
-                            su_block, u_block
+                            restore_operation, scalar_first, se3_block, so3_block, so_block, &
+                            space_axes, sphere_block, stiefel_block, su2_block, su_block, u_block
   use blocks_m, only: block_t, body_t, flow_sequence_t
   use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
@@ -19,7 +18,8 @@ module frames_m
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, make_frame, apply_flows, complete_coefficients, flow_along, move_block, restore, distance_bound, turn
+  public :: frame_t, apply_flows, complete_coefficients, distance_bound, flow_along, make_frame, &
+            move_block, restore, turn
 
   type :: frame_t
     integer :: dimension = 0
@@ -73,20 +73,14 @@ contains
           block%point_size = 3
         case (su2_block)
           block%point_size = 8
-        case (so_block)
-          block%dimension = block%n * (block%n - 1) / 2
-          block%point_size = block%n**2
-        case (su_block)
-          block%dimension = block%n**2 - 1
+        case (su_block, u_block)
+          block%dimension = block%n**2 - merge(1, 0, block%kind == su_block)
           block%point_size = 2 * block%n**2
-        case (u_block)
-          block%dimension = block%n**2
-          block%point_size = 2 * block%n**2
-        case (isospectral_block)
+        case (so_block, isospectral_block)
           block%dimension = block%n * (block%n - 1) / 2
           block%point_size = block%n**2
           block%constants = used
-          used = used + block%n
+          if (block%kind == isospectral_block) used = used + block%n
         case (stiefel_block)
           block%k = nint(constants(used + 1))
           used = used + 1
@@ -270,9 +264,7 @@ contains
     do i = 1, size(frame%blocks)
       associate (p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
         select case (frame%blocks(i)%kind)
-        case (so3_block)
-          call orthogonalise(y(p + 1:p + 3), y(p + 4:p + 6), y(p + 7:p + 9))
-        case (se3_block)
+        case (so3_block, se3_block)
           associate (m => 3 + frame%blocks(i)%k)             ! entries of a row
             call orthogonalise(y(p + 1:p + 3), y(p + m + 1:p + m + 3), &
                                y(p + 2 * m + 1:p + 2 * m + 3))
@@ -317,10 +309,7 @@ contains
         select case (frame%blocks(i)%kind)
         case (euclidean_block)
           cycle
-        case (so3_block)
-          distance_bound = max(distance_bound, rotation_bound(y(p + 1:p + 3), y(p + 4:p + 6), &
-                                                              y(p + 7:p + 9)))
-        case (se3_block)
+        case (so3_block, se3_block)
           associate (m => 3 + frame%blocks(i)%k)
             off = 0.0_wp                                     ! of the constant rows
             do j = 4, m

@@ -70,7 +70,8 @@ contains
                  body => frame%bodies(i), m => frame%forces)
         associate (momentum => y(k + v + 1:k + v + n), velocity => f(v + 1:v + n))
           velocity = velocity + velocities(body, momentum)
-          if (body%turns) f(m + v + 1:m + v + 3) = f(m + v + 1:m + v + 3) + cross(momentum, velocity)
+          if (body%turns) &
+            f(m + v + 1:m + v + 3) = f(m + v + 1:m + v + 3) + cross(momentum, velocity)
         end associate
       end associate
     end do

@@ -1,5 +1,7 @@
 ! Flows on isospectral orbits: symmetric matrices with given eigenvalues, moved by y -> g y g^T with
-! rotations g. A point is its own transpose, so that the order of storage doesn't matter.
+! rotations g. A point is its own transpose, so that the order of storage doesn't matter. Rounding
+! changes eigenvalues; they are replaced, in the eigenvectors of the rounded point, which Jacobi's
+! rotations compute to full relative accuracy for few rows and LAPACK's dsyevd for many.
 module isospectral_m
   use kinds, only: wp
   use bases_m, only: skew_matrix

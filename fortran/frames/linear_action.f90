@@ -10,15 +10,15 @@ module linear_action_m
   use kinds, only: wp
   implicit none
   private
-  public :: inner_points_t, linear_action_t, make_linear_action, move_linearly, linear_tangent, multiply
+  public :: inner_points_t, linear_action_t, linear_tangent, make_linear_action, move_linearly, &
+            multiply
 
   integer, parameter :: real_entries = 0, imaginary_entries = 1, complex_entries = 2
 
   ! Points within a flow along a polynomial
   type :: inner_points_t
     logical :: wanted = .false.              ! whether the next flow computes them
-    integer :: owner = 0                     ! the member of the step
-    integer :: count = 0
+    integer :: owner = 0, count = 0          ! owner: the member of the step
     real(wp), allocatable :: theta(:)        ! (count) fractions of the flow, increasing
     real(wp), allocatable :: y(:, :)         ! (point_size, count)
   end type inner_points_t
@@ -44,8 +44,8 @@ module linear_action_m
     type(inner_points_t), pointer :: inner => null()
   end type linear_action_t
 
-  ! Bounds of norms of the parts into which an exponent is divided. Taylor polynomials lose less than
-  ! a digit to cancellation, Chebyshev polynomials none.
+  ! Bounds of norms of the parts into which an exponent is divided. Taylor polynomials lose less
+  ! than a digit to cancellation, Chebyshev polynomials none.
   real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
   real(wp), parameter, public :: max_parts = 1e7_wp
   integer, parameter, public :: max_terms = 200
@@ -145,8 +145,8 @@ contains
       x = x / real(parts, wp)
       do part = 1, parts
         if (action%skew) then
-          call apply_chebyshev(action, x, max(norm * chebyshev_norm / real(parts, wp), &
-                                               epsilon(norm)), y)
+          call apply_chebyshev(action, x, &
+                               max(norm * chebyshev_norm / real(parts, wp), epsilon(norm)), y)
         else
           call apply_taylor(action, x, norm * taylor_norm / real(parts, wp), y)
         end if
@@ -157,8 +157,7 @@ contains
   ! Computes X y.
   subroutine linear_tangent(action, v, y, tangent)
     type(linear_action_t), intent(in) :: action
-    real(wp), intent(in) :: v(:)             ! (generators)
-    real(wp), intent(in) :: y(:)             ! (point_size)
+    real(wp), intent(in) :: v(:), y(:)       ! (generators), (point_size)
     real(wp), intent(out) :: tangent(:)      ! (point_size)
     real(wp), allocatable :: x(:)
     real(wp) :: norm

@@ -5,7 +5,7 @@ module linear_polynomial_m
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   use lapack_m, only: dgemm
-  use linear_action_m, only: inner_points_t, linear_action_t, max_parts, max_terms, multiply, products
+  use linear_action_m, only: linear_action_t, max_parts, max_terms, multiply, products
   implicit none
   private
   public :: move_polynomially
@@ -47,7 +47,8 @@ contains
       end do
       first = last + 1
       if (associated(action%inner)) then
-        if (action%inner%wanted) last = part_of(action%inner, real(part, wp) / real(parts, wp))
+        if (action%inner%wanted) last = count(action%inner%theta(:action%inner%count) &
+                                              <= real(part, wp) / real(parts, wp))
       end if
       if (last < first) then
         call apply_polynomial(action, d, y)
@@ -84,14 +85,6 @@ contains
     end function bound
 
   end subroutine move_polynomially
-
-  ! The last of the inner points that aren't beyond a fraction of the flow
-  pure integer function part_of(inner, end)
-    type(inner_points_t), intent(in) :: inner
-    real(wp), intent(in) :: end
-
-    part_of = count(inner%theta(:inner%count) <= end)
-  end function part_of
 
   ! The norm of a vector, whose squares don't overflow, by sums that vectorize
   pure real(wp) function length_of(y)
@@ -164,7 +157,8 @@ contains
       norms = [maxval(abs(term)), norms(:n - 1)]
       if (modulo(k + 1, n) == 0) call add_to_inner(k)
       if (norms(1) > max(tolerance, start)) cycle
-      if (rest(bounds, norms, k) <= max(tolerance, min(start, maxval(abs(y)) * epsilon(y) / 8))) exit
+      if (rest(bounds, norms, k) &
+          <= max(tolerance, min(start, maxval(abs(y)) * epsilon(y) / 8))) exit
     end do
     if (modulo(min(k, max_terms) + 1, n) > 0) call add_to_inner(min(k, max_terms))
     products = products + int(min(k, max_terms), int64)
@@ -183,7 +177,8 @@ contains
         allocate (powers(m, count_all))
         powers(1, :) = times**(k - m + 1)
         early = 0
-        if (k >= n) early = count(powers(1, :) * sum(norms(:m)) <= truncation * max(start, tolerance))
+        if (k >= n) early = count(powers(1, :) * sum(norms(:m)) &
+                                  <= truncation * max(start, tolerance))
         if (early == count_all) return
         do i = 2, m
           powers(i, :) = powers(i - 1, :) * times
@@ -196,7 +191,8 @@ contains
 
   end subroutine apply_polynomial
 
-  ! A bound of the sum of the norms of the terms after y_k, as many as have coefficients of their own
+  ! A bound of the sum of the norms of the terms after y_k, as many as have coefficients of their
+  ! own
   pure real(wp) function rest(bounds, norms, k)
     real(wp), intent(in) :: bounds(:)        ! (degree + 1) of the norms of D_m
     real(wp), intent(in) :: norms(:)         ! (degree + 1) of y_k, y_(k - 1), ...

@@ -1,5 +1,10 @@
 ! Flows, brackets and orthogonalisation for rotations of any size, in real numbers. Points are
 ! matrices row by row, which here are their transposes.
+!
+! The exponential of a skew matrix X is the power series of X / 2^s, squared s times: up to five
+! rows in numbers, since X^5 = -a X^3 - b X there; beyond in powers of X^2 by the scheme of Paterson
+! and Stockmeyer. Both take products alone, which small matrices do in less time than a
+! factorisation. A step of Newton and Schulz, y (3 - y^T y) / 2, removes rounding off the group.
 module orthogonal_m
   use kinds, only: wp
   use bases_m, only: skew_matrix

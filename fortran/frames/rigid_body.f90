@@ -15,9 +15,9 @@
 !
 !   chi' = L (J3 +- a1^2 |J3 - J1| / (1 + n3)).
 !
-! Its integral is an elliptic one of the third kind. Over a piece of at most `longest` in u, in which
-! the two halves are added, it is computed by Gauss's formula for an even function of sn; whole
-! periods are counted.
+! Its integral is an elliptic one of the third kind. Over a piece of at most `longest` in u, in
+! which the two halves are added, it is computed by Gauss's formula for an even function of sn;
+! whole periods are counted.
 module rigid_body_m
   use kinds, only: wp
   implicit none
@@ -226,8 +226,8 @@ contains
     motion%dn = d - (motion%m * s * c * sn * cn + d * (rest_d - less)) / (1 - less)
   end subroutine add
 
-  ! The integral of 1 / (1 + a3 dn) over arguments from u - v to u + v, where `motion` is at u and sn
-  ! is that of v: two halves added are a function of the square of sn.
+  ! The integral of 1 / (1 + a3 dn) over arguments from u - v to u + v, where `motion` is at u and
+  ! sn is that of v: two halves added are a function of the square of sn.
   pure real(wp) function even_integral(motion, sn)
     type(motion_t), intent(in) :: motion
     real(wp), intent(in) :: sn

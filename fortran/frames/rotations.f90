@@ -1,5 +1,7 @@
-! Rotations of three dimensions: flows of matrices, unit quaternions, SU(2), spheres and rigid motions,
-! all by quaternions.
+! Rotations of three dimensions: flows of matrices, unit quaternions, SU(2), spheres and rigid
+! motions. All are by the quaternion q = (sin(half) v / (2 half), cos(half)) of the rotation vector
+! v, half = |v| / 2: quaternions of several flows are multiplied first, with fewer operations than
+! matrices, and one rotation then moves the point.
 module rotations_m
   use kinds, only: wp
   use blocks_m, only: block_t, flow_sequence_t
@@ -7,8 +9,8 @@ module rotations_m
   implicit none
   ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
   private
-  public :: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, set_quaternion, &
-            turn_point
+  public :: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
+            set_quaternion, turn_point
 
   ! Its square doesn't underflow, and sin(x) / x is exactly 1 there.
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))
@@ -87,9 +89,10 @@ contains
   end function combined
 
   ! Moves a rigid motion (R, x), y -> R y + x, or one with several vectors x; the coefficients are a
-  ! rotation vector and as many velocities. One flow's motion is (exp hat v, V u), V the mean of exp(s hat v) over s from 0 to 1:
-  ! V u = a u + (1 - a) n (n . u) + b n x u, where v = angle n, a = sin(angle) / angle and b = (1 -
-  ! cos(angle)) / angle. Along the unit vector n nothing cancels that isn't small beside u.
+  ! rotation vector and as many velocities. One flow's motion is (exp hat v, V u), where V is the
+  ! mean of exp(s hat v) over s from 0 to 1: V u = a u + (1 - a) n (n . u) + b n x u with v = angle
+  ! n, a = sin(angle) / angle and b = (1 - cos(angle)) / angle. Along the unit vector n nothing
+  ! cancels that isn't small beside u.
   subroutine move_rigid_body(block, flows, begin, last, m, f, y)
     type(block_t), intent(in) :: block
     type(flow_sequence_t), intent(in) :: flows

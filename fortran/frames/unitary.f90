@@ -1,5 +1,10 @@
-! Flows and differences on groups of unitary matrices of any size: SO(n), SU(n), U(n). Points are
-! matrices row by row, real for SO(n).
+! Flows on the groups SU(n) and U(n), y -> exp(X) y or y exp(X) with the skew-Hermitian matrix X of
+! the coefficients, and differences of points on them and on SO(n). Points are matrices row by row,
+! real for SO(n).
+!
+! The exponential is the power series of X / 2^s, squared s times, which takes products alone; a
+! step of Newton and Schulz, y (3 - y^* y) / 2, removes rounding off the group (N. J. Higham,
+! "Functions of Matrices", SIAM, 2008, sections 8.3 and 10.3).
 module unitary_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
@@ -9,7 +14,7 @@ module unitary_m
   use shared_numbers, only: so_block, su_block
   implicit none
   private
-  public :: move_unitary, multiply, restore_unitary, times_real, unitary_difference
+  public :: frobenius, move_unitary, multiply, restore_unitary, times_real, unitary_difference
 
   ! largest norms of matrices whose exponential series is summed: in matrices, and in numbers
   real(wp), parameter :: longest = 0.5_wp, longest_of_three = 2.0_wp
@@ -38,7 +43,7 @@ contains
       end if
       point = moved
     end do
-    call put_point(kind, n, point, y)
+    call put_point(n, point, y)
   end subroutine move_unitary
 
   ! The exponential of a skew-Hermitian matrix by scaling and squaring of the series. If there are
@@ -55,7 +60,7 @@ contains
       call exponential_of_three(x, e)
       return
     end if
-    length = sqrt(sum(real(x, wp)**2 + aimag(x)**2))
+    length = frobenius(x)
     if (.not. length <= huge(length)) then
       e = cmplx(ieee_value(length, ieee_quiet_nan), 0.0_wp, wp)
       return
@@ -71,15 +76,13 @@ contains
       bound = bound * length / real(terms, wp)
     end do
     e = times_real(1 / real(terms, wp), scaled)
-    do k = terms - 1, 1, -1
+    do k = terms - 1, 0, -1
       do i = 1, n
         e(i, i) = add_real(1.0_wp, e(i, i))
       end do
+      if (k == 0) exit
       call multiply(n, scaled, e, next)
       e = times_real(1 / real(k, wp), next)
-    end do
-    do i = 1, n
-      e(i, i) = add_real(1.0_wp, e(i, i))
     end do
     do k = 1, squarings
       call multiply(n, e, e, next)
@@ -111,11 +114,11 @@ contains
     call multiply_3x3(q1, q1, q2)
     c = (real(q2(1, 1), wp) + real(q2(2, 2), wp) + real(q2(3, 3), wp)) / 2
     d = sum(real(q1, wp) * real(q2, wp) + aimag(q1) * aimag(q2)) / 3
+    even = [0.0_wp, 0.0_wp, 1.0_wp]                  ! p, q, r
+    odd = 0.0_wp
     p = 0.0_wp
     q = 0.0_wp
     r = 1.0_wp
-    even = [p, q, r]
-    odd = 0.0_wp
     factor = 1.0_wp
     bound = 1.0_wp
     k = 0
@@ -127,16 +130,12 @@ contains
       q = next
       factor = factor / real(k, wp)
       bound = bound * length / real(k, wp)
-      select case (modulo(k, 4))
-      case (0)
+      if (modulo(k, 2) == 0) then
+        factor = -factor                             ! powers of i
         even = even + factor * [p, q, r]
-      case (1)
+      else
         odd = odd + factor * [p, q, r]
-      case (2)
-        even = even - factor * [p, q, r]
-      case (3)
-        odd = odd - factor * [p, q, r]
-      end select
+      end if
     end do
     e = cmplx(even(1), odd(1), wp) * q2 + cmplx(even(2), odd(2), wp) * q1
     do i = 1, 3
@@ -166,7 +165,7 @@ contains
         if (abs(excess) < sqrt(epsilon(1.0_wp)) / 16) exit
       end do
     end if
-    call put_point(kind, n, point, y)
+    call put_point(n, point, y)
   end subroutine restore_unitary
 
   ! One Newton-Schulz step
@@ -174,13 +173,8 @@ contains
     integer, intent(in) :: n
     complex(wp), intent(inout) :: y(n, n)
     complex(wp), dimension(n, n) :: adjoint, square, product
-    integer :: i, j
 
-    do j = 1, n
-      do i = 1, n
-        adjoint(i, j) = conjg(y(j, i))
-      end do
-    end do
+    adjoint = conjg(transpose(y))
     call multiply(n, adjoint, y, square)
     call multiply(n, y, square, product)
     y = times_real(1.5_wp, y) - times_real(0.5_wp, product)
@@ -238,7 +232,7 @@ contains
     do k = 1, max_iterations
       step = times_real(0.5_wp, rest - conjg(transpose(rest)))
       total = total + step
-      length = sqrt(sum(real(step, wp)**2 + aimag(step)**2))
+      length = frobenius(step)
       if (.not. length <= huge(length)) return
       if (length <= sqrt(epsilon(length))) exit      ! the next one would be less than rounding
       call exponential(n, -total, e)
@@ -277,8 +271,8 @@ contains
   end subroutine get_point
 
   ! Stores a complex matrix as a point.
-  pure subroutine put_point(kind, n, point, y)
-    integer, intent(in) :: kind, n
+  pure subroutine put_point(n, point, y)
+    integer, intent(in) :: n
     complex(wp), intent(in) :: point(n, n)
     real(wp), intent(inout) :: y(:)
     integer :: i, j, k
@@ -287,13 +281,18 @@ contains
     do i = 1, n
       do j = 1, n
         y(k) = real(point(i, j), wp)
-        k = k + 1
-        if (kind == so_block) cycle
-        y(k) = aimag(point(i, j))
-        k = k + 1
+        y(k + 1) = aimag(point(i, j))
+        k = k + 2
       end do
     end do
   end subroutine put_point
+
+  ! The Frobenius norm
+  pure real(wp) function frobenius(x)
+    complex(wp), intent(in) :: x(:, :)
+
+    frobenius = sqrt(sum(real(x, wp)**2 + aimag(x)**2))
+  end function frobenius
 
   ! r + z with a real r
   elemental complex(wp) function add_real(r, z)

@@ -1,4 +1,4 @@
-! Interface for f2py of functions in C and of single operations of frames.
+! Interface for f2py of functions in C, of single operations of frames, and of grids of times.
 ! Each procedure converts its arguments and calls the core.
 
 ! Calls a function in C for each of some points, which it may overwrite.
@@ -31,35 +31,14 @@ subroutine call_field(function_address, data_address, data_stride, t, members, n
   end do
 end subroutine call_field
 
-! The addresses of functions of the type rhs_i: those that call a function of Python, whose data are
-! the user data or a member's, and the right-hand side of a solution with its derivatives
+! The addresses of functions of the type rhs_i: those that call a function of Python, and the
+! right-hand side of a solution with its derivatives
 subroutine function_addresses(python_field, python_member, variational)
-  use, intrinsic :: iso_c_binding, only: c_double, c_funloc, c_int, c_intptr_t, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_funloc, c_intptr_t
   use variational_m, only: variational_field
+  use vector_field_m, only: call_python_field, call_python_member
   implicit none
   integer(c_intptr_t), intent(out) :: python_field, python_member, variational
-
-  interface
-
-    function call_python_field(t, y, f, user_data) bind(c) result(code)
-      import :: c_double, c_int, c_ptr
-      real(c_double), value, intent(in) :: t
-      real(c_double), intent(in) :: y(*)
-      real(c_double), intent(inout) :: f(*)
-      type(c_ptr), value, intent(in) :: user_data
-      integer(c_int) :: code
-    end function call_python_field
-
-    function call_python_member(t, y, f, user_data) bind(c) result(code)
-      import :: c_double, c_int, c_ptr
-      real(c_double), value, intent(in) :: t
-      real(c_double), intent(in) :: y(*)
-      real(c_double), intent(inout) :: f(*)
-      type(c_ptr), value, intent(in) :: user_data
-      integer(c_int) :: code
-    end function call_python_member
-
-  end interface
 
   python_field = transfer(c_funloc(call_python_field), python_field)
   python_member = transfer(c_funloc(call_python_member), python_member)
@@ -152,3 +131,29 @@ contains
   end subroutine move_all
 
 end subroutine frame_move
+
+! Counts the products by flows of LinearAction so far.
+subroutine linear_products(count)
+  use, intrinsic :: iso_fortran_env, only: int64
+  use linear_action_m, only: products
+  implicit none
+  integer(int64), intent(out) :: count
+
+  count = products
+end subroutine linear_products
+
+! The number of equal steps in a span, and the size of the last one
+subroutine equal_steps(start, stop, h, steps, last)
+  use, intrinsic :: iso_fortran_env, only: int64
+  use kinds, only: wp
+  use time_grid_m, only: grid_t, make_grid
+  implicit none
+  real(wp), intent(in) :: start, stop, h
+  integer(int64), intent(out) :: steps
+  real(wp), intent(out) :: last
+  type(grid_t) :: grid
+
+  call make_grid(start, stop, h, grid)
+  steps = grid%steps
+  last = grid%last
+end subroutine equal_steps

@@ -101,16 +101,6 @@ subroutine plan_distance_bound(address, n, members, y, bound)
   end do
 end subroutine plan_distance_bound
 
-! Counts the products by flows of LinearAction so far.
-subroutine linear_products(count)
-  use, intrinsic :: iso_fortran_env, only: int64
-  use linear_action_m, only: products
-  implicit none
-  integer(int64), intent(out) :: count
-
-  count = products
-end subroutine linear_products
-
 ! Frees a plan.
 subroutine plan_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
@@ -125,66 +115,18 @@ end subroutine plan_close
 
 ! Makes the run that a record describes.
 subroutine loop_open(plan_address, record_address, address)
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
-  use error_norm_m, only: tolerances_t
-  use vector_field_m, only: field_at
-  use kinds, only: wp
-  use run_m, only: at_address, begin_run, plan_at, plan_t, run_t, set_events, set_inputs
-  use shared_numbers, only: differences_jacobian, sparse_jacobian
+  use open_run_m, only: open_run
+  use run_m, only: at_address, plan_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: plan_address, record_address
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
-  type(plan_t), pointer :: plan
   type(run_t), pointer :: run
-  real(wp), pointer, contiguous :: stops(:), rtols(:), atol(:)
-  integer :: i, memory, n
+  integer :: memory
 
   allocate (run)
-  plan => plan_at(plan_address)
   call c_f_pointer(transfer(record_address, c_null_ptr), run%record)
-  associate (problem => run%problem, record => run%record)
-    run%frame = plan%frame
-    run%python%context = transfer(record%context, c_null_ptr)
-    if (record%context /= 0) run%frame%callback => run%python
-    run%field%rhs => field_at(record%function)
-    run%field%nan = ieee_value(run%field%nan, ieee_quiet_nan)
-    run%field%data_address = record%data
-    run%field%data_stride = record%data_stride
-    call set_inputs(run)
-    problem%frame => run%frame
-    do i = 1, size(run%frame%blocks)
-      run%frame%blocks(i)%action%inner => run%inner
-    end do
-    if (record%vectorized == 0) problem%field => run%field
-    problem%method => plan%method
-    problem%scheme => plan%scheme
-    problem%common = record%common /= 0
-    problem%of_time = record%of_time /= 0
-    problem%free = record%free /= 0
-    problem%has_jacobian = record%jacobian /= differences_jacobian
-    problem%dense = record%jacobian /= sparse_jacobian
-    call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
-    problem%stops = stops
-    problem%adaptive = .not. record%h > 0
-    problem%h = record%h
-    problem%first_step = record%first_step
-    problem%max_steps = record%max_steps
-    n = merge(run%frame%point_size, run%frame%dimension, record%in_entries /= 0)
-    call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerances)])
-    call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerances)])
-    problem%tolerances = tolerances_t( &
-      atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
-      rtols=[(rtols(1 + (i - 1) / (n / size(rtols))), i = 1, n)], rtol=record%rtol, &
-      in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
-      max_step=record%max_step)
-    if (problem%adaptive) then
-      run%frame%blocks%action%rtol = record%rtol
-      run%frame%blocks%action%atol = minval(atol)
-    end if
-    if (record%functions > 0) call set_events(run)
-  end associate
-  call begin_run(run, memory)
+  call open_run(plan_at(plan_address), run, memory)
   address = 0
   if (memory == 0) then
     address = at_address(c_loc(run))
@@ -221,7 +163,8 @@ end subroutine loop_drive
 ! Takes new buffers from the record.
 subroutine loop_set_output(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run_m, only: run_at, run_t, set_output
+  use open_run_m, only: set_output
+  use run_m, only: run_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -256,7 +199,8 @@ end subroutine loop_continue
 subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use kinds, only: wp
-  use run_m, only: run_at, run_t, set_inputs
+  use open_run_m, only: set_inputs
+  use run_m, only: run_at, run_t
   use trajectory_m, only: set_start
   implicit none
   integer(c_intptr_t), intent(in) :: address
@@ -334,7 +278,8 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use callback_m, only: callback_t
   use frames_m, only: frame_t
-  use interpolant_m, only: evaluate_inner, evaluate_interpolant, interpolant_t, reserve_interpolant
+  use flow_interpolant_m, only: interpolant_t, reserve_interpolant
+  use interpolant_m, only: evaluate_inner, evaluate_interpolant
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
   use run_m, only: plan_at, plan_t
@@ -379,8 +324,8 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
       y(:, i) = y_ends(:, 2, k)
     else if (plan%scheme%at_stages .and. plan%method%polynomial) then
       last_in_step = min(count, i + 31)
-      last_in_step = i - 1 + findloc([which(i:last_in_step) == k - 1 .and. theta(i:last_in_step) < 1, &
-                                      .false.], .false., 1) - 1
+      last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
+                                      .and. theta(i:last_in_step) < 1, .false.], .false., 1)
       call evaluate_inner(frame, plan%scheme, interpolant, inner, theta(i:last_in_step), &
                           y(:, i:last_in_step))
       i = last_in_step
@@ -389,19 +334,3 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
     end if
   end do
 end subroutine plan_interpolate
-
-! The number of equal steps in a span, and the size of the last one
-subroutine equal_steps(start, stop, h, steps, last)
-  use, intrinsic :: iso_fortran_env, only: int64
-  use kinds, only: wp
-  use time_grid_m, only: grid_t, make_grid
-  implicit none
-  real(wp), intent(in) :: start, stop, h
-  integer(int64), intent(out) :: steps
-  real(wp), intent(out) :: last
-  type(grid_t) :: grid
-
-  call make_grid(start, stop, h, grid)
-  steps = grid%steps
-  last = grid%last
-end subroutine equal_steps

@@ -2,13 +2,12 @@
 ! and takes the next one when it has ended: one lane for a function of one point, many lanes for a
 ! vectorized function, which is called once for all lanes that need coefficients.
 module run_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
-                                         c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use callback_m, only: callback_t
   use events_m, only: events_t
   use frames_m, only: frame_t
-  use interpolant_m, only: scheme_t
+  use flow_interpolant_m, only: scheme_t
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
   use loop_m, only: resume
@@ -16,15 +15,14 @@ module run_m
   use observer_m, only: observer_t
   use output_m, only: store_point, store_step, output_t
   use record_m, only: fail_to_observe
-  use shared_numbers, only: buffer_full, counters_t, event_record_t, fields_operation, finished, &
-                            needs_field, needs_maximum, needs_minimum, out_of_memory, paused, &
-                            raised, raised_in_python, record_t, terminal_event
-  use trajectory_m, only: problem_t, set_start, start, trajectory_t
-  use vector_field_m, only: field_at, vector_field_t
+  use shared_numbers, only: buffer_full, counters_t, fields_operation, finished, needs_field, &
+                            needs_maximum, needs_minimum, out_of_memory, paused, raised, record_t, &
+                            terminal_event
+  use trajectory_m, only: problem_t, set_start, trajectory_t
+  use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, begin_run, drive, set_events, set_inputs, set_output, at_address, &
-            plan_at, run_at
+  public :: plan_t, run_t, drive, at_address, plan_at, run_at
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -76,134 +74,6 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), run)
   end function run_at
 
-  ! Makes the views of the caller's memory and allocates the lanes.
-  subroutine begin_run(run, memory)
-    type(run_t), target, intent(inout) :: run
-    integer, intent(out) :: memory           ! nonzero if there isn't enough
-    logical :: within
-    integer :: i, lanes, members
-
-    associate (record => run%record, n => run%frame%point_size)
-      members = int(record%members)
-      lanes = int(record%lanes)
-      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 2, members])
-      call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
-      run%states(n + 1:, :) = record%t0
-      run%counters(:) = counters_t(status=paused)
-      within = run%problem%scheme%columns > 0 &
-               .and. (record%dense /= 0 .or. record%outputs > 0 .or. associated(run%problem%events))
-      allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
-      if (memory /= 0) return
-      run%busy = .false.
-      do i = 1, size(run%lanes)
-        call start(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
-        if (memory /= 0) return
-        run%lanes(i)%member = i
-      end do
-    end associate
-    if (run%record%observations > 0) call set_observer(run)
-    call set_output(run)
-  end subroutine begin_run
-
-  ! Sets the inputs of functions from the table in the record.
-  subroutine set_inputs(run)
-    type(run_t), intent(inout) :: run
-
-    if (run%record%curves == 0) return
-    call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs%table, &
-                     [7, int(run%record%curves)])
-    run%events%inputs = run%field%inputs
-  end subroutine set_inputs
-
-  ! Sets the events of a run from the table in the record.
-  subroutine set_events(run)
-    type(run_t), target, intent(inout) :: run
-    type(event_record_t), pointer, contiguous :: table(:)
-
-    associate (record => run%record)
-      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [int(record%functions)])
-      run%events%count = size(table)
-      run%events%width = int(record%event_width)
-      run%events%address = table%function
-      run%events%data = table%data
-      run%events%direction = int(table%direction)
-      run%events%most = table%most
-      run%events%jumps = table%jumps /= 0
-      run%events%member_data = record%data
-      run%events%stride = record%data_stride
-      run%events%callback = run%python
-      run%problem%events => run%events
-    end associate
-  end subroutine set_events
-
-  ! Sets what is evaluated at output times.
-  subroutine set_observer(run)
-    type(run_t), target, intent(inout) :: run
-    type(event_record_t), pointer, contiguous :: table(:)
-
-    associate (record => run%record, observer => run%observer)
-      observer%count = int(record%observations)
-      if (record%observers > 0) then
-        call c_f_pointer(transfer(record%observer_table, c_null_ptr), table, [int(record%observers)])
-        observer%functions%count = size(table)
-        observer%functions%address = table%function
-        observer%functions%data = table%data
-        observer%functions%member_data = record%observer_data
-        observer%functions%stride = record%observer_stride
-        observer%functions%inputs = run%field%inputs
-      else
-        observer%field%rhs => field_at(record%observer)
-        observer%field%data_address = record%observer_data
-        observer%field%data_stride = record%observer_stride
-      end if
-      run%output%observer => run%observer
-    end associate
-  end subroutine set_observer
-
-  ! Makes the views of the caller's output arrays, which may have changed.
-  subroutine set_output(run)
-    type(run_t), target, intent(inout) :: run
-    integer :: dense, events, steps, outputs, members
-
-    associate (record => run%record, output => run%output, n => run%frame%point_size, &
-               m => run%frame%dimension)
-      members = int(record%members)
-      outputs = int(record%outputs)
-      steps = int(record%step_capacity)
-      dense = int(record%dense_capacity)
-      events = int(record%event_capacity)
-      output%outputs = outputs
-      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [outputs])
-      if (record%y /= 0) &
-        call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, outputs])
-      if (record%observed /= 0) &
-        call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
-                         [int(record%observations), members, outputs])
-      output%every = record%every
-      output%step_capacity = record%step_capacity
-      call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
-      if (record%step_y /= 0) &
-        call c_f_pointer(transfer(record%step_y, c_null_ptr), output%step_y, [n, steps])
-      if (record%step_observed /= 0) &
-        call c_f_pointer(transfer(record%step_observed, c_null_ptr), output%step_observed, &
-                         [int(record%observations), steps])
-      output%dense = record%dense /= 0
-      output%dense_capacity = record%dense_capacity
-      call c_f_pointer(transfer(record%dense_member, c_null_ptr), output%dense_member, [dense])
-      call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [4, dense])
-      call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2, dense])
-      call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
-                       [m, run%problem%scheme%columns, dense])
-      output%event_capacity = record%event_capacity
-      output%lanes = size(run%lanes, kind=int64)
-      output%functions = 0
-      if (associated(run%problem%events)) output%functions = int(run%problem%events%count, int64)
-      call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2, events])
-      call c_f_pointer(transfer(record%event_t, c_null_ptr), output%event_t, [events])
-      call c_f_pointer(transfer(record%event_y, c_null_ptr), output%event_y, [n, 2, events])
-    end associate
-  end subroutine set_output
-
   ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
   ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
   subroutine drive(run)
@@ -253,7 +123,8 @@ contains
   end subroutine drive
 
   ! Advances one lane, through several members if they end, until it needs something. The result is
-  ! what it needs, `raised` after an exception in Python, or `finished` if there are no more members.
+  ! what it needs, `raised` after an exception in Python, or `finished` if there are no more
+  ! members.
   integer function advance_lane(run, i, budget) result(status)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
@@ -341,25 +212,14 @@ contains
   subroutine exchange(run)
     type(run_t), intent(inout) :: run
     real(wp) :: shared
-    integer :: kind, i
 
-    kind = 0
-    shared = 0.0_wp
-    do i = 1, size(run%lanes)
-      if (.not. run%busy(i)) cycle
-      if (kind == 0) then
-        kind = run%lanes(i)%status
-        shared = run%lanes(i)%request%shared
-      else if (kind == needs_minimum) then
-        shared = min(shared, run%lanes(i)%request%shared)
-      else
-        shared = max(shared, run%lanes(i)%request%shared)
-      end if
-    end do
-    do i = 1, size(run%lanes)
-      run%lanes(i)%request%shared = shared
-      if (run%busy(i)) run%lanes(i)%status = paused
-    end do
+    if (run%lanes(findloc(run%busy, .true., 1))%status == needs_minimum) then
+      shared = minval(run%lanes%request%shared, run%busy)
+    else
+      shared = maxval(run%lanes%request%shared, run%busy)
+    end if
+    run%lanes%request%shared = shared
+    where (run%busy) run%lanes%status = paused
   end subroutine exchange
 
   ! Evaluates a vectorized function for all lanes that need coefficients.

@@ -21,8 +21,8 @@ module variational_m
 
 contains
 
-  ! A function of the type rhs_i. The data are the parameters and inputs of a member; the eight bytes
-  ! before them are the address of the record.
+  ! A function of the type rhs_i. The data are the parameters and inputs of a member; the eight
+  ! bytes before them are the address of the record.
   function variational_field(t, y, f, user_data) bind(c) result(code)
     real(c_double), value, intent(in) :: t
     real(c_double), intent(in) :: y(*)
@@ -143,7 +143,8 @@ contains
     subroutine difference_along_fields()
       type(plan_t), pointer :: plan
       real(wp) :: step(record%dimension), v(record%dimension), point(record%width)
-      real(wp), dimension(record%dimension) :: ahead, behind
+      real(wp) :: values(record%dimension, 2)          ! ahead and behind
+      integer :: side
 
       plan => plan_at(record%frame)
       a = 0.0_wp
@@ -151,19 +152,15 @@ contains
       step = record%step * max(step, 1.0_wp)
       do j = 1, n
         v = 0.0_wp
-        v(j) = step(j)
-        point = y
-        call flow_along(plan%frame, v, point)
-        ahead = record%nan
-        call evaluate_at(record%f, record%f_data, point, ahead)
-        if (code /= 0) return
-        v(j) = -step(j)
-        point = y
-        call flow_along(plan%frame, v, point)
-        behind = record%nan
-        call evaluate_at(record%f, record%f_data, point, behind)
-        if (code /= 0) return
-        a(j, :) = (ahead - behind) / (2 * step(j))
+        do side = 1, 2
+          v(j) = merge(step(j), -step(j), side == 1)
+          point = y
+          call flow_along(plan%frame, v, point)
+          values(:, side) = record%nan
+          call evaluate_at(record%f, record%f_data, point, values(:, side))
+          if (code /= 0) return
+        end do
+        a(j, :) = (values(:, 1) - values(:, 2)) / (2 * step(j))
       end do
     end subroutine difference_along_fields
 

@@ -7,7 +7,7 @@ module collocation_m
   use coordinates_m, only: sizes
   use error_norm_m, only: norm, scales, tangent
   use frames_m, only: flow_along
-  use newton_m, only: correction, derivatives, factor, filtered, predict
+  use newton_m, only: correction, derivatives, factor, predict
   use requests_m, only: reject_stage, request
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
@@ -15,7 +15,8 @@ module collocation_m
   use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
   implicit none
   private
-  public :: converges_fast, keep_step, refactor, request_collocation, store_collocation, store_column
+  public :: converges_fast, keep_step, refactor, request_collocation, store_collocation, &
+            store_column
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
   ! end it, and those below `noise` that no longer decrease, both relative to the point.
@@ -27,24 +28,24 @@ module collocation_m
 contains
 
   ! Requests the coefficients at the next stage, or first a column of the Jacobian.
-  subroutine request_collocation(problem, trajectory)
+  subroutine request_collocation(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    associate (x => trajectory, newton => trajectory%newton, method => problem%method)
+    associate (newton => x%newton, method => problem%method)
       if (newton%iteration == 0) then
         newton%member = x%member
         x%f(:, 1) = x%slope
         if (.not. newton%has_jacobian) then
-          call request_jacobian(problem, trajectory)
+          call request_jacobian(problem, x)
           return
         end if
         if (abs(x%h - newton%factored_h) > noise * abs(x%h)) then
           call factor(problem%frame, method%transformation, x%h, newton, singular)
           x%counts%nlu = x%counts%nlu + 2
           if (singular) then
-            call give_up(problem, trajectory)
+            call give_up(problem, x)
             return
           end if
         end if
@@ -56,56 +57,59 @@ contains
       call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
       call flow_along(problem%frame, newton%z(:, x%stage - 1), x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
-      call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, x%result), &
+      call request(problem, x, x%t + method%c(x%stage) * x%h, x%y(:, x%result), &
                    phase_stage_received)
     end associate
   end subroutine request_collocation
 
   ! Factors the matrices of a restored state again.
-  subroutine refactor(problem, trajectory)
+  subroutine refactor(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    if (.not. abs(trajectory%newton%factored_h) > 0) return
-    trajectory%newton%member = trajectory%member
-    call factor(problem%frame, problem%method%transformation, trajectory%newton%factored_h, &
-                trajectory%newton, singular)
+    if (.not. abs(x%newton%factored_h) > 0) return
+    x%newton%member = x%member
+    call factor(problem%frame, problem%method%transformation, x%newton%factored_h, &
+                x%newton, singular)
   end subroutine refactor
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
-  subroutine store_collocation(problem, trajectory)
+  subroutine store_collocation(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    associate (x => trajectory, z => trajectory%newton%z)
+    associate (z => x%newton%z)
       x%f(:, x%stage) = x%request%received
       call dexpinv(problem%frame, problem%method%series, z(:, x%stage - 1), x%f(:, x%stage), exists)
       if (.not. exists) then
-        call reject_stage(problem, trajectory, step_too_long, x%t)
+        call reject_stage(problem, x, step_too_long, x%t)
         return
       end if
       x%stage = x%stage + 1
       x%phase = phase_next_stage
-      if (x%stage > size(problem%method%c)) call correct_stages(problem, trajectory)
+      if (x%stage > size(problem%method%c)) call correct_stages(problem, x)
     end associate
   end subroutine store_collocation
 
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
-  subroutine correct_stages(problem, trajectory)
+  subroutine correct_stages(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: dz(size(trajectory%newton%z, 1), size(trajectory%newton%z, 2)), size_of, tolerance
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: dz(size(x%newton%z, 1), size(x%newton%z, 2)), size_of, tolerance
     integer :: remaining
     logical :: slow, solved
 
-    associate (x => trajectory, newton => trajectory%newton, method => problem%method)
+    associate (newton => x%newton, method => problem%method)
       call correction(problem%frame, method%transformation, x%h, x%f(:, 2:), newton, dz)
       remaining = merge(max_iterations, max_rounds, problem%adaptive) - newton%iteration
       tolerance = rounding
-      if (problem%adaptive) tolerance = newton_tolerance(problem%tolerances%rtol)
-      size_of = correction_norm(problem, trajectory, dz)
+      associate (rtol => max(problem%tolerances%rtol, epsilon(1.0_wp)))
+        if (problem%adaptive) tolerance = max(10 * epsilon(1.0_wp) / rtol, &
+                                              min(0.03_wp, sqrt(problem%tolerances%rtol)))
+      end associate
+      size_of = correction_norm(problem, x, dz)
       slow = .not. size_of <= huge(1.0_wp)
       solved = size_of <= 0
       if (newton%iteration > 1) then
@@ -124,7 +128,7 @@ contains
         call derivatives(method%transformation, x%h, newton%z, x%f(:, 2:))
         x%phase = phase_finish_step
       else if (slow .or. remaining == 0) then
-        call give_up(problem, trajectory)
+        call give_up(problem, x)
       else
         newton%z = newton%z + dz
         newton%iteration = newton%iteration + 1
@@ -133,27 +137,19 @@ contains
     end associate
   end subroutine correct_stages
 
-  ! The largest error of the iteration, in tolerances
-  pure real(wp) function newton_tolerance(rtol)
-    real(wp), intent(in) :: rtol
-
-    newton_tolerance = max(10 * epsilon(1.0_wp) / max(rtol, epsilon(1.0_wp)), &
-                           min(0.03_wp, sqrt(rtol)))
-  end function newton_tolerance
-
   ! The norm of a correction: in tolerances, or relative to the point where there are none
-  real(wp) function correction_norm(problem, trajectory, dz)
+  real(wp) function correction_norm(problem, x, dz)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp), contiguous, intent(in) :: dz(:, :)       ! (dimension, stages)
     integer :: i
 
-    associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances)
+    associate (frame => problem%frame, tolerances => problem%tolerances)
       if (.not. problem%adaptive) then
         call sizes(frame, x%y(:, 0), x%u)
         correction_norm = abs(sum(dz))       ! NaN if an entry is, which maxval leaves out
-        if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z + dz)), &
-                                                tiny(1.0_wp))
+        if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) &
+          / max(maxval(x%u), maxval(abs(x%newton%z + dz)), tiny(1.0_wp))
         return
       end if
       call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
@@ -167,15 +163,15 @@ contains
   end function correction_norm
 
   ! Tries again with the Jacobian of the present point, or else with a smaller step.
-  subroutine give_up(problem, trajectory)
+  subroutine give_up(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    associate (x => trajectory, newton => trajectory%newton)
+    associate (newton => x%newton)
       newton%rate_factor = 1.0_wp
       x%request%flag = newton%iteration
       if (newton%fresh) then
-        call reject_stage(problem, trajectory, stages_not_solved, x%t)
+        call reject_stage(problem, x, stages_not_solved, x%t)
       else
         newton%has_jacobian = .false.
         newton%iteration = 0
@@ -185,17 +181,17 @@ contains
   end subroutine give_up
 
   ! Requests the Jacobian of dexp^-1_u f(exp(u) y) at u = 0, from Python or by differences.
-  subroutine request_jacobian(problem, trajectory)
+  subroutine request_jacobian(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: answer(max(1, size(trajectory%newton%jacobian)))
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: answer(max(1, size(x%newton%jacobian)))
 
-    associate (x => trajectory, newton => trajectory%newton)
+    associate (newton => x%newton)
       x%counts%njev = x%counts%njev + 1
       if (.not. problem%has_jacobian) then
-        call displacements(problem, trajectory, newton%z(:, 1))
+        call displacements(problem, x, newton%z(:, 1))
         newton%column = 1
-        call request_column(problem, trajectory)
+        call request_column(problem, x)
         return
       end if
       answer = -huge(1.0_wp)
@@ -206,8 +202,8 @@ contains
         return
       end if
       newton%jacobian = reshape(answer(:size(newton%jacobian)), shape(newton%jacobian))
-      if (.not. newton%sparse) call add_brackets(problem, trajectory)
-      call finish_jacobian(trajectory)
+      if (.not. newton%sparse) call add_brackets(problem, x)
+      call finish_jacobian(x)
     end associate
   end subroutine request_jacobian
 
@@ -215,12 +211,12 @@ contains
   ! unit of the point makes no difference, or to the absolute tolerance where that is larger, since
   ! smaller changes may have no digits in f. A coordinate of zero without one has the size that its
   ! slope gives it within a step. Those without control share the size of the largest of them.
-  subroutine displacements(problem, trajectory, d)
+  subroutine displacements(problem, x, d)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
+    type(trajectory_t), intent(in) :: x
     real(wp), contiguous, intent(out) :: d(:)          ! (dimension)
 
-    associate (x => trajectory, tolerances => problem%tolerances)
+    associate (tolerances => problem%tolerances)
       call sizes(problem%frame, x%y(:, 0), d)
       if (problem%adaptive .and. .not. tolerances%in_entries) &
         d = max(d, merge(maxval(d, without_control(problem, size(d))), tolerances%atol, &
@@ -243,88 +239,86 @@ contains
   end function without_control
 
   ! Requests the coefficients at a point displaced along a field of the frame.
-  subroutine request_column(problem, trajectory)
+  subroutine request_column(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    associate (x => trajectory, column => trajectory%newton%column)
+    associate (column => x%newton%column)
       x%u = 0.0_wp
       x%u(column) = x%newton%z(column, 1)
       call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
       call flow_along(problem%frame, x%u, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
-      call request(problem, trajectory, x%t, x%y(:, x%result), phase_column_received)
+      call request(problem, x, x%t, x%y(:, x%result), phase_column_received)
     end associate
   end subroutine request_column
 
   ! Stores a column of the Jacobian. How coordinates without control depend on others is left out:
   ! of derivatives it would be second differences, which have no digits.
-  subroutine store_column(problem, trajectory)
+  subroutine store_column(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    logical :: exists, free(size(trajectory%u))
+    type(trajectory_t), intent(inout) :: x
+    logical :: exists, uncontrolled(size(x%u))
 
-    associate (x => trajectory, newton => trajectory%newton, column => trajectory%newton%column)
+    associate (newton => x%newton, column => x%newton%column)
       x%u = 0.0_wp
       x%u(column) = newton%z(column, 1)
       newton%jacobian(:, column) = x%request%received
       call dexpinv(problem%frame, problem%method%series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
-      free = without_control(problem, size(free))
-      if (.not. free(column)) newton%jacobian(:, column) = merge(0.0_wp, &
-                                                                 newton%jacobian(:, column), free)
+      uncontrolled = without_control(problem, size(uncontrolled))
+      if (.not. uncontrolled(column)) &
+        newton%jacobian(:, column) = merge(0.0_wp, newton%jacobian(:, column), uncontrolled)
       column = column + 1
       if (column <= size(newton%jacobian, 2)) then
-        call request_column(problem, trajectory)
+        call request_column(problem, x)
       else
-        call finish_jacobian(trajectory)
+        call finish_jacobian(x)
       end if
     end associate
   end subroutine store_column
 
   ! Adds the derivative of dexp^-1_u f at u = 0, which is the only odd term of the series.
-  subroutine add_brackets(problem, trajectory)
+  subroutine add_brackets(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp), dimension(size(trajectory%u)) :: ahead, behind
+    type(trajectory_t), intent(inout) :: x
+    real(wp), dimension(size(x%u)) :: ahead, behind
     logical :: exists
     integer :: j
 
-    associate (x => trajectory)
-      do j = 1, size(x%u)
-        x%u = 0.0_wp
-        x%u(j) = 1.0_wp
-        ahead = x%slope
-        behind = x%slope
-        call dexpinv(problem%frame, problem%method%series, x%u, ahead, exists)
-        x%u(j) = -1.0_wp
-        call dexpinv(problem%frame, problem%method%series, x%u, behind, exists)
-        x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + (ahead - behind) / 2
-      end do
-    end associate
+    do j = 1, size(x%u)
+      x%u = 0.0_wp
+      x%u(j) = 1.0_wp
+      ahead = x%slope
+      behind = x%slope
+      call dexpinv(problem%frame, problem%method%series, x%u, ahead, exists)
+      x%u(j) = -1.0_wp
+      call dexpinv(problem%frame, problem%method%series, x%u, behind, exists)
+      x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + (ahead - behind) / 2
+    end do
   end subroutine add_brackets
 
-  subroutine finish_jacobian(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
+  subroutine finish_jacobian(x)
+    type(trajectory_t), intent(inout) :: x
 
-    trajectory%newton%has_jacobian = .true.
-    trajectory%newton%fresh = .true.
-    trajectory%newton%factored_h = 0.0_wp
-    trajectory%phase = phase_next_stage
+    x%newton%has_jacobian = .true.
+    x%newton%fresh = .true.
+    x%newton%factored_h = 0.0_wp
+    x%phase = phase_next_stage
   end subroutine finish_jacobian
 
   ! Whether the Jacobian of a step serves the next one
-  pure logical function converges_fast(trajectory)
-    type(trajectory_t), intent(in) :: trajectory
+  pure logical function converges_fast(x)
+    type(trajectory_t), intent(in) :: x
 
-    converges_fast = trajectory%newton%iteration <= 2 .or. trajectory%newton%rate <= fast_rate
+    converges_fast = x%newton%iteration <= 2 .or. x%newton%rate <= fast_rate
   end function converges_fast
 
   ! Keeps the polynomial of an accepted step for the next one, and its Jacobian if it served well.
-  pure subroutine keep_step(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
+  pure subroutine keep_step(x)
+    type(trajectory_t), intent(inout) :: x
 
-    associate (x => trajectory, newton => trajectory%newton)
+    associate (newton => x%newton)
       newton%last = x%f(:, 2:)
       newton%last_h = x%h
       newton%fresh = .false.

@@ -1,6 +1,12 @@
-! Step size control: the PI controller and the predictive one of Gustafsson, and the first step of
-! Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", section II.4; for the
-! controllers see volume II, IV.2 and IV.8.
+! Step size control. With the error e of a step of size h in tolerances, and e_last, h_last of the
+! step before, the next size is
+!
+!   0.9 h (e^-0.7 e_last^0.4)^exponent                              (PI controller),
+!   0.9 h e^-exponent min(1, h / h_last (e_last / e)^exponent)      (predictive one of Gustafsson),
+!
+! the latter for collocation methods, where few rejections matter more than smooth sizes: Hairer,
+! Wanner, "Solving Ordinary Differential Equations II", sections IV.2 and IV.8. The first size is
+! that of volume I, section II.4.
 module controller_m
   use kinds, only: wp
   implicit none

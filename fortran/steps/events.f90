@@ -1,7 +1,8 @@
 ! Functions whose zeros along the solution are events: in C where there is an address, in Python
 ! elsewhere.
 module events_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_intptr_t, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_intptr_t, &
+                                         c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use callback_m, only: callback_t
   use inputs_m, only: inputs_t
@@ -51,11 +52,9 @@ contains
     logical, intent(out) :: flag                       ! whether the function failed
     procedure(event_i), pointer :: function
     type(c_funptr) :: pointer
-    type(c_ptr) :: user_data
     integer(c_intptr_t) :: data, member_data
     real(wp) :: answer(1)
 
-    flag = .false.
     if (self%address(event) /= 0) then
       pointer = transfer(self%address(event), pointer)
       call c_f_procpointer(pointer, function)
@@ -64,14 +63,12 @@ contains
       if (data == 0) data = member_data
       if (data == -1) data = 0               ! a null pointer
       if (associated(self%inputs%table)) call self%inputs%write(t, member, member_data)
-      user_data = transfer(data, user_data)
-      g = function(t, y, user_data)
-      flag = .not. abs(g) <= huge(g)
-      return
+      g = function(t, y, transfer(data, c_null_ptr))
+    else
+      call self%callback%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
+                               answer)
+      g = answer(1)
     end if
-    call self%callback%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
-                             answer)
-    g = answer(1)
     flag = .not. abs(g) <= huge(g)
   end subroutine event_value
 

@@ -1,15 +1,16 @@
-! The stage equations of implicit Crouch-Grossman methods (one weight per flow). The unknowns are the
-! coefficients at the stages, which lie in a linear space whatever the manifold is:
+! The stage equations of implicit Crouch-Grossman methods (one weight per flow). The unknowns are
+! the coefficients at the stages, which lie in a linear space whatever the manifold is:
 !
 !   k_i = f(t + c_i h, Y_i(k)),   Y_i(k) = exp(h a_is k_s) ... exp(h a_i1 k_1) y.
 !
-! If A is lower triangular, each stage is a block of its own, solved after those before it; otherwise
-! all stages are one block. The fixed-point iteration repeats the equation. Newton's method takes the
-! Jacobian of k - f(Y(k)) by differences along the flows, as in B. Owren, B. Welfert, "The Newton
-! iteration on Lie groups", BIT 40 (2000), 121-145, but with the derivative of the exponential inside
-! the difference, and keeps its factors, also over several steps of the same size, as long as
-! corrections decrease by a factor of ten. Both iterate down to the level of rounding, since an
-! implicit method preserves invariants only as accurately as its stages are solved.
+! If A is lower triangular, each stage is a block of its own, solved after those before it;
+! otherwise all stages are one block. The fixed-point iteration repeats the equation. Newton's
+! method takes the Jacobian of k - f(Y(k)) by differences along the flows, as in B. Owren, B.
+! Welfert, "The Newton iteration on Lie groups", BIT 40 (2000), 121-145, but with the derivative of
+! the exponential inside the difference, and keeps its factors, also over several steps of the same
+! size, as long as corrections decrease by a factor of ten. Both iterate down to the level of
+! rounding, since an implicit method preserves invariants only as accurately as its stages are
+! solved.
 module implicit_m
   use kinds, only: wp
   use coordinates_m, only: sizes
@@ -24,29 +25,29 @@ module implicit_m
   public :: prepare_stage, store_value
 
   real(wp), parameter :: noise = 1e-10_wp      ! corrections below it may be rounding errors of f
-  real(wp), parameter :: slow = 0.1_wp         ! factors are replaced if corrections decrease by less
+  real(wp), parameter :: slow = 0.1_wp         ! rate above which factors are replaced
   real(wp), parameter :: diverged = 1e3_wp     ! growth of residuals
 
 contains
 
   ! Starts the first block of a step.
-  subroutine prepare_stage(problem, trajectory)
+  subroutine prepare_stage(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    if (trajectory%solver%first > 0) return
-    trajectory%f = spread(trajectory%slope, 2, size(trajectory%f, 2))
-    trajectory%solver%last = 0
-    call next_block(problem, trajectory)
+    if (x%solver%first > 0) return
+    x%f = spread(x%slope, 2, size(x%f, 2))
+    x%solver%last = 0
+    call next_block(problem, x)
   end subroutine prepare_stage
 
   ! Starts the next block whose coefficients aren't those at the start, or finishes the step.
-  subroutine next_block(problem, trajectory)
+  subroutine next_block(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    associate (x => trajectory, solver => trajectory%solver, method => problem%method)
-      if (solver%last > 0) call rewind_paths(method, trajectory)
+    associate (solver => x%solver, method => problem%method)
+      if (solver%last > 0) call rewind_paths(method, x)
       do
         solver%first = solver%last + 1
         if (solver%first > size(method%c)) exit
@@ -62,14 +63,15 @@ contains
     end associate
   end subroutine next_block
 
-  ! Returns to the first stage of the block. If it is the only one, its path is the last of its flows.
-  pure subroutine rewind_paths(method, trajectory)
+  ! Returns to the first stage of the block. If it is the only one, its path is the last of its
+  ! flows.
+  pure subroutine rewind_paths(method, x)
     type(method_t), intent(in) :: method
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    trajectory%stage = trajectory%solver%first
-    trajectory%paths = 0
-    if (method%blocks > 1) trajectory%paths = max(method%stage_path(trajectory%stage) - 1, 0)
+    x%stage = x%solver%first
+    x%paths = 0
+    if (method%blocks > 1) x%paths = max(method%stage_path(x%stage) - 1, 0)
   end subroutine rewind_paths
 
   ! Whether the coefficients at the only stage of a block have an influence on its point
@@ -84,17 +86,16 @@ contains
 
   ! Stores the coefficients at a stage. After the last one of the block its unknowns are corrected,
   ! or the next column of the Jacobian is evaluated.
-  subroutine store_value(problem, trajectory)
+  subroutine store_value(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     integer :: block, info
 
-    associate (x => trajectory, solver => trajectory%solver, method => problem%method, &
-               n => size(trajectory%f, 1))
+    associate (solver => x%solver, method => problem%method, n => size(x%f, 1))
       block = merge(solver%first, 1, method%blocks > 1)
       if (method%blocks > 1 .and. .not. is_implicit(method, x%stage)) then
         x%f(:, x%stage) = x%request%received
-        call next_block(problem, trajectory)
+        call next_block(problem, x)
         return
       end if
       if (solver%column == 0) then
@@ -108,7 +109,7 @@ contains
       x%stage = x%stage + 1
       x%phase = phase_next_stage
       if (x%stage <= solver%last) return
-      call rewind_paths(method, trajectory)
+      call rewind_paths(method, x)
       if (solver%column > 0) then
         x%f(1 + mod(solver%column - 1, n), solver%first + (solver%column - 1) / n) = solver%before
         solver%column = solver%column + 1
@@ -123,45 +124,43 @@ contains
         solver%factored_h(block) = x%h
         solver%column = 0
         if (info /= 0) then
-          call give_up(problem, trajectory, block)
+          call give_up(problem, x, block)
           return
         end if
       end if
       if (solver%column > 0) then
-        call move_unknown(problem, trajectory)
+        call move_unknown(problem, x)
       else
-        call correct(problem, trajectory, block)
+        call correct(problem, x, block)
       end if
     end associate
   end subroutine store_value
 
   ! Moves the unknown of a column of the Jacobian.
-  subroutine move_unknown(problem, trajectory)
+  subroutine move_unknown(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: scale(size(trajectory%f, 1))
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: scale(size(x%f, 1))
 
-    associate (solver => trajectory%solver, &
-               i => 1 + mod(trajectory%solver%column - 1, size(trajectory%f, 1)), &
-               stage => trajectory%solver%first &
-                        + (trajectory%solver%column - 1) / size(trajectory%f, 1))
-      call scale_of(problem, trajectory, trajectory%f(:, stage), scale)
-      solver%before = trajectory%f(i, stage)
-      trajectory%f(i, stage) = solver%before + sqrt(epsilon(1.0_wp)) * scale(i)
-      solver%moved = trajectory%f(i, stage) - solver%before
+    associate (solver => x%solver, i => 1 + mod(x%solver%column - 1, size(x%f, 1)), &
+               stage => x%solver%first + (x%solver%column - 1) / size(x%f, 1))
+      call scale_of(problem, x, x%f(:, stage), scale)
+      solver%before = x%f(i, stage)
+      x%f(i, stage) = solver%before + sqrt(epsilon(1.0_wp)) * scale(i)
+      solver%moved = x%f(i, stage) - solver%before
     end associate
   end subroutine move_unknown
 
   ! The scale of coefficients: their absolute values, but at least what moves the point by about the
   ! size of its coordinates
-  subroutine scale_of(problem, trajectory, k, scale)
+  subroutine scale_of(problem, x, k, scale)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
+    type(trajectory_t), intent(in) :: x
     real(wp), contiguous, intent(in) :: k(:)           ! (dimension)
     real(wp), contiguous, intent(out) :: scale(:)      ! (dimension)
 
-    call sizes(problem%frame, trajectory%y(:, 0), scale)
-    scale = max(abs(k), scale / abs(trajectory%h))
+    call sizes(problem%frame, x%y(:, 0), scale)
+    scale = max(abs(k), scale / abs(x%h))
     where (.not. scale > 0) scale = merge(maxval(scale), 1.0_wp, maxval(scale) > 0)
   end subroutine scale_of
 
@@ -181,38 +180,37 @@ contains
   end subroutine factor
 
   ! Corrects the unknowns of a block, and goes on to the next one if the correction is rounding.
-  subroutine correct(problem, trajectory, block)
+  subroutine correct(problem, x, block)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
-    real(wp) :: scale(size(trajectory%f, 1)), d(size(trajectory%f, 1), trajectory%solver%first: &
-                                                trajectory%solver%last)
+    real(wp) :: scale(size(x%f, 1)), d(size(x%f, 1), x%solver%first: x%solver%last)
     real(wp) :: correction
     integer :: i, info, limit
 
-    associate (x => trajectory, solver => trajectory%solver)
+    associate (solver => x%solver)
       d = solver%value(:, solver%first:solver%last) - x%f(:, solver%first:solver%last)
       solver%residual = maxval(abs(d))
       if (.not. solver%fixed_point) call dgetrs('N', size(d), 1, solver%lu(:, :, block), size(d), &
                                                 solver%pivot(:, block), d, size(d), info)
       if (.not. all(abs(d) <= huge(d))) then       ! max and maxval leave out NaN
-        call give_up(problem, trajectory, block)
+        call give_up(problem, x, block)
         return
       end if
       correction = 0.0_wp
       do i = solver%first, solver%last
         x%f(:, i) = x%f(:, i) + d(:, i)
-        call scale_of(problem, trajectory, x%f(:, i), scale)
+        call scale_of(problem, x, x%f(:, i), scale)
         correction = max(correction, maxval(abs(d(:, i)) / scale))
       end do
       if (correction <= epsilon(1.0_wp) &
           .or. (solver%correction <= correction .and. correction <= noise)) then
-        call next_block(problem, trajectory)
+        call next_block(problem, x)
         return
       end if
       limit = merge(fixed_point_limit, newton_limit, solver%fixed_point)
       if (.not. solver%residual <= diverged * solver%smallest .or. solver%iteration == limit) then
-        call give_up(problem, trajectory, block)
+        call give_up(problem, x, block)
         return
       end if
       if (correction > max(slow * solver%correction, noise)) solver%factored_h(block) = 0.0_wp
@@ -223,14 +221,14 @@ contains
   end subroutine correct
 
   ! Discards the factors and rejects the step.
-  subroutine give_up(problem, trajectory, block)
+  subroutine give_up(problem, x, block)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
 
-    trajectory%solver%factored_h(block) = 0.0_wp
-    trajectory%request%flag = trajectory%solver%iteration
-    call reject_stage(problem, trajectory, stages_not_solved, trajectory%t)
+    x%solver%factored_h(block) = 0.0_wp
+    x%request%flag = x%solver%iteration
+    call reject_stage(problem, x, stages_not_solved, x%t)
   end subroutine give_up
 
 end module implicit_m

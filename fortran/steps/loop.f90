@@ -13,7 +13,6 @@
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
-  use kinds, only: wp
   use output_m, only: has_room, output_t
   use record_m, only: detect_events, examine_step, prepare_inner, record_step
   use collocation_m, only: store_column
@@ -34,75 +33,74 @@ module loop_m
 contains
 
   ! Advances a trajectory until it needs something from the caller or ends; its status says which.
-  subroutine resume(problem, trajectory, output, budget)
+  subroutine resume(problem, x, output, budget)
     type(problem_t), target, intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: trajectory
+    type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
     integer(int64), intent(inout) :: budget            ! steps to try until the next pause
 
-    select case (trajectory%status)
+    select case (x%status)
     case (needs_field)
-      call check_coefficients(problem, trajectory, trajectory%request%y)
+      call check_coefficients(problem, x, x%request%y)
     case (needs_minimum, needs_maximum, paused, buffer_full)
-      trajectory%status = finished
+      x%status = finished
     end select
-    do while (trajectory%status == finished .and. trajectory%phase /= phase_ended)
-      select case (trajectory%phase)
+    do while (x%status == finished .and. x%phase /= phase_ended)
+      select case (x%phase)
       case (phase_begin_segment)
-        call begin_segment(problem, trajectory)
+        call begin_segment(problem, x)
       case (phase_guess_size)
-        call guess_size(problem, trajectory)
+        call guess_size(problem, x)
       case (phase_guess_shared)
-        call request_curvature(problem, trajectory)
+        call request_curvature(problem, x)
       case (phase_curvature_received)
-        call choose_first_size(problem, trajectory)
+        call choose_first_size(problem, x)
       case (phase_size_shared)
-        trajectory%control%step_size = trajectory%request%shared
-        trajectory%phase = phase_choose_step
+        x%control%step_size = x%request%shared
+        x%phase = phase_choose_step
       case (phase_choose_step)
         if (.not. has_room(output)) then
-          trajectory%status = buffer_full
+          x%status = buffer_full
         else if (budget <= 0) then
-          trajectory%status = paused
+          x%status = paused
         else
           budget = budget - 1
-          call choose_step(problem, trajectory)
+          call choose_step(problem, x)
         end if
       case (phase_start_received)
-        trajectory%slope(:) = trajectory%request%received
-        trajectory%slope_known = .true.
-        trajectory%phase = phase_next_stage
-        if (problem%adaptive .and. .not. trajectory%control%step_size > 0) &
-          trajectory%phase = phase_guess_size
+        x%slope(:) = x%request%received
+        x%slope_known = .true.
+        x%phase = phase_next_stage
+        if (problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
       case (phase_next_stage)
-        call request_stage(problem, trajectory)
+        call request_stage(problem, x)
       case (phase_stage_received)
-        call store_stage(problem, trajectory)
+        call store_stage(problem, x)
       case (phase_column_received)
-        call store_column(problem, trajectory)
+        call store_column(problem, x)
       case (phase_error_received)
-        call store_error(problem, trajectory)
+        call store_error(problem, x)
       case (phase_finish_step)
-        if (problem%method%polynomial) call prepare_inner(problem, trajectory, output)
-        call finish_step(problem, trajectory)
+        if (problem%method%polynomial) call prepare_inner(problem, x, output)
+        call finish_step(problem, x)
       case (phase_decide_step)
-        call accept_or_reject(problem, trajectory)
+        call accept_or_reject(problem, x)
       case (phase_accepted)
-        call examine_step(problem, trajectory, output)
+        call examine_step(problem, x, output)
       case (phase_request_end)
-        call request(problem, trajectory, trajectory%t, trajectory%y(:, 0), phase_end_received)
+        call request(problem, x, x%t, x%y(:, 0), phase_end_received)
       case (phase_begin_received)
-        call store_begin(problem, trajectory)
+        call store_begin(problem, x)
       case (phase_end_received)
-        call store_end(problem, trajectory)
+        call store_end(problem, x)
       case (phase_next_node)
-        call request_node(problem, trajectory)
+        call request_node(problem, x)
       case (phase_node_received)
-        call store_node(problem, trajectory)
+        call store_node(problem, x)
       case (phase_detect_events)
-        call detect_events(problem, trajectory)
+        call detect_events(problem, x)
       case (phase_record_step)
-        call record_step(problem, trajectory, output)
+        call record_step(problem, x, output)
       end select
     end do
   end subroutine resume

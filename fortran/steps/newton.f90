@@ -162,8 +162,8 @@ contains
     call solve(frame, newton, size(v), 1, v)
   end subroutine filtered
 
-  ! Predicts z from the polynomial u of the last step, at theta = 1 + c h / last_h: to first order in
-  ! brackets, exp(z) exp(u(1)) = exp(u(theta)) for z = dexp^-1_(-u(1)) (u(theta) - u(1)).
+  ! Predicts z from the polynomial u of the last step, at theta = 1 + c h / last_h: to first order
+  ! in brackets, exp(z) exp(u(1)) = exp(u(theta)) for z = dexp^-1_(-u(1)) (u(theta) - u(1)).
   subroutine predict(frame, series, transformation, c, h, newton)
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: series            ! order up to which dexp^-1 is needed

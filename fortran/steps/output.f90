@@ -3,7 +3,7 @@
 module output_m
   use iso_fortran_env, only: int64
   use kinds, only: wp
-  use interpolant_m, only: interpolant_t
+  use flow_interpolant_m, only: interpolant_t
   use observer_m, only: observer_t
   implicit none
   private

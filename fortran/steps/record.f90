@@ -9,7 +9,7 @@ module record_m
   use output_m, only: store_interpolant, store_point, store_step, output_t
   use simultaneous_events_m, only: record_zeros
   use step_events_m, only: crosses, find_zeros
-  use requests_m, only: evaluate_events
+  use requests_m, only: evaluate_at_start, evaluate_events
   use phases_m
   use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends
@@ -30,234 +30,208 @@ contains
   ! Starts the interpolant of an accepted step if there are output times in it, or functions whose
   ! zeros are events. Where such a function has another sign at the end of the step, or the step
   ! starts from its zero, the accurate interpolant is needed in any case.
-  subroutine examine_step(problem, trajectory, output)
+  subroutine examine_step(problem, x, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (x => trajectory)
-      x%counts%steps = x%counts%steps + 1
-      x%grid_done = x%grid_done + 1
-      x%needs_interpolant = output%dense
-      if (x%outputs_done < output%outputs) then
-        if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) &
-          x%needs_interpolant = .true.
-      end if
-      x%seeks_events = size(x%events%before) > 0
-      x%phase = phase_record_step
-      if (x%seeks_events) call examine_events(problem, trajectory)
-      if (x%status /= finished) return
-      if (.not. (x%needs_interpolant .or. x%seeks_events)) return
-      call request_ends(problem, trajectory)
-    end associate
+    x%counts%steps = x%counts%steps + 1
+    x%grid_done = x%grid_done + 1
+    x%needs_interpolant = output%dense
+    if (x%outputs_done < output%outputs) then
+      if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) &
+        x%needs_interpolant = .true.
+    end if
+    x%seeks_events = size(x%events%before) > 0
+    x%phase = phase_record_step
+    if (x%seeks_events) call examine_events(problem, x)
+    if (x%status /= finished) return
+    if (.not. (x%needs_interpolant .or. x%seeks_events)) return
+    call request_ends(problem, x)
   end subroutine examine_step
 
   ! Evaluates the functions of events at the end of the step. In a procedure of its own, arrays of
   ! their size are made for steps with events only.
-  subroutine examine_events(problem, trajectory)
+  subroutine examine_events(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: values(size(trajectory%events%before))
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: values(size(x%events%before))
     logical :: stopped
 
-    associate (x => trajectory)
-      call evaluate_events(problem, trajectory, x%t_end, x%y(:, x%result), values, stopped)
-      if (stopped) return
-      x%events%after = values
-      x%needs_interpolant = x%needs_interpolant .or. any(x%events%came_from /= 0) &
-        .or. any(crosses(x%events%before, values, problem%events%direction) &
-                 .and. (abs(values) > 0 .or. x%last%kept))
-    end associate
+    call evaluate_events(problem, x, x%t_end, x%y(:, x%result), values, stopped)
+    if (stopped) return
+    x%events%after = values
+    x%needs_interpolant = x%needs_interpolant .or. any(x%events%came_from /= 0) &
+      .or. any(crosses(x%events%before, values, problem%events%direction) &
+               .and. (abs(values) > 0 .or. x%last%kept))
   end subroutine examine_events
 
-  ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just at
-  ! the end of the step don't need it.
-  subroutine detect_events(problem, trajectory)
+  ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just
+  ! at the end of the step don't need it.
+  subroutine detect_events(problem, x)
     type(problem_t), target, intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: trajectory
+    type(trajectory_t), target, intent(inout) :: x
     logical :: stopped
 
-    associate (x => trajectory)
-      call find_zeros(problem, trajectory, .true., stopped)
-      x%phase = phase_record_step
-      if (stopped .and. x%status == finished) call fail(x, raised, x%t_end)
-      x%needs_interpolant = any(x%events%zero < 1 .or. abs(x%events%after(x%events%zero_of)) > 0 &
+    call find_zeros(problem, x, .true., stopped)
+    x%phase = phase_record_step
+    if (stopped .and. x%status == finished) call fail(x, raised, x%t_end)
+    associate (zeros => x%events%zeros)
+      x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &
                                 .or. x%last%kept)
-      x%seeks_events = size(x%events%zero) > 0
-      if (x%needs_interpolant .or. .not. x%seeks_events) &
-        deallocate (x%events%zero, x%events%zero_of, x%events%zero_from)
-      if (x%needs_interpolant .and. .not. stopped) call interpolate(problem, trajectory)
+      x%seeks_events = size(zeros) > 0
     end associate
+    if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
+    if (x%needs_interpolant .and. .not. stopped) call interpolate(problem, x)
   end subroutine detect_events
 
   ! Records the output of a step, up to the first event that ends it, and starts the next step.
-  subroutine record_step(problem, trajectory, output)
+  subroutine record_step(problem, x, output)
     type(problem_t), target, intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: trajectory
+    type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
 
-    if (trajectory%interpolate_only) then
-      call store_interpolant(output, trajectory%member, trajectory%t, trajectory%interpolant)
-      trajectory%interpolate_only = .false.
-      trajectory%phase = phase_choose_step
-      trajectory%status = paused
+    if (x%interpolate_only) then
+      call store_interpolant(output, x%member, x%t, x%interpolant)
+      x%interpolate_only = .false.
+      x%phase = phase_choose_step
+      x%status = paused
       return
     end if
-    if (trajectory%seeks_events) then
-      call record_with_events(problem, trajectory, output)
+    if (x%seeks_events) then
+      call record_with_events(problem, x, output)
     else
-      call record_until(problem, trajectory, trajectory%t_end, &
-                          trajectory%y(:, trajectory%result), .false., output)
+      call record_until(problem, x, x%t_end, x%y(:, x%result), .false., output)
     end if
   end subroutine record_step
 
   ! Locates the events of a step and records its output up to the one that ends it. While there is
   ! no room for them, the phase remains.
-  subroutine record_with_events(problem, trajectory, output)
+  subroutine record_with_events(problem, x, output)
     type(problem_t), target, intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: trajectory
+    type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
     real(wp) :: until, t, y(problem%frame%point_size), after(problem%frame%point_size)
     logical :: ended, full, stopped
 
-    associate (x => trajectory)
-      stopped = .false.
-      if (.not. allocated(x%events%zero)) call find_zeros(problem, trajectory, .false., stopped)
-      if (.not. stopped) call record_zeros(problem, trajectory, output, until, ended, after, full, &
-                                           stopped)
-      if (stopped) then
-        if (x%status == finished) call fail(x, raised, x%t_end)
-        return
-      end if
-      if (full) then
-        x%status = buffer_full
-        return
-      end if
-      deallocate (x%events%zero, x%events%zero_of, x%events%zero_from)
-      t = x%t_end
-      if (until < 1) t = x%t + until * (x%t_end - x%t)
-      if (ended) then
-        y = after
-      else
-        call point_at(problem, trajectory, until, y)
-      end if
-      call record_until(problem, trajectory, t, y, ended, output)
-    end associate
+    stopped = .false.
+    if (.not. allocated(x%events%zeros)) call find_zeros(problem, x, .false., stopped)
+    if (.not. stopped) call record_zeros(problem, x, output, until, ended, after, full, stopped)
+    if (stopped) then
+      if (x%status == finished) call fail(x, raised, x%t_end)
+      return
+    end if
+    if (full) then
+      x%status = buffer_full
+      return
+    end if
+    deallocate (x%events%zeros)
+    t = x%t_end
+    if (until < 1) t = x%t + until * (x%t_end - x%t)
+    if (ended) then
+      y = after
+    else
+      call point_at(problem, x, until, y)
+    end if
+    call record_until(problem, x, t, y, ended, output)
   end subroutine record_with_events
 
   ! Records the output of a step up to time t, where the solution is y.
-  subroutine record_until(problem, trajectory, t, y, ended, output)
+  subroutine record_until(problem, x, t, y, ended, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether by an event
     type(output_t), intent(inout) :: output
     logical :: failed
 
-    associate (x => trajectory)
-      call record_outputs(problem, trajectory, t, y, output, failed)
-      if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
-      if (.not. failed) &
-        call store_step(output, x%counts%steps, t, y, &
-                        .not. abs(t - problem%stops(size(problem%stops))) > 0 .or. ended, failed)
-      if (failed) then
-        call fail_to_observe(trajectory, t)
-        return
-      end if
-      if (x%last%kept) then
-        x%last%t = x%t
-        x%last%h = x%t_end - x%t
-        x%last%y(:) = x%y(:, 0)
-        x%last%slope(:) = x%slope
-        x%last%cut = ended
-      end if
-      call begin_next_step(problem, trajectory, t, y, ended)
-    end associate
+    call record_outputs(problem, x, t, y, output, failed)
+    if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
+    if (.not. failed) call store_step(output, x%counts%steps, t, y, &
+                      .not. abs(t - problem%stops(size(problem%stops))) > 0 .or. ended, failed)
+    if (failed) then
+      call fail_to_observe(x, t)
+      return
+    end if
+    if (x%last%kept) then
+      x%last%t = x%t
+      x%last%h = x%t_end - x%t
+      x%last%y(:) = x%y(:, 0)
+      x%last%slope(:) = x%slope
+      x%last%cut = ended
+    end if
+    call begin_next_step(problem, x, t, y, ended)
   end subroutine record_until
 
   ! Starts the next step at time t and point y.
-  subroutine begin_next_step(problem, trajectory, t, y, ended)
+  subroutine begin_next_step(problem, x, t, y, ended)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
     logical :: ends
 
-    associate (x => trajectory)
-      ends = .not. abs(t - problem%stops(x%segment)) > 0
-      if (ended) then
-        if (abs(t - x%t) > 10 * smallest_size(t)) x%events%jumps_in_place = 0
-        x%events%jumps_in_place = x%events%jumps_in_place + 1
-      end if
-      x%t = t
-      x%y(:, 0) = y
-      x%phase = phase_choose_step
-      x%slope_known = x%end_known .and. .not. (ended .or. ends &
-          .and. x%segment < size(problem%stops))
-      if (x%slope_known) x%slope(:) = x%end_slope
-      if (ended .or. (ends .and. x%segment < size(problem%stops))) call forget_step(trajectory)
-      if (ends) x%phase = phase_begin_segment
-      if (size(x%events%before) > 0) call begin_after_events(problem, trajectory, t, y, ended)
-    end associate
+    ends = .not. abs(t - problem%stops(x%segment)) > 0
+    if (ended) then
+      if (abs(t - x%t) > 10 * smallest_size(t)) x%events%jumps_in_place = 0
+      x%events%jumps_in_place = x%events%jumps_in_place + 1
+    end if
+    x%t = t
+    x%y(:, 0) = y
+    x%phase = phase_choose_step
+    x%slope_known = x%end_known .and. .not. (ended .or. ends .and. x%segment < size(problem%stops))
+    if (x%slope_known) x%slope(:) = x%end_slope
+    if (ended .or. (ends .and. x%segment < size(problem%stops))) call forget_step(x)
+    if (ends) x%phase = phase_begin_segment
+    if (size(x%events%before) > 0) call begin_after_events(problem, x, t, y, ended)
   end subroutine begin_next_step
 
   ! Prepares the functions of events for the next step.
-  subroutine begin_after_events(problem, trajectory, t, y, ended)
+  subroutine begin_after_events(problem, x, t, y, ended)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
     logical :: stopped, terminal
-    real(wp), dimension(size(trajectory%events%before)) :: sizes, values
+    real(wp) :: sizes(size(x%events%before))
 
-    associate (x => trajectory)
-      sizes = max(abs(x%events%before), abs(x%events%after))
-      x%events%before(:) = x%events%after
-      if (.not. ended) return
-      terminal = any(x%events%count >= problem%events%most)
-      if (terminal .and. .not. x%last%kept) then
-        x%phase = phase_ended
-        x%status = terminal_event
-        return
-      end if
-      if (x%events%jumps_in_place > max_stuck) then
-        call fail(x, jumps_without_progress, t)
-        return
-      end if
-      call evaluate_events(problem, trajectory, t, y, values, stopped)
-      if (stopped) return
-      x%events%before = values
-      ! where jumps leave the function of an event at zero, this zero isn't another event
-      where (abs(values) > max(small_value * sizes, &
-                               epsilon(t) * maxval(abs(y(:problem%events%width)))))
-        x%events%came_from = 0
-      elsewhere (x%events%came_from /= 0)
-        x%events%before = 0.0_wp
-        x%events%value_after = values
-      end where
-      x%control%step_size = 0.0_wp
-      x%control%last_error = 1.0_wp
-      x%phase = phase_begin_segment
-      if (.not. terminal) return
-      x%status = terminal_event                        ! from which a stepper goes on
-      where (x%events%count >= problem%events%most) x%events%count = 0
-    end associate
+    sizes = max(abs(x%events%before), abs(x%events%after))
+    x%events%before(:) = x%events%after
+    if (.not. ended) return
+    terminal = any(x%events%count >= problem%events%most)
+    if (terminal .and. .not. x%last%kept) then
+      x%phase = phase_ended
+      x%status = terminal_event
+      return
+    end if
+    if (x%events%jumps_in_place > max_stuck) then
+      call fail(x, jumps_without_progress, t)
+      return
+    end if
+    call evaluate_at_start(problem, x, t, y, small_value * sizes, stopped)
+    if (stopped) return
+    x%control%step_size = 0.0_wp
+    x%control%last_error = 1.0_wp
+    x%phase = phase_begin_segment
+    if (.not. terminal) return
+    x%status = terminal_event                        ! from which a stepper goes on
+    where (x%events%count >= problem%events%most) x%events%count = 0
   end subroutine begin_after_events
 
   ! Records the points at the output times up to t, where the solution is y.
-  subroutine record_outputs(problem, trajectory, t, y, output, failed)
+  subroutine record_outputs(problem, x, t, y, output, failed)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
     logical, intent(out) :: failed                     ! whether a function of the user did
 
     failed = .false.
-    associate (x => trajectory, point => trajectory%request%y)    ! which isn't used now
+    associate (point => x%request%y)    ! which isn't used now
       do while (x%outputs_done < output%outputs)
         associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
@@ -265,7 +239,7 @@ contains
           if (.not. abs(time - t) > 0) then
             point = y
           else if (problem%method%polynomial) then
-            call prepare_next(problem, trajectory, output)
+            call prepare_next(problem, x, output)
             associate (inner => problem%frame%blocks(1)%action%inner)
               call store_point(output, x%member, x%outputs_done, &
                                inner%y(:, x%outputs_done - x%inner_from), failed)
@@ -273,7 +247,7 @@ contains
             if (failed) return
             cycle
           else
-            call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), point)
+            call point_at(problem, x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp &
                             + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
           end if
@@ -285,19 +259,19 @@ contains
   end subroutine record_outputs
 
   ! Ends a trajectory after a failure of a function that is evaluated at output times.
-  subroutine fail_to_observe(trajectory, t)
-    type(trajectory_t), intent(inout) :: trajectory
+  subroutine fail_to_observe(x, t)
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
 
-    trajectory%request%flag = observer_failed
-    call fail(trajectory, raised, t)
+    x%request%flag = observer_failed
+    call fail(x, raised, t)
   end subroutine fail_to_observe
 
-  ! Lets the next flow along a polynomial compute the points at the next output times in the step, as
-  ! many as have room in memory.
-  subroutine prepare_inner(problem, trajectory, output)
+  ! Lets the next flow along a polynomial compute the points at the next output times in the step,
+  ! as many as have room in memory.
+  subroutine prepare_inner(problem, x, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
     integer, parameter :: max_count = 64, max_numbers = 2**22
     type(inner_points_t), pointer :: inner
@@ -305,7 +279,7 @@ contains
     integer :: most
 
     inner => problem%frame%blocks(1)%action%inner
-    associate (x => trajectory, n => problem%frame%point_size)
+    associate (n => problem%frame%point_size)
       most = min(max_count, max(1, max_numbers / n), output%outputs - x%outputs_done)
       x%inner_from = x%outputs_done
       inner%owner = x%member
@@ -328,17 +302,17 @@ contains
   end subroutine prepare_inner
 
   ! Prepares the point at the last output time passed where it isn't yet.
-  subroutine prepare_next(problem, trajectory, output)
+  subroutine prepare_next(problem, x, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (x => trajectory, method => problem%method, end => trajectory%request%y, &
+    associate (method => problem%method, end => x%request%y, &
                inner => problem%frame%blocks(1)%action%inner)
       ! members with common steps may have prepared theirs in the meantime
       if (inner%owner == x%member .and. x%outputs_done - x%inner_from <= inner%count) return
       x%outputs_done = x%outputs_done - 1
-      call prepare_inner(problem, trajectory, output)
+      call prepare_inner(problem, x, output)
       x%outputs_done = x%outputs_done + 1
       end = x%y(:, 0)
       call apply_flows(problem%frame, x%flows, method%path_first(method%result), &

@@ -1,28 +1,23 @@
-! A zero of a function between two points where it has opposite signs, by Brent's method: steps of
-! interpolation where they converge, bisection where they don't (R. P. Brent,
-! "Algorithms for Minimization without Derivatives", 1973, chapter 4).
+! The function of an event along the interpolant of a step, and its zero between two points where it
+! has opposite signs, by Brent's method: steps of interpolation where they converge, bisection where
+! they don't (R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4).
 module root_m
   use kinds, only: wp
+  use trajectory_m, only: problem_t, trajectory_t
+  use within_step_m, only: point_at, time_at
   implicit none
   private
-  public :: function_t, find_root
+  public :: event_function_t, find_root
 
-  type, abstract :: function_t
+  type :: event_function_t
+    type(problem_t), pointer :: problem => null()
+    type(trajectory_t), pointer :: trajectory => null()
+    integer :: event = 0
+    real(wp), allocatable :: y(:)            ! (point_size)
+    logical :: detects = .false.             ! whether any number serves as the zero of an interval
   contains
-    procedure(value_i), deferred :: value
-  end type function_t
-
-  abstract interface
-
-    subroutine value_i(self, x, y, stop)
-      import :: function_t, wp
-      class(function_t), intent(inout) :: self
-      real(wp), intent(in) :: x
-      real(wp), intent(out) :: y
-      logical, intent(out) :: stop           ! there is no value
-    end subroutine value_i
-
-  end interface
+    procedure :: value
+  end type event_function_t
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
   ! Bisection takes 53; near zeros of high multiplicity each may follow some useless interpolations.
@@ -30,9 +25,21 @@ module root_m
 
 contains
 
+  ! Evaluates the function at a fraction of the step.
+  subroutine value(self, x, y, stop)
+    class(event_function_t), intent(inout) :: self
+    real(wp), intent(in) :: x
+    real(wp), intent(out) :: y
+    logical, intent(out) :: stop             ! whether there is no value
+
+    call point_at(self%problem, self%trajectory, x, self%y)
+    call self%problem%events%value(self%trajectory%member, self%event, &
+                                   time_at(self%trajectory, x), self%y, y, stop)
+  end subroutine value
+
   ! Finds a zero of g between low and high.
   subroutine find_root(g, low, high, at_low, at_high, x, stopped)
-    class(function_t), intent(inout) :: g
+    type(event_function_t), intent(inout) :: g
     real(wp), intent(in) :: low, high              ! the ends
     real(wp), intent(in) :: at_low, at_high        ! values there, of opposite signs
     real(wp), intent(out) :: x

@@ -3,9 +3,8 @@ module simultaneous_events_m
   use controller_m, only: smallest_size
   use kinds, only: wp
   use output_m, only: store_event, output_t
-  use step_events_m, only: time_at
   use trajectory_m, only: problem_t, trajectory_t
-  use within_step_m, only: point_at
+  use within_step_m, only: point_at, time_at
   use iso_fortran_env, only: int64
   implicit none
   private
@@ -18,42 +17,42 @@ module simultaneous_events_m
 contains
 
   ! Records zeros in the order of their times, up to the first one that ends the step.
-  subroutine record_zeros(problem, trajectory, output, until, ended, after, full, stopped)
+  subroutine record_zeros(problem, x, output, until, ended, after, full, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory    ! its zeros become 2
+    type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
     logical, intent(out) :: ended                      ! whether an event ends the step there
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
     logical, intent(out) :: full                       ! whether there is no room for an event
     logical, intent(out) :: stopped
-    logical :: happen(size(trajectory%events%zero))
+    logical :: happen(size(x%events%zeros))
     real(wp) :: y(size(after))
     integer :: k
 
     until = 1.0_wp
     ended = .false.
     stopped = .false.
-    associate (x => trajectory%events, events => problem%events)
-      do while (any(x%zero < 2))
-        k = minloc(x%zero, 1)
-        happen = x%zero <= x%zero(k) + together
-        ended = any(happen .and. (events%jumps(x%zero_of) &
-                                  .or. x%count(x%zero_of) + 1 >= events%most(x%zero_of)))
-        call point_at(problem, trajectory, x%zero(k), y)
+    associate (state => x%events, events => problem%events, zeros => x%events%zeros)
+      do while (any(zeros%at < 2))
+        k = minloc(zeros%at, 1)
+        happen = zeros%at <= zeros(k)%at + together
+        ended = any(happen .and. (events%jumps(zeros%event) &
+                                  .or. state%count(zeros%event) + 1 >= events%most(zeros%event)))
+        call point_at(problem, x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
         if (ended) then
-          until = x%zero(k)
-          call find_together(problem, trajectory, until, y, happen, stopped)
+          until = zeros(k)%at
+          call find_together(problem, x, until, y, happen, stopped)
           if (stopped) return
         end if
         full = output%events + count(happen, kind=int64) > output%event_capacity
         if (full) return
-        call record_together(problem, trajectory, x%zero(k), y, happen, output, after, stopped)
-        if (ended) x%came_from(pack(x%zero_of, happen)) = pack(x%zero_from, happen)
+        call record_together(problem, x, zeros(k)%at, y, happen, output, after, stopped)
+        if (ended) state%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
         if (stopped .or. ended) return
-        x%zero(k) = 2.0_wp
+        zeros(k)%at = 2.0_wp
       end do
     end associate
     full = .false.
@@ -61,9 +60,9 @@ contains
 
   ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
   ! are accurate, or where rounding has changed the sign already.
-  subroutine find_together(problem, trajectory, until, y, happen, stopped)
+  subroutine find_together(problem, x, until, y, happen, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
+    type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: until                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
     logical, intent(inout) :: happen(:)                ! (zeros)
@@ -72,24 +71,24 @@ contains
     integer :: k
 
     stopped = .false.
-    associate (x => trajectory%events, t => time_at(trajectory, until))
+    associate (zeros => x%events%zeros, t => time_at(x, until))
       do k = 1, size(happen)
-        if (x%zero(k) > until + near .or. any(happen .and. x%zero_of == x%zero_of(k))) cycle
-        happen(k) = x%zero(k) <= until + together &
-                    .or. abs(time_at(trajectory, x%zero(k)) - t) <= smallest_size(t)
+        if (zeros(k)%at > until + near .or. any(happen .and. zeros%event == zeros(k)%event)) cycle
+        happen(k) = zeros(k)%at <= until + together &
+                    .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
         if (happen(k)) cycle
-        call problem%events%value(trajectory%member, x%zero_of(k), t, y, value, stopped)
+        call problem%events%value(x%member, zeros(k)%event, t, y, value, stopped)
         if (stopped) return
-        happen(k) = value * real(x%zero_from(k), wp) <= 0
+        happen(k) = value * real(zeros(k)%from, wp) <= 0
       end do
     end associate
   end subroutine find_together
 
   ! Records events that happen together. Those without a jump come first, at the point before all
   ! jumps; then each jump starts from the point that the one before has left.
-  subroutine record_together(problem, trajectory, theta, y, happen, output, after, stopped)
+  subroutine record_together(problem, x, theta, y, happen, output, after, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: theta                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
     logical, intent(in) :: happen(:)                   ! (zeros)
@@ -102,9 +101,9 @@ contains
 
     stopped = .false.
     after = y
-    associate (x => trajectory, events => problem%events, t => time_at(trajectory, theta))
+    associate (events => problem%events, zeros => x%events%zeros, t => time_at(x, theta))
       do k = 1, size(happen)
-        associate (of => x%events%zero_of(k))
+        associate (of => zeros(k)%event)
           if (happen(k)) x%events%count(of) = x%events%count(of) + 1
           jumps(k) = happen(k) .and. events%jumps(of) .and. (x%last%kept &
                      .or. x%events%count(of) < events%most(of))
@@ -116,13 +115,13 @@ contains
       do k = 1, size(happen)
         if (.not. jumps(k)) cycle
         before = after
-        call events%jump(x%member, x%events%zero_of(k), t, before, after, stopped)
+        call events%jump(x%member, zeros(k)%event, t, before, after, stopped)
         if (stopped) then
-          where ([(any(happen .and. x%events%zero_of == i, 1), i=1, events%count)]) &
+          where ([(any(happen .and. zeros%event == i, 1), i=1, events%count)]) &
             x%events%count = x%events%count - 1
           return
         end if
-        call store_event(output, x%member, x%events%zero_of(k), t, before, after)
+        call store_event(output, x%member, zeros(k)%event, t, before, after)
       end do
     end associate
   end subroutine record_together

@@ -9,28 +9,17 @@ module step_events_m
   use kinds, only: wp
   use frames_m, only: turn
   use requests_m, only: evaluate_events
-  use root_m, only: find_root, function_t
+  use root_m, only: event_function_t, find_root
   use shared_numbers, only: resting_contact
-  use trajectory_m, only: fail, problem_t, trajectory_t
-  use within_step_m, only: point_at
+  use trajectory_m, only: fail, problem_t, trajectory_t, zero_t
+  use within_step_m, only: point_at, time_at
   implicit none
   private
-  public :: crosses, find_zeros, time_at
+  public :: crosses, find_zeros
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
   integer, parameter :: min_parts = 4, max_parts = 10000
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
-
-  ! The function of an event along the interpolant
-  type, extends(function_t) :: event_function_t
-    type(problem_t), pointer :: problem => null()
-    type(trajectory_t), pointer :: trajectory => null()
-    integer :: event = 0
-    real(wp), allocatable :: y(:)
-    logical :: detects = .false.             ! whether any number serves as the zero of an interval
-  contains
-    procedure :: value => event_along_step
-  end type event_function_t
 
 contains
 
@@ -44,46 +33,44 @@ contains
               .or. (before > 0 .and. after <= 0 .and. direction <= 0)
   end function crosses
 
-  ! Finds the zeros of all events in a step. If `detects` is true, the times of zeros aren't computed.
-  subroutine find_zeros(problem, trajectory, detects, stopped)
+  ! Finds the zeros of all events in a step. If `detects` is true, the times of zeros aren't
+  ! computed.
+  subroutine find_zeros(problem, x, detects, stopped)
     type(problem_t), target, intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: trajectory  ! its zeros are set
+    type(trajectory_t), target, intent(inout) :: x  ! its zeros are set
     logical, intent(in) :: detects
     logical, intent(out) :: stopped
     type(event_function_t) :: g
-    real(wp), allocatable :: x(:), values(:, :)        ! (0:parts), (events, 0:parts)
+    real(wp), allocatable :: theta(:), values(:, :)        ! (0:parts), (events, 0:parts)
     real(wp), allocatable :: own(:)                    ! (0:parts) values of one event
     integer :: first, i, k, n
 
-    n = parts(problem, trajectory)
-    allocate (x(0:n), own(0:n), values(size(trajectory%events%before), 0:n))
-    x = [(real(k, wp) / real(n, wp), k=0, n)]
-    values(:, 0) = trajectory%events%before
-    values(:, n) = trajectory%events%after
+    n = parts(problem, x)
+    allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n))
+    theta = [(real(k, wp) / real(n, wp), k=0, n)]
+    values(:, 0) = x%events%before
+    values(:, n) = x%events%after
     allocate (g%y(problem%frame%point_size))
     g%problem => problem
-    g%trajectory => trajectory
+    g%trajectory => x
     g%detects = detects
-    trajectory%events%zero = [real(wp) ::]
-    trajectory%events%zero_of = [integer ::]
-    trajectory%events%zero_from = [integer ::]
+    x%events%zeros = [zero_t ::]
     stopped = .false.
     do first = 2, 1, -1
       do k = first, n - 1, 2
-        call point_at(problem, trajectory, x(k), g%y)
-        call evaluate_events(problem, trajectory, time_at(trajectory, x(k)), g%y, values(:, k), &
-                             stopped)
+        call point_at(problem, x, theta(k), g%y)
+        call evaluate_events(problem, x, time_at(x, theta(k)), g%y, values(:, k), stopped)
         if (stopped) return
       end do
-      if (first == 2 .and. n == min_parts .and. all(trajectory%events%came_from == 0)) then
+      if (first == 2 .and. n == min_parts .and. all(x%events%came_from == 0)) then
         if (all(are_far(values(:, ::2)))) return
       end if
     end do
     do i = 1, size(values, 1)
       g%event = i
       own(:) = values(i, :)
-      if (trajectory%events%came_from(i) /= 0) call find_after_event(g, x, own, stopped)
-      if (.not. stopped) call find_zeros_of(g, x, own, stopped)
+      if (x%events%came_from(i) /= 0) call find_after_event(g, theta, own, stopped)
+      if (.not. stopped) call find_zeros_of(g, theta, own, stopped)
       if (stopped) return
     end do
   end subroutine find_zeros
@@ -99,14 +86,12 @@ contains
   end function are_far
 
   ! The number of parts whose ends are compared
-  pure integer function parts(problem, trajectory)
+  pure integer function parts(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
+    type(trajectory_t), intent(in) :: x
     real(wp) :: angle
 
-    associate (x => trajectory)
-      angle = max(turn(problem%frame, x%h * x%slope), turn(problem%frame, x%h * x%end_slope))
-    end associate
+    angle = max(turn(problem%frame, x%h * x%slope), turn(problem%frame, x%h * x%end_slope))
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
   end function parts
 
@@ -198,18 +183,18 @@ contains
     zero = ends(2)
     if (abs(values(2)) > 0 .and. .not. g%detects) &
       call find_root(g, ends(1), ends(2), values(1), values(2), zero, stopped)
-    g%trajectory%events%zero = [g%trajectory%events%zero, zero]
-    g%trajectory%events%zero_of = [g%trajectory%events%zero_of, g%event]
-    g%trajectory%events%zero_from = [g%trajectory%events%zero_from, merge(-1, 1, values(1) < 0)]
+    associate (events => g%trajectory%events)
+      events%zeros = [events%zeros, zero_t(zero, g%event, merge(-1, 1, values(1) < 0))]
+    end associate
   end subroutine add_zero
 
   ! Decides what follows after an event, whose function is zero at the start of the step up to
   ! rounding: it leaves on the side that it came from, as where a ball bounces, and may return to
   ! zero within the first part of the step; or it passes; or a jump has left it at rest, as where a
   ! ball stays on the floor, through which the solution would fall. Where the function is on the
-  ! other side at the end of the first part or of the step, it is evaluated ever nearer to the start.
-  ! The first values that are larger than rounding tell a line through zero, which passes, from a
-  ! higher power of time. If the step is too small to tell, the next one decides.
+  ! other side at the end of the first part or of the step, it is evaluated ever nearer to the
+  ! start. The first values that are larger than rounding tell a line through zero, which passes,
+  ! from a higher power of time. If the step is too small to tell, the next one decides.
   subroutine find_after_event(g, x, values, stopped)
     type(event_function_t), intent(inout) :: g
     real(wp), contiguous, intent(in) :: x(0:)
@@ -304,26 +289,5 @@ contains
                         32 * epsilon(1.0_wp) * maxval(sizes))
     end associate
   end function rounding_at
-
-  ! The time at a fraction of the step
-  pure real(wp) function time_at(trajectory, x)
-    type(trajectory_t), intent(in) :: trajectory
-    real(wp), intent(in) :: x
-
-    time_at = trajectory%t_end
-    if (x < 1) time_at = trajectory%t + x * (trajectory%t_end - trajectory%t)
-  end function time_at
-
-  ! Evaluates the function of an event at a fraction of the step.
-  subroutine event_along_step(self, x, y, stop)
-    class(event_function_t), intent(inout) :: self
-    real(wp), intent(in) :: x                          ! fraction of the step
-    real(wp), intent(out) :: y
-    logical, intent(out) :: stop
-
-    call point_at(self%problem, self%trajectory, x, self%y)
-    call self%problem%events%value(self%trajectory%member, self%event, &
-                                   time_at(self%trajectory, x), self%y, y, stop)
-  end subroutine event_along_step
 
 end module step_events_m

@@ -7,7 +7,7 @@ module step_size_m
   use error_norm_m, only: norm, point_sizes, scales, tangent
   use frames_m, only: flow_along, restore
   use time_grid_m, only: make_grid
-  use requests_m, only: evaluate_events, request
+  use requests_m, only: evaluate_at_start, request
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
   use vectors_m, only: copy
@@ -20,56 +20,43 @@ module step_size_m
 contains
 
   ! Starts the next segment that isn't empty, or ends the trajectory.
-  subroutine begin_segment(problem, trajectory)
+  subroutine begin_segment(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: values(size(trajectory%events%before))
+    type(trajectory_t), intent(inout) :: x
     logical :: stopped
 
-    if (.not. abs(problem%stops(trajectory%segment) - trajectory%t) > 0) then
-      if (trajectory%segment == size(problem%stops)) then
-        trajectory%phase = phase_ended
+    if (.not. abs(problem%stops(x%segment) - x%t) > 0) then
+      if (x%segment == size(problem%stops)) then
+        x%phase = phase_ended
       else
-        trajectory%segment = trajectory%segment + 1
+        x%segment = x%segment + 1
       end if
       return
     end if
-    associate (stop => problem%stops(trajectory%segment))
-      if (.not. problem%adaptive) call prepare_grid(problem, trajectory, stop)
-      trajectory%h = sign(trajectory%h, stop - trajectory%t)
+    associate (stop => problem%stops(x%segment))
+      if (.not. problem%adaptive) call prepare_grid(problem, x, stop)
+      x%h = sign(x%h, stop - x%t)
     end associate
-    trajectory%phase = phase_choose_step
-    if (problem%adaptive .and. .not. trajectory%control%step_size > 0) then
-      trajectory%phase = phase_guess_size
-      if (.not. trajectory%slope_known) then
-        call request(problem, trajectory, trajectory%t, trajectory%y(:, 0), phase_start_received)
+    x%phase = phase_choose_step
+    if (problem%adaptive .and. .not. x%control%step_size > 0) then
+      x%phase = phase_guess_size
+      if (.not. x%slope_known) then
+        call request(problem, x, x%t, x%y(:, 0), phase_start_received)
       end if
     end if
     if (.not. associated(problem%events)) return
-    if (trajectory%events%known) return
-    call evaluate_events(problem, trajectory, trajectory%t, trajectory%y(:, 0), values, stopped)
-    if (stopped) return
-    associate (events => trajectory%events)
-      events%known = .true.
-      events%before = values
-      ! after a restart where an event has happened, this zero isn't another event
-      where (events%came_from /= 0 .and. abs(values) <= max(8 * abs(events%value_after), &
-          epsilon(1.0_wp) * maxval(abs(trajectory%y(:problem%events%width, 0)))))
-        events%before = 0.0_wp
-        events%value_after = values
-      elsewhere
-        events%came_from = 0
-      end where
-    end associate
+    if (x%events%known) return
+    call evaluate_at_start(problem, x, x%t, x%y(:, 0), 8 * abs(x%events%value_after), stopped)
+    if (.not. stopped) x%events%known = .true.
   end subroutine begin_segment
 
   ! Makes the grid of equal steps to a stop, unless the present one leads there.
-  subroutine prepare_grid(problem, trajectory, stop)
+  subroutine prepare_grid(problem, x, stop)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
 
-    associate (x => trajectory, grid => trajectory%grid)
+    associate (grid => x%grid)
       if (.not. (abs(grid%stop - stop) > 0 &
                  .or. abs(grid%start + real(x%grid_done, wp) * grid%step - x%t) > 0)) return
       call make_grid(x%t, stop, problem%h, grid)
@@ -78,33 +65,32 @@ contains
   end subroutine prepare_grid
 
   ! Guesses a first size from the norms of the point and of its derivative.
-  subroutine guess_size(problem, trajectory)
+  subroutine guess_size(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    associate (frame => problem%frame, tolerances => problem%tolerances, x => trajectory)
+    associate (frame => problem%frame, tolerances => problem%tolerances)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
       call point_sizes(frame, tolerances, x%y(:, 0), x%control%v)
       x%control%norms(1) = norm(tolerances, x%control%v, x%control%scale)
       call tangent(frame, tolerances, x%slope, x%y(:, 0), x%control%v)
       x%control%norms(2) = norm(tolerances, x%control%v, x%control%scale)
       if (.not. abs(x%control%norms(2)) <= huge(1.0_wp)) then
-        call fail(trajectory, slope_not_finite, x%t)
+        call fail(x, slope_not_finite, x%t)
         return
       end if
-      x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), &
-                                     span(problem, trajectory))
+      x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), span(problem, x))
     end associate
-    trajectory%phase = phase_guess_shared
-    if (problem%common) trajectory%status = needs_minimum
+    x%phase = phase_guess_shared
+    if (problem%common) x%status = needs_minimum
   end subroutine guess_size
 
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
-  subroutine request_curvature(problem, trajectory)
+  subroutine request_curvature(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    associate (x => trajectory, moved => trajectory%y(:, trajectory%result))
+    associate (moved => x%y(:, x%result))
       x%control%guessed_size = max(min(x%request%shared, span(problem, x), &
                                        problem%tolerances%max_step), smallest_first(problem, x))
       x%h = sign(x%control%guessed_size, problem%stops(x%segment) - x%t)
@@ -118,12 +104,12 @@ contains
   end subroutine request_curvature
 
   ! Chooses the first size from the curvature.
-  subroutine choose_first_size(problem, trajectory)
+  subroutine choose_first_size(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: start_value(size(trajectory%control%v))
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: start_value(size(x%control%v))
 
-    associate (x => trajectory, tolerances => problem%tolerances)
+    associate (tolerances => problem%tolerances)
       x%request%shared = x%control%guessed_size
       if (all(abs(x%request%received) < huge(1.0_wp))) then
         call tangent(problem%frame, tolerances, x%slope, x%y(:, 0), start_value)
@@ -137,35 +123,34 @@ contains
         end associate
       end if
     end associate
-    trajectory%phase = phase_size_shared
-    if (problem%common) trajectory%status = needs_minimum
+    x%phase = phase_size_shared
+    if (problem%common) x%status = needs_minimum
   end subroutine choose_first_size
 
   ! The time to the end of the segment
-  pure real(wp) function span(problem, trajectory)
+  pure real(wp) function span(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
+    type(trajectory_t), intent(in) :: x
 
-    span = abs(problem%stops(trajectory%segment) - trajectory%t)
+    span = abs(problem%stops(x%segment) - x%t)
     if (.not. span <= huge(span)) span = 1.0_wp        ! no end: one unit of time
   end function span
 
   ! The smallest first size, which is never zero
-  pure real(wp) function smallest_first(problem, trajectory)
+  pure real(wp) function smallest_first(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: trajectory
+    type(trajectory_t), intent(in) :: x
 
-    smallest_first = min(nearest(abs(trajectory%t), 1.0_wp) - abs(trajectory%t), &
-                         span(problem, trajectory))
+    smallest_first = min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(problem, x))
   end function smallest_first
 
   ! Chooses the size of a step and starts it. Full steps of a grid have exactly its step size, not
   ! differences of rounded times, so that all are equal.
-  subroutine choose_step(problem, trajectory)
+  subroutine choose_step(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
 
-    associate (x => trajectory, stop => problem%stops(trajectory%segment))
+    associate (stop => problem%stops(x%segment))
       if (.not. problem%adaptive) then
         x%h = x%grid%step
         x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step

@@ -1,11 +1,12 @@
-! The problem that a trajectory solves, and the state of the trajectory.
+! The problem that a trajectory solves, and the state of the trajectory, which procedures of the
+! loop call x.
 module trajectory_m
   use kinds, only: wp
   use error_norm_m, only: tolerances_t, width
   use events_m, only: events_t
   use blocks_m, only: flow_sequence_t
   use frames_m, only: frame_t
-  use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
+  use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use method_m, only: method_t
   use newton_m, only: newton_t, reserve
   use phases_m
@@ -15,13 +16,13 @@ module trajectory_m
   use shared_numbers, only: counters_t, paused
   implicit none
   private
-  public :: problem_t, trajectory_t, continue_run, fail, forget_step, set_start, start
+  public :: problem_t, trajectory_t, zero_t, continue_run, fail, forget_step, set_start, start
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
     type(method_t), pointer :: method => null()
     type(scheme_t), pointer :: scheme => null()        ! of the interpolant
-    logical :: free = .false.                ! whether small coefficients determine the flow's end
+    logical :: unique_flows = .false.        ! whether small coefficients determine the flow's end
     type(events_t), pointer :: events => null()
     type(vector_field_t), pointer :: field => null()  ! null if the caller answers requests
     logical :: adaptive = .false.
@@ -37,7 +38,7 @@ module trajectory_m
   end type problem_t
 
   ! The state of implicit_m
-  type :: solver_t
+  type :: stage_solver_t
     logical :: fixed_point = .false.         ! whether no Jacobian is used
     integer :: first = 0, last = 0           ! stages of the block, 0 before the first one
     integer :: iteration = 0
@@ -49,7 +50,7 @@ module trajectory_m
     real(wp), allocatable :: factored_h(:)   ! (blocks) step sizes of the factors, or 0
     real(wp), allocatable :: lu(:, :, :)     ! (unknowns, unknowns, blocks)
     integer, allocatable :: pivot(:, :)      ! (unknowns, blocks)
-  end type solver_t
+  end type stage_solver_t
 
   ! A request for coefficients and its answer
   type :: request_t
@@ -74,6 +75,13 @@ module trajectory_m
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
   end type control_t
 
+  ! A zero of the function of an event within a step
+  type :: zero_t
+    real(wp) :: at = 0.0_wp                  ! fraction of the step, 2 when it has been recorded
+    integer :: event = 0
+    integer :: from = 0                      ! sign of the function before
+  end type zero_t
+
   ! The events of a trajectory
   type :: event_state_t
     logical :: known = .false.               ! whether the values at the start of the step are
@@ -84,17 +92,14 @@ module trajectory_m
     ! if there is none, and the function then
     integer, allocatable :: came_from(:)
     real(wp), allocatable :: value_after(:)
-    ! (zeros) those within the step that aren't recorded yet: fractions of it, or 2, events, and
-    ! signs of their functions before
-    real(wp), allocatable :: zero(:)
-    integer, allocatable :: zero_of(:), zero_from(:)
+    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is recorded
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
   end type event_state_t
 
   ! The step before, whose interpolant may be requested
   type :: last_step_t
     logical :: kept = .false.
-    logical :: cut = .false.                 ! whether an event ended it; its interpolant is complete
+    logical :: cut = .false.                 ! by an event; its interpolant is complete
     real(wp) :: t = 0.0_wp, h = 0.0_wp
     real(wp), allocatable :: y(:), slope(:)  ! at its start
   end type last_step_t
@@ -134,14 +139,14 @@ module trajectory_m
     logical :: end_known = .false.
     real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     type(newton_t) :: newton                 ! of a collocation method
-    type(solver_t) :: solver                 ! of another implicit method
+    type(stage_solver_t) :: solver                 ! of another implicit method
     ! output
     type(interpolant_t) :: interpolant
     logical :: needs_interpolant = .false.
     logical :: seeks_events = .false.        ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
-    integer :: inner_from = 0                ! and when points within a polynomial step were prepared
+    integer :: inner_from = 0                ! and when inner points of the step were prepared
     type(event_state_t) :: events
     type(last_step_t) :: last
   end type trajectory_t
@@ -149,135 +154,121 @@ module trajectory_m
 contains
 
   ! Allocates the memory of a trajectory.
-  subroutine start(problem, within, keep_last, trajectory, memory)
+  subroutine start(problem, within, keep_last, x, memory)
     type(problem_t), intent(in) :: problem
     logical, intent(in) :: within            ! whether interpolants are needed
     logical, intent(in) :: keep_last         ! whether that of the last step may be requested
-    type(trajectory_t), intent(out) :: trajectory
+    type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
-    integer :: n
+    integer :: k, n
 
     associate (frame => problem%frame, method => problem%method)
-      trajectory%result = merge(1, method%result, method%two_registers)
-      allocate (trajectory%y(frame%point_size, 0:merge(1, size(method%origin), &
-                                                       method%two_registers)), &
-                trajectory%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
-                trajectory%request%y(frame%point_size), &
-                trajectory%request%received(frame%dimension), trajectory%slope(frame%dimension), &
-                trajectory%end_slope(frame%dimension), trajectory%u(frame%dimension), &
-                stat=memory)
-      if (memory == 0 .and. method%has_nodes) &
-        allocate (trajectory%f_before, mold=trajectory%f, stat=memory)
+      x%result = merge(1, method%result, method%two_registers)
+      allocate (x%y(frame%point_size, 0:merge(1, size(method%origin), method%two_registers)), &
+                x%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
+                x%request%y(frame%point_size), &
+                x%request%received(frame%dimension), x%slope(frame%dimension), &
+                x%end_slope(frame%dimension), x%u(frame%dimension), stat=memory)
+      if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory /= 0) return
-      trajectory%flows = method%flows
+      x%flows = method%flows
       if (method%collocation) then
-        call reserve(frame%dimension, .not. problem%dense, trajectory%newton, memory)
+        call reserve(frame%dimension, .not. problem%dense, x%newton, memory)
       else if (method%implicit) then
-        trajectory%solver%fixed_point = .not. problem%dense
-        n = merge(size(trajectory%f) / method%blocks, 0, problem%dense)
-        allocate (trajectory%solver%value, mold=trajectory%f, stat=memory)
-        if (memory == 0) allocate (trajectory%solver%lu(n, n, method%blocks), &
-                                   trajectory%solver%pivot(n, method%blocks), &
-                                   trajectory%solver%factored_h(method%blocks), stat=memory)
+        x%solver%fixed_point = .not. problem%dense
+        n = merge(size(x%f) / method%blocks, 0, problem%dense)
+        allocate (x%solver%value, mold=x%f, stat=memory)
+        if (memory == 0) allocate (x%solver%lu(n, n, method%blocks), &
+                                   x%solver%pivot(n, method%blocks), &
+                                   x%solver%factored_h(method%blocks), stat=memory)
       end if
       if (memory /= 0) return
       n = 0
       if (problem%adaptive) n = width(frame, problem%tolerances)
-      associate (control => trajectory%control)
-        allocate (control%v(n), control%scale(n), control%work(n), stat=memory)
+      k = 0
+      if (associated(problem%events)) k = problem%events%count
+      associate (control => x%control, events => x%events)
+        allocate (control%v(n), control%scale(n), control%work(n), events%before(k), &
+                  events%after(k), events%count(k), events%time(k), events%value_after(k), &
+                  stat=memory)
+        if (memory == 0) allocate (events%came_from(k), source=0, stat=memory)
       end associate
       if (memory /= 0) return
-      n = 0
-      if (associated(problem%events)) n = problem%events%count
-      associate (events => trajectory%events)
-        allocate (events%before(n), events%after(n), events%count(n), events%time(n), &
-                  events%came_from(n), events%value_after(n), stat=memory)
-        if (memory == 0) events%came_from = 0
-      end associate
-      if (memory /= 0) return
-      if (within) call reserve_interpolant(frame, problem%scheme, trajectory%interpolant, memory)
+      if (within) call reserve_interpolant(frame, problem%scheme, x%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
-      trajectory%last%kept = .true.
-      allocate (trajectory%last%y(frame%point_size), trajectory%last%slope(frame%dimension), &
-                stat=memory)
+      x%last%kept = .true.
+      allocate (x%last%y(frame%point_size), x%last%slope(frame%dimension), stat=memory)
     end associate
   end subroutine start
 
   ! Starts a trajectory at a point, without memory of earlier steps.
-  pure subroutine set_start(t, y, first_step, trajectory)
+  pure subroutine set_start(t, y, first_step, x)
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(in) :: first_step                 ! zero to choose it
-    type(trajectory_t), intent(inout) :: trajectory
+    type(trajectory_t), intent(inout) :: x
     logical :: same                          ! whether it was there already
 
-    same = .not. (abs(trajectory%t - t) > 0 .or. any(abs(trajectory%y(:, 0) - y) > 0))
-    trajectory%t = t
-    trajectory%y(:, 0) = y
-    trajectory%slope_known = .false.
-    trajectory%end_known = .false.
-    trajectory%control%step_size = first_step
-    trajectory%control%last_error = 1.0_wp
-    trajectory%control%after_rejection = .false.
-    trajectory%control%suspicion = 0
-    trajectory%phase = phase_begin_segment
-    trajectory%status = paused
-    trajectory%segment = 1
-    trajectory%interpolate_only = .false.
-    trajectory%events%jumps_in_place = 0
-    trajectory%grid = grid_t()
-    trajectory%grid_done = 0
-    trajectory%weighted_by = 0.0_wp
-    call forget_step(trajectory)
-    trajectory%last%cut = .false.
-    trajectory%events%known = .false.
-    trajectory%events%before = 0.0_wp
-    trajectory%events%count = 0
-    if (allocated(trajectory%events%zero)) call forget_zeros(trajectory)
+    same = .not. (abs(x%t - t) > 0 .or. any(abs(x%y(:, 0) - y) > 0))
+    x%t = t
+    x%y(:, 0) = y
+    x%slope_known = .false.
+    x%end_known = .false.
+    x%control%step_size = first_step
+    x%control%last_error = 1.0_wp
+    x%control%after_rejection = .false.
+    x%control%suspicion = 0
+    x%phase = phase_begin_segment
+    x%status = paused
+    x%segment = 1
+    x%interpolate_only = .false.
+    x%events%jumps_in_place = 0
+    x%grid = grid_t()
+    x%grid_done = 0
+    x%weighted_by = 0.0_wp
+    call forget_step(x)
+    x%last%cut = .false.
+    x%events%known = .false.
+    x%events%before = 0.0_wp
+    x%events%count = 0
+    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
     if (same) return
-    trajectory%events%time = huge(1.0_wp)
-    trajectory%events%came_from = 0
+    x%events%time = huge(1.0_wp)
+    x%events%came_from = 0
   end subroutine set_start
 
-  ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or the
-  ! solution may jump.
-  pure subroutine forget_step(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
+  ! Forgets coefficients, polynomial and Jacobian of the step before, where the right-hand side or
+  ! the solution may jump.
+  pure subroutine forget_step(x)
+    type(trajectory_t), intent(inout) :: x
 
-    trajectory%h_before = 0.0_wp
-    trajectory%newton%has_jacobian = .false.
-    trajectory%newton%fresh = .false.
-    trajectory%newton%last_h = 0.0_wp
-    trajectory%newton%rate_factor = 1.0_wp
-    if (allocated(trajectory%solver%factored_h)) trajectory%solver%factored_h = 0.0_wp
+    x%h_before = 0.0_wp
+    x%newton%has_jacobian = .false.
+    x%newton%fresh = .false.
+    x%newton%last_h = 0.0_wp
+    x%newton%rate_factor = 1.0_wp
+    if (allocated(x%solver%factored_h)) x%solver%factored_h = 0.0_wp
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
-  pure subroutine continue_run(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
+  pure subroutine continue_run(x)
+    type(trajectory_t), intent(inout) :: x
 
-    trajectory%status = paused
-    trajectory%segment = 1
-    trajectory%phase = phase_begin_segment
-    trajectory%interpolate_only = .false.
-    if (allocated(trajectory%events%zero)) call forget_zeros(trajectory)
+    x%status = paused
+    x%segment = 1
+    x%phase = phase_begin_segment
+    x%interpolate_only = .false.
+    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
   end subroutine continue_run
 
-  ! Forgets zeros within a step that a failure has interrupted.
-  pure subroutine forget_zeros(trajectory)
-    type(trajectory_t), intent(inout) :: trajectory
-
-    deallocate (trajectory%events%zero, trajectory%events%zero_of, trajectory%events%zero_from)
-  end subroutine forget_zeros
-
   ! Ends a trajectory with an error.
-  subroutine fail(trajectory, status, t)
-    type(trajectory_t), intent(inout) :: trajectory
+  subroutine fail(x, status, t)
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
-    trajectory%status = status
-    trajectory%failed_at = t
+    x%status = status
+    x%failed_at = t
   end subroutine fail
 
 end module trajectory_m

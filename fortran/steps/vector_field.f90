@@ -8,7 +8,7 @@ module vector_field_m
   use kinds, only: wp
   implicit none
   private
-  public :: field_at, rhs_i, vector_field_t
+  public :: call_python_field, call_python_member, field_at, rhs_i, vector_field_t
 
   abstract interface
 
@@ -22,6 +22,9 @@ module vector_field_m
     end function rhs_i
 
   end interface
+
+  ! in python_field.c: functions of Python, whose data are the user data or a member's
+  procedure(rhs_i), bind(c) :: call_python_field, call_python_member
 
   type :: vector_field_t
     procedure(rhs_i), pointer, nopass :: rhs => null()

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from bracket_examples import CLOSED, HEISENBERG_GROUP
 from frame_examples import FRAMES, name
 from refusals import refuses
 
 from cg.frames import SO3, Euclidean, FieldFrame, MatrixFrame, Sphere, check
 
 
-@pytest.mark.parametrize("frame", FRAMES, ids=name)
+@pytest.mark.parametrize("frame", [*FRAMES, CLOSED, HEISENBERG_GROUP], ids=name)
 def test_check_passes_for_package_frames(frame):
     assert check(frame, rng=np.random.default_rng(1)) is None
 

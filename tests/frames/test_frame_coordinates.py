@@ -1,7 +1,5 @@
 """Coordinates of frames: sizes, nearby points, compiled blocks."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from frame_examples import FRAMES, MAX_SCALE, name
@@ -172,19 +170,3 @@ def test_local_coordinates_keep_large_logarithms(frame):
         largest(frame.flow(v[has], y0[has]) - y1[has], frame) for v in (coordinates, known)
     )
     assert (off <= np.maximum(before, 5e-15 * largest(y1[has], frame))).all()
-
-
-@pytest.mark.parametrize("n", [2, 3, 5])
-def test_coordinates_on_su_have_minimum_norm(n):
-    """This holds if the principal angles add up to a turn too."""
-    frame, rng = SU(n), np.random.default_rng(80)
-    angles = rng.uniform(-np.pi, np.pi, (40, n))
-    angles[:, 0] = np.angle(np.exp(-1j * angles[:, 1:].sum(axis=-1)))
-    assert n == 2 or (np.abs(angles.sum(axis=-1)) > 1.0).sum() > 5
-    vectors = frame.random_point(rng, (40,))
-    y = (vectors * np.exp(1j * angles)[:, None, :]) @ vectors.conj().swapaxes(-1, -2)
-    coordinates = np.linalg.norm(frame.algebra(frame.exp_coordinates(np.eye(n), y)), axis=(-2, -1))
-    for own, length in zip(angles, coordinates, strict=True):
-        moved = own + 2.0 * np.pi * np.array([*product((-1, 0, 1), repeat=n)])
-        traceless = np.abs(moved.sum(axis=-1)) < 1e-9
-        assert length == pytest.approx(np.linalg.norm(moved[traceless], axis=-1).min(), abs=1e-13)

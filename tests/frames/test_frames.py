@@ -109,17 +109,6 @@ def test_derivative_of_the_flow_is_the_field(frame, seed, scale):
 
 @every_frame
 @axioms
-@given(seed=seeds, factor=st.floats(-5, 5))
-def test_field_is_linear_in_the_coefficients(frame, seed, factor):
-    rng = np.random.default_rng(seed)
-    y, u, v = frame.random_point(rng), frame.random_vector(rng), frame.random_vector(rng)
-    combined = frame.field(u, y) + factor * frame.field(v, y)
-    rounding = 1e-13 * condition(y)
-    np.testing.assert_allclose(frame.field(u + factor * v, y), combined, rtol=0, atol=rounding)
-
-
-@every_frame
-@axioms
 @given(seed=seeds, scale=scales)
 def test_exp_coordinates_invert_the_flow(frame, seed, scale):
     scale = min(scale, 0.1)

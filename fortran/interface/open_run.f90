@@ -1,0 +1,221 @@
+! Opens a run: makes a problem, lanes and views of the caller's memory from the record of the run, a
+! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_numbers.py).
+module open_run_m
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_null_ptr
+  use, intrinsic :: iso_fortran_env, only: int64
+  use error_norm_m, only: tolerances_t
+  use kinds, only: wp
+  use run_m, only: plan_t, run_t
+  use shared_numbers, only: counters_t, differences_jacobian, event_record_t, paused, &
+                            sparse_jacobian
+  use trajectory_m, only: start
+  use vector_field_m, only: field_at
+  implicit none
+  private
+  public :: open_run, set_inputs, set_output
+
+contains
+
+  ! Opens the run of a plan whose record is set.
+  subroutine open_run(plan, run, memory)
+    type(plan_t), target, intent(in) :: plan
+    type(run_t), target, intent(inout) :: run
+    integer, intent(out) :: memory           ! nonzero if there isn't enough
+
+    call set_problem(plan, run)
+    call set_tolerances(run)
+    if (run%record%functions > 0) call set_events(run)
+    call set_lanes(run, memory)
+    if (memory /= 0) return
+    if (run%record%observations > 0) call set_observer(run)
+    call set_output(run)
+  end subroutine open_run
+
+  ! Sets the frame, the method and the right-hand side of a problem.
+  subroutine set_problem(plan, run)
+    type(plan_t), target, intent(in) :: plan
+    type(run_t), target, intent(inout) :: run
+    integer :: i
+
+    associate (problem => run%problem, record => run%record, field => run%field)
+      run%frame = plan%frame
+      run%python%context = transfer(record%context, c_null_ptr)
+      if (record%context /= 0) run%frame%callback => run%python
+      field%rhs => field_at(record%function)
+      field%nan = ieee_value(field%nan, ieee_quiet_nan)
+      field%data_address = record%data
+      field%data_stride = record%data_stride
+      call set_inputs(run)
+      problem%frame => run%frame
+      do i = 1, size(run%frame%blocks)
+        run%frame%blocks(i)%action%inner => run%inner
+      end do
+      if (record%vectorized == 0) problem%field => run%field
+      problem%method => plan%method
+      problem%scheme => plan%scheme
+      problem%common = record%common /= 0
+      problem%of_time = record%of_time /= 0
+      problem%unique_flows = record%free /= 0
+      problem%has_jacobian = record%jacobian /= differences_jacobian
+      problem%dense = record%jacobian /= sparse_jacobian
+    end associate
+  end subroutine set_problem
+
+  ! Sets the sizes of steps and their tolerances, of which those in the record may be fewer.
+  subroutine set_tolerances(run)
+    type(run_t), intent(inout) :: run
+    real(wp), pointer, contiguous :: stops(:), rtols(:), atol(:)
+    integer :: i, n
+
+    associate (problem => run%problem, record => run%record)
+      call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
+      problem%stops = stops
+      problem%adaptive = .not. record%h > 0
+      problem%h = record%h
+      problem%first_step = record%first_step
+      problem%max_steps = record%max_steps
+      n = merge(run%frame%point_size, run%frame%dimension, record%in_entries /= 0)
+      call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerances)])
+      call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerances)])
+      problem%tolerances = tolerances_t( &
+        atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
+        rtols=[(rtols(1 + (i - 1) / (n / size(rtols))), i = 1, n)], rtol=record%rtol, &
+        in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
+        max_step=record%max_step)
+      if (problem%adaptive) then
+        run%frame%blocks%action%rtol = record%rtol
+        run%frame%blocks%action%atol = minval(atol)
+      end if
+    end associate
+  end subroutine set_tolerances
+
+  ! Makes the lanes, and the views of what is stored of each member.
+  subroutine set_lanes(run, memory)
+    type(run_t), target, intent(inout) :: run
+    integer, intent(out) :: memory           ! nonzero if there isn't enough
+    logical :: within
+    integer :: i, lanes, members
+
+    associate (record => run%record, n => run%frame%point_size)
+      members = int(record%members)
+      lanes = int(record%lanes)
+      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 2, members])
+      call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
+      run%states(n + 1:, :) = record%t0
+      run%counters(:) = counters_t(status=paused)
+      within = run%problem%scheme%columns > 0 &
+               .and. (record%dense /= 0 .or. record%outputs > 0 &
+                      .or. associated(run%problem%events))
+      allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
+      if (memory /= 0) return
+      run%busy = .false.
+      do i = 1, size(run%lanes)
+        call start(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
+        if (memory /= 0) return
+        run%lanes(i)%member = i
+      end do
+    end associate
+  end subroutine set_lanes
+
+  ! Sets the inputs of functions from the table in the record.
+  subroutine set_inputs(run)
+    type(run_t), intent(inout) :: run
+
+    if (run%record%curves == 0) return
+    call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs%table, &
+                     [7, int(run%record%curves)])
+    run%events%inputs = run%field%inputs
+  end subroutine set_inputs
+
+  ! Sets the events of a run from the table in the record.
+  subroutine set_events(run)
+    type(run_t), target, intent(inout) :: run
+    type(event_record_t), pointer, contiguous :: table(:)
+
+    associate (record => run%record)
+      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [int(record%functions)])
+      run%events%count = size(table)
+      run%events%width = int(record%event_width)
+      run%events%address = table%function
+      run%events%data = table%data
+      run%events%direction = int(table%direction)
+      run%events%most = table%most
+      run%events%jumps = table%jumps /= 0
+      run%events%member_data = record%data
+      run%events%stride = record%data_stride
+      run%events%callback = run%python
+      run%problem%events => run%events
+    end associate
+  end subroutine set_events
+
+  ! Sets what is evaluated at output times.
+  subroutine set_observer(run)
+    type(run_t), target, intent(inout) :: run
+    type(event_record_t), pointer, contiguous :: table(:)
+
+    associate (record => run%record, observer => run%observer)
+      observer%count = int(record%observations)
+      if (record%observers > 0) then
+        call c_f_pointer(transfer(record%observer_table, c_null_ptr), table, &
+                         [int(record%observers)])
+        observer%functions%count = size(table)
+        observer%functions%address = table%function
+        observer%functions%data = table%data
+        observer%functions%member_data = record%observer_data
+        observer%functions%stride = record%observer_stride
+        observer%functions%inputs = run%field%inputs
+      else
+        observer%field%rhs => field_at(record%observer)
+        observer%field%data_address = record%observer_data
+        observer%field%data_stride = record%observer_stride
+      end if
+      run%output%observer => run%observer
+    end associate
+  end subroutine set_observer
+
+  ! Makes the views of the caller's output arrays, which may have changed.
+  subroutine set_output(run)
+    type(run_t), target, intent(inout) :: run
+    integer :: dense, events, steps, outputs, members
+
+    associate (record => run%record, output => run%output, n => run%frame%point_size, &
+               m => run%frame%dimension)
+      members = int(record%members)
+      outputs = int(record%outputs)
+      steps = int(record%step_capacity)
+      dense = int(record%dense_capacity)
+      events = int(record%event_capacity)
+      output%outputs = outputs
+      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [outputs])
+      if (record%y /= 0) &
+        call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, outputs])
+      if (record%observed /= 0) &
+        call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
+                         [int(record%observations), members, outputs])
+      output%every = record%every
+      output%step_capacity = record%step_capacity
+      call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
+      if (record%step_y /= 0) &
+        call c_f_pointer(transfer(record%step_y, c_null_ptr), output%step_y, [n, steps])
+      if (record%step_observed /= 0) &
+        call c_f_pointer(transfer(record%step_observed, c_null_ptr), output%step_observed, &
+                         [int(record%observations), steps])
+      output%dense = record%dense /= 0
+      output%dense_capacity = record%dense_capacity
+      call c_f_pointer(transfer(record%dense_member, c_null_ptr), output%dense_member, [dense])
+      call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [4, dense])
+      call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2, dense])
+      call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
+                       [m, run%problem%scheme%columns, dense])
+      output%event_capacity = record%event_capacity
+      output%lanes = size(run%lanes, kind=int64)
+      output%functions = 0
+      if (associated(run%problem%events)) output%functions = int(run%problem%events%count, int64)
+      call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2, events])
+      call c_f_pointer(transfer(record%event_t, c_null_ptr), output%event_t, [events])
+      call c_f_pointer(transfer(record%event_y, c_null_ptr), output%event_y, [n, 2, events])
+    end associate
+  end subroutine set_output
+
+end module open_run_m

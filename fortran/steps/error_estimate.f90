@@ -1,0 +1,125 @@
+! The estimate of the error of a step, in tolerances.
+!
+! Estimates are norms e_i of differences of results and of sums of stages, h sum_k error(k, i) f_k.
+! Two of them are combined to
+!
+!   e1 (e1 / hypot(e1, factor e2))^power,
+!
+! which has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1, and
+! e1 is the larger one of two, see kink_weights in cg/method/end_weights.py. With a power of 0 (same
+! file) sums see the end of the step, which results don't, and the larger of e1 and factor e2
+! counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
+module error_estimate_m
+  use kinds, only: wp
+  use coordinates_m, only: difference
+  use error_norm_m, only: norm, remove_isotropy, scales, tangent, turning
+  use newton_m, only: filtered
+  use node_difference_m, only: node_difference
+  use trajectory_m, only: problem_t, trajectory_t
+  use vectors_m, only: finite
+  implicit none
+  private
+  public :: estimate_error
+
+  ! Angle of a step, in radians, up to which estimates have been compared with errors
+  real(wp), parameter :: max_angle = 20.0_wp
+  real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
+
+contains
+
+  ! Estimates the error of a step whose results are known.
+  subroutine estimate_error(problem, x)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: errors(3), error, ratio
+    integer :: i, k, place, sums
+
+    associate (frame => problem%frame, tolerances => problem%tolerances, &
+               method => problem%method, v => x%u)
+      call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
+      errors = 0.0_wp
+      sums = size(method%error, 2)
+      if (method%embedded > 0) then
+        if (.not. finite(x%y(:, method%embedded))) return
+        errors(1) = distance(problem, x, method%embedded)
+        if (method%third > 0) errors(2) = distance(problem, x, method%third)
+      end if
+      x%path_of_u = 0
+      do i = 1, sums
+        v = x%h * method%error(1, i) * x%f(:, 1)
+        do k = 2, size(x%f, 2)
+          v = v + x%h * method%error(k, i) * x%f(:, k)
+        end do
+        if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
+        call remove_isotropy(frame, x%y(:, x%result), v)
+        place = merge(2 + i - sums, 1 + 2 * (i - 1) / sums, method%embedded > 0)
+        if (method%power == 0) place = 1 + i
+        error = norm_of_u(problem, x)
+        if (method%polynomial) error = hypot(errors(place), error)
+        if (.not. error <= errors(place)) errors(place) = error
+      end do
+      ratio = 1.0_wp
+      if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &
+        ratio = errors(1) / hypot(errors(1), method%factor * errors(2))
+      x%error = errors(1) * ratio**method%power
+      if (method%power == 0) then
+        if (errors(3) > 0 .and. errors(3) <= huge(ratio)) &
+          errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
+        x%error = max(errors(1), method%factor * errors(2))
+      end if
+      call limit_angle(problem, x)
+      if (method%has_nodes .and. abs(x%h_before) > 0) then
+        call node_difference(method%c, x%f, x%h_before / x%h, x%f_before, v)
+        v = x%h * v
+        call remove_isotropy(frame, x%y(:, x%result), v)
+        x%error = max(x%error, norm_of_u(problem, x))
+      end if
+    end associate
+  end subroutine estimate_error
+
+  ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
+  ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.
+  subroutine limit_angle(problem, x)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: x
+    real(wp) :: excess
+    integer :: k
+
+    if (problem%method%collocation .or. problem%method%polynomial) return
+    excess = (abs(x%h) * turning(problem%frame, x%f(:, 1)) / max_angle) &
+             **(1 / problem%tolerances%exponent)
+    if (excess <= max(x%error, least_excess)) return
+    x%path_of_u = 0
+    do k = 2, size(x%f, 2)
+      x%u = x%h * (x%f(:, k) - x%f(:, 1))
+      if (.not. norm_of_u(problem, x) <= 1) then
+        x%error = excess
+        exit
+      end if
+    end do
+  end subroutine limit_angle
+
+  ! The norm of the difference of the result from another one
+  real(wp) function distance(problem, x, path)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: x
+    integer, intent(in) :: path
+
+    if (problem%tolerances%in_entries) then
+      x%control%v(:) = x%y(:, x%result) - x%y(:, path)
+    else
+      call difference(problem%frame, x%y(:, path), x%y(:, x%result), x%control%v)
+    end if
+    distance = norm(problem%tolerances, x%control%v, x%control%scale)
+  end function distance
+
+  ! The norm of the displacement u at the end of the step
+  real(wp) function norm_of_u(problem, x)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: x
+
+    call tangent(problem%frame, problem%tolerances, x%u, x%y(:, x%result), x%control%work)
+    norm_of_u = norm(problem%tolerances, x%control%work, x%control%scale)
+  end function norm_of_u
+
+end module error_estimate_m

@@ -1,0 +1,208 @@
+! The solution within a step by flows. cg/integration/step/interpolant.py derives the coefficients.
+!
+! The coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P at nodes
+! 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve
+! z' = h sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method, without evaluations of f.
+! One more flow moves z(1) to y1:
+!
+!   y(theta) = exp(w(theta) v) z(theta),   exp(v) z(1) = y1,   w(theta) = W(theta) / W(1),
+!
+! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
+! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
+! Nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
+! with n nodes leads. For linear equations with flows along polynomials, z with nodes at the stages
+! is y, without a last flow.
+module flow_interpolant_m
+  use kinds, only: wp
+  use blocks_m, only: flow_sequence_t
+  use coordinates_m, only: difference
+  use frames_m, only: apply_flows, frame_t
+  use shared_numbers, only: nearby_operation
+  implicit none
+  private
+  public :: scheme_t, interpolant_t, add_flow_node, begin_flows, difference_nearby, follow_flows, &
+            reserve_interpolant, set_ends
+
+  ! The coefficients of the interpolants of a method
+  type :: scheme_t
+    integer :: columns = 0                   ! of an interpolant's coefficients; 0: not yet known
+    logical :: at_stages = .false.           ! whether the stages are all nodes, at known times
+    ! on a Lie algebra
+    logical :: flat = .false.                ! whether the stages of a flat method are used
+    integer :: final = 0                     ! the derivative at the end
+    integer :: series = 0                    ! order up to which dexp^-1 is needed
+    real(wp), allocatable :: theta(:)        ! (extra) further nodes
+    real(wp), allocatable :: row(:, :)       ! (derivatives, extra) what leads there
+    real(wp), allocatable :: basis(:, :)     ! (derivatives, degree)
+    ! elsewhere
+    integer :: nodes = 2
+    real(wp), allocatable :: node(:, :)      ! (nodes, 2:nodes) column n has n nodes
+    real(wp), allocatable :: blend(:, :)     ! (0:nodes + 1, 2:nodes) coefficients of w for n nodes
+    real(wp), allocatable :: c(:)            ! (stages) abscissae of those that lead to the result
+    real(wp), allocatable :: weight(:, :)    ! (stages, flows)
+  end type scheme_t
+
+  type :: interpolant_t
+    logical :: on_algebra = .false.
+    logical :: complete = .false.
+    integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
+    integer :: node = 0                      ! the next one, of the interpolant with one node more
+    integer :: nexp = 0                      ! flows that it took
+    real(wp) :: t0 = 0.0_wp
+    real(wp) :: h = 0.0_wp
+    real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
+    ! workspace: coordinates (dimension), a point (point_size), weights (derivatives)
+    real(wp), allocatable :: u(:), y(:), weight(:)
+    type(flow_sequence_t) :: flows           ! to a point, along the columns of `field`
+    ! (dimension, columns) those of h phi_d; or coefficients at nodes, and of the last flow
+    real(wp), allocatable :: field(:, :)
+    ! (dimension, derivatives) or (dimension, nodes) coefficients at the nodes of the next one
+    real(wp), allocatable :: next(:, :)
+  end type interpolant_t
+
+contains
+
+  ! Allocates the memory of an interpolant once.
+  subroutine reserve_interpolant(frame, scheme, interpolant, memory)
+    type(frame_t), intent(in) :: frame
+    type(scheme_t), intent(in) :: scheme
+    type(interpolant_t), intent(inout) :: interpolant
+    integer, intent(out) :: memory           ! nonzero if there isn't enough
+
+    memory = 0
+    if (allocated(interpolant%y0)) return
+    allocate (interpolant%y0(frame%point_size), interpolant%y1(frame%point_size), &
+              interpolant%u(frame%dimension), interpolant%y(frame%point_size), &
+              interpolant%weight(max(1, size(scheme%basis, 1), size(scheme%basis, 2))), &
+              interpolant%field(frame%dimension, scheme%columns), &
+              interpolant%next(frame%dimension, max(scheme%nodes, size(scheme%basis, 1))), &
+              interpolant%flows%first(size(scheme%weight, 2) + 2), &
+              interpolant%flows%weight(size(scheme%weight, 2) * scheme%nodes + 1), &
+              interpolant%flows%stage(size(scheme%weight, 2) * scheme%nodes + 1), stat=memory)
+  end subroutine reserve_interpolant
+
+  ! Gives an interpolant the ends of its step.
+  pure subroutine set_ends(interpolant, t0, h, y0, y1, first, last)
+    type(interpolant_t), intent(inout) :: interpolant
+    real(wp), intent(in) :: t0, h
+    real(wp), contiguous, intent(in) :: y0(:), y1(:)         ! (point_size)
+    real(wp), contiguous, intent(in) :: first(:), last(:)    ! (dimension) coefficients at the ends
+
+    interpolant%t0 = t0
+    interpolant%h = h
+    interpolant%y0(:) = y0
+    interpolant%y1(:) = y1
+    interpolant%field(:, 1) = first
+    interpolant%field(:, 2) = last
+  end subroutine set_ends
+
+  ! Starts an interpolant by flows.
+  subroutine begin_flows(frame, scheme, interpolant)
+    type(frame_t), intent(in) :: frame
+    type(scheme_t), intent(in) :: scheme
+    type(interpolant_t), intent(inout) :: interpolant
+
+    interpolant%known = 2
+    call add_last_flow(frame, scheme, interpolant)
+  end subroutine begin_flows
+
+  ! Stores the coefficients at a node. After the last one the interpolant has one node more.
+  subroutine add_flow_node(frame, scheme, f, interpolant)
+    type(frame_t), intent(in) :: frame
+    type(scheme_t), intent(in) :: scheme
+    real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
+    type(interpolant_t), intent(inout) :: interpolant
+
+    associate (n => interpolant%known)
+      interpolant%next(:, interpolant%node) = f
+      interpolant%node = interpolant%node + 1
+      if (interpolant%node <= n) return
+      interpolant%field(:, n + 1) = interpolant%field(:, n)
+      interpolant%field(:, 2:n) = interpolant%next(:, 2:n)
+      n = n + 1
+    end associate
+    call add_last_flow(frame, scheme, interpolant)
+  end subroutine add_flow_node
+
+  ! Computes the last flow, which reaches the end of the step.
+  subroutine add_last_flow(frame, scheme, interpolant)
+    type(frame_t), intent(in) :: frame
+    type(scheme_t), intent(in) :: scheme
+    type(interpolant_t), intent(inout) :: interpolant
+    real(wp) :: reached(frame%point_size), v(frame%dimension)
+
+    interpolant%field(:, interpolant%known + 1) = 0.0_wp
+    reached = interpolant%y0
+    call follow_flows(frame, scheme, interpolant, 1.0_wp, reached)
+    call difference_nearby(frame, reached, interpolant%y1, v)
+    interpolant%field(:, interpolant%known + 1) = v
+    interpolant%nexp = interpolant%nexp + size(scheme%weight, 2) + 1
+    interpolant%node = 2
+    interpolant%complete = interpolant%known == scheme%nodes
+  end subroutine add_last_flow
+
+  ! Computes a difference of nearby points on any frame.
+  subroutine difference_nearby(frame, x, y, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: x(:), y(:)
+    real(wp), contiguous, intent(out) :: v(:)
+
+    call difference(frame, x, y, v)
+    if (.not. all(abs(v) <= huge(v)) .and. associated(frame%callback)) then
+      call frame%callback%apply(nearby_operation, x, y, v)
+    end if
+  end subroutine difference_nearby
+
+  ! Moves the start of the step to the point at a fraction of it.
+  subroutine follow_flows(frame, scheme, interpolant, theta, y)
+    type(frame_t), intent(in) :: frame
+    type(scheme_t), intent(in) :: scheme
+    type(interpolant_t), intent(inout) :: interpolant
+    real(wp), intent(in) :: theta
+    real(wp), contiguous, intent(inout) :: y(:)
+    real(wp) :: basis(interpolant%known, size(scheme%c))
+    integer :: i, j, k
+
+    associate (n => interpolant%known, last => size(scheme%weight, 2) + 1, &
+               flows => interpolant%flows)
+      call lagrange(scheme, n, theta, interpolant%h, basis)
+      k = 0
+      do i = 1, last - 1
+        flows%first(i) = k + 1
+        do j = 1, n
+          k = k + 1
+          flows%weight(k) = dot_product(basis(j, :), scheme%weight(:, i))
+          flows%stage(k) = j
+        end do
+      end do
+      flows%first(last:last + 1) = [k + 1, k + 2]
+      flows%weight(k + 1) = 0.0_wp                     ! w(theta)
+      do i = n + 1, 0, -1
+        flows%weight(k + 1) = flows%weight(k + 1) * theta + scheme%blend(i, n)
+      end do
+      flows%stage(k + 1) = n + 1
+      call apply_flows(frame, flows, 1, last, interpolant%field, y)
+    end associate
+  end subroutine follow_flows
+
+  ! Lagrange's polynomials at the abscissae of the stages, times the step from 0 to theta
+  pure subroutine lagrange(scheme, n, theta, h, basis)
+    type(scheme_t), intent(in) :: scheme
+    integer, intent(in) :: n
+    real(wp), intent(in) :: theta, h
+    real(wp), intent(out) :: basis(:, :)                     ! (n, stages)
+    integer :: i, j, k
+
+    do k = 1, size(scheme%c)
+      do j = 1, n
+        basis(j, k) = theta * h
+        do i = 1, n
+          if (i == j) cycle
+          basis(j, k) = basis(j, k) * ((theta * scheme%c(k) - scheme%node(i, n)) &
+                                       / (scheme%node(j, n) - scheme%node(i, n)))
+        end do
+      end do
+    end do
+  end subroutine lagrange
+
+end module flow_interpolant_m
