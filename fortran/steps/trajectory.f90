@@ -168,10 +168,15 @@ contains
                 x%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
                 x%request%y(frame%point_size), &
                 x%request%received(frame%dimension), x%slope(frame%dimension), &
-                x%end_slope(frame%dimension), x%u(frame%dimension), stat=memory)
+                x%end_slope(frame%dimension), x%u(frame%dimension), &
+                x%flows%first(size(method%flows%first)), &
+                x%flows%stage(size(method%flows%stage)), &
+                x%flows%weight(size(method%flows%weight)), stat=memory)
       if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory /= 0) return
-      x%flows = method%flows
+      x%flows%first(:) = method%flows%first  ! assigning the type checks no memory
+      x%flows%stage(:) = method%flows%stage
+      x%flows%weight(:) = method%flows%weight
       if (method%collocation) then
         call reserve(frame%dimension, .not. problem%dense, x%newton, memory)
       else if (method%implicit) then
