@@ -82,9 +82,11 @@ def test_fixed_steps_have_no_end_unless_one_is_given(frame, method):
 
 
 @pytest.mark.parametrize(
-    "copied", [copy.copy, copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))]
+    "copied",
+    [copy.copy, copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))],
+    ids=["copy", "deepcopy", "pickle"],
 )
-@pytest.mark.parametrize("options", RESUMED, ids=str)
+@pytest.mark.parametrize("options", RESUMED, ids=range(len(RESUMED)))
 def test_resumed_steppers_continue_bit_for_bit(options, copied):
     options = {"frame": SO3(), **options}
     stepper = cg.Stepper(turning, 0, np.eye(3), 3.0, **options)
