@@ -81,6 +81,10 @@ class Power(Frame):
         vector, point = self._arguments(v, y)
         return self.factor.flow(self._split_vector(vector), point)
 
+    def complete_rhs(self, f: Array, y: Points) -> Array:
+        """Return all coefficients; those of an `AmbientStiefel` from its derivatives."""
+        return self._join_vectors(self.factor.complete_rhs(self._split_vector(f), y))
+
     def _bracket(self, u: Array, v: Array) -> Array:
         each = self.factor._bracket(self._split_vector(u), self._split_vector(v))
         return self._join_vectors(each)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Points, Size
 from cg.frames.base import Frame
 from cg.frames.block_kinds import Blocks, compared_by_entries
+from cg.support.shared_numbers import BlockKind
 
 _DOUBLE = np.dtype(np.float64)
 
@@ -65,6 +66,11 @@ class Product(Frame):
         object.__setattr__(self, "_point_slices", places)
         object.__setattr__(self, "_point_shape", (places[-1].stop,))
         object.__setattr__(self, "_real_parts", _real_parts(factors, places))
+        if Product._blocks(self) is None and any(map(_has_columns, factors)):
+            raise ValueError(
+                "factors with an AmbientStiefel must all be compiled and without coordinates, such "
+                f"as others of it, Grassmann and LinearAction, got {factors!r}; use Stiefel"
+            )
 
     def __repr__(self) -> str:
         return f"Product({', '.join(map(repr, self.factors))})"
@@ -160,6 +166,11 @@ class Product(Frame):
         each = self._each("_dexpinv", self._split_vector(u), self._split_vector(v), orders)
         return np.concatenate(each, axis=-1)
 
+    def complete_rhs(self, f: Array, y: Array) -> Array:
+        """Return all coefficients; those of an `AmbientStiefel` from its derivative."""
+        parts = self._split_vector(f), self._split(y)
+        return np.concatenate(self._each("complete_rhs", *parts), axis=-1)
+
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' coefficients without isotropy, joined: shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
@@ -251,6 +262,11 @@ def _real_parts(factors: Sequence[Frame], places: Sequence[slice]) -> tuple[_Rea
 def _real_size(factor: Frame) -> int:
     """Return the number of real numbers in a point."""
     return prod(factor.point_shape) * (2 if factor.dtype.kind == "c" else 1)
+
+
+def _has_columns(frame: Frame) -> bool:
+    """Return whether right-hand sides give a derivative of orthonormal columns."""
+    return any(block[0] == BlockKind.STIEFEL for block in frame.compiled_blocks() or ())
 
 
 def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:

@@ -143,9 +143,9 @@ class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
     Notes
     -----
     The coefficients are the entries of a matrix v, row by row, with the fields :math:`y' = v - y
-    v^T y`; as a factor of a `Product`, ``f`` returns them. Those of X are :math:`v = X - \tfrac12
-    y\,y^T X` [1]_. The flow is that of a matrix of rank 2k, which acts by linear fractional
-    transformations: :math:`y \mapsto x z^{-1}` with
+    v^T y`; those of X are :math:`v = X - \tfrac12 y\,y^T X` [1]_. In a `Power`, or in a `Product`
+    of such frames, ``f`` returns the entries of X too, row by row. The flow is that of a matrix of
+    rank 2k, which acts by linear fractional transformations: :math:`y \mapsto x z^{-1}` with
 
     .. math::
 

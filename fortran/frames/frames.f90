@@ -129,15 +129,21 @@ contains
     end do
   end function turn
 
-  ! Replaces a derivative of the point, which right-hand sides give on a frame of columns, by its
-  ! coefficients.
+  ! Replaces derivatives of orthonormal columns, which right-hand sides give, by their coefficients.
   subroutine complete_coefficients(frame, y, f)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), contiguous, intent(inout) :: f(:)        ! (dimension)
 
-    if (size(frame%blocks) > 1 .or. frame%blocks(1)%kind /= stiefel_block) return
-    call make_intrinsic(frame%blocks(1)%k, frame%blocks(1)%n, y, f)
+    integer :: i
+
+    do i = 1, size(frame%blocks)
+      associate (block => frame%blocks(i), n => frame%blocks(i)%n * frame%blocks(i)%k)
+        if (block%kind == stiefel_block) &
+          call make_intrinsic(block%k, block%n, y(block%points + 1:block%points + n), &
+                              f(block%vectors + 1:block%vectors + n))
+      end associate
+    end do
   end subroutine complete_coefficients
 
   ! Moves y along the time-1 flow of the field with coefficients v.
