@@ -94,7 +94,11 @@ class Inputs:
     def check_like(self, before: Inputs) -> None:
         """Raise ValueError unless functions get values of the same shapes as before."""
         if self.together != before.together or self._layout != before._layout:
-            raise ValueError(f"inputs must be like {before.curves}, got {self.curves}")
+            old, new = (
+                str(x.curves) if x.together else f"{x.curves[0]}, not in a tuple"
+                for x in (before, self)
+            )
+            raise ValueError(f"inputs must be like {old}, got {new}")
 
     @property
     def _layout(self) -> list[tuple[Any, ...]]:
