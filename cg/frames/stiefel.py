@@ -165,7 +165,7 @@ class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
     Oja's flow, to the eigenvectors of the largest eigenvalues:
 
     >>> import numpy as np
-    >>> import cg
+    >>> import crouch_grossman as cg
     >>> matrix = np.diag([3.0, 2.0, 1.0, 0.5])
     >>> frame = AmbientStiefel(4, 1)
     >>> y0 = np.full((4, 1), 0.5)

@@ -73,7 +73,7 @@ class Orders(ABC):
 
         Examples
         --------
-        >>> import cg
+        >>> import crouch_grossman as cg
         >>> trees = map(cg.trees.forest(5).tree, cg.conditions.condition_trees(4))
         >>> residuals = cg.methods["CG3"].residuals(4)
         >>> [str(t) for t, r in zip(trees, residuals, strict=True) if abs(r) > 0.05]

@@ -175,7 +175,7 @@ contains
       d = 0.0_wp
       do j = 1, k
         before = values(j)
-        step = record%step * merge(abs(before), 1.0_wp, abs(before) > 0)
+        step = record%step * merge(abs(before), 1.0_wp, abs(before) > sqrt(tiny(1.0_wp)))
         ahead = record%nan
         behind = record%nan
         values(j) = before + step

@@ -104,3 +104,16 @@ def test_refused_with_input_derivatives():
     )
     assert failed.status == -1
     assert failed.input_sensitivity is None
+
+
+def test_values_that_start_at_zero_and_pass_through_it():
+    times, values = np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 1.0, -0.5, 0.0])
+    curve = cg.Samples(times, values, kind="linear")
+    run = cg.solve_variational(
+        lambda t, y, u: [u + u * u], (0, 3), [0.0], frame=LINE, inputs=curve,
+        input_derivatives=True, rtol=1e-9, atol=1e-9,
+    )  # fmt: skip
+    # the integral of each hat function times 1 + 2 u
+    mass = np.diag([2.0, 4.0, 4.0, 2.0]) + np.diag(np.ones(3), 1) + np.diag(np.ones(3), -1)
+    expected = mass @ (1 + 2 * values) / 6
+    np.testing.assert_allclose(run.input_sensitivity[-1].ravel(), expected, rtol=0, atol=1e-6)

@@ -19,6 +19,7 @@ from cg.integration.rhs.inputs import Reader, data_at
 from cg.integration.rhs.values import Check, when
 from cg.integration.step.flows import Flows, flows_of
 
+_VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
 """Step of central differences, relative to the sizes of coordinates and of parameters."""
 
@@ -176,12 +177,12 @@ class VariationalField:
 def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
     """Return for each parameter a function that shifts it by some steps, and the step size.
 
-    Parameters have the shape ``(..., k)``. ``step`` is relative to the parameter, or to one if it
-    is zero.
+    Parameters have the shape ``(..., k)``. ``step`` is relative to the parameter, or to one if its
+    square vanishes.
     """
     steps_of = []
     for i in range(row.shape[-1]):
-        size = step * np.where(row[..., i] == 0.0, 1.0, np.abs(row[..., i]))
+        size = step * np.where(np.abs(row[..., i]) > _VANISHING, np.abs(row[..., i]), 1.0)
 
         def moved(steps: float, i: int = i, size: Array = size) -> Array:
             other = row.copy()
