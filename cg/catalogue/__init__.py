@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Hashable, Iterator, Mapping
-from functools import cache
+from functools import cached_property
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
@@ -46,8 +46,8 @@ __all__ = [
 class Catalogue(Mapping[str, Method]):
     """An immutable mapping from names to methods; a file is read at the first access.
 
-    Orders are those in ``summaries.json``, since to compute them takes longer than most
-    integrations. They are computed for methods that aren't in it.
+    Orders are those in the folder's ``summaries.json``, since to compute them takes longer than
+    most integrations. They are computed for methods that aren't in it.
 
     Parameters
     ----------
@@ -71,7 +71,15 @@ class Catalogue(Mapping[str, Method]):
             for path in sorted(folder.iterdir(), key=lambda path: path.name)
             if path.name.endswith(".toml")
         }
+        self._folder = folder
         self._loaded: dict[str, Method] = {}
+
+    @cached_property
+    def summaries(self) -> dict[str, dict[str, Any]]:
+        """Stored fields of `cg.catalogue.summary.MethodSummary`, by name of the method."""
+        file = self._folder / "summaries.json"
+        entries = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
+        return {entry["name"]: entry for entry in entries}
 
     def __getitem__(self, name: str) -> Method:
         if not isinstance(name, Hashable) or isinstance(name, slice):
@@ -80,7 +88,7 @@ class Catalogue(Mapping[str, Method]):
             raise KeyError(f"no method is named {name!r}{similar_names(name)}; {_ALL}")
         if name not in self._loaded:
             method = self.read_again(name)
-            if (stored := stored_summaries().get(name)) is not None:
+            if (stored := self.summaries.get(name)) is not None:
                 method.set_orders(stored["order"], stored["embedded_order"])
             self._loaded[name] = method
         return self._loaded[name]
@@ -106,14 +114,6 @@ class Catalogue(Mapping[str, Method]):
 
     def __repr__(self) -> str:
         return f"<Catalogue: {', '.join(self._files)}>"
-
-
-@cache
-def stored_summaries() -> dict[str, dict[str, Any]]:
-    """Return the stored fields of `cg.catalogue.summary.MethodSummary`, by name of the method."""
-    file = files(__name__) / "summaries.json"
-    entries = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
-    return {entry["name"]: entry for entry in entries}
 
 
 methods = Catalogue(files(__name__))

@@ -5,7 +5,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cg.catalogue import find_method, methods, stored_summaries
+from cg.catalogue import find_method, methods
 from cg.conditions import MAX_ORDER
 from cg.method.commutator_free import CommutatorFree
 from cg.method.estimate import estimate_ratio
@@ -78,7 +78,7 @@ def compute_summary(method: Method) -> MethodSummary:
 
 def summary_of(method: Method) -> MethodSummary:
     """Return the summary of a method; that of a method in the catalogue is stored."""
-    stored = stored_summaries().get(method.name) if find_method(method.name) == method else None
+    stored = methods.summaries.get(method.name) if find_method(method.name) == method else None
     return MethodSummary(**stored) if stored else compute_summary(method)
 
 

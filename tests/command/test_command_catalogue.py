@@ -74,6 +74,15 @@ class TestList:
         (stored,) = (entry for entry in json.loads(text) if entry["name"] == name)
         assert stored == summary_of(method).as_dict() == compute_summary(method).as_dict()
 
+    def test_stored_orders_equal_computed(self, tmp_path):
+        for name, method in cg.methods.items():
+            again = cg.methods.read_again(name)
+            assert again.exact_order == method.exact_order, name
+            assert again.embedded_order == method.embedded_order, name
+        text = cg.catalogue.dumps(cg.methods["CG3"]).replace('"CG3"', '"CG5a"')
+        (tmp_path / "CG5a.toml").write_text(text, encoding="utf-8")
+        assert cg.catalogue.Catalogue(tmp_path)["CG5a"].order == 3  # not that of the package's CG5a
+
     @pytest.mark.slow
     @pytest.mark.parametrize("name", {**FROZEN, **MUNTHE_KAAS})
     def test_stored_facts_of_all(self, name):

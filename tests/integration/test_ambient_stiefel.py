@@ -1,5 +1,7 @@
 """Orthonormal columns whose right-hand sides return derivatives."""
 
+import copy
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -181,3 +183,37 @@ def test_factors_get_derivatives_too(method):
     for other in (cg.frames.Euclidean(1), cg.frames.GL(1)):
         with pytest.raises(ValueError, match="factors with an AmbientStiefel must all be"):
             cg.frames.Product(frame, other)
+
+
+def test_powers_meet_events_breakpoints_ensembles_copies_and_backward_steps():
+    rng = np.random.default_rng(3)
+    single, skew = cg.frames.AmbientStiefel(4, 2), rng.standard_normal((4, 4))
+    skew -= skew.T
+    frame = cg.frames.Power(single, 2)
+    y0 = np.stack([single.random_point(rng), single.random_point(rng)])
+    options = {"frame": frame, "rtol": 1e-10, "atol": 1e-10}
+
+    def f(t, y):
+        return np.concatenate([(skew @ part).ravel() for part in y])
+
+    def exact(t, start=y0):
+        return expm(skew * t) @ start
+
+    back = cg.solve_ivp(f, (0, -1), y0, **options).y[-1]
+    np.testing.assert_allclose(back, exact(-1.0), rtol=0, atol=1e-8)
+    level = exact(0.6)[0, 0, 0]
+    run = cg.solve_ivp(
+        f, (0, 1), y0, breakpoints=[0.3], events=lambda t, y: y[0, 0, 0] - level, **options
+    )
+    assert np.abs(run.t_events[0] - 0.6).min() < 1e-8
+    starts = np.stack([y0, y0[::-1]])
+    together = cg.solve_ensemble(f, (0, 1), starts, t_eval=[1.0], **options)
+    np.testing.assert_allclose(
+        together.y.reshape(starts.shape), exact(1.0, starts), rtol=0, atol=1e-8
+    )
+    stepper = cg.Stepper(f, 0, y0, 1.0, method="CF5(4)", **options)
+    stepper.step()
+    stepper = copy.copy(stepper)
+    while stepper.status == "running":
+        stepper.step()
+    np.testing.assert_allclose(stepper.y, exact(1.0), rtol=0, atol=1e-8)
