@@ -241,6 +241,7 @@ def test_a_force_of_another_shape_is_refused():
     ({"h": None, "rtol": 1e-6}, "h must be given with"),
     ({"frame": Product(SO3(), Euclidean(3))}, "frame must be a cg.frames.PhaseSpace"),
     ({"f": lambda t, y: -y[-3:]}, "f must not depend on the momentum"),
+    ({"f": lambda t, y: -t * y[-3:]}, "f must not depend on the momentum"),
 ])  # fmt: skip
 def test_what_splitting_methods_refuse(change, message):
     options = {"f": TOP.f, "frame": TOP.frame, "method": "Leapfrog", "h": 0.1} | change
