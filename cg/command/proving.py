@@ -1,68 +1,113 @@
-"""``certify``: proof of the order of a method."""
+"""``certify``: proofs of the orders of methods."""
 
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
+from cg.catalogue import methods
 from cg.command.arguments import METHOD, as_json, check_output, json_option, output_option, say
 from cg.command.main import NO
 from cg.method.method import Method
-from cg.proofs import CertificationError, certify
+from cg.proofs import Certificate, CertificationError, certificate_of, certify, check
+from cg.proofs.files import certificate_names
 
 
-@click.command("certify", short_help="Prove the order of a method.")
-@click.argument("method", metavar="NAME|FILE", type=METHOD)
+@click.command("certify", short_help="Prove the orders of methods.")
+@click.argument("items", metavar="NAME|FILE ...", nargs=-1, type=METHOD)
+@click.option(
+    "--check", "again", is_flag=True,
+    help="Prove stored certificates again: of methods of the catalogue, by default of all of them, "
+    "or those beside FILEs.",
+)  # fmt: skip
 @output_option("Output file of the certificate.")
 @click.option(
     "--complete", is_flag=True,
     help="Demand a complete proof: without it some conditions may only be shown to be small.",
 )  # fmt: skip
 @json_option
-def certify_command(method: Method, output: Path | None, complete: bool, in_json: bool) -> int:
+def certify_command(
+    items: tuple[Method, ...], again: bool, output: Path | None, complete: bool, in_json: bool
+) -> int:
     """Prove the order of a method in ball arithmetic.
 
     Prints the certificate: a box around the coefficients contains exactly one method that has the
-    order exactly, or almost for a proof in part. `python -m cg.proofs --check` proves the
-    certificates of the catalogue again.
+    order exactly, or almost for a proof in part.
 
-    Exits with 1 if the proof fails.
+    Exits with 1 if a proof fails.
 
     \b
     Examples:
       crouch-grossman certify CG4a
       crouch-grossman certify my_method.toml -o my_method.certificate.toml
       crouch-grossman certify CF5a --complete
+      crouch-grossman certify --check
     """
+    if again:
+        if complete or output is not None:
+            raise click.UsageError("--check excludes --complete and --output")
+        return _check(items or tuple(map(methods.__getitem__, certificate_names())), in_json)
+    if len(items) != 1:
+        raise click.UsageError(f"name one method, or pass --check; got {len(items)} methods")
     check_output(output)
+    certificate, entry = _proved(items[0], lambda method: certify(method, complete=complete))
+    if certificate is not None and output is not None:
+        certificate.save(output)
+    if in_json:
+        as_json(entry)
+    elif certificate is None:
+        say(f"not proved: {entry['message']}")
+    else:
+        say(f"{certificate}" if output else f"{certificate.dumps()}\n{certificate}")
+    return 0 if certificate else NO
+
+
+def _check(items: tuple[Method, ...], in_json: bool) -> int:
+    entries = []
+    for method in items:
+        begin = time.perf_counter()
+        certificate, entry = _proved(method, _proved_again)
+        entries.append(entry)
+        if not in_json:
+            failed = "" if certificate else f"FAILED {method.name}: "
+            say(f"{failed}{entry['message']} [{time.perf_counter() - begin:.1f} s]")
+    kinds = [entry["proved"] for entry in entries]
+    if in_json:
+        as_json(entries)
+    else:
+        words = {"in part": "in part", "no": "failed"}
+        others = (f", {kinds.count(k)} {word}" for k, word in words.items() if k in kinds)
+        say(f"{kinds.count('yes')} proved{''.join(others)}")
+    return NO if "no" in kinds else 0
+
+
+def _proved_again(method: Method) -> Certificate:
+    certificate = certificate_of(method)
+    check(certificate, method)
+    return certificate
+
+
+def _proved(
+    method: Method, prove: Callable[[Method], Certificate]
+) -> tuple[Certificate | None, dict[str, Any]]:
+    """Return a certificate and its summary; None and why if the proof fails."""
     try:
-        certificate = certify(method, complete=complete)
+        certificate = prove(method)
     except TypeError as error:
         raise click.BadParameter(str(error), param_hint="NAME|FILE") from None
     except CertificationError as error:
-        if in_json:
-            as_json({"name": method.name, "proved": "no", "message": str(error)})
-        else:
-            say(f"not proved: {error}")
-        return NO
-    if output is not None:
-        certificate.save(output)
+        return None, {"name": method.name, "proved": "no", "message": str(error)}
     bound = certificate.box.bound
-    if in_json:
-        as_json(
-            {
-                "name": certificate.name,
-                "proved": certificate.proved,
-                "order": certificate.order,
-                "embedded_order": certificate.embedded_order,
-                "radius": str(certificate.radius).lower(),
-                "left_out": len(certificate.left_out),
-                "bound": None if bound is None else str(bound).lower(),
-                "fixed": list(certificate.fixed),
-                "message": str(certificate),
-            }
-        )
-    else:
-        if output is None:
-            say(certificate.dumps())
-        say(str(certificate))
-    return 0
+    return certificate, {
+        "name": certificate.name,
+        "proved": certificate.proved,
+        "order": certificate.order,
+        "embedded_order": certificate.embedded_order,
+        "radius": str(certificate.radius).lower(),
+        "left_out": len(certificate.left_out),
+        "bound": None if bound is None else str(bound).lower(),
+        "fixed": list(certificate.fixed),
+        "message": str(certificate),
+    }

@@ -1,12 +1,11 @@
 """Proofs of the order of methods, in ball arithmetic.
 
-`certify` finds a proof and returns a `Certificate`; `check` repeats one from scratch, as
-``python -m cg.proofs --check`` does for the files of the catalogue.
+`certify` finds a proof and returns a `Certificate`; `check` repeats one from scratch.
 """
 
 from cg.proofs.certificate import Box, Certificate, CertificationError, ViolatedCondition
 from cg.proofs.digits import refined_digits
-from cg.proofs.files import certificate_of, check_file, proved
+from cg.proofs.files import certificate_of, proved
 from cg.proofs.prove import certify, check
 
 __all__ = [
@@ -17,7 +16,6 @@ __all__ = [
     "certificate_of",
     "certify",
     "check",
-    "check_file",
     "proved",
     "refined_digits",
 ]

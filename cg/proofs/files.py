@@ -10,7 +10,6 @@ from cg.catalogue.entries import certificate_path
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.proofs.certificate import Certificate, CertificationError
-from cg.proofs.prove import check
 from cg.proofs.statement import fitting
 
 
@@ -62,21 +61,10 @@ def proved(method: Method) -> str:
 
 
 def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:
-    """Return the certificate beside the file of a method, None if there is none; see `check`."""
+    """Return the certificate beside the file of a method, None if there is none; `check` proves it."""
     path = certificate_path(Path(file))
     if not path.is_file():
         return None
     certificate = Certificate.load(path)
     fitting(certificate, method)
-    return certificate
-
-
-def check_file(path: str | PathLike[str], method: Method | None = None) -> Certificate:
-    """Prove what a certificate file says, by default of the method that it names, and return it."""
-    certificate = Certificate.load(path)
-    if method is None:
-        method = find_method(certificate.name)
-        if method is None:
-            raise CertificationError(f"{path}: no method is named {certificate.name!r}")
-    check(certificate, method)
     return certificate

@@ -28,7 +28,7 @@ _EXPLANATION = (
     "number. These columns were computed in this run. The last column is read from the "
     "certificates' files: the radius around the stored coefficients within which an exact method "
     "was proved to exist, 0 if the coefficients are exact, and in part if this was proved for "
-    "independent conditions and the others were proved to be tiny. python -m cg.proofs --check "
+    "independent conditions and the others were proved to be tiny. crouch-grossman certify --check "
     "repeats the proofs."
 )
 

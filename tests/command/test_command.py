@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -84,6 +85,20 @@ class TestNewMethods:
         assert json.loads(output)["message"] == str(cg.certify("DICG4"))
         code, output, _ = run("certify", "DICG4", "--complete")
         assert (code, output.splitlines()[0][:24]) == (1, "not proved: DICG4: no ze")
+
+    def test_certificates_are_proved_again(self, run, tmp_path):
+        code, output, _ = run("certify", "--check", "CG3", "CG5a", "CG6a")
+        assert code == 1
+        assert [line[:24] for line in output.splitlines()] == [
+            *("CG3: order 3 is proved: ", "CG5a: order 5 is proved ", "FAILED CG6a: CG6a has no"),
+            "1 proved, 1 in part, 1 f",
+        ]
+        method = cg.Tableau([[], ["1/2"]], [0, 1], name="mine")
+        cg.save(method, tmp_path / "mine.toml")
+        proof = cg.certify(method)
+        for order, code in ((2, 0), (3, 1)):
+            replace(proof, order=order).save(tmp_path / "mine.certificate.toml")
+            assert run("certify", "--check", str(tmp_path / "mine.toml"))[0] == code
 
 
 class TestExport:
