@@ -61,7 +61,7 @@ def proved(method: Method) -> str:
 
 
 def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:
-    """Return the certificate beside the file of a method, None if there is none; `check` proves it."""
+    """Return the certificate beside the file of a method, or None; `check` proves it."""
     path = certificate_path(Path(file))
     if not path.is_file():
         return None
