@@ -229,10 +229,7 @@ class _Pool:
     """An executor with its pending chunks, and a function that makes a new one."""
 
     def __init__(
-        self,
-        executor: ExecutorLike,
-        workers: int | None,
-        data: Callable[[list[int]], Any] | None,
+        self, executor: ExecutorLike, workers: int | None, data: Callable[[list[int]], Any] | None
     ) -> None:
         self.data = data
         self.pending: dict[Future[Any], list[int]] = {}  # in the order of submission

@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.algebra import FieldAlgebra
-from cg.frames.arrays import (
-    Array,
-    Points,
-    Size,
-    check_random,
-)
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.block_kinds import Blocks
 from cg.frames.local_coordinates import (
     local_coordinates,
