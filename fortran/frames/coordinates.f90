@@ -13,6 +13,7 @@ module coordinates_m
                             quaternion_block, se3_block, sizes_operation, so3_block, so_block, &
                             sphere_block, su2_block, su_block, u_block
   use unitary_m, only: unitary_difference
+  use vectors_m, only: cross
   implicit none
   private
   public :: difference, sizes
@@ -203,16 +204,6 @@ contains
     end if
     r(4) = dot_product(p, q)
   end function quaternion_quotient
-
-  ! The cross product
-  pure function cross(u, v)
-    real(wp), intent(in) :: u(3), v(3)
-    real(wp) :: cross(3)
-
-    cross(1) = u(2) * v(3) - u(3) * v(2)
-    cross(2) = u(3) * v(1) - u(1) * v(3)
-    cross(3) = u(1) * v(2) - u(2) * v(1)
-  end function cross
 
   ! The smallest rotation vector that rotates the unit vector x to y
   pure function smallest_rotation(x, y) result(v)

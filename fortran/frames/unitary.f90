@@ -14,7 +14,7 @@ module unitary_m
   use shared_numbers, only: so_block, su_block
   implicit none
   private
-  public :: frobenius, move_unitary, multiply, restore_unitary, times_real, unitary_difference
+  public :: frobenius, move_unitary, multiply, restore_unitary, unitary_difference
 
   ! largest norms of matrices whose exponential series is summed: in matrices, and in numbers
   real(wp), parameter :: longest = 0.5_wp, longest_of_three = 2.0_wp
@@ -32,7 +32,7 @@ contains
     complex(wp), dimension(n, n) :: x, e, point, moved
     integer :: j
 
-    call get_point(kind, n, y, point)
+    call get_point(2, n, y, point)
     do j = 1, size(f, 2)
       call algebra_matrix(kind, n, f(:, j), x)
       call exponential(n, x, e)
@@ -156,7 +156,7 @@ contains
     complex(wp) :: point(n, n), excess
     integer :: k
 
-    call get_point(kind, n, y, point)
+    call get_point(2, n, y, point)
     call orthogonalise(n, point)
     if (kind == su_block) then
       do k = 1, 2                                  ! once more after flows by large angles
@@ -218,8 +218,8 @@ contains
     real(wp) :: length
     integer :: i, k
 
-    call get_point(kind, n, x, start)
-    call get_point(kind, n, y, end)
+    call get_point(merge(1, 2, kind == so_block), n, x, start)
+    call get_point(merge(1, 2, kind == so_block), n, y, end)
     start = conjg(transpose(start))
     if (left) then
       call multiply(n, end, start, quotient)
@@ -250,41 +250,26 @@ contains
   end subroutine unitary_difference
 
   ! Reads a point as a complex matrix.
-  pure subroutine get_point(kind, n, y, point)
-    integer, intent(in) :: kind, n
-    real(wp), intent(in) :: y(:)
+  pure subroutine get_point(parts, n, y, point)
+    integer, intent(in) :: parts, n              ! numbers of an entry: one if it is real
+    real(wp), intent(in) :: y(parts, n, n)       ! row by row
     complex(wp), intent(out) :: point(n, n)
-    integer :: i, j, k
 
-    k = 1
-    do i = 1, n
-      do j = 1, n
-        if (kind == so_block) then
-          point(i, j) = cmplx(y(k), 0.0_wp, wp)
-          k = k + 1
-        else
-          point(i, j) = cmplx(y(k), y(k + 1), wp)
-          k = k + 2
-        end if
-      end do
-    end do
+    if (parts == 1) then
+      point = transpose(cmplx(y(1, :, :), 0.0_wp, wp))
+    else
+      point = transpose(cmplx(y(1, :, :), y(2, :, :), wp))
+    end if
   end subroutine get_point
 
   ! Stores a complex matrix as a point.
   pure subroutine put_point(n, point, y)
     integer, intent(in) :: n
     complex(wp), intent(in) :: point(n, n)
-    real(wp), intent(inout) :: y(:)
-    integer :: i, j, k
+    real(wp), intent(out) :: y(2, n, n)
 
-    k = 1
-    do i = 1, n
-      do j = 1, n
-        y(k) = real(point(i, j), wp)
-        y(k + 1) = aimag(point(i, j))
-        k = k + 2
-      end do
-    end do
+    y(1, :, :) = real(transpose(point), wp)
+    y(2, :, :) = aimag(transpose(point))
   end subroutine put_point
 
   ! The Frobenius norm
