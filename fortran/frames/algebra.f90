@@ -119,8 +119,7 @@ contains
     is_real = block%kind == so_block .or. block%kind == isospectral_block
     call make_matrix(sign * u, x)
     call make_matrix(v, power)
-    bound = norm2(x)
-    if (.not. is_real) bound = sqrt(2.0_wp) * bound
+    bound = norm2(u) * merge(sqrt(2.0_wp), 1.0_wp, is_real)
     if (is_real .and. block%n > largest_own) &
       bound = min(bound, 2 * maxval(sum(reshape(abs(x), [block%n, block%n]), dim=1)))
     if (bound >= radius) then

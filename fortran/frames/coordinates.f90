@@ -62,7 +62,8 @@ contains
       q = get_quaternion(block, y)
       v = logarithm(quaternion_quotient(p, q, block%space))
     case (so3_block)
-      v = logarithm(quaternion_of(quotient(block, rotation(x), rotation(y))))
+      v = logarithm(quaternion_of(quotient(block, transpose(reshape(x, [3, 3])), &
+                                           transpose(reshape(y, [3, 3])))))
     case (se3_block)
       call find_twist(block, x, y, v)
     case (sphere_block)
@@ -101,14 +102,6 @@ contains
       end associate
     end do
   end subroutine sizes
-
-  ! The rotation in a matrix that is stored row by row
-  pure function rotation(y)
-    real(wp), contiguous, intent(in) :: y(:)
-    real(wp) :: rotation(3, 3)
-
-    rotation = transpose(reshape(y, [3, 3]))
-  end function rotation
 
   ! The rotation from x to y, x^T y in body axes and y x^T in space axes
   pure function quotient(block, x, y)
