@@ -44,21 +44,17 @@ class Euclidean(Frame):
 
     @property
     def dim(self) -> int:
-        """The dimension ``n``."""
         return self.n
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n,)``."""
         return (self.n,)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return ``v`` itself, broadcast against ``y``: shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         return vector + np.zeros_like(point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return ``y + v``, shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         return point + vector
 

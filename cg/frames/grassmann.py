@@ -75,7 +75,6 @@ class Grassmann(ConjugationSpace):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n, n)``."""
         return (self.n, self.n)
 
     def _blocks(self) -> Blocks | None:

@@ -56,23 +56,19 @@ class Hyperbolic(Frame):
 
     @property
     def dim(self) -> int:
-        """The dimension ``n``."""
         return self.n
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n,)``."""
         return (self.n,)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the tangents of dilations and translations, shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         tangent = vector[..., :1] * point
         tangent[..., :-1] += vector[..., 1:]
         return tangent
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the points after a simultaneous dilation and translation, shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         dilation = vector[..., :1]
         moved = np.exp(dilation) * point

@@ -97,7 +97,6 @@ class IsospectralOrbit(ConjugationSpace):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n, n)`` with as many rows as eigenvalues."""
         return self.group.point_shape
 
     @property

@@ -110,12 +110,10 @@ class MatrixFrame(UserFrame):
 
     @property
     def dim(self) -> int:
-        """Number of matrices."""
         return len(self._matrices)
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n,)``, or ``(n, columns)``."""
         n = self._matrices.shape[1]
         return (n,) if self._columns is None else (n, self._columns)
 
@@ -152,11 +150,9 @@ class MatrixFrame(UserFrame):
         return np.asarray((v[..., None, :] @ combine(u, constants))[..., 0, :])
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\sum_i v_i A_i y`, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self._apply(combine(vector, self._matrices), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\exp(\sum_i v_i A_i)\, y`, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self.restore(self._apply(expm(combine(vector, self._matrices), vector), point))

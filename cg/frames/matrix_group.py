@@ -113,7 +113,6 @@ class MatrixGroup(Frame):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(size, size)``."""
         return (self.size, self.size)
 
     @cached_property

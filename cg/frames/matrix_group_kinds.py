@@ -32,7 +32,6 @@ class UnitaryMatrixGroup(MatrixGroup):
         return v  # logarithms from eigenvalues are accurate
 
     def inverse(self, x: ArrayLike) -> Points:
-        """Return the conjugate transposes, which on the group are the inverses."""
         return np.asarray(self._points(x, "x").mT.conj())
 
     def restore(self, y: Points) -> Points:
@@ -72,7 +71,6 @@ class SizedMatrixGroup(MatrixGroup):
 
     @property
     def size(self) -> int:
-        """Number of rows, ``n``."""
         return self.n
 
 

@@ -168,7 +168,6 @@ class PhaseSpace(Product):
         return self.configuration.dim
 
     def complete_rhs(self, f: Array, y: Array) -> Array:
-        """Return velocities and derivatives of momenta for forces, shape ``(..., dim)``."""
         velocity, momentum = self.velocity(y), y[..., self._point_slices[1]]
         slope = np.broadcast_to(self._tangential(y, f), momentum.shape).copy()
         for body in self._bodies:

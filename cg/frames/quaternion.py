@@ -70,16 +70,13 @@ class UnitQuaternion(UnitVectors):
 
     @property
     def dim(self) -> int:
-        """Three."""
         return 3
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(4,)``."""
         return (4,)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return half the product with the vector ``v``, shape ``(..., 4)``."""
         vector, point = self._arguments(v, y)
         return self._field(vector, point)
 
@@ -88,7 +85,6 @@ class UnitQuaternion(UnitVectors):
         return np.asarray((generator @ point[..., None])[..., 0])
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return ``y`` rotated by the rotation vector ``v`` in radians, shape ``(..., 4)``."""
         vector, point = self._arguments(v, y)
         half, sinc = half_angle(vector)
         moved = np.cos(half)[..., None] * point + sinc[..., None] * self._field(vector, point)

@@ -66,7 +66,6 @@ class SPD(HomogeneousSpace):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n, n)``."""
         return (self.n, self.n)
 
     def _act(self, x: Points, y: Points) -> Points:

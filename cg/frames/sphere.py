@@ -64,7 +64,6 @@ class Sphere(UnitVectors, HomogeneousSpace):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n + 1,)``."""
         return (self.n + 1,)
 
     def _act(self, x: Points, y: Points) -> Points:

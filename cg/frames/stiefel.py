@@ -38,7 +38,6 @@ class _OrthonormalColumns(Frame):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n, k)``."""
         return (self.n, self.k)
 
     def restore(self, y: Points) -> Points:
@@ -176,7 +175,6 @@ class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
 
     @property
     def dim(self) -> int:
-        """``n k``."""
         return self.n * self.k
 
     @property
@@ -188,7 +186,6 @@ class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
         return ((BlockKind.STIEFEL, self.n, 0, self.k),)
 
     def complete_rhs(self, f: Array, y: Points) -> Array:
-        """Return the coefficients, shape ``(..., dim)``, of derivatives at ``y``."""
         return self._coefficients_at(y, f.reshape(y.shape))
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
@@ -196,7 +193,6 @@ class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
         return v.reshape(*v.shape[:-2], self.dim)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`v - y v^T y`, shape ``(..., n, k)``."""
         vector, point = self._arguments(v, y)
         matrix = vector.reshape(*vector.shape[:-1], *self.point_shape)
         return np.asarray(matrix - point @ (matrix.mT @ point))

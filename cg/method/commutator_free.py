@@ -146,7 +146,6 @@ class CommutatorFree(Method):
 
     @cached_property
     def layout(self) -> Layout:
-        """Positions of the weights in `coefficients`."""
         return Layout.of_tree(self.tree)
 
     @property
@@ -156,7 +155,6 @@ class CommutatorFree(Method):
 
     @cached_property
     def embedded(self) -> CommutatorFree | None:
-        """The method of the second result of a pair; None without it."""
         if self.tree.embedded_result is None:
             return None
         parents = (point.parent for point in self.tree.points)

@@ -171,7 +171,6 @@ class MagnusMethod(Method):
 
     @cached_property
     def embedded(self) -> MagnusMethod | None:
-        """The method that leads to the second result of a pair; None without it."""
         if self.embedded_weights is None:
             return None
         name = f"{self.name}, embedded" if self.name else ""
@@ -179,14 +178,12 @@ class MagnusMethod(Method):
 
     @cached_property
     def third_order(self) -> int | None:
-        """The order of the third result; None without it."""
         if self.third_weights is None:
             return None
         return MagnusMethod(self.nodes, [self.third_weights]).order
 
     @cached_property
     def pair_exponentials(self) -> int:
-        """Number of flows of a step with its error estimate."""
         return super().pair_exponentials + (self.third_weights is not None)
 
     @cached_property

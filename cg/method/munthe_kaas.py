@@ -132,7 +132,6 @@ class MuntheKaas(Method):
 
     @property
     def explicit(self) -> bool:
-        """Whether each stage depends on earlier stages only."""
         return self.tableau.explicit
 
     @property
@@ -147,7 +146,6 @@ class MuntheKaas(Method):
 
     @property
     def exact_embedded(self) -> tuple[Fraction, ...] | None:
-        """The second weights of a pair as Fractions, shape (s,); None without."""
         return self.tableau.exact_embedded
 
     @cached_property
@@ -173,12 +171,10 @@ class MuntheKaas(Method):
 
     @cached_property
     def embedded_order(self) -> int | None:
-        """Order of the second weights, computed like `exact_order`; None without."""
         return None if self.exact_embedded is None else flat_order(self.tableau, embedded=True)
 
     @cached_property
     def third_order(self) -> int | None:
-        """Order of the third weights, computed like `exact_order`; None without."""
         if self.third_weights is None:
             return None
         return flat_order(Tableau(self.tableau.entries, self.third_weights))

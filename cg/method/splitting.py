@@ -213,7 +213,6 @@ class Splitting(Method):
         return np.array(self.residuals(self.order + 1)[lower:], dtype=np.float64)
 
     def satisfies(self, order: int) -> bool:
-        """Tell whether the conditions through an order hold, as far as stored places can tell."""
         order = check_integer("order", order, 1)
         return self._hold(nystrom_residuals, nystrom_values, order)
 

@@ -131,7 +131,6 @@ class Tableau(Method):
 
     @cached_property
     def exact(self) -> ExactTableau:
-        """``(a, b)`` as tuples of Fractions, shapes (s, s) and (s,)."""
         return tuple(map(_values, self.entries)), _values(self.weights)
 
     @cached_property
@@ -141,7 +140,6 @@ class Tableau(Method):
 
     @cached_property
     def exact_embedded(self) -> tuple[Fraction, ...] | None:
-        """The second weights of a pair as Fractions, shape (s,); None without."""
         return None if self.embedded_weights is None else _values(self.embedded_weights)
 
     @cached_property
@@ -151,7 +149,6 @@ class Tableau(Method):
 
     @property
     def explicit(self) -> bool:
-        """Whether a is strictly lower."""
         return self.rows is Rows.EXPLICIT
 
     @cached_property
@@ -161,7 +158,6 @@ class Tableau(Method):
 
     @cached_property
     def layout(self) -> Layout:
-        """Positions of the entries in `coefficients`."""
         return Layout.tableau(self.stages, self.rows, self.embedded_weights is not None)
 
     @cached_property
@@ -185,7 +181,6 @@ class Tableau(Method):
 
     @cached_property
     def embedded(self) -> Tableau | None:
-        """The method with the second weights in place of the first; None without them."""
         if self.embedded_weights is None:
             return None
         name = f"{self.name}, embedded" if self.name else ""
