@@ -132,6 +132,7 @@ def _complex_exponential(omega: Points, special: bool) -> Points:
 
 def _real_exponential(omega: Points) -> Points:
     """Return the exponential of one skew matrix."""
+    # Rounding of large eigenvalues would differ in a complex pair, so that the sum isn't orthogonal.
     form, axes = scipy.linalg.schur(omega, output="real")
     rotation = np.eye(len(form))
     j = 0

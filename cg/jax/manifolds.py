@@ -60,7 +60,7 @@ def sphere_rules(frame: frames.Sphere) -> Rules:
         group.dexpinv,
         turn,
         distance=length_error,
-        free=False,
+        unique=False,
     )
 
 
@@ -81,7 +81,7 @@ def stiefel_rules(frame: frames.Stiefel) -> Rules:
         dexpinv=group.dexpinv,
         closed_coefficients=coefficients,
         distance=column_error,
-        free=False,
+        unique=False,
     )
 
 
@@ -114,7 +114,7 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
         return error / (np.abs(spectrum).max() or 1.0)
 
     near = held(restore) if isinstance(frame, frames.IsospectralOrbit) else restore
-    return Rules(frame, flow, near, dexpinv=group.dexpinv, distance=distance, free=False)
+    return Rules(frame, flow, near, dexpinv=group.dexpinv, distance=distance, unique=False)
 
 
 def hyperbolic_rules(frame: frames.Hyperbolic) -> Rules:
@@ -166,4 +166,4 @@ def own_rules(frame: frames.FieldFrame | frames.MatrixFrame | frames.LinearActio
     restore = frame._functions.get("restore", same)
     log = frame._functions.get("exp_coordinates")
     dexpinv = series_dexpinv(frame) if has_brackets(frame) else None
-    return Rules(frame, flow, restore, log, dexpinv, free=False)
+    return Rules(frame, flow, restore, log, dexpinv, unique=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
@@ -122,8 +122,12 @@ def read_sequence(
     raise error(f"{label} must be a sequence{of}, got {value!r}")
 
 
-def read_third(third: Iterable[Any], stages: int) -> tuple[Coefficient, ...]:
-    """Return third weights, one for each stage."""
+def read_third(third: Any, stages: int, second: object) -> tuple[Coefficient, ...] | None:
+    """Return third weights, one for each stage, or None; MethodError if `second` is None."""
+    if third is None:
+        return None
+    if second is None:
+        raise MethodError("third must be None unless there is a second result")
     entries = read_sequence(third, "third")
     if len(entries) != stages:
         raise MethodError(f"third must have {stages} entries, got {len(entries)}")
