@@ -185,11 +185,10 @@ class Frame(Manifold, FieldAlgebra):
         return v.reshape(*lead, self.dim)
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
-        """Return the coefficients after one step of the iteration in `local_coordinates`.
+        """Return ``v``, shape ``(count, dim)``, after one step of the iteration.
 
-        The flow of ``v``, shape ``(count, dim)``, takes ``start`` to ``y``, shape
-        ``(count, *point_shape)``. Where ``exact``, shape ``(count,)``, the derivative of the flow
-        is used in place of the fields at its end point.
+        Its flow takes ``start`` to ``y``. Where ``exact``, the derivative of the flow is used in
+        place of the fields at ``y``.
         """
         corrected = v + self._coefficients_at(y, end - y)
         for k in np.flatnonzero(exact):

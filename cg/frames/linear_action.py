@@ -111,11 +111,9 @@ class LinearAction(CompiledFlow, UserFrame):
             matrices = [_skew_hermitian(matrix, i) for i, matrix in enumerate(matrices)]
         pattern, values = _on_one_pattern(matrices)
         values.flags.writeable = False
-        object.__setattr__(self, "_pattern", pattern)
-        object.__setattr__(self, "_values", values)
         if columns is not None:
             columns = check_integer("columns", columns, 1)
-        object.__setattr__(self, "_columns", columns)
+        vars(self).update(_pattern=pattern, _values=values, _columns=columns)
         self._store_functions(
             membership_error=membership_error, project=project, random_point=random_point
         )

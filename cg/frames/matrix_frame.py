@@ -86,8 +86,7 @@ class MatrixFrame(UserFrame):
         if columns is not None:
             columns = check_integer("columns", columns, 1)
         array.flags.writeable = False
-        object.__setattr__(self, "_matrices", array)
-        object.__setattr__(self, "_columns", columns)
+        vars(self).update(_matrices=array, _columns=columns)
         self._store_functions(
             membership_error=membership_error,
             restore=restore,

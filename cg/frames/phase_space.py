@@ -97,9 +97,8 @@ class PhaseSpace(Product):
             raise TypeError(f"frame must be a Frame, got {frame!r}")
         numbers, bodies = read_inertia(frame, inertia)
         super().__init__(frame, Euclidean(frame.dim))
-        object.__setattr__(self, "configuration", frame)
-        object.__setattr__(self, "inertia", None if inertia is None else numbers)
-        object.__setattr__(self, "_bodies", bodies)
+        numbers = None if inertia is None else numbers
+        vars(self).update(configuration=frame, inertia=numbers, _bodies=bodies)
 
     def __repr__(self) -> str:
         inertia = "" if self.inertia is None else f", {self.inertia!r}"

@@ -61,11 +61,13 @@ class Product(Frame):
             if not isinstance(factor, Frame):
                 raise TypeError(f"factors[{index}] must be a Frame, got {factor!r}")
         places = _slices([_real_size(f) for f in factors])
-        object.__setattr__(self, "factors", factors)
-        object.__setattr__(self, "_vector_slices", _slices([f.dim for f in factors]))
-        object.__setattr__(self, "_point_slices", places)
-        object.__setattr__(self, "_point_shape", (places[-1].stop,))
-        object.__setattr__(self, "_real_parts", _real_parts(factors, places))
+        vars(self).update(
+            factors=factors,
+            _vector_slices=_slices([f.dim for f in factors]),
+            _point_slices=places,
+            _point_shape=(places[-1].stop,),
+            _real_parts=_real_parts(factors, places),
+        )
         if Product._blocks(self) is None and any(map(_has_columns, factors)):
             raise ValueError(
                 "factors with an AmbientStiefel must all be compiled and without coordinates, such "

@@ -83,15 +83,7 @@ class ForcedRigidBody(QuadraticProblem):
         return self.frame.join(np.eye(3), np.array(self.velocity))
 
     def f(self, t: float, y: Array) -> list[float]:
-        """Return the angular velocity and its derivative, six numbers.
-
-        Parameters
-        ----------
-        t
-            Time (s).
-        y
-            Point, shape ``(12,)``.
-        """
+        """Return the angular velocity and its derivative at a point, shape ``(12,)``."""
         i1, i2, i3 = self.inertia
         (a1, a2, a3), (b1, b2, b3), nu = self.cosine, self.sine, self.frequency
         w1, w2, w3 = y[9:].tolist()

@@ -113,15 +113,7 @@ class HeavyTop(QuadraticProblem):
         return np.array([float(x) for x in self.y0_exact])
 
     def f(self, t: float, y: Array) -> list[float]:
-        """Return the six coefficients: the angular velocity and the derivative of ``m``.
-
-        Parameters
-        ----------
-        t
-            Time; the equations don't depend on it.
-        y
-            Point, shape ``(12,)``.
-        """
+        """Return the angular velocity and the derivative of ``m`` at a point, shape ``(12,)``."""
         inverse1, inverse2, inverse3, mgl = self._floats
         up1, up2, _, m1, m2, m3 = y[6:].tolist()
         w1, w2, w3 = inverse1 * m1, inverse2 * m2, inverse3 * m3
