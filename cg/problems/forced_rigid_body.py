@@ -16,8 +16,6 @@ from cg.problems.quadratic import QuadraticProblem, balls, identity
 from cg.support import flint
 from cg.support.balls import to_ball
 
-_FRAME = Product(SO3(), Euclidean(3))
-
 
 @dataclass(frozen=True)
 class ForcedRigidBody(QuadraticProblem):
@@ -66,16 +64,13 @@ class ForcedRigidBody(QuadraticProblem):
     frequency: float = 1.0
     velocity: tuple[float, ...] = (0.5, -1.0, 0.75)
 
+    frame = Product(SO3(), Euclidean(3))
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "inertia", moments(self.inertia))
         object.__setattr__(self, "frequency", number(self.frequency, "frequency"))
         for name in ("cosine", "sine", "velocity"):
             object.__setattr__(self, name, vector(getattr(self, name), name, 3))
-
-    @property
-    def frame(self) -> Product:
-        """``Product(SO3(), Euclidean(3))``."""
-        return _FRAME
 
     @property
     def y0(self) -> Array:

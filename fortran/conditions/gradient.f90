@@ -53,11 +53,8 @@ contains
       call sweep(weights, first_for, direct, adjoint)
       do t = 2, weights%stage_trees
         c0 = first_for(node_count(t))
-        do s = 1, pattern%inner
-          do k = pattern%weight_start(pattern%segment_start(s)), &
-            pattern%weight_start(pattern%segment_start(s + 1)) - 1
-            jac(c0:, k) = jac(c0:, k) + direct(t, k)*adjoint(c0:, t, s)
-          end do
+        do k = 1, unknowns
+          jac(c0:, k) = jac(c0:, k) + direct(t, k)*adjoint(c0:, t, pattern%segment(k))
         end do
       end do
     end associate
@@ -118,8 +115,7 @@ contains
       do m = 1, child_start(trees(c) + 1) - child_start(trees(c))
         u = child(child_start(trees(c)) + m - 1)
         do i = 1, n
-          do k = weights%pattern%weight_start(path(i)), weights%pattern%weight_start(path(i) &
-                                                                                     + 1) - 1
+          do k = weights%pattern%weight_start(path(i)), weights%pattern%weight_start(path(i) + 1) - 1
             associate (at => weights%pattern%at(k))
               jac(c, k) = jac(c, k) + weights%chi(at, u)*z(i, m)
               if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k)*z(i, m)
@@ -162,7 +158,7 @@ contains
     integer, intent(in) :: first_for(:)            ! (order)
     real(wp), intent(inout) :: direct(:, :)        ! (stage_trees, inner unknowns)
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
-    integer :: t, m, u, c0, s, p, k, inner
+    integer :: t, m, u, c0, k, inner
     real(wp), allocatable :: z(:, :)               ! (inner points, order)
     real(wp), allocatable :: right(:, :)           ! (inner points, stage_trees)
     real(wp), allocatable :: whole(:, :)           ! (inner segments, stage_trees)
@@ -178,16 +174,12 @@ contains
         call by_letter(weights%order, weights%e, weights%left, right, t, inner, z)
         do m = 1, child_start(t + 1) - child_start(t)
           u = child(child_start(t) + m - 1)
-          do s = 1, pattern%inner
-            do p = pattern%segment_start(s), pattern%segment_start(s + 1) - 1
-              do k = pattern%weight_start(p), pattern%weight_start(p + 1) - 1
-                associate (at => pattern%at(k))
-                  direct(t, k) = direct(t, k) + weights%chi(at, u)*z(p, m)
-                  if (u > 1 .and. at > 0) adjoint(c0:, u, at) = adjoint(c0:, u, at) &
-                    + (weights%x(k)*z(p, m))*adjoint(c0:, t, s)
-                end associate
-              end do
-            end do
+          do k = 1, size(direct, 2)
+            associate (at => pattern%at(k), p => pattern%point(k), s => pattern%segment(k))
+              direct(t, k) = direct(t, k) + weights%chi(at, u)*z(p, m)
+              if (u > 1 .and. at > 0) adjoint(c0:, u, at) = adjoint(c0:, u, at) &
+                + (weights%x(k)*z(p, m))*adjoint(c0:, t, s)
+            end associate
           end do
         end do
       end do
