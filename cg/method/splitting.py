@@ -87,6 +87,7 @@ class Splitting(Method):
     drift_coefficients: tuple[Coefficient, ...]
     kick_coefficients: tuple[Coefficient, ...]
     _COUNTED: ClassVar = ("kick", "drift")
+    embedded = exact_embedded = None  # there is no second result
 
     def __init__(
         self, drifts: Iterable[Any], kicks: Iterable[Any], *, name: str = "", source: str = ""
@@ -154,14 +155,6 @@ class Splitting(Method):
     def tree(self) -> NoReturn:
         """A splitting method has none: AttributeError."""
         raise AttributeError(f"{self!r} has drifts and kicks, no tree of points and no tableau")
-
-    @property
-    def embedded(self) -> None:
-        """The method of a second result: there is none."""
-
-    @property
-    def exact_embedded(self) -> None:
-        """The weights of a second result: there are none."""
 
     @property
     def stages(self) -> int:

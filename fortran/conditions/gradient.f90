@@ -101,10 +101,12 @@ contains
     real(wp), allocatable :: e(:, :), left(:, :), right(:, :)  ! (path, stage_trees)
     real(wp) :: whole(1, weights%stage_trees)
     real(wp) :: z(size(path), weights%order)
-    integer :: c, m, u, i, k, n
+    integer :: c, m, u, i, k, n, place(weights%pattern%points)  ! of points on the path, else 0
 
     n = size(path)
     if (n == 0 .or. .not. any(mine)) return
+    place = 0
+    place(path) = [(i, i=1, n)]
     e = weights%e(path, :)
     left = weights%left(path, :)
     allocate (right(n, weights%stage_trees))
@@ -114,13 +116,13 @@ contains
       call by_letter(weights%order, e, left, right, trees(c), n, z)
       do m = 1, child_start(trees(c) + 1) - child_start(trees(c))
         u = child(child_start(trees(c)) + m - 1)
-        do i = 1, n
-          do k = weights%pattern%weight_start(path(i)), weights%pattern%weight_start(path(i) + 1) - 1
-            associate (at => weights%pattern%at(k))
-              jac(c, k) = jac(c, k) + weights%chi(at, u)*z(i, m)
-              if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k)*z(i, m)
-            end associate
-          end do
+        do k = 1, weights%pattern%unknowns
+          i = place(weights%pattern%point(k))
+          if (i == 0) cycle
+          associate (at => weights%pattern%at(k))
+            jac(c, k) = jac(c, k) + weights%chi(at, u)*z(i, m)
+            if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k)*z(i, m)
+          end associate
         end do
       end do
     end do
