@@ -19,11 +19,11 @@ from cg.conditions.nystrom import (
     splitting_residuals,
     splitting_values,
 )
-from cg.method.coefficients import Coefficient, read_coefficient, read_sequence, read_texts
+from cg.method.coefficients import Coefficient, read_row, read_texts
 from cg.method.method import Method, frozen
 from cg.method.tolerance import TOLERANCE_FACTOR
 from cg.structure.layout import Layout
-from cg.structure.points import START, MethodError
+from cg.structure.points import START
 from cg.support.balls import to_flint, to_fraction
 from cg.support.checks import check_integer
 
@@ -93,18 +93,9 @@ class Splitting(Method):
         self, drifts: Iterable[Any], kicks: Iterable[Any], *, name: str = "", source: str = ""
     ) -> None:
         values = read_texts(name, source, (None, None))
-        for label, entries in (("drift", drifts), ("kick", kicks)):
-            values[f"{label}_coefficients"] = tuple(
-                read_coefficient(entry, f"{label}s[{k}]")
-                for k, entry in enumerate(read_sequence(entries, f"{label}s"))
-            )
-        found, number = (len(values[f"{label}_coefficients"]) for label in ("drift", "kick"))
-        if not number:
-            raise MethodError("kicks must have at least one entry, got none")
-        if found != number + 1:
-            raise MethodError(
-                f"drifts must have {number + 1} entries for {number} kicks, got {found}"
-            )
+        values["kick_coefficients"] = read_row(kicks, "kicks")
+        count = len(values["kick_coefficients"])
+        values["drift_coefficients"] = read_row(drifts, "drifts", count + 1)
         self._set(values)
 
     @classmethod
