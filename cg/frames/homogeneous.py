@@ -111,10 +111,10 @@ class HomogeneousSpace(Frame):
 
 
 class ConjugationSpace(HomogeneousSpace):
-    r"""Matrices on which orthogonal or unitary matrices act by :math:`y \mapsto x\,y\,x^*`."""
+    r"""Matrices on which a group acts by :math:`y \mapsto x\,y\,x^*`."""
 
     def _act(self, x: Points, y: Points) -> Points:
         return np.asarray(x @ y @ x.mT.conj())
 
     def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
-        return np.asarray(omega @ y - y @ omega)
+        return np.asarray(omega @ y + y @ omega.mT.conj())

@@ -13,8 +13,8 @@ from cg.frames.block_kinds import Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
+from cg.frames.orthonormal import UnitVectors
 from cg.frames.so import SO
-from cg.frames.unit_vectors import UnitVectors
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
 

@@ -8,25 +8,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random
-from cg.frames.base import Frame
+from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import Blocks
 from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.homogeneous import HomogeneousSpace
-from cg.frames.matrix_functions import (
-    distance_from_unitary,
-    nearest_unitary,
-    newton_schulz,
-    random_unitary,
-)
 from cg.frames.matrix_group import MatrixGroup
+from cg.frames.orthonormal import OrthonormalColumns
 from cg.frames.so import SO
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class _OrthonormalColumns(Frame):
+class _Columns(OrthonormalColumns):
     """Matrices of k orthonormal columns of n entries; a subclass defines the fields."""
 
     n: int
@@ -40,25 +34,9 @@ class _OrthonormalColumns(Frame):
     def point_shape(self) -> tuple[int, ...]:
         return (self.n, self.k)
 
-    def restore(self, y: Points) -> Points:
-        """Return ``y`` after a Newton-Schulz step towards orthonormal columns."""
-        return newton_schulz(y, y.mT)
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the 2-norm distance to the nearest orthonormal columns, shape ``(...)``."""
-        return distance_from_unitary(self._points(y), special=False)
-
-    def _project(self, y: Points) -> Points:
-        return nearest_unitary(y, special=False)
-
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
-        """Return points uniform under rotations, shape ``(*size, n, k)``."""
-        size = check_random(rng, size)
-        return self.restore(random_unitary(rng, (*size, *self.point_shape)))
-
 
 @dataclass(frozen=True, repr=False)
-class Stiefel(_OrthonormalColumns, HomogeneousSpace):
+class Stiefel(_Columns, HomogeneousSpace):
     r"""Matrices of k orthonormal columns, with the action of SO(n): :math:`y' = \Omega(v)\,y`.
 
     The coefficients are those of `SO`.
@@ -116,7 +94,7 @@ class Stiefel(_OrthonormalColumns, HomogeneousSpace):
 
 
 @dataclass(frozen=True, repr=False)
-class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
+class AmbientStiefel(CompiledFlow, _Columns):
     r"""Matrices of k orthonormal columns, for right-hand sides that return the derivative.
 
     ``f`` returns the derivative X of the columns, shape ``(n, k)``. Of a matrix that is not tangent
