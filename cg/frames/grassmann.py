@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.block_kinds import Blocks
-from cg.frames.homogeneous import ConjugationSpace
+from cg.frames.isospectral import Orbit
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
@@ -19,7 +19,7 @@ from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class Grassmann(ConjugationSpace):
+class Grassmann(Orbit):
     r"""Subspaces of dimension k of :math:`R^n`, with the action of SO(n).
 
     A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
@@ -73,28 +73,18 @@ class Grassmann(ConjugationSpace):
         """The rotations of the ambient space."""
         return SO(self.n, "space")
 
-    @property
-    def point_shape(self) -> tuple[int, ...]:
-        return (self.n, self.n)
+    @cached_property
+    def _eigenvalues(self) -> Array:
+        return np.repeat([0.0, 1.0], [self.n - self.k, self.k])
 
     def _blocks(self) -> Blocks | None:
-        spectrum = np.repeat([0.0, 1.0], [self.n - self.k, self.k])
-        return ((BlockKind.ISOSPECTRAL, self.n, 0, spectrum),)
+        return ((BlockKind.ISOSPECTRAL, self.n, 0, self._eigenvalues),)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a step towards the projectors."""
         symmetric = 0.5 * (y + y.mT)
         square = symmetric @ symmetric
         return np.asarray(3.0 * square - 2.0 * square @ symmetric)
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the larger of the eigenvalues' error and the asymmetry, shape ``(...)``."""
-        point = self._points(y)
-        spectrum = np.repeat([0.0, 1.0], [self.n - self.k, self.k])
-        with np.errstate(invalid="ignore"):
-            error = np.abs(eigh_where_finite(0.5 * (point + point.mT))[0] - spectrum).max(axis=-1)
-            asymmetry = 0.5 * np.abs(point - point.mT).max(axis=(-2, -1))
-        return np.asarray(np.maximum(error, asymmetry))
 
     def _project(self, y: Points) -> Points:
         values, vectors = np.linalg.eigh(0.5 * (y + y.mT))

@@ -106,10 +106,7 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
         values, asymmetry = jnp.linalg.eigvalsh(y), jnp.abs(y - adjoint(y)).max()
         if isinstance(frame, frames.SPD):
             return jnp.maximum(asymmetry, -values[0]) / jnp.abs(y).max()
-        if isinstance(frame, frames.Grassmann):
-            spectrum = np.repeat([0.0, 1.0], [frame.n - frame.k, frame.k])
-        else:
-            spectrum = np.array(frame.spectrum)
+        spectrum = frame._eigenvalues
         error = jnp.maximum(0.5 * asymmetry, jnp.abs(values - spectrum).max())
         return error / (np.abs(spectrum).max() or 1.0)
 
