@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import MISSING, fields, is_dataclass
-from typing import Any
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from cg.frames.local_coordinates import (
     newton_correction,
 )
 from cg.frames.manifold import Manifold
+from cg.support.checks import check_integer
 
 _ROTATION_HINTS = {
     (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
@@ -258,3 +259,15 @@ class Frame(Manifold, FieldAlgebra):
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
         return self._vectors(v), self._points(y)
+
+
+@dataclass(frozen=True, repr=False)
+class Sized(Frame):
+    """A frame with a size n as its first parameter."""
+
+    n: int
+
+    smallest: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "n", check_integer("n", self.n, self.smallest))

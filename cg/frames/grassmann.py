@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, check_random
+from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.isospectral import Orbit
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary
@@ -19,7 +21,7 @@ from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class Grassmann(Orbit):
+class Grassmann(Sized, Orbit):
     r"""Subspaces of dimension k of :math:`R^n`, with the action of SO(n).
 
     A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
@@ -61,11 +63,12 @@ class Grassmann(Orbit):
            [0., 0., 1.]])
     """
 
-    n: int
     k: int
 
+    smallest: ClassVar[int] = 2
+
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+        super().__post_init__()
         object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n - 1))
 
     @cached_property

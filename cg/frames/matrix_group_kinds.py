@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points, check_convention
+from cg.frames.base import Sized
 from cg.frames.matrix_functions import minimum_norm_step, newton_corrected, relative_correction
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.orthonormal import OrthonormalColumns
-from cg.support.checks import check_integer
 
 
 class UnitaryMatrixGroup(OrthonormalColumns, MatrixGroup):
@@ -27,16 +26,13 @@ class UnitaryMatrixGroup(OrthonormalColumns, MatrixGroup):
 
 
 @dataclass(frozen=True, repr=False)
-class SizedMatrixGroup(MatrixGroup):
+class SizedMatrixGroup(Sized, MatrixGroup):
     """A matrix group with the number of rows as its parameter."""
 
-    n: int
     convention: Convention = "space"
 
-    smallest: ClassVar[int] = 1
-
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, self.smallest))
+        super().__post_init__()
         check_convention(self.convention)
 
     @property

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
+from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.homogeneous import HomogeneousSpace
@@ -20,14 +22,15 @@ from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class _Columns(OrthonormalColumns):
+class _Columns(Sized, OrthonormalColumns):
     """Matrices of k orthonormal columns of n entries; a subclass defines the fields."""
 
-    n: int
     k: int
 
+    smallest: ClassVar[int] = 2
+
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+        super().__post_init__()
         object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n))
 
     @property
