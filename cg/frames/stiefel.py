@@ -87,13 +87,19 @@ class Stiefel(_Columns, HomogeneousSpace):
         return np.asarray(omega @ y)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        # The skew matrix of least norm whose product with y is X = tangent, since y^T X is skew:
-        # X y^T - y X^T - y (y^T X) y^T.
-        mixed = y.mT @ tangent
-        along = 0.5 * (mixed - mixed.mT)
-        across = tangent - y @ mixed
-        left = (across + 0.5 * (y @ along)) @ y.mT
-        return self.group._algebra_projection(left - left.mT)
+        return self.group._algebra_projection(least_generator(y, tangent))
+
+
+def least_generator(y: Points, tangent: Points) -> Points:
+    """Return the skew matrix of least norm whose product with y is a tangent X.
+
+    It is X y^T - y X^T - y (y^T X) y^T, since y^T X is skew. The arrays may be those of JAX.
+    """
+    mixed = y.mT @ tangent
+    along = 0.5 * (mixed - mixed.mT)
+    left = (tangent - y @ mixed + 0.5 * (y @ along)) @ y.mT
+    generator: Points = left - left.mT
+    return generator
 
 
 @dataclass(frozen=True, repr=False)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cg import frames
+from cg.frames.stiefel import least_generator
 from cg.integration.step.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine
@@ -68,18 +69,12 @@ def stiefel_rules(frame: frames.Stiefel) -> Rules:
     """Return the rules of matrices with orthonormal columns."""
     group = functions_of(frame.group)
 
-    def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
-        mixed = y.T @ tangent
-        along = 0.5 * (mixed - mixed.T)
-        left = (tangent - y @ mixed + 0.5 * (y @ along)) @ y.T
-        return projection(frame.group, left - left.T)
-
     return Rules(
         frame,
         lambda v, y: group.exponential(v) @ y,
         newton_schulz,
         dexpinv=group.dexpinv,
-        closed_coefficients=coefficients,
+        closed_coefficients=lambda y, x: projection(frame.group, least_generator(y, x)),
         distance=column_error,
         unique=False,
     )
