@@ -191,11 +191,11 @@ def _run_whole(
 
 
 def _run_elsewhere(
-    run: Callable[..., tuple[list[Finished[Any]], Exception | None]], *arguments: Any
+    task: Callable[..., tuple[list[Finished[Any]], Exception | None]], *arguments: Any
 ) -> tuple[list[Finished[Any]], Exception | None]:
     """Run a chunk in another process, which sends exceptions by pickle."""
     try:
-        results, error = run(*arguments)
+        results, error = task(*arguments)
     except Exception as reason:
         raise picklable(reason) from reason
     return results, None if error is None else picklable(error)
@@ -229,10 +229,7 @@ class _Pool:
     """An executor with its pending chunks, and a function that makes a new one."""
 
     def __init__(
-        self,
-        executor: ExecutorLike,
-        workers: int | None,
-        data: Callable[[list[int]], Any] | None,
+        self, executor: ExecutorLike, workers: int | None, data: Callable[[list[int]], Any] | None
     ) -> None:
         self.data = data
         self.pending: dict[Future[Any], list[int]] = {}  # in the order of submission
@@ -290,12 +287,12 @@ class _Pool:
 
     def hand_out(self, work: Callable[[Any], Any], chunk: list[int]) -> Future[Any]:
         """Submit a chunk to the executor."""
-        run: tuple[Any, ...] = (_run_chunk, work, chunk)
+        task: tuple[Any, ...] = (_run_chunk, work, chunk)
         if self.data is not None:
-            run = _run_whole, work, chunk, self.data(chunk)
+            task = _run_whole, work, chunk, self.data(chunk)
         if not self.threads:
-            run = _run_elsewhere, *run
-        return self.executor.submit(*run)
+            task = _run_elsewhere, *task
+        return self.executor.submit(*task)
 
     def wait(self) -> list[Future[Any]]:
         """Wait for at least one chunk; return the finished ones, oldest first."""

@@ -23,12 +23,12 @@ def broken_executor(reason: Exception, pieces: list[int]) -> BrokenExecutor:
         kind = type(reason) if isinstance(reason, BrokenExecutor) else BrokenExecutor
         return kind(
             f"a worker died while pieces {pieces} were running; if `executor` is a function that "
-            "makes an executor, the run continues without the piece that kills its worker"
+            "makes an executor, work continues without the piece that kills its worker"
         )
     return BrokenExecutor(
         f"the executor lost pieces {pieces} that were running ({type(reason).__name__}): its "
         "scheduler has ended, or can't be reached any more; if `executor` is a function that "
-        "makes an executor, the run continues with a new one"
+        "makes an executor, work continues with a new one"
     )
 
 

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import MISSING, fields, is_dataclass
-from typing import Any
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.algebra import FieldAlgebra
-from cg.frames.arrays import (
-    Array,
-    Points,
-    Size,
-    check_random,
-)
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.block_kinds import Blocks
 from cg.frames.local_coordinates import (
     local_coordinates,
@@ -23,6 +18,7 @@ from cg.frames.local_coordinates import (
     newton_correction,
 )
 from cg.frames.manifold import Manifold
+from cg.support.checks import check_integer
 
 _ROTATION_HINTS = {
     (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
@@ -190,11 +186,10 @@ class Frame(Manifold, FieldAlgebra):
         return v.reshape(*lead, self.dim)
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
-        """Return the coefficients after one step of the iteration in `local_coordinates`.
+        """Return ``v``, shape ``(count, dim)``, after one step of the iteration.
 
-        The flow of ``v``, shape ``(count, dim)``, takes ``start`` to ``y``, shape
-        ``(count, *point_shape)``. Where ``exact``, shape ``(count,)``, the derivative of the flow
-        is used in place of the fields at its end point.
+        Its flow takes ``start`` to ``y``. Where ``exact``, the derivative of the flow is used in
+        place of the fields at ``y``.
         """
         corrected = v + self._coefficients_at(y, end - y)
         for k in np.flatnonzero(exact):
@@ -264,3 +259,15 @@ class Frame(Manifold, FieldAlgebra):
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
         return self._vectors(v), self._points(y)
+
+
+@dataclass(frozen=True, repr=False)
+class Sized(Frame):
+    """A frame with a size n as its first parameter."""
+
+    n: int
+
+    smallest: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "n", check_integer("n", self.n, self.smallest))

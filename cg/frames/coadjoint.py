@@ -87,12 +87,10 @@ class CoadjointOrbit(Frame):
 
     @property
     def dim(self) -> int:
-        """Dimension of the algebra."""
         return self.algebra.dim if isinstance(self.algebra, MatrixGroup) else len(self.algebra)
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(dim,)``."""
         return (self.dim,)
 
     @cached_property
@@ -113,12 +111,10 @@ class CoadjointOrbit(Frame):
         return 0.0
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
-        r"""Return :math:`\pm \operatorname{ad}^*_v y`, shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
         return np.asarray((combine(vector, self._fields) @ point[..., None])[..., 0])
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the time-1 flow, shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
         column = point[..., None]
         if self._rotation_sign:

@@ -15,7 +15,6 @@ class CompiledFlow(Frame):
     """A frame of one compiled block, which has no flow in Python."""
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return the time-1 flow of the field, shape ``(..., *point_shape)``."""
         import cg._core_r64 as core
 
         vectors, points = self._rows(v, y)

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Size, check_random
-from cg.frames.base import Frame
+from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
-from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class Euclidean(Frame):
+class Euclidean(Sized):
     r"""The space :math:`R^n` with the frame :math:`E_i = \partial / \partial x_i`.
 
     All flows commute, so a Crouch-Grossman method is the classical Runge-Kutta method with the
@@ -37,28 +36,19 @@ class Euclidean(Frame):
     array([ 1.5, -1.5])
     """
 
-    n: int
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, 1))
-
     @property
     def dim(self) -> int:
-        """The dimension ``n``."""
         return self.n
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n,)``."""
         return (self.n,)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return ``v`` itself, broadcast against ``y``: shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         return vector + np.zeros_like(point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return ``y + v``, shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         return point + vector
 

@@ -150,17 +150,14 @@ class FieldFrame(UserFrame):
 
     @property
     def dim(self) -> int:
-        """Number of fields."""
         return len(self._fields)
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """Shape of a point."""
         return self._point_shape
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of a point's entries."""
         return self._dtype
 
     def _bracket(self, u: Array, v: Array) -> Array:
@@ -175,7 +172,6 @@ class FieldFrame(UserFrame):
         return self._call("bracket", function, [(u, 1), (v, 1)], (self.dim,))
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\sum_i v_i E_i(y)`, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         rank = len(self._point_shape)
         tangent = np.zeros((), dtype=self.dtype)
@@ -187,7 +183,6 @@ class FieldFrame(UserFrame):
         return tangent
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return the points that the user's flow returns, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         arguments = [(vector, 1), (point, len(self._point_shape))]
         moved = self._call("flow", self._flow, arguments, self.point_shape, self.dtype)

@@ -46,7 +46,6 @@ class GL(SizedMatrixGroup):
 
     @property
     def dim(self) -> int:
-        """``n ** 2``."""
         return self.n**2
 
     def _make_basis(self) -> Entries:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, check_random
+from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
-from cg.frames.homogeneous import ConjugationSpace
+from cg.frames.isospectral import Orbit
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
@@ -19,7 +21,7 @@ from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class Grassmann(ConjugationSpace):
+class Grassmann(Sized, Orbit):
     r"""Subspaces of dimension k of :math:`R^n`, with the action of SO(n).
 
     A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
@@ -61,11 +63,12 @@ class Grassmann(ConjugationSpace):
            [0., 0., 1.]])
     """
 
-    n: int
     k: int
 
+    smallest: ClassVar[int] = 2
+
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+        super().__post_init__()
         object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n - 1))
 
     @cached_property
@@ -73,29 +76,18 @@ class Grassmann(ConjugationSpace):
         """The rotations of the ambient space."""
         return SO(self.n, "space")
 
-    @property
-    def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n, n)``."""
-        return (self.n, self.n)
+    @cached_property
+    def _eigenvalues(self) -> Array:
+        return np.repeat([0.0, 1.0], [self.n - self.k, self.k])
 
     def _blocks(self) -> Blocks | None:
-        spectrum = np.repeat([0.0, 1.0], [self.n - self.k, self.k])
-        return ((BlockKind.ISOSPECTRAL, self.n, 0, spectrum),)
+        return ((BlockKind.ISOSPECTRAL, self.n, 0, self._eigenvalues),)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a step towards the projectors."""
         symmetric = 0.5 * (y + y.mT)
         square = symmetric @ symmetric
         return np.asarray(3.0 * square - 2.0 * square @ symmetric)
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the larger of the eigenvalues' error and the asymmetry, shape ``(...)``."""
-        point = self._points(y)
-        spectrum = np.repeat([0.0, 1.0], [self.n - self.k, self.k])
-        with np.errstate(invalid="ignore"):
-            error = np.abs(eigh_where_finite(0.5 * (point + point.mT))[0] - spectrum).max(axis=-1)
-            asymmetry = 0.5 * np.abs(point - point.mT).max(axis=(-2, -1))
-        return np.asarray(np.maximum(error, asymmetry))
 
     def _project(self, y: Points) -> Points:
         values, vectors = np.linalg.eigh(0.5 * (y + y.mT))

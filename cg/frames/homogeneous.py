@@ -75,7 +75,6 @@ class HomogeneousSpace(Frame):
 
     @property
     def dim(self) -> int:
-        """Dimension of the group."""
         return self.group.dim
 
     @abstractmethod
@@ -103,21 +102,19 @@ class HomogeneousSpace(Frame):
         """Return ``y`` without the rounding errors normal to the manifold."""
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return the tangent of the group's action, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self._act_infinitesimally(self.group.algebra(vector), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return the action on ``y`` of the group element of ``v``, ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self.restore(self._act(self.group.exponential(vector), point))
 
 
 class ConjugationSpace(HomogeneousSpace):
-    r"""Matrices on which orthogonal or unitary matrices act by :math:`y \mapsto x\,y\,x^*`."""
+    r"""Matrices on which a group acts by :math:`y \mapsto x\,y\,x^*`."""
 
     def _act(self, x: Points, y: Points) -> Points:
         return np.asarray(x @ y @ x.mT.conj())
 
     def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
-        return np.asarray(omega @ y - y @ omega)
+        return np.asarray(omega @ y + y @ omega.mT.conj())

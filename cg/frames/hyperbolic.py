@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, check_random
-from cg.frames.base import Frame
-from cg.support.checks import check_integer
+from cg.frames.base import Sized
 
 
 @dataclass(frozen=True, repr=False)
-class Hyperbolic(Frame):
+class Hyperbolic(Sized):
     r"""Hyperbolic space as the half-space :math:`y_n > 0`, with dilations and translations.
 
     The first field generates dilations, :math:`E_1 = y`, the others translations along the
@@ -49,30 +49,23 @@ class Hyperbolic(Frame):
     1.0
     """
 
-    n: int
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+    smallest: ClassVar[int] = 2
 
     @property
     def dim(self) -> int:
-        """The dimension ``n``."""
         return self.n
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n,)``."""
         return (self.n,)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the tangents of dilations and translations, shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         tangent = vector[..., :1] * point
         tangent[..., :-1] += vector[..., 1:]
         return tangent
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the points after a simultaneous dilation and translation, shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         dilation = vector[..., :1]
         moved = np.exp(dilation) * point

@@ -28,26 +28,13 @@ Inertia = Any
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The inertia of one factor of a configuration.
+    """The inertia of one factor of a configuration."""
 
-    Attributes
-    ----------
-    inverse
-        The inverse inertia, shape ``(n, n)``, or ``(n, 1)`` if it is diagonal.
-    top
-        Of a rigid body whose moments of inertia differ, the numbers of ``top_t`` in compiled code,
-        shape ``(24,)``; else None.
-    vectors, points
-        Where its velocities are among all, and its point among the doubles of all.
-    sphere
-        Whether it is a point of a sphere.
-    """
-
-    inverse: Array
-    top: Array | None
-    vectors: slice
-    points: slice
-    sphere: bool = False
+    inverse: Array  # shape (n, n), or (n, 1) if it is diagonal
+    top: Array | None  # the numbers of `top_t` in Fortran, if the moments of inertia differ
+    vectors: slice  # its velocities among all
+    points: slice  # the doubles of its point among all
+    sphere: bool = False  # whether it is a point of a sphere
 
     @property
     def columns(self) -> int:
@@ -65,11 +52,8 @@ class Body:
 def read_inertia(frame: Frame, value: Any) -> tuple[Inertia, tuple[Body, ...]]:
     """Return the inertia as hashable numbers, and the bodies of a configuration.
 
-    Raises
-    ------
-    ValueError
-        If the free motion isn't known for the frame or for the inertia, or if this isn't positive
-        definite.
+    ValueError if the free motion isn't known for the frame or for the inertia, or if this isn't
+    positive definite.
     """
     bodies: list[Body] = []
     return _read(frame, value, "inertia", bodies), tuple(bodies)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -20,8 +21,43 @@ from cg.frames.su import SU
 from cg.support.shared_numbers import BlockKind
 
 
+class Orbit(ConjugationSpace):
+    """Symmetric or Hermitian matrices with the same eigenvalues, given in increasing order."""
+
+    @property
+    @abstractmethod
+    def _eigenvalues(self) -> Array: ...
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        return self.group.point_shape
+
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        # In the eigenbasis of y the entries of [X, y] are those of X times differences of the
+        # eigenvalues; where these are equal, the X of least norm has zero.
+        _, vectors = np.linalg.eigh(y)
+        gaps = self._eigenvalues - self._eigenvalues[:, None]
+        entries = vectors.mT.conj() @ tangent @ vectors
+        rotation = np.divide(entries, gaps, out=np.zeros_like(entries), where=gaps != 0.0)
+        omega = vectors @ rotation @ vectors.mT.conj()
+        return self.group._algebra_projection(0.5 * (omega - omega.mT.conj()))
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the larger of the skew part's norm and the eigenvalues' error, shape ``(...)``.
+
+        By Weyl's inequality the latter is the 2-norm distance of the symmetric part from the
+        orbit.
+        """
+        point = self._points(y)
+        with np.errstate(invalid="ignore"):
+            symmetric, skew = (0.5 * (point + sign * point.mT.conj()) for sign in (1.0, -1.0))
+        eigenvalues, _ = eigh_where_finite(symmetric)
+        error = np.abs(eigenvalues - self._eigenvalues).max(axis=-1)
+        return np.asarray(np.maximum(two_norm(skew), error))
+
+
 @dataclass(frozen=True, repr=False)
-class IsospectralOrbit(ConjugationSpace):
+class IsospectralOrbit(Orbit):
     r"""Matrices with given eigenvalues, with the action :math:`y \mapsto e^{\Omega} y e^{-\Omega}`.
 
     The fields are :math:`y' = [\Omega(v), y]`: real symmetric matrices with the skew
@@ -95,10 +131,9 @@ class IsospectralOrbit(ConjugationSpace):
         n = len(self.spectrum)
         return SU(n, "space") if self.hermitian else SO(n, "space")
 
-    @property
-    def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n, n)`` with as many rows as eigenvalues."""
-        return self.group.point_shape
+    @cached_property
+    def _eigenvalues(self) -> Array:
+        return np.array(self.spectrum)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -123,38 +158,14 @@ class IsospectralOrbit(ConjugationSpace):
         symmetric, n = 0.5 * (y + y.mT.conj()), len(self.spectrum)
         close, prescribed = (
             np.diff(values) <= n * np.finfo(np.float64).eps * np.abs(values).max(axis=-1)[..., None]
-            for values in (np.linalg.eigvalsh(symmetric), np.array(self.spectrum))
+            for values in (np.linalg.eigvalsh(symmetric), self._eigenvalues)
         )
         unique = (~close | prescribed).all(axis=-1)
         return np.where(unique[..., None, None], self.restore(symmetric), np.nan)
 
     def _with_eigenvectors(self, vectors: Points) -> Points:
-        product = (vectors * np.array(self.spectrum)) @ vectors.mT.conj()
+        product = (vectors * self._eigenvalues) @ vectors.mT.conj()
         return np.asarray(0.5 * (product + product.mT.conj()))
-
-    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        # In the eigenbasis of y the entries of [X, y] are those of X times differences of the
-        # eigenvalues; where these are equal, the X of least norm has zero.
-        _, vectors = np.linalg.eigh(y)
-        spectrum = np.array(self.spectrum)
-        gaps = spectrum - spectrum[:, None]
-        entries = vectors.mT.conj() @ tangent @ vectors
-        rotation = np.divide(entries, gaps, out=np.zeros_like(entries), where=gaps != 0.0)
-        omega = vectors @ rotation @ vectors.mT.conj()
-        return self.group._algebra_projection(0.5 * (omega - omega.mT.conj()))
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the larger of the skew part's norm and the eigenvalues' error, shape ``(...)``.
-
-        By Weyl's inequality the latter is the 2-norm distance of the symmetric part from the
-        orbit.
-        """
-        point = self._points(y)
-        with np.errstate(invalid="ignore"):
-            symmetric, skew = (0.5 * (point + sign * point.mT.conj()) for sign in (1.0, -1.0))
-        eigenvalues, _ = eigh_where_finite(symmetric)
-        error = np.abs(eigenvalues - np.array(self.spectrum)).max(axis=-1)
-        return np.asarray(np.maximum(two_norm(skew), error))
 
     def relative_error(self, y: ArrayLike) -> Array:
         """Return the membership error divided by the largest eigenvalue, shape ``(...)``."""

@@ -111,11 +111,9 @@ class LinearAction(CompiledFlow, UserFrame):
             matrices = [_skew_hermitian(matrix, i) for i, matrix in enumerate(matrices)]
         pattern, values = _on_one_pattern(matrices)
         values.flags.writeable = False
-        object.__setattr__(self, "_pattern", pattern)
-        object.__setattr__(self, "_values", values)
         if columns is not None:
             columns = check_integer("columns", columns, 1)
-        object.__setattr__(self, "_columns", columns)
+        vars(self).update(_pattern=pattern, _values=values, _columns=columns)
         self._store_functions(
             membership_error=membership_error, project=project, random_point=random_point
         )
@@ -138,12 +136,10 @@ class LinearAction(CompiledFlow, UserFrame):
 
     @property
     def dim(self) -> int:
-        """Number of generators."""
         return len(self._values)
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n,)``, or ``(n, columns)``."""
         n = int(self._pattern.shape[0])
         return (n,) if self._columns is None else (n, self._columns)
 
@@ -199,7 +195,6 @@ class LinearAction(CompiledFlow, UserFrame):
         return np.array([self._matrix(unit).toarray() for unit in np.eye(self.dim)])
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\sum_i v_i G_i y`, shape ``(..., *point_shape)``."""
         vectors, points = self._rows(v, y)
         flat = points.reshape(-1, *self.point_shape)
         pairs = zip(vectors.reshape(-1, self.dim), flat, strict=True)

@@ -16,7 +16,7 @@ Correction = Callable[[Array, Points, Points, Points, Array], Array]
 
 # Singular values of a matrix of fields below this fraction of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
-# Corrections by the fields shrink by a factor of about |v|.  Where that is slow, Newton's method
+# Corrections by the fields shrink by a factor of about |v|. Where that is slow, Newton's method
 # with the derivative of the flow takes over; where it fails too, the points are too far apart.
 _MAX_CORRECTIONS = 20
 _SLOW = 0.1

@@ -86,8 +86,7 @@ class MatrixFrame(UserFrame):
         if columns is not None:
             columns = check_integer("columns", columns, 1)
         array.flags.writeable = False
-        object.__setattr__(self, "_matrices", array)
-        object.__setattr__(self, "_columns", columns)
+        vars(self).update(_matrices=array, _columns=columns)
         self._store_functions(
             membership_error=membership_error,
             restore=restore,
@@ -110,12 +109,10 @@ class MatrixFrame(UserFrame):
 
     @property
     def dim(self) -> int:
-        """Number of matrices."""
         return len(self._matrices)
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n,)``, or ``(n, columns)``."""
         n = self._matrices.shape[1]
         return (n,) if self._columns is None else (n, self._columns)
 
@@ -152,11 +149,9 @@ class MatrixFrame(UserFrame):
         return np.asarray((v[..., None, :] @ combine(u, constants))[..., 0, :])
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\sum_i v_i A_i y`, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self._apply(combine(vector, self._matrices), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`\exp(\sum_i v_i A_i)\, y`, shape ``(..., *point_shape)``."""
         vector, point = self._arguments(v, y)
         return self.restore(self._apply(expm(combine(vector, self._matrices), vector), point))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy
@@ -132,6 +133,7 @@ def _complex_exponential(omega: Points, special: bool) -> Points:
 
 def _real_exponential(omega: Points) -> Points:
     """Return the exponential of one skew matrix."""
+    # Rounding of large eigenvalues would differ in a complex pair, whose sum would not be real.
     form, axes = scipy.linalg.schur(omega, output="real")
     rotation = np.eye(len(form))
     j = 0
@@ -185,7 +187,7 @@ def determinant_correction(y: Points) -> Points:
     sign = np.where(np.linalg.det(y) < 0.0, -1.0, 1.0)
     smallest = singular[..., -1:]
     # Singular values below rounding are replaced by the rounding, to avoid division by them.
-    others = np.maximum(singular, _rounding(singular))
+    others = np.maximum(singular, np.finfo(np.float64).eps * singular[..., :1])
     # The cofactors, products of all singular values but one, relative to the largest one
     cofactors = smallest / others
     cofactors[..., -1] = 1.0
@@ -194,25 +196,21 @@ def determinant_correction(y: Points) -> Points:
     return np.asarray((left * change[..., None, :]) @ right)
 
 
-def _rounding(singular: Array) -> Array:
-    """Return the rounding error of singular values, shape ``(..., 1)``."""
-    return np.asarray(np.finfo(np.float64).eps * singular[..., :1])
-
-
-def symplectic_correction(y: Points, form: Array) -> Points:
+def symplectic_correction(y: Points, form: Array, xp: Any = np) -> Points:
     r"""Return the change :math:`\delta` of least norm that makes matrices preserve a skew form J.
 
     To first order :math:`\delta = J^T y \Lambda` with a skew :math:`\Lambda` for which
     :math:`y^T y \Lambda + \Lambda y^T y = J - y^T J y`. In the basis of the singular vectors of y
-    this equation is diagonal.
+    this equation is diagonal. With ``xp=jax.numpy`` arrays are those of JAX.
     """
-    left, singular, right = np.linalg.svd(y)
+    left, singular, right = xp.linalg.svd(y)
     rows, columns = singular[..., :, None], singular[..., None, :]
     preserved = rows * (left.mT @ form @ left) * columns
     defect = preserved - right @ form @ right.mT
-    positive = np.maximum(singular, _rounding(singular))
-    length = np.hypot(positive[..., :, None], positive[..., None, :])
-    return np.asarray(form.T @ left @ (-rows / length * (defect / length)) @ right)
+    positive = xp.maximum(singular, xp.finfo(y.dtype).eps * singular[..., :1])
+    length = xp.hypot(positive[..., :, None], positive[..., None, :])
+    change: Points = form.T @ left @ (-rows / length * (defect / length)) @ right
+    return change
 
 
 def minimum_norm_step(y: Points, correction: Callable[[Points], Points]) -> Points:

@@ -4,75 +4,39 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Points, Size, check_convention, check_random
-from cg.frames.matrix_functions import (
-    distance_from_unitary,
-    minimum_norm_step,
-    nearest_unitary,
-    newton_corrected,
-    newton_schulz,
-    random_unitary,
-    relative_correction,
-)
+from cg.frames.arrays import Array, Convention, Points, check_convention
+from cg.frames.base import Sized
+from cg.frames.matrix_functions import minimum_norm_step, newton_corrected, relative_correction
 from cg.frames.matrix_group import MatrixGroup
-from cg.support.checks import check_integer
+from cg.frames.orthonormal import OrthonormalColumns
 
 
-class UnitaryMatrixGroup(MatrixGroup):
+class UnitaryMatrixGroup(OrthonormalColumns, MatrixGroup):
     """A group of unitary or orthogonal matrices, whose inverses are their adjoints."""
-
-    _special: ClassVar[bool] = False
 
     def _checked_coordinates(self, v: Array, start: Points, end: Points) -> Array:
         return v  # logarithms from eigenvalues are accurate
 
     def inverse(self, x: ArrayLike) -> Points:
-        """Return the conjugate transposes, which on the group are the inverses."""
         return np.asarray(self._points(x, "x").mT.conj())
-
-    def restore(self, y: Points) -> Points:
-        """Return ``y`` after a Newton-Schulz step towards the group."""
-        return newton_schulz(y, self.inverse(y))
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the 2-norm distance to the nearest element of the group, shape ``(...)``."""
-        return distance_from_unitary(self._points(y), special=self._special)
-
-    def _project(self, y: Points) -> Points:
-        return nearest_unitary(y, special=self._special)
-
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
-        """Return points uniform in Haar measure, shape ``(*size, size, size)``."""
-        size = check_random(rng, size)
-        point = random_unitary(rng, (*size, *self.point_shape), complex_=self.dtype.kind == "c")
-        if self._special:
-            # Scaling a column commutes with the action of the group from the left, so that the
-            # distribution stays uniform.
-            point[..., 0] /= np.linalg.det(point)[..., None]
-        return self.restore(point)
 
 
 @dataclass(frozen=True, repr=False)
-class SizedMatrixGroup(MatrixGroup):
+class SizedMatrixGroup(Sized, MatrixGroup):
     """A matrix group with the number of rows as its parameter."""
 
-    n: int
     convention: Convention = "space"
 
-    smallest: ClassVar[int] = 1
-
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, self.smallest))
+        super().__post_init__()
         check_convention(self.convention)
 
     @property
     def size(self) -> int:
-        """Number of rows, ``n``."""
         return self.n
 
 

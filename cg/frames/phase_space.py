@@ -97,9 +97,8 @@ class PhaseSpace(Product):
             raise TypeError(f"frame must be a Frame, got {frame!r}")
         numbers, bodies = read_inertia(frame, inertia)
         super().__init__(frame, Euclidean(frame.dim))
-        object.__setattr__(self, "configuration", frame)
-        object.__setattr__(self, "inertia", None if inertia is None else numbers)
-        object.__setattr__(self, "_bodies", bodies)
+        numbers = None if inertia is None else numbers
+        vars(self).update(configuration=frame, inertia=numbers, _bodies=bodies)
 
     def __repr__(self) -> str:
         inertia = "" if self.inertia is None else f", {self.inertia!r}"
@@ -168,7 +167,6 @@ class PhaseSpace(Product):
         return self.configuration.dim
 
     def complete_rhs(self, f: Array, y: Array) -> Array:
-        """Return velocities and derivatives of momenta for forces, shape ``(..., dim)``."""
         velocity, momentum = self.velocity(y), y[..., self._point_slices[1]]
         slope = np.broadcast_to(self._tangential(y, f), momentum.shape).copy()
         for body in self._bodies:

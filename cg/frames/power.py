@@ -54,17 +54,14 @@ class Power(Frame):
 
     @property
     def dim(self) -> int:
-        """``n`` times the dimension of the factor."""
         return self.n * self.factor.dim
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """``(n, *factor.point_shape)``."""
         return (self.n, *self.factor.point_shape)
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The type of the factor."""
         return self.factor.dtype
 
     def read_points(self, value: Any, name: str = "y") -> Points:
@@ -72,17 +69,14 @@ class Power(Frame):
         return self.factor.read_points(value, name)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return the tangents at all points, shape ``(..., n, *factor.point_shape)``."""
         vector, point = self._arguments(v, y)
         return self.factor.field(self._split_vector(vector), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return where all flows lead, shape ``(..., n, *factor.point_shape)``."""
         vector, point = self._arguments(v, y)
         return self.factor.flow(self._split_vector(vector), point)
 
     def complete_rhs(self, f: Array, y: Points) -> Array:
-        """Return all coefficients; those of an `AmbientStiefel` from its derivatives."""
         return self._join_vectors(self.factor.complete_rhs(self._split_vector(f), y))
 
     def _bracket(self, u: Array, v: Array) -> Array:
@@ -94,7 +88,6 @@ class Power(Frame):
         return self._join_vectors(each)
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the coefficients of all points without isotropy, shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
         return self._join_vectors(self.factor.without_isotropy(self._split_vector(vector), point))
 
@@ -120,12 +113,10 @@ class Power(Frame):
         return None if v is None else self._join_vectors(v)
 
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return the local coordinates of all points, shape ``(..., dim)``."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         return self._join_vectors(self.factor.local_coordinates(start, end))
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
-        """Return the scales of the coordinates of all points, shape ``(..., dim)``."""
         return self._join_vectors(self.factor.coordinate_sizes(self._points(y)))
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:

@@ -61,11 +61,13 @@ class Product(Frame):
             if not isinstance(factor, Frame):
                 raise TypeError(f"factors[{index}] must be a Frame, got {factor!r}")
         places = _slices([_real_size(f) for f in factors])
-        object.__setattr__(self, "factors", factors)
-        object.__setattr__(self, "_vector_slices", _slices([f.dim for f in factors]))
-        object.__setattr__(self, "_point_slices", places)
-        object.__setattr__(self, "_point_shape", (places[-1].stop,))
-        object.__setattr__(self, "_real_parts", _real_parts(factors, places))
+        vars(self).update(
+            factors=factors,
+            _vector_slices=_slices([f.dim for f in factors]),
+            _point_slices=places,
+            _point_shape=(places[-1].stop,),
+            _real_parts=_real_parts(factors, places),
+        )
         if Product._blocks(self) is None and any(map(_has_columns, factors)):
             raise ValueError(
                 "factors with an AmbientStiefel must all be compiled and without coordinates, such "
@@ -77,12 +79,10 @@ class Product(Frame):
 
     @property
     def dim(self) -> int:
-        """Sum of the factors' dimensions."""
         return int(self._vector_slices[-1].stop)
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n,)`` of a flat vector that holds all factors' points."""
         return self._point_shape
 
     def split(self, y: ArrayLike) -> tuple[Points, ...]:
@@ -123,12 +123,10 @@ class Product(Frame):
         return None if any(v is None for v in each) else np.concatenate(each, axis=-1)
 
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return the factors' local coordinates, joined: shape ``(..., dim)``."""
         points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         return np.concatenate(self._each("local_coordinates", *map(self._split, points)), axis=-1)
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
-        """Return the scales of the factors' coordinates, joined: shape ``(..., dim)``."""
         return np.concatenate(self._each("coordinate_sizes", self.split(y)), axis=-1)
 
     def _each(self, method: str, *parts: Iterable[Any]) -> list[Any]:
@@ -149,12 +147,10 @@ class Product(Frame):
         return None if mixed else blocks
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the factors' tangents, joined: shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         return self._join(self._each("field", self._split_vector(vector), self._split(point)))
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the factors' flows, joined: shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         return self._join(self._each("flow", self._split_vector(vector), self._split(point)))
 
@@ -167,12 +163,10 @@ class Product(Frame):
         return np.concatenate(each, axis=-1)
 
     def complete_rhs(self, f: Array, y: Array) -> Array:
-        """Return all coefficients; those of an `AmbientStiefel` from its derivative."""
         parts = self._split_vector(f), self._split(y)
         return np.concatenate(self._each("complete_rhs", *parts), axis=-1)
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the factors' coefficients without isotropy, joined: shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
         lead = np.broadcast_shapes(vector.shape[:-1], point.shape[:-1])
         vector = np.broadcast_to(vector, (*lead, self.dim))
@@ -201,7 +195,6 @@ class Product(Frame):
         return self.join(*(factor.random_point(rng, size) for factor in self.factors))
 
     def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
-        """Return random coefficients of the factors, joined: shape ``(*size, dim)``."""
         return np.concatenate([f.random_vector(rng, size) for f in self.factors], axis=-1)
 
     def _split_vector(self, vector: Array) -> list[Array]:

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Convention, Points, check_convention
 from cg.frames.block_kinds import SCALAR_FIRST, Blocks, convention_option
 from cg.frames.matrix_functions import combine, unit_step
+from cg.frames.orthonormal import UnitVectors
 from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm
-from cg.frames.unit_vectors import UnitVectors
 from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:
@@ -70,16 +70,13 @@ class UnitQuaternion(UnitVectors):
 
     @property
     def dim(self) -> int:
-        """Three."""
         return 3
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(4,)``."""
         return (4,)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return half the product with the vector ``v``, shape ``(..., 4)``."""
         vector, point = self._arguments(v, y)
         return self._field(vector, point)
 
@@ -88,7 +85,6 @@ class UnitQuaternion(UnitVectors):
         return np.asarray((generator @ point[..., None])[..., 0])
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return ``y`` rotated by the rotation vector ``v`` in radians, shape ``(..., 4)``."""
         vector, point = self._arguments(v, y)
         half, sinc = half_angle(vector)
         moved = np.cos(half)[..., None] * point + sinc[..., None] * self._field(vector, point)

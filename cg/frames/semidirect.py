@@ -70,17 +70,14 @@ class Semidirect(MatrixGroup):
 
     @property
     def convention(self) -> Convention:
-        """The group's convention."""
         return self.group.convention
 
     @property
     def size(self) -> int:
-        """Number of rows: the group's and one for each column."""
         return self.group.size + self.copies
 
     @property
     def dim(self) -> int:
-        """The dimension of the group, and the number of entries of the columns."""
         return self.group.dim + self.group.size * self.copies
 
     def _blocks(self) -> Blocks | None:
@@ -108,7 +105,6 @@ class Semidirect(MatrixGroup):
         return point
 
     def exponential(self, v: ArrayLike) -> Points:
-        """Return the affine maps, shape ``(..., size, size)``."""
         vector = self._vectors(v)
         split = self.group.dim
         stacked = vector[..., split:].reshape(*vector.shape[:-1], self.copies, self.group.size)
@@ -134,7 +130,6 @@ class Semidirect(MatrixGroup):
         return np.concatenate([vector, np.where(finite, flat, np.nan)], axis=-1)
 
     def inverse(self, x: ArrayLike) -> Points:
-        """Return the inverse maps, shape ``(..., size, size)``."""
         point = self._points(x, "x")
         n = self.group.size
         linear = self.group.inverse(point[..., :n, :n])

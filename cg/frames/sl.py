@@ -50,7 +50,6 @@ class SL(NoncompactMatrixGroup):
 
     @property
     def dim(self) -> int:
-        """``n ** 2 - 1``."""
         return self.n**2 - 1
 
     def _make_basis(self) -> Entries:

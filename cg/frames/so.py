@@ -71,7 +71,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
 
     @property
     def dim(self) -> int:
-        """``n (n - 1) / 2``."""
         return self.n * (self.n - 1) // 2
 
     def _make_basis(self) -> Entries:

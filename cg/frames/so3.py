@@ -56,7 +56,6 @@ class SO3(SO):
         return hat(self._vectors(v))
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return ``y @ exp(hat(v))`` (body) or ``exp(hat(v)) @ y`` (space), ``(..., 3, 3)``."""
         vector, point = self._arguments(v, y)
         body = self.convention == "body"
         return self.restore(rotate(-vector, point.mT).mT if body else rotate(vector, point))

@@ -65,7 +65,6 @@ class Sp(NoncompactMatrixGroup):
 
     @property
     def dim(self) -> int:
-        """``n (n + 1) / 2``."""
         return self.n * (self.n + 1) // 2
 
     def _make_basis(self) -> Entries:
@@ -80,7 +79,6 @@ class Sp(NoncompactMatrixGroup):
         return entries_of(self.n, parts[0], (*parts[1][:2], below * parts[1][2]))
 
     def inverse(self, x: ArrayLike) -> Points:
-        r"""Return :math:`x^* = -J x^T J`, shape ``(..., n, n)``."""
         return np.asarray(-self._form @ self._points(x, "x").mT @ self._form)
 
     def _correction(self, y: Points) -> Points:

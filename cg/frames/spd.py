@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, check_random
+from cg.frames.base import Sized
 from cg.frames.gl import GL
-from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.matrix_functions import eigh_where_finite
 from cg.frames.matrix_group import MatrixGroup
-from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
-class SPD(HomogeneousSpace):
+class SPD(Sized, ConjugationSpace):
     r"""Symmetric positive definite matrices, such as covariances, with the action of GL(n).
 
     GL(n) acts by :math:`y \mapsto g\,y\,g^T`, so that :math:`y' = \Omega(v)\,y + y\,\Omega(v)^T`,
@@ -54,11 +54,6 @@ class SPD(HomogeneousSpace):
            [0., 1.]])
     """
 
-    n: int
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, 1))
-
     @cached_property
     def group(self) -> MatrixGroup:
         """The invertible matrices."""
@@ -66,15 +61,7 @@ class SPD(HomogeneousSpace):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n, n)``."""
         return (self.n, self.n)
-
-    def _act(self, x: Points, y: Points) -> Points:
-        return np.asarray(x @ y @ x.mT)
-
-    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
-        product = omega @ y
-        return np.asarray(product + product.mT)
 
     def restore(self, y: Points) -> Points:
         """Return the symmetric part of ``y``."""

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
+from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
+from cg.frames.orthonormal import UnitVectors
 from cg.frames.so import SO
-from cg.frames.unit_vectors import UnitVectors
-from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
 
 # Points are antipodal if the tangential part of their sum is less than this fraction of the sum.
@@ -23,7 +23,7 @@ _ANTIPODAL = 1e-4
 
 
 @dataclass(frozen=True, repr=False)
-class Sphere(UnitVectors, HomogeneousSpace):
+class Sphere(Sized, UnitVectors, HomogeneousSpace):
     r"""Unit vectors of :math:`R^{n+1}` with the action of SO(n+1): :math:`y' = \Omega(v)\,y`.
 
     The coefficients are those of `SO`; on :math:`S^2` they are the rotation vector,
@@ -52,11 +52,6 @@ class Sphere(UnitVectors, HomogeneousSpace):
     array([0., 1., 0.])
     """
 
-    n: int
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, 1))
-
     @cached_property
     def group(self) -> MatrixGroup:
         """The rotations of the ambient space."""
@@ -64,7 +59,6 @@ class Sphere(UnitVectors, HomogeneousSpace):
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n + 1,)``."""
         return (self.n + 1,)
 
     def _act(self, x: Points, y: Points) -> Points:

@@ -4,62 +4,42 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random
-from cg.frames.base import Frame
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.homogeneous import HomogeneousSpace
-from cg.frames.matrix_functions import (
-    distance_from_unitary,
-    nearest_unitary,
-    newton_schulz,
-    random_unitary,
-)
 from cg.frames.matrix_group import MatrixGroup
+from cg.frames.orthonormal import OrthonormalColumns
 from cg.frames.so import SO
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
 
 
 @dataclass(frozen=True, repr=False)
-class _OrthonormalColumns(Frame):
+class _Columns(Sized, OrthonormalColumns):
     """Matrices of k orthonormal columns of n entries; a subclass defines the fields."""
 
-    n: int
     k: int
 
+    smallest: ClassVar[int] = 2
+
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+        super().__post_init__()
         object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n))
 
     @property
     def point_shape(self) -> tuple[int, ...]:
-        """The shape ``(n, k)``."""
         return (self.n, self.k)
-
-    def restore(self, y: Points) -> Points:
-        """Return ``y`` after a Newton-Schulz step towards orthonormal columns."""
-        return newton_schulz(y, y.mT)
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the 2-norm distance to the nearest orthonormal columns, shape ``(...)``."""
-        return distance_from_unitary(self._points(y), special=False)
-
-    def _project(self, y: Points) -> Points:
-        return nearest_unitary(y, special=False)
-
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
-        """Return points uniform under rotations, shape ``(*size, n, k)``."""
-        size = check_random(rng, size)
-        return self.restore(random_unitary(rng, (*size, *self.point_shape)))
 
 
 @dataclass(frozen=True, repr=False)
-class Stiefel(_OrthonormalColumns, HomogeneousSpace):
+class Stiefel(_Columns, HomogeneousSpace):
     r"""Matrices of k orthonormal columns, with the action of SO(n): :math:`y' = \Omega(v)\,y`.
 
     The coefficients are those of `SO`.
@@ -107,17 +87,23 @@ class Stiefel(_OrthonormalColumns, HomogeneousSpace):
         return np.asarray(omega @ y)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        # The skew matrix of least norm whose product with y is X = tangent, since y^T X is skew:
-        # X y^T - y X^T - y (y^T X) y^T.
-        mixed = y.mT @ tangent
-        along = 0.5 * (mixed - mixed.mT)
-        across = tangent - y @ mixed
-        left = (across + 0.5 * (y @ along)) @ y.mT
-        return self.group._algebra_projection(left - left.mT)
+        return self.group._algebra_projection(least_generator(y, tangent))
+
+
+def least_generator(y: Points, tangent: Points) -> Points:
+    """Return the skew matrix of least norm whose product with y is a tangent X.
+
+    It is X y^T - y X^T - y (y^T X) y^T, since y^T X is skew. The arrays may be those of JAX.
+    """
+    mixed = y.mT @ tangent
+    along = 0.5 * (mixed - mixed.mT)
+    left = (tangent - y @ mixed + 0.5 * (y @ along)) @ y.mT
+    generator: Points = left - left.mT
+    return generator
 
 
 @dataclass(frozen=True, repr=False)
-class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
+class AmbientStiefel(CompiledFlow, _Columns):
     r"""Matrices of k orthonormal columns, for right-hand sides that return the derivative.
 
     ``f`` returns the derivative X of the columns, shape ``(n, k)``. Of a matrix that is not tangent
@@ -176,7 +162,6 @@ class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
 
     @property
     def dim(self) -> int:
-        """``n k``."""
         return self.n * self.k
 
     @property
@@ -188,7 +173,6 @@ class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
         return ((BlockKind.STIEFEL, self.n, 0, self.k),)
 
     def complete_rhs(self, f: Array, y: Points) -> Array:
-        """Return the coefficients, shape ``(..., dim)``, of derivatives at ``y``."""
         return self._coefficients_at(y, f.reshape(y.shape))
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
@@ -196,7 +180,6 @@ class AmbientStiefel(CompiledFlow, _OrthonormalColumns):
         return v.reshape(*v.shape[:-2], self.dim)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
-        r"""Return :math:`v - y v^T y`, shape ``(..., n, k)``."""
         vector, point = self._arguments(v, y)
         matrix = vector.reshape(*vector.shape[:-1], *self.point_shape)
         return np.asarray(matrix - point @ (matrix.mT @ point))

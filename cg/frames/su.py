@@ -58,7 +58,6 @@ class SU(U):
 
     @property
     def dim(self) -> int:
-        """``n ** 2 - 1``."""
         return self.n**2 - 1
 
     def _make_basis(self) -> Entries:

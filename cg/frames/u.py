@@ -54,12 +54,10 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Complex."""
         return np.dtype(np.complex128)
 
     @property
     def dim(self) -> int:
-        """``n ** 2``."""
         return self.n**2
 
     def _make_basis(self) -> Entries:

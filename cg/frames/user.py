@@ -115,11 +115,7 @@ class UserFrame(Frame):
             # A batch of empty arguments, so that the function is called once for each point.
             empty = np.empty((*size, 0))
             return self._call(
-                "random_point",
-                lambda _: function(rng),
-                [(empty, 1)],
-                self.point_shape,
-                self.dtype,
+                "random_point", lambda _: function(rng), [(empty, 1)], self.point_shape, self.dtype
             )
         if "membership_error" in self._functions:
             raise NotImplementedError(f"{self!r} has a membership_error, but no random_point")

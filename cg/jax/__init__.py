@@ -1,7 +1,7 @@
 """The methods of the catalogue in JAX, as solvers of diffrax.
 
 `FrameTerm` is the right-hand side, `Solver` a method, `controller` the choice of steps of
-`cg.solve_ivp`.  diffrax has the loop, output, events and adjoints.
+`cg.solve_ivp`. diffrax has the loop, output, events and adjoints.
 """
 
 from __future__ import annotations

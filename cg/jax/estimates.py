@@ -16,7 +16,7 @@ import numpy as np
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
 from cg.integration.step.paths import MethodPaths
 from cg.jax.entire import JaxArray
-from cg.jax.rules import Rules, linear
+from cg.jax.rules import Rules
 from cg.jax.stages import Stages, Start, Steps
 from cg.method.estimate import MAX_ANGLE
 
@@ -65,18 +65,17 @@ def _change(start: Start, stages: Stages, error: JaxArray) -> JaxArray:
 
 
 def _turning(frame: Frame, v: JaxArray) -> JaxArray:
-    """Return the angle of a flow, as ``turning`` in ``fortran/frames/algebra.f90``."""
+    """Return the angle of a flow, as ``turning`` in ``fortran/frames/error_norm.f90``."""
     if isinstance(frame, Product):
         parts = zip(frame.factors, frame._vector_slices, strict=True)
         return jnp.stack([_turning(factor, v[place]) for factor, place in parts]).max()
     if isinstance(frame, Power):
         return jax.vmap(lambda part: _turning(frame.factor, part))(v.reshape(frame.n, -1)).max()
     group = SO3() if isinstance(frame, UnitQuaternion) else getattr(frame, "group", frame)
-    if not isinstance(group, SO | SO3 | SU | U):
+    if not isinstance(group, SO | SU | U):
         return jnp.zeros((), v.dtype)
-    square = (jnp.abs(linear(v[: group.dim], group.basis)) ** 2).sum()
-    factor = 2.0 if isinstance(group, SU | U) else 1.0 if group.size > 3 else 0.5
-    return jnp.sqrt(factor * square)
+    factor = 2.0 if isinstance(group, SO) and group.n > 3 else 1.0
+    return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))
 
 
 def _of_vector(rules: Rules, v: JaxArray, y1: JaxArray) -> Estimate:

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U, UnitQuaternion
+from cg.frames.matrix_functions import symplectic_correction
 from cg.frames.quaternion import _generators
 from cg.jax.dexpinv import motion_dexpinv, series_dexpinv, turning_dexpinv
 from cg.jax.entire import JaxArray, dexpinv_factor, rotation_vector, stumpff
@@ -170,7 +171,7 @@ def _general(frame: MatrixGroup) -> Group:
         nearest = held(
             _with_determinant_one
             if isinstance(frame, SL)
-            else lambda y: y + _symplectic_correction(frame, y)
+            else lambda y: y + symplectic_correction(y, jnp.asarray(frame._form, y.dtype), jnp)
         )
 
         def change(y: JaxArray) -> JaxArray:
@@ -185,17 +186,6 @@ def _with_determinant_one(y: JaxArray) -> JaxArray:
     determinant, cofactors = jax.value_and_grad(jnp.linalg.det)(y)
     change = (1.0 - determinant) / (cofactors**2).sum() * cofactors
     return y + jnp.where(jnp.isfinite(change).all(), change, 0.0)
-
-
-def _symplectic_correction(frame: Sp, y: JaxArray) -> JaxArray:
-    """Return the change of `cg.frames.matrix_functions.symplectic_correction`."""
-    form = jnp.asarray(frame._form, y.dtype)
-    left, singular, right = jnp.linalg.svd(y)
-    preserved = singular[:, None] * (left.T @ form @ left) * singular
-    defect = preserved - right @ form @ right.T
-    positive = jnp.maximum(singular, jnp.finfo(y.dtype).eps * singular[0])
-    length = jnp.hypot(positive[:, None], positive)
-    return form.T @ left @ (-singular[:, None] / length * (defect / length)) @ right
 
 
 def _motions(frame: Semidirect) -> Group:

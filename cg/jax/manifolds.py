@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cg import frames
+from cg.frames.stiefel import least_generator
 from cg.integration.step.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine
@@ -60,7 +61,7 @@ def sphere_rules(frame: frames.Sphere) -> Rules:
         group.dexpinv,
         turn,
         distance=length_error,
-        free=False,
+        unique=False,
     )
 
 
@@ -68,20 +69,14 @@ def stiefel_rules(frame: frames.Stiefel) -> Rules:
     """Return the rules of matrices with orthonormal columns."""
     group = functions_of(frame.group)
 
-    def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
-        mixed = y.T @ tangent
-        along = 0.5 * (mixed - mixed.T)
-        left = (tangent - y @ mixed + 0.5 * (y @ along)) @ y.T
-        return projection(frame.group, left - left.T)
-
     return Rules(
         frame,
         lambda v, y: group.exponential(v) @ y,
         newton_schulz,
         dexpinv=group.dexpinv,
-        closed_coefficients=coefficients,
+        closed_coefficients=lambda y, x: projection(frame.group, least_generator(y, x)),
         distance=column_error,
-        free=False,
+        unique=False,
     )
 
 
@@ -106,15 +101,12 @@ def conjugation_rules(frame: frames.Grassmann | frames.SPD | frames.IsospectralO
         values, asymmetry = jnp.linalg.eigvalsh(y), jnp.abs(y - adjoint(y)).max()
         if isinstance(frame, frames.SPD):
             return jnp.maximum(asymmetry, -values[0]) / jnp.abs(y).max()
-        if isinstance(frame, frames.Grassmann):
-            spectrum = np.repeat([0.0, 1.0], [frame.n - frame.k, frame.k])
-        else:
-            spectrum = np.array(frame.spectrum)
+        spectrum = frame._eigenvalues
         error = jnp.maximum(0.5 * asymmetry, jnp.abs(values - spectrum).max())
         return error / (np.abs(spectrum).max() or 1.0)
 
     near = held(restore) if isinstance(frame, frames.IsospectralOrbit) else restore
-    return Rules(frame, flow, near, dexpinv=group.dexpinv, distance=distance, free=False)
+    return Rules(frame, flow, near, dexpinv=group.dexpinv, distance=distance, unique=False)
 
 
 def hyperbolic_rules(frame: frames.Hyperbolic) -> Rules:
@@ -166,4 +158,4 @@ def own_rules(frame: frames.FieldFrame | frames.MatrixFrame | frames.LinearActio
     restore = frame._functions.get("restore", same)
     log = frame._functions.get("exp_coordinates")
     dexpinv = series_dexpinv(frame) if has_brackets(frame) else None
-    return Rules(frame, flow, restore, log, dexpinv, free=False)
+    return Rules(frame, flow, restore, log, dexpinv, unique=False)

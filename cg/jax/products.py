@@ -111,7 +111,7 @@ def product_rules(frame: Product, parts: list[Rules]) -> Rules:
         together("coefficients"),
         lambda y: jnp.concatenate(each("sizes", split(frame, y))),
         lambda y: jnp.stack(each("distance", split(frame, y))).max(),
-        free=all(rules.free for rules in parts),
+        unique=all(rules.unique for rules in parts),
     )
 
 
@@ -140,7 +140,7 @@ def power_rules(frame: Power, rules: Rules) -> Rules:
         on_points(rules.coefficients),
         on_points(rules.sizes),
         lambda y: jax.vmap(rules.distance)(y).max(),
-        free=rules.free,
+        unique=rules.unique,
     )
 
 

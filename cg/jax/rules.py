@@ -41,7 +41,7 @@ class Rules:
     `cg.frames.Frame.exp_coordinates`. ``dexpinv(u, v, order)`` is that of the frame, None without
     brackets. ``closed_coefficients(y, tangent)`` and ``unequal_sizes(y)`` are `coefficients` in
     closed form, and `sizes` where not all are 1. ``distance(y)`` is, to first order, the
-    `cg.frames.Frame.relative_error` of a point off the manifold. ``free`` says whether two points
+    `cg.frames.Frame.relative_error` of a point off the manifold. ``unique`` says whether two points
     determine the coefficients of the short flow between them.
     """
 
@@ -53,7 +53,7 @@ class Rules:
     closed_coefficients: Pairing | None = None
     unequal_sizes: Map | None = None
     distance: Map = zero
-    free: bool = True
+    unique: bool = True
 
     def coefficients(self, y: JaxArray, tangent: JaxArray) -> JaxArray:
         """Return the shortest coefficients whose field is nearest to a tangent."""
@@ -89,7 +89,7 @@ class Rules:
 
     def measured(self, v: JaxArray, y: JaxArray) -> JaxArray:
         """Return an error as controllers measure it: shortest coefficients, or tangent entries."""
-        if self.log is not None and self.free:
+        if self.log is not None and self.unique:
             return v
         tangent = self.field(v, y)
         return tangent if self.log is None else self.coefficients(y, tangent)

@@ -108,8 +108,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     def __repr__(self) -> str:
         method = self.steps.method
         label = f'"{method.name}"' if method.name else repr(method)
-        more = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
-        return f"Solver({label}{more}{', unroll=True' if self.unroll else ''})"
+        suffix = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
+        return f"Solver({label}{suffix}{', unroll=True' if self.unroll else ''})"
 
     @property
     def method(self) -> Method:

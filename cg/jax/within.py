@@ -99,7 +99,7 @@ def interpolant(
     if not accurate:
         return _Interpolant(start.y0, start.h * stages.values, rules, _straight(method))
     flat = isinstance(method, MuntheKaas)
-    if flat or (rules.free and rules.dexpinv is not None and rules.log is not None):
+    if flat or (rules.unique and rules.dexpinv is not None and rules.log is not None):
         return _on_algebra(method, start, stages, last)
     return _by_flows(method, start, stages.result, last)
 

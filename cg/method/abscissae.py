@@ -4,22 +4,13 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
-from cg.method.coefficients import Coefficient, read_coefficient
+from cg.method.coefficients import Coefficient, read_row
 from cg.method.method import Method
-from cg.structure.points import MethodError
 
 
-def read_abscissae(c: Sequence[Any], method: Method) -> list[Coefficient]:
-    """Return abscissae, one for each stage; raise ValueError if they are something else."""
-    try:
-        if isinstance(c, str):
-            raise TypeError
-        read = [read_coefficient(entry, f"c_{i}") for i, entry in enumerate(c, 1)]
-    except TypeError:
-        raise ValueError(f"c must be a sequence of numbers, got {c!r}") from None
-    if len(read) != method.stages:
-        raise MethodError(f"c must have {method.stages} entries, got {len(read)}")
-    return read
+def read_abscissae(c: Sequence[Any], method: Method) -> tuple[Coefficient, ...]:
+    """Return abscissae, one for each stage; raise MethodError if they are something else."""
+    return read_row(c, "c", method.stages, "c_{}")
 
 
 def wrong_abscissae(method: Method, c: Sequence[Coefficient]) -> Iterator[str]:

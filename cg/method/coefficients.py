@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
+from functools import partial
 from numbers import Integral, Rational
 from typing import Any
 
@@ -122,12 +123,33 @@ def read_sequence(
     raise error(f"{label} must be a sequence{of}, got {value!r}")
 
 
-def read_third(third: Iterable[Any], stages: int) -> tuple[Coefficient, ...]:
-    """Return third weights, one for each stage."""
-    entries = read_sequence(third, "third")
-    if len(entries) != stages:
-        raise MethodError(f"third must have {stages} entries, got {len(entries)}")
-    return tuple(read_coefficient(entry, f"third_{k}") for k, entry in enumerate(entries, 1))
+def read_row(
+    row: Any,
+    label: str,
+    count: int | None = None,
+    entry: str = "",
+    error: type[MethodError] = MethodError,
+) -> tuple[Coefficient, ...]:
+    """Return the coefficients of a row, `count` of them, or at least one if that is None.
+
+    Errors name coefficients by `entry`, which has the number from 1, or as ``label[k]`` from 0.
+    """
+    numbers = read_sequence(row, label, error)
+    if count is None and not numbers:
+        raise error(f"{label} must have at least one entry, got none")
+    if count is not None and len(numbers) != count:
+        raise error(f"{label} must have {count} entries, got {len(numbers)}")
+    names = (entry.format(k + 1) if entry else f"{label}[{k}]" for k in range(len(numbers)))
+    return tuple(map(partial(read_coefficient, error=error), numbers, names))
+
+
+def read_third(third: Any, stages: int, second: object) -> tuple[Coefficient, ...] | None:
+    """Return third weights, one for each stage, or None; MethodError if `second` is None."""
+    if third is None:
+        return None
+    if second is None:
+        raise MethodError("third must be None unless there is a second result")
+    return read_row(third, "third", stages, "third_{}")
 
 
 def read_texts(

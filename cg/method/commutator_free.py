@@ -38,7 +38,7 @@ class CommutatorFree(Method):
     ----------
     points
         Sequence of pairs. The parent of each point, an index or -1 for the initial point, and a
-        mapping from stages (from 0) to weights, or `Point` records. Weights are strings, Fractions,
+        mapping from stages (from 0) to weights, or a `Point`. Weights are strings, Fractions,
         integers or floats; see `Coefficient.read`.
     stage_points
         Sequence of int. The point at which each stage is evaluated; the first is -1.
@@ -122,7 +122,7 @@ class CommutatorFree(Method):
             for point, (_, row) in zip(tree.points, read, strict=True)
             for stage in point.weights
         )
-        values["third_weights"] = None if third is None else _read_third(third, tree)
+        values["third_weights"] = read_third(third, len(tree.stage_points), tree.embedded_result)
         self._set(values)
         if self.nominal_order is not None:
             self._check_nominal_order(MethodError)
@@ -146,7 +146,6 @@ class CommutatorFree(Method):
 
     @cached_property
     def layout(self) -> Layout:
-        """Positions of the weights in `coefficients`."""
         return Layout.of_tree(self.tree)
 
     @property
@@ -156,7 +155,6 @@ class CommutatorFree(Method):
 
     @cached_property
     def embedded(self) -> CommutatorFree | None:
-        """The method of the second result of a pair; None without it."""
         if self.tree.embedded_result is None:
             return None
         parents = (point.parent for point in self.tree.points)
@@ -184,13 +182,6 @@ class CommutatorFree(Method):
         # rows of the flat tableau are sums of rounded weights, and rounded as well
         rows = [[quads.to_decimal(entry) for entry in row] for row in self.exact[0]]
         return flat_order(Tableau(rows, self.third_weights))
-
-
-def _read_third(third: Iterable[Any], tree: PointTree) -> tuple[Coefficient, ...]:
-    """Return the third weights; MethodError without a second result."""
-    if tree.embedded_result is None:
-        raise MethodError("third must be None unless there is an embedded_result")
-    return read_third(third, len(tree.stage_points))
 
 
 def as_index(index: Any) -> Any:

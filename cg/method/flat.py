@@ -20,6 +20,11 @@ from cg.trees.rooted import RootedTree, density, rooted_trees, rooted_trees_thro
 if TYPE_CHECKING:
     from cg.support.flint import fmpq
 
+Row = Sequence[Coefficient]
+Rows = Sequence[Row]
+Matrix = Sequence[Sequence[Fraction]]
+Failing = list[tuple[RootedTree, Fraction, Fraction]]
+
 
 def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     """Return the classical order of a tableau, up to the rounding of its coefficients.
@@ -33,26 +38,19 @@ def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     return _order(tableau.entries, weights, Fraction(1))
 
 
-def _order(
-    entries: Sequence[Sequence[Coefficient]], weights: Sequence[Coefficient], end: Fraction
-) -> int:
+def _order(entries: Rows, weights: Row, end: Fraction) -> int:
     for order in range(1, MAX_ORDER + 1):
         if _failing(entries, weights, end, order):
             return order - 1
     return MAX_ORDER
 
 
-def failing_rooted(tableau: Tableau, order: int) -> list[tuple[RootedTree, Fraction, Fraction]]:
+def failing_rooted(tableau: Tableau, order: int) -> Failing:
     """Return the trees with ``order`` nodes whose conditions fail, with Φ(t) and 1/γ(t)."""
     return _failing(tableau.entries, tableau.weights, Fraction(1), order)
 
 
-def _failing(
-    entries: Sequence[Sequence[Coefficient]],
-    weights: Sequence[Coefficient],
-    end: Fraction,
-    order: int,
-) -> list[tuple[RootedTree, Fraction, Fraction]]:
+def _failing(entries: Rows, weights: Row, end: Fraction, order: int) -> Failing:
     a, b = [[e.value for e in row] for row in entries], [w.value for w in weights]
     trees = rooted_trees(order)
     weights_of_trees, allowed = _weights(a, b, trees), _tolerances(entries, weights, trees)
@@ -61,18 +59,14 @@ def _failing(
     return [(tree, phi, side) for tree, phi, side, bound in compared if abs(phi - side) > bound]
 
 
-def flat_residuals(
-    a: Sequence[Sequence[Fraction]], b: Sequence[Fraction], order: int
-) -> tuple[Fraction, ...]:
+def flat_residuals(a: Matrix, b: Sequence[Fraction], order: int) -> tuple[Fraction, ...]:
     """Return the exact ``Φ(t) - 1/γ(t)`` of the trees of `rooted_trees_through`."""
     trees = rooted_trees_through(order)
     weights = _weights(a, b, trees)
     return tuple(phi - Fraction(1, density(t)) for phi, t in zip(weights, trees, strict=True))
 
 
-def _weights(
-    a: Sequence[Sequence[Fraction]], b: Sequence[Fraction], trees: Sequence[RootedTree]
-) -> list[Fraction]:
+def _weights(a: Matrix, b: Sequence[Fraction], trees: Sequence[RootedTree]) -> list[Fraction]:
     matrix = [[(j, to_flint(x)) for j, x in enumerate(row) if x] for row in a]
     row, zero, one = list(map(to_flint, b)), to_flint(0), to_flint(1)
     known: dict[RootedTree, list[fmpq]] = {}
@@ -93,11 +87,7 @@ def _weights(
     return list(map(to_fraction, totals))
 
 
-def _tolerances(
-    entries: Sequence[Sequence[Coefficient]],
-    weights: Sequence[Coefficient],
-    trees: Sequence[RootedTree],
-) -> list[Fraction]:
+def _tolerances(entries: Rows, weights: Row, trees: Sequence[RootedTree]) -> list[Fraction]:
     """Return ``2 Σ_k |∂Φ(t)/∂x_k| u_k`` for each tree, u_k the uncertainty of coefficient k."""
     units = np.array([float(e.unit) for row in (*entries, weights) for e in row])
     if not units.any():

@@ -19,7 +19,7 @@ from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
 
-from cg.method.coefficients import MIN_ROUNDED_PLACES, Coefficient, read_coefficient, read_sequence
+from cg.method.coefficients import MIN_ROUNDED_PLACES, Coefficient, read_row
 from cg.method.commutator_free import CommutatorFree
 from cg.method.method import Method
 from cg.method.tolerance import TOLERANCE_FACTOR
@@ -39,12 +39,8 @@ def from_two_registers(
     >>> from_two_registers(["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]).order
     3
     """
-    factors = [read_coefficient(x, f"a[{i}]") for i, x in enumerate(read_sequence(a, "a"))]
-    steps = [read_coefficient(x, f"b[{i}]") for i, x in enumerate(read_sequence(b, "b"))]
-    if not steps or len(factors) != len(steps):
-        raise MethodError(
-            f"a and b must have the same length, at least 1, got {len(factors)} and {len(steps)}"
-        )
+    factors = read_row(a, "a")
+    steps = read_row(b, "b", len(factors))
     if factors[0].value != 0:
         raise MethodError(f"a[0] must be 0, since it multiplies nothing, got {factors[0].text}")
     for i, step in enumerate(steps):

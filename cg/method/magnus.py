@@ -18,7 +18,13 @@ from cg.conditions.linear_equations import (
     linear_residuals,
     linear_sensitivities,
 )
-from cg.method.coefficients import Coefficient, read_coefficient, read_sequence, read_texts
+from cg.method.coefficients import (
+    Coefficient,
+    read_coefficient,
+    read_row,
+    read_sequence,
+    read_texts,
+)
 from cg.method.method import Method, frozen
 from cg.method.tolerance import TOLERANCE_FACTOR
 from cg.structure.layout import Layout
@@ -97,7 +103,7 @@ class MagnusMethod(Method):
         source: str = "",
     ) -> None:
         values = read_texts(name, source, (None, None))
-        values["nodes"] = _row(nodes, "nodes", None)
+        values["nodes"] = read_row(nodes, "nodes")
         count = len(values["nodes"])
         values["weights"] = _rows(weights, "weights", count)
         values["embedded_weights"] = None
@@ -105,7 +111,7 @@ class MagnusMethod(Method):
             values["embedded_weights"] = _rows(embedded, "embedded", count)
         elif third is not None:
             raise MethodError("third must be None unless there is a second result")
-        values["third_weights"] = None if third is None else _row(third, "third", count)
+        values["third_weights"] = None if third is None else read_row(third, "third", count)
         values["third_factor"] = factor = read_coefficient(third_factor, "third_factor")
         if factor.value <= 0:
             raise MethodError(f"third_factor must be positive, got {third_factor!r}")
@@ -171,7 +177,6 @@ class MagnusMethod(Method):
 
     @cached_property
     def embedded(self) -> MagnusMethod | None:
-        """The method that leads to the second result of a pair; None without it."""
         if self.embedded_weights is None:
             return None
         name = f"{self.name}, embedded" if self.name else ""
@@ -179,14 +184,12 @@ class MagnusMethod(Method):
 
     @cached_property
     def third_order(self) -> int | None:
-        """The order of the third result; None without it."""
         if self.third_weights is None:
             return None
         return MagnusMethod(self.nodes, [self.third_weights]).order
 
     @cached_property
     def pair_exponentials(self) -> int:
-        """Number of flows of a step with its error estimate."""
         return super().pair_exponentials + (self.third_weights is not None)
 
     @cached_property
@@ -227,19 +230,8 @@ class MagnusMethod(Method):
         return [[a.value for a in row] for row in self.weights]
 
 
-def _row(entries: Any, label: str, count: int | None) -> tuple[Coefficient, ...]:
-    """Return a row of coefficients after checking its length; with `count` None it is any."""
-    numbers = read_sequence(entries, label)
-    row = tuple(read_coefficient(entry, f"{label}[{k}]") for k, entry in enumerate(numbers))
-    if count is None and not row:
-        raise MethodError(f"{label} must have at least one entry, got none")
-    if count is not None and len(row) != count:
-        raise MethodError(f"{label} must have {count} entries, one per node, got {len(row)}")
-    return row
-
-
 def _rows(rows: Any, label: str, count: int) -> tuple[tuple[Coefficient, ...], ...]:
     listed = read_sequence(rows, label, of=" of rows")
     if not listed:
         raise MethodError(f"{label} must have at least one row, got none")
-    return tuple(_row(row, f"{label}[{i}]", count) for i, row in enumerate(listed))
+    return tuple(read_row(row, f"{label}[{i}]", count) for i, row in enumerate(listed))

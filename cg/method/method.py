@@ -76,8 +76,7 @@ class Method(Orders):
         ----------
         layout
         coefficients
-            Sequence of layout.size numbers. Strings, Fractions, integers, floats or `Coefficient`
-            records.
+            Sequence of layout.size numbers. Strings, Fractions, integers, floats or `Coefficient`s.
         **fields
             Further keyword arguments of the class, such as `name` and `source`.
         """

@@ -109,7 +109,11 @@ class MuntheKaas(Method):
             (None, None),
         )
         values["tableau"] = tableau
-        values["third_weights"] = None if third is None else _read_third(third, tableau)
+        weights = read_third(third, tableau.stages, tableau.embedded_weights)
+        others = tableau.exact[1], tableau.exact_embedded
+        if weights and tuple(w.value for w in weights) in others:
+            raise MethodError("third must differ from the other weights, or it estimates no error")
+        values["third_weights"] = weights
         self._set(values)
         if tableau.explicit:
             check_tree(self.tree)
@@ -132,7 +136,6 @@ class MuntheKaas(Method):
 
     @property
     def explicit(self) -> bool:
-        """Whether each stage depends on earlier stages only."""
         return self.tableau.explicit
 
     @property
@@ -147,7 +150,6 @@ class MuntheKaas(Method):
 
     @property
     def exact_embedded(self) -> tuple[Fraction, ...] | None:
-        """The second weights of a pair as Fractions, shape (s,); None without."""
         return self.tableau.exact_embedded
 
     @cached_property
@@ -173,12 +175,10 @@ class MuntheKaas(Method):
 
     @cached_property
     def embedded_order(self) -> int | None:
-        """Order of the second weights, computed like `exact_order`; None without."""
         return None if self.exact_embedded is None else flat_order(self.tableau, embedded=True)
 
     @cached_property
     def third_order(self) -> int | None:
-        """Order of the third weights, computed like `exact_order`; None without."""
         if self.third_weights is None:
             return None
         return flat_order(Tableau(self.tableau.entries, self.third_weights))
@@ -235,13 +235,3 @@ def _is_collocation(tableau: Tableau) -> bool:
         for row, end in zip(a[1:], c, strict=True)
     )
     return integrates and bool(np.linalg.eigvals(tableau.a[1:, 1:]).imag.any())
-
-
-def _read_third(third: Iterable[Any], tableau: Tableau) -> tuple[Coefficient, ...]:
-    if tableau.embedded_weights is None:
-        raise MethodError("third must be None unless the tableau has second weights")
-    weights = read_third(third, tableau.stages)
-    values = tuple(w.value for w in weights)
-    if values in (tableau.exact[1], tableau.exact_embedded):
-        raise MethodError("third must differ from the other weights, or it estimates no error")
-    return weights

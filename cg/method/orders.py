@@ -112,11 +112,7 @@ class Orders(ABC):
         return satisfies(self.tree, self.layout, self.coefficients, order)
 
     def tolerance(self, order: int) -> NDArray[np.float64]:
-        """Return the largest residuals that rounded coefficients may cause.
-
-        Parameters
-        ----------
-        order
+        """Return the largest residuals through an order that rounded coefficients may cause.
 
         Returns
         -------

@@ -19,11 +19,11 @@ from cg.conditions.nystrom import (
     splitting_residuals,
     splitting_values,
 )
-from cg.method.coefficients import Coefficient, read_coefficient, read_sequence, read_texts
+from cg.method.coefficients import Coefficient, read_row, read_texts
 from cg.method.method import Method, frozen
 from cg.method.tolerance import TOLERANCE_FACTOR
 from cg.structure.layout import Layout
-from cg.structure.points import START, MethodError
+from cg.structure.points import START
 from cg.support.balls import to_flint, to_fraction
 from cg.support.checks import check_integer
 
@@ -87,23 +87,15 @@ class Splitting(Method):
     drift_coefficients: tuple[Coefficient, ...]
     kick_coefficients: tuple[Coefficient, ...]
     _COUNTED: ClassVar = ("kick", "drift")
+    embedded = exact_embedded = None  # there is no second result
 
     def __init__(
         self, drifts: Iterable[Any], kicks: Iterable[Any], *, name: str = "", source: str = ""
     ) -> None:
         values = read_texts(name, source, (None, None))
-        for label, entries in (("drift", drifts), ("kick", kicks)):
-            values[f"{label}_coefficients"] = tuple(
-                read_coefficient(entry, f"{label}s[{k}]")
-                for k, entry in enumerate(read_sequence(entries, f"{label}s"))
-            )
-        found, number = (len(values[f"{label}_coefficients"]) for label in ("drift", "kick"))
-        if not number:
-            raise MethodError("kicks must have at least one entry, got none")
-        if found != number + 1:
-            raise MethodError(
-                f"drifts must have {number + 1} entries for {number} kicks, got {found}"
-            )
+        values["kick_coefficients"] = read_row(kicks, "kicks")
+        count = len(values["kick_coefficients"])
+        values["drift_coefficients"] = read_row(drifts, "drifts", count + 1)
         self._set(values)
 
     @classmethod
@@ -156,14 +148,6 @@ class Splitting(Method):
         raise AttributeError(f"{self!r} has drifts and kicks, no tree of points and no tableau")
 
     @property
-    def embedded(self) -> None:
-        """The method of a second result: there is none."""
-
-    @property
-    def exact_embedded(self) -> None:
-        """The weights of a second result: there are none."""
-
-    @property
     def stages(self) -> int:
         """Number of kicks s. In steps that begin and end with a kick, s - 1 evaluate the force."""
         return len(self.kick_coefficients)
@@ -213,7 +197,6 @@ class Splitting(Method):
         return np.array(self.residuals(self.order + 1)[lower:], dtype=np.float64)
 
     def satisfies(self, order: int) -> bool:
-        """Tell whether the conditions through an order hold, as far as stored places can tell."""
         order = check_integer("order", order, 1)
         return self._hold(nystrom_residuals, nystrom_values, order)
 

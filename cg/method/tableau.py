@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.method.coefficients import Coefficient, read_coefficient, read_sequence, read_texts
+from cg.method.coefficients import Coefficient, read_row, read_sequence, read_texts
 from cg.method.method import ExactTableau, Method, frozen
 from cg.structure.layout import Layout, Rows, rows_of
 from cg.structure.points import MethodError, PointTree, tree_of_rows
@@ -102,13 +102,11 @@ class Tableau(Method):
         values = read_texts(name, source, (nominal_order, nominal_residual), TableauError)
         if not isinstance(explicit, bool | np.bool_):
             raise TableauError(f"explicit must be True or False, got {explicit!r}")
-        weights = _read_row(b, "b", "b_{}", None)
+        weights = read_row(b, "b", None, "b_{}", TableauError)
         stages = len(weights)
-        if stages == 0:
-            raise TableauError("b must have at least one entry, got none")
         embedded = None
         if b_embedded is not None:
-            embedded = _read_row(b_embedded, "b_embedded", "b_embedded_{}", stages)
+            embedded = read_row(b_embedded, "b_embedded", stages, "b_embedded_{}", TableauError)
             if _values(embedded) == _values(weights):
                 raise TableauError("b_embedded must differ from b, or it estimates no error")
         values["entries"] = _read_matrix(a, stages, explicit)
@@ -131,7 +129,6 @@ class Tableau(Method):
 
     @cached_property
     def exact(self) -> ExactTableau:
-        """``(a, b)`` as tuples of Fractions, shapes (s, s) and (s,)."""
         return tuple(map(_values, self.entries)), _values(self.weights)
 
     @cached_property
@@ -141,7 +138,6 @@ class Tableau(Method):
 
     @cached_property
     def exact_embedded(self) -> tuple[Fraction, ...] | None:
-        """The second weights of a pair as Fractions, shape (s,); None without."""
         return None if self.embedded_weights is None else _values(self.embedded_weights)
 
     @cached_property
@@ -151,7 +147,6 @@ class Tableau(Method):
 
     @property
     def explicit(self) -> bool:
-        """Whether a is strictly lower."""
         return self.rows is Rows.EXPLICIT
 
     @cached_property
@@ -161,7 +156,6 @@ class Tableau(Method):
 
     @cached_property
     def layout(self) -> Layout:
-        """Positions of the entries in `coefficients`."""
         return Layout.tableau(self.stages, self.rows, self.embedded_weights is not None)
 
     @cached_property
@@ -185,7 +179,6 @@ class Tableau(Method):
 
     @cached_property
     def embedded(self) -> Tableau | None:
-        """The method with the second weights in place of the first; None without them."""
         if self.embedded_weights is None:
             return None
         name = f"{self.name}, embedded" if self.name else ""
@@ -194,17 +187,6 @@ class Tableau(Method):
 
 def _values(row: Iterable[Coefficient]) -> tuple[Fraction, ...]:
     return tuple(coefficient.value for coefficient in row)
-
-
-def _read(number: Any, label: str) -> Coefficient:
-    return read_coefficient(number, label, TableauError)
-
-
-def _read_row(row: Any, label: str, entry: str, length: int | None) -> tuple[Coefficient, ...]:
-    numbers = read_sequence(row, label, TableauError)
-    if length is not None and len(numbers) != length:
-        raise TableauError(f"{label} must have {length} entries, got {len(numbers)}")
-    return tuple(_read(number, entry.format(i)) for i, number in enumerate(numbers, 1))
 
 
 def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
@@ -222,7 +204,7 @@ def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
     separator = "," if stages > 9 else ""
     entries, zero = [], Coefficient.read(0)
     for i, row in enumerate(rows, 1):
-        read = [_read(number, f"a_{i}{separator}{j}") for j, number in enumerate(row, 1)]
+        read = read_row(row, "row", len(row), f"a_{i}{separator}{{}}", TableauError)
         entries.append((*read, *[zero] * (stages - len(row))))
         for j, entry in enumerate(read[i - 1 :], i):
             if explicit and entry.value != 0:

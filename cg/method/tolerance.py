@@ -17,6 +17,8 @@ from cg.structure.layout import Layout
 from cg.structure.points import PointTree
 from cg.support.balls import have_flint
 
+Vector = NDArray[np.float64]
+
 TOLERANCE_FACTOR = 2
 """Factor on the first-order effect of rounded coefficients, in the tolerance of residuals."""
 
@@ -49,37 +51,29 @@ def satisfies(
     return all(abs(r) <= Fraction(t) for r, t in zip(residuals, allowed, strict=True))
 
 
-def tolerance(
-    layout: Layout, coefficients: Sequence[Coefficient], order: int
-) -> NDArray[np.float64]:
+def tolerance(layout: Layout, coefficients: Sequence[Coefficient], order: int) -> Vector:
     """Return the largest residuals, by condition, that rounded coefficients may cause."""
     units = _units(coefficients)
     if not units.any():
         return np.zeros(conditions.count(order, independent=True))
     x = to_floats(coefficients)
     jacobian = conditions.jacobian(layout, x, order, independent=True)
-    bounds: NDArray[np.float64] = TOLERANCE_FACTOR * (np.abs(jacobian) @ units)
+    bounds: Vector = TOLERANCE_FACTOR * (np.abs(jacobian) @ units)
     return bounds
 
 
-def to_floats(coefficients: Sequence[Coefficient]) -> NDArray[np.float64]:
+def to_floats(coefficients: Sequence[Coefficient]) -> Vector:
     """Return coefficients rounded to double."""
     return np.array([float(coefficient.value) for coefficient in coefficients])
 
 
-def _units(coefficients: Sequence[Coefficient]) -> NDArray[np.float64]:
+def _units(coefficients: Sequence[Coefficient]) -> Vector:
     # units below the smallest double must not become zero
     units = [coefficient.unit for coefficient in coefficients]
     return np.array([max(float(unit), _MIN_UNIT) if unit else 0.0 for unit in units])
 
 
-def _bound(
-    layout: Layout,
-    x: NDArray[np.float64],
-    units: NDArray[np.float64],
-    order: int,
-    sizes: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _bound(layout: Layout, x: Vector, units: Vector, order: int, sizes: Vector) -> Vector:
     """Return an upper bound of `tolerance` that needs no derivatives.
 
     As functions of the absolute values of the coefficients, weights have nonnegative Taylor
@@ -92,6 +86,6 @@ def _bound(
     wide = conditions.weights(layout, probe, order, independent=True)
     # huge coefficients overflow; infinite and NaN bounds decide nothing
     with np.errstate(over="ignore", invalid="ignore"):
-        quotient: NDArray[np.float64] = (wide - sizes + _DOUBLE_ROUNDING * wide) / _PROBE
+        quotient: Vector = (wide - sizes + _DOUBLE_ROUNDING * wide) / _PROBE
         quotient *= 2 * TOLERANCE_FACTOR * units.max()
     return quotient

@@ -21,8 +21,52 @@ from cg.support.copies import ReadOnly
 _UNIT = 8
 
 
+class AffineProblem(ReadOnly, QuadraticProblem):
+    """An equation with coefficients ``constant + linear @ y.ravel() + t * slope``.
+
+    Its initial point is ``y0``, shape ``frame.point_shape``.
+    """
+
+    frame: Frame
+    y0: Array
+    constant: Array
+    linear: Array
+    slope: Array
+
+    def f(self, t: float, y: Array) -> Array:
+        """Return the coefficients, shape ``(..., dim)``, of points of shape ``(..., *shape)``."""
+        lead = y.shape[: y.ndim - len(self.frame.point_shape)]
+        return np.asarray(self.constant + t * self.slope + y.reshape(*lead, -1) @ self.linear.T)
+
+    def _fields(self, y: Array) -> Array:
+        """Return all fields at an array ``y`` of shape ``(n,)``, shape ``(dim, n)``."""
+        point = y.reshape(self.frame.point_shape)
+        fields = self.frame.field(np.eye(self.frame.dim), point)
+        return np.asarray(fields).reshape(self.frame.dim, -1)
+
+    @cached_property
+    def _origin(self) -> Array:
+        return self._fields(np.zeros(self.y0.size))
+
+    @cached_property
+    def _matrices(self) -> Array:
+        """Matrices of the linear parts of the fields, shape ``(dim, n, n)``."""
+        units = np.eye(self.y0.size)
+        return np.stack([self._fields(unit) - self._origin for unit in units], axis=-1)
+
+    def _initial(self) -> list[flint.arb]:
+        return [*map(to_ball, self.y0.ravel()), flint.arb(0)]
+
+    def _derivatives(self, y: Any) -> Any:
+        # Unknowns: the entries of the point, and time
+        point, t = y[:-1], y[-1]
+        fields = self._matrices.astype(object) @ point + self._origin
+        coefficients = self.linear.astype(object) @ point + self.constant + t * self.slope
+        return [*(coefficients @ fields), 1.0]
+
+
 @dataclass(frozen=True, eq=False)
-class AffineField(ReadOnly, QuadraticProblem):
+class AffineField(AffineProblem):
     r"""An equation with coefficients :math:`f(t, y) = c + L\,\mathrm{vec}(y) + t\,w`.
 
     On frames whose fields are affine in the entries of the point, the equation is quadratic, so
@@ -79,6 +123,7 @@ class AffineField(ReadOnly, QuadraticProblem):
         point.flags.writeable = False
         for name, value in (
             ("initial", point),
+            ("y0", point),
             ("constant", numbers[:, 0]),
             ("slope", numbers[:, 1]),
             ("linear", numbers[:, 2:]),
@@ -89,40 +134,3 @@ class AffineField(ReadOnly, QuadraticProblem):
         affine = self._origin + self._matrices @ y
         if not np.allclose(affine, self._fields(y), rtol=0.0, atol=1e-12):
             raise ValueError(f"frame must have fields that are affine, got {self.frame!r}")
-
-    @property
-    def y0(self) -> Array:
-        """The initial point, shape ``frame.point_shape``."""
-        return np.asarray(self.initial)
-
-    def f(self, t: float, y: Array) -> Array:
-        """Return the coefficients, shape ``(..., dim)``, of points of shape ``(..., *shape)``."""
-        lead = y.shape[: y.ndim - len(self.frame.point_shape)]
-        return np.asarray(self.constant + t * self.slope + y.reshape(*lead, -1) @ self.linear.T)
-
-    def _fields(self, y: Array) -> Array:
-        """Return all fields at an array ``y`` of shape ``(n,)``, shape ``(dim, n)``."""
-        point = y.reshape(self.frame.point_shape)
-        return np.asarray(self.frame.field(np.eye(self.frame.dim), point)).reshape(
-            self.frame.dim, -1
-        )
-
-    @cached_property
-    def _origin(self) -> Array:
-        return self._fields(np.zeros(self.y0.size))
-
-    @cached_property
-    def _matrices(self) -> Array:
-        """Matrices of the linear parts of the fields, shape ``(dim, n, n)``."""
-        units = np.eye(self.y0.size)
-        return np.stack([self._fields(unit) - self._origin for unit in units], axis=-1)
-
-    def _initial(self) -> list[flint.arb]:
-        return [*map(to_ball, self.y0.ravel()), flint.arb(0)]
-
-    def _derivatives(self, y: Any) -> Any:
-        # Unknowns: the entries of the point, and time
-        point, t = y[:-1], y[-1]
-        fields = self._matrices.astype(object) @ point + self._origin
-        coefficients = self.linear.astype(object) @ point + self.constant + t * self.slope
-        return [*(coefficients @ fields), 1.0]

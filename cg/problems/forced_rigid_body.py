@@ -16,8 +16,6 @@ from cg.problems.quadratic import QuadraticProblem, balls, identity
 from cg.support import flint
 from cg.support.balls import to_ball
 
-_FRAME = Product(SO3(), Euclidean(3))
-
 
 @dataclass(frozen=True)
 class ForcedRigidBody(QuadraticProblem):
@@ -66,6 +64,8 @@ class ForcedRigidBody(QuadraticProblem):
     frequency: float = 1.0
     velocity: tuple[float, ...] = (0.5, -1.0, 0.75)
 
+    frame = Product(SO3(), Euclidean(3))
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "inertia", moments(self.inertia))
         object.__setattr__(self, "frequency", number(self.frequency, "frequency"))
@@ -73,25 +73,12 @@ class ForcedRigidBody(QuadraticProblem):
             object.__setattr__(self, name, vector(getattr(self, name), name, 3))
 
     @property
-    def frame(self) -> Product:
-        """``Product(SO3(), Euclidean(3))``."""
-        return _FRAME
-
-    @property
     def y0(self) -> Array:
         """The identity and the initial angular velocity, shape ``(12,)``."""
         return self.frame.join(np.eye(3), np.array(self.velocity))
 
     def f(self, t: float, y: Array) -> list[float]:
-        """Return the angular velocity and its derivative, six numbers.
-
-        Parameters
-        ----------
-        t
-            Time (s).
-        y
-            Point, shape ``(12,)``.
-        """
+        """Return the angular velocity and its derivative at a point, shape ``(12,)``."""
         i1, i2, i3 = self.inertia
         (a1, a2, a3), (b1, b2, b3), nu = self.cosine, self.sine, self.frequency
         w1, w2, w3 = y[9:].tolist()

@@ -15,8 +15,6 @@ from cg.problems.quadratic import QuadraticProblem, balls, identity
 from cg.support import flint
 from cg.support.balls import to_ball
 
-_FRAME = Product(SO3(), Sphere(2))
-
 
 @dataclass(frozen=True)
 class FreeRigidBody(QuadraticProblem):
@@ -62,16 +60,13 @@ class FreeRigidBody(QuadraticProblem):
     inertia: tuple[float, ...] = (3.0, 2.0, 1.25)
     momentum: tuple[float, ...] = (0.6, 1.0, 1.5)
 
+    frame = Product(SO3(), Sphere(2))
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "inertia", moments(self.inertia))
         object.__setattr__(self, "momentum", vector(self.momentum, "momentum", 3))
         if not any(self.momentum):
             raise ValueError(f"momentum must not vanish, got {self.momentum!r}")
-
-    @property
-    def frame(self) -> Product:
-        """``Product(SO3(), Sphere(2))``."""
-        return _FRAME
 
     @property
     def size(self) -> float:

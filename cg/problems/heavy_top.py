@@ -16,8 +16,6 @@ from cg.support import flint
 from cg.support.balls import exact_midpoint, to_ball, to_flint, working_precision
 from cg.support.parsing import read_fraction
 
-_FRAME = Product(SO3(), Euclidean(3))
-
 # More than twice the precision of binary128, so that constants are correctly rounded to it
 _BITS = 240
 
@@ -77,6 +75,7 @@ class HeavyTop(QuadraticProblem):
     inertia = (Fraction(7, 8), Fraction(7, 8), Fraction(1, 4))
     mass = Fraction(1)
     gravity = Fraction(981, 100)
+    frame = Product(SO3(), Euclidean(3))
 
     def __post_init__(self) -> None:
         if not isinstance(self.reading, str) or self.reading not in ("momentum", "velocity"):
@@ -89,11 +88,6 @@ class HeavyTop(QuadraticProblem):
         # Converted once, since f is called at each stage
         constants = (*(1 / moment for moment in self.inertia), self.mgl)
         object.__setattr__(self, "_floats", tuple(map(float, constants)))
-
-    @property
-    def frame(self) -> Product:
-        """``Product(SO3(), Euclidean(3))``."""
-        return _FRAME
 
     @property
     def mgl(self) -> Fraction:
@@ -113,15 +107,7 @@ class HeavyTop(QuadraticProblem):
         return np.array([float(x) for x in self.y0_exact])
 
     def f(self, t: float, y: Array) -> list[float]:
-        """Return the six coefficients: the angular velocity and the derivative of ``m``.
-
-        Parameters
-        ----------
-        t
-            Time; the equations don't depend on it.
-        y
-            Point, shape ``(12,)``.
-        """
+        """Return the angular velocity and the derivative of ``m`` at a point, shape ``(12,)``."""
         inverse1, inverse2, inverse3, mgl = self._floats
         up1, up2, _, m1, m2, m3 = y[6:].tolist()
         w1, w2, w3 = inverse1 * m1, inverse2 * m2, inverse3 * m3

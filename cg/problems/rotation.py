@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from cg.frames import SO3
-from cg.frames.arrays import Array
-from cg.problems.quadratic import QuadraticProblem, identity
-from cg.support import flint
+from cg.problems.affine import AffineProblem
 
 # Four times the coefficients, which have no symmetry
-_CONSTANT = (2, -3, 1)
 _LINEAR = (
     (3, -1, 2, -2, 1, 4, 1, -3, 2),
     (-1, 4, 1, 3, -2, -1, 2, 2, -4),
     (2, 1, -3, 1, 3, -2, -4, 1, 2),
 )
-_TIME = (-2, 3, 4)
-_UNIT = 4.0
 
 
 @dataclass(frozen=True)
-class StateDependentRotation(QuadraticProblem):
+class StateDependentRotation(AffineProblem):
     r"""A rotation with angular velocity :math:`v(t, y) = v_0 + C\,\mathrm{vec}(y) + t w`.
 
     The coefficients are affine in the matrix, but none of their derivatives along products of the
@@ -62,31 +57,11 @@ class StateDependentRotation(QuadraticProblem):
 
     convention: Literal["body", "space"] = "body"
 
+    constant = np.array([2, -3, 1]) / 4.0
+    linear = np.array(_LINEAR) / 4.0
+    slope = np.array([-2, 3, 4]) / 4.0
+
     def __post_init__(self) -> None:
-        SO3(self.convention)
-
-    @property
-    def frame(self) -> SO3:
-        """``SO3(convention)``."""
-        return SO3(self.convention)
-
-    @property
-    def y0(self) -> Array:
-        """The identity, shape ``(3, 3)``."""
-        return np.eye(3)
-
-    def f(self, t: float, y: Array) -> Array:
-        """Return the angular velocity, shape ``(3,)``, at time ``t`` and rotation ``y``."""
-        linear = np.array(_LINEAR) @ y.reshape(9)
-        return np.asarray((np.array(_CONSTANT) + linear + t * np.array(_TIME)) / _UNIT)
-
-    def _initial(self) -> list[flint.arb]:
-        return [*identity(), flint.arb(0)]
-
-    def _derivatives(self, y: Any) -> Any:
-        # Unknowns: the matrix, and time
-        matrix, t = y[:9].reshape(3, 3), y[9]
-        v = (np.array(_CONSTANT) + np.array(_LINEAR) @ y[:9] + t * np.array(_TIME)) * (1 / _UNIT)
-        body = self.convention == "body"
-        change = np.cross(matrix, v) if body else np.cross(v, matrix.T).T
-        return [*change.ravel(), 1.0]
+        identity = np.eye(3)
+        identity.flags.writeable = False
+        vars(self).update(frame=SO3(self.convention), y0=identity)

@@ -27,11 +27,11 @@ StopFlag = NDArray[np.intc]
 
 
 class Stopped(BaseException):
-    """Raised in a worker whose run has ended; its result is discarded."""
+    """Raised in a worker whose pool has ended; its result is discarded."""
 
 
 class _Worker(threading.local):
-    stop_flag: StopFlag | None = None  # of the run of this thread
+    stop_flag: StopFlag | None = None  # of the pool of this thread
 
 
 _worker = _Worker()
@@ -118,7 +118,7 @@ def _take_control() -> None:
 def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Result:
     """Return ``call(flag)`` for a compiled call that reads the flag and releases the GIL.
 
-    In a worker of `cg.executors`, `Stopped` is raised if its run has ended. In the main thread the
+    In a worker of `cg.executors`, `Stopped` is raised if its pool has ended. In the main thread the
     call runs in a new thread, so that an interrupt takes effect at once, but not with `brief`: a
     new thread may take a millisecond on a busy machine.
     """
@@ -131,21 +131,21 @@ def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Res
         return call(stop_flag)
     future: Future[Result] = Future()
 
-    def run() -> None:
+    def call_and_keep() -> None:
         try:
             future.set_result(call(stop_flag))
         except BaseException as error:
             future.set_exception(error)
 
     try:
-        threading.Thread(target=run, name="stoppable").start()
+        threading.Thread(target=call_and_keep, name="stoppable").start()
         return future.result()
     finally:
         stop_flag[0] = 1
 
 
 def raise_if_stopped() -> None:
-    """Raise `Stopped` in a worker of `cg.executors.completed` whose run has ended."""
+    """Raise `Stopped` in a worker of `cg.executors.completed` whose pool has ended."""
     if _worker.stop_flag is not None and _worker.stop_flag[0]:
         raise Stopped
 
@@ -156,7 +156,7 @@ def new_flag() -> StopFlag:
 
 
 def work_for(stop_flag: StopFlag) -> None:
-    """Make the current thread a worker of the run with a flag."""
+    """Make the current thread a worker of the pool with a flag."""
     _worker.stop_flag = stop_flag
 
 

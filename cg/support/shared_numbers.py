@@ -33,7 +33,7 @@ class Stop(IntEnum):
     JUMPS_WITHOUT_PROGRESS = 13
     RAISED = 14  # an exception of Python
     RESTING_CONTACT = 15  # a jump leaves its function at zero, and nothing moves it off
-    # requests of a trajectory to its run
+    # requests of a trajectory
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_MINIMUM = 21  # of a step size over trajectories with common steps
     NEEDS_MAXIMUM = 22  # of an error over them
@@ -44,7 +44,7 @@ class FieldFlag(IntEnum):
     """A return value of right-hand sides that is reserved."""
 
     RAISED_IN_PYTHON = -(2**31) + 1
-    OBSERVER_FAILED = -(2**31) + 2  # of a run: not f, but what is evaluated at output times
+    OBSERVER_FAILED = -(2**31) + 2  # not f, but what is evaluated at output times
 
 
 class BlockKind(IntEnum):

@@ -4,7 +4,7 @@ import ctypes
 from typing import Any
 
 RECORD = {
-    # a run
+    # all members
     "members": "integer",
     "lanes": "integer",  # members integrated at the same time
     "common": "integer",  # whether all members take the same steps
@@ -16,7 +16,7 @@ RECORD = {
     "segments": "integer",
     "stops": "address",  # ends of segments
     # functions
-    "context": "address",  # the `Callbacks` of the run
+    "context": "address",  # the `Callbacks`
     "function": "address",  # the right-hand side
     "vectorized": "integer",  # whether it takes many points, and is called through the context
     "data": "address",
@@ -184,7 +184,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
 
 
 def fields_of(entries: dict[str, str]) -> list[tuple[str, Any]]:
-    """Return the entries of a record as the fields of a structure of ctypes."""
+    """Return the entries of a record as fields of ctypes."""
     return [(name, _KINDS[kind][0]) for name, kind in entries.items()]
 
 

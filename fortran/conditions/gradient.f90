@@ -53,11 +53,8 @@ contains
       call sweep(weights, first_for, direct, adjoint)
       do t = 2, weights%stage_trees
         c0 = first_for(node_count(t))
-        do s = 1, pattern%inner
-          do k = pattern%weight_start(pattern%segment_start(s)), &
-            pattern%weight_start(pattern%segment_start(s + 1)) - 1
-            jac(c0:, k) = jac(c0:, k) + direct(t, k)*adjoint(c0:, t, s)
-          end do
+        do k = 1, unknowns
+          jac(c0:, k) = jac(c0:, k) + direct(t, k)*adjoint(c0:, t, pattern%segment(k))
         end do
       end do
     end associate
@@ -104,10 +101,12 @@ contains
     real(wp), allocatable :: e(:, :), left(:, :), right(:, :)  ! (path, stage_trees)
     real(wp) :: whole(1, weights%stage_trees)
     real(wp) :: z(size(path), weights%order)
-    integer :: c, m, u, i, k, n
+    integer :: c, m, u, i, k, n, place(weights%pattern%points)  ! of points on the path, else 0
 
     n = size(path)
     if (n == 0 .or. .not. any(mine)) return
+    place = 0
+    place(path) = [(i, i=1, n)]
     e = weights%e(path, :)
     left = weights%left(path, :)
     allocate (right(n, weights%stage_trees))
@@ -117,14 +116,13 @@ contains
       call by_letter(weights%order, e, left, right, trees(c), n, z)
       do m = 1, child_start(trees(c) + 1) - child_start(trees(c))
         u = child(child_start(trees(c)) + m - 1)
-        do i = 1, n
-          do k = weights%pattern%weight_start(path(i)), weights%pattern%weight_start(path(i) &
-                                                                                     + 1) - 1
-            associate (at => weights%pattern%at(k))
-              jac(c, k) = jac(c, k) + weights%chi(at, u)*z(i, m)
-              if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k)*z(i, m)
-            end associate
-          end do
+        do k = 1, weights%pattern%unknowns
+          i = place(weights%pattern%point(k))
+          if (i == 0) cycle
+          associate (at => weights%pattern%at(k))
+            jac(c, k) = jac(c, k) + weights%chi(at, u)*z(i, m)
+            if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k)*z(i, m)
+          end associate
         end do
       end do
     end do
@@ -162,7 +160,7 @@ contains
     integer, intent(in) :: first_for(:)            ! (order)
     real(wp), intent(inout) :: direct(:, :)        ! (stage_trees, inner unknowns)
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
-    integer :: t, m, u, c0, s, p, k, inner
+    integer :: t, m, u, c0, k, inner
     real(wp), allocatable :: z(:, :)               ! (inner points, order)
     real(wp), allocatable :: right(:, :)           ! (inner points, stage_trees)
     real(wp), allocatable :: whole(:, :)           ! (inner segments, stage_trees)
@@ -178,16 +176,12 @@ contains
         call by_letter(weights%order, weights%e, weights%left, right, t, inner, z)
         do m = 1, child_start(t + 1) - child_start(t)
           u = child(child_start(t) + m - 1)
-          do s = 1, pattern%inner
-            do p = pattern%segment_start(s), pattern%segment_start(s + 1) - 1
-              do k = pattern%weight_start(p), pattern%weight_start(p + 1) - 1
-                associate (at => pattern%at(k))
-                  direct(t, k) = direct(t, k) + weights%chi(at, u)*z(p, m)
-                  if (u > 1 .and. at > 0) adjoint(c0:, u, at) = adjoint(c0:, u, at) &
-                    + (weights%x(k)*z(p, m))*adjoint(c0:, t, s)
-                end associate
-              end do
-            end do
+          do k = 1, size(direct, 2)
+            associate (at => pattern%at(k), p => pattern%point(k), s => pattern%segment(k))
+              direct(t, k) = direct(t, k) + weights%chi(at, u)*z(p, m)
+              if (u > 1 .and. at > 0) adjoint(c0:, u, at) = adjoint(c0:, u, at) &
+                + (weights%x(k)*z(p, m))*adjoint(c0:, t, s)
+            end associate
           end do
         end do
       end do

@@ -198,8 +198,7 @@ contains
     end do
   end function scaled_gradient
 
-  ! Relative reduction of |f|**2 in the linear model, and half its derivative
-  ! along the step.
+  ! Relative reduction of |f|**2 in the linear model, and half its derivative along the step.
   pure subroutine predict(solver, step, fnorm, par, pnorm, reduction, slope)
     type(lmdif_t), intent(in) :: solver        ! whose fjac has R in the upper triangle
     real(wp), intent(in) :: step(:)             ! (n)

@@ -24,6 +24,8 @@ module weights_m
     integer, allocatable :: parent(:)         ! (points) a point before
     integer, allocatable :: weight_start(:)   ! (points + 1) where a point's weights begin
     integer, allocatable :: at(:)             ! (unknowns) segment at whose end their stages are
+    integer, allocatable :: point(:)          ! (unknowns) their points
+    integer, allocatable :: segment(:)        ! (unknowns) their segments
     integer, allocatable :: stage_segment(:)  ! (stages) segment at whose end they are
     integer, allocatable :: segment_start(:)  ! (segments + 1) first point
     integer, allocatable :: origin(:)         ! (segments) segment at whose end it begins
@@ -76,6 +78,7 @@ contains
       pattern%weight_start(m + 1) = pattern%weight_start(m) + layout(begin + m)
     end do
     pattern%unknowns = pattern%weight_start(pattern%points + 1) - 1
+    pattern%point = [(spread(m, 1, layout(begin + m)), m=1, pattern%points)]
     begin = begin + pattern%points
 
     ends = .false.
@@ -99,6 +102,7 @@ contains
       pattern%segment_at(m) = k
       pattern%segment_start(k + 1) = m + 1
     end do
+    pattern%segment = [(count(pattern%segment_start <= pattern%point(k)), k=1, pattern%unknowns)]
     do k = 1, pattern%segments
       pattern%origin(k) = pattern%segment_at(pattern%parent(pattern%segment_start(k)))
     end do

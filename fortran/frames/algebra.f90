@@ -2,6 +2,7 @@
 ! = exp(u) y0 with y' = sum_i v_i E_i(y) it is u' = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12
 ! - ..., a series in Bernoulli numbers. On most blocks it has a closed form.
 module algebra_m
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
   use kinds, only: wp
   use bases_m, only: algebra_coefficients, algebra_matrix, skew_coefficients, skew_matrix
   use blocks_m, only: block_t
@@ -9,7 +10,8 @@ module algebra_m
   use shared_numbers, only: callback_block, dexpinv_operation, euclidean_block, isospectral_block, &
                             se3_block, so_block, sphere_block, su_block, u_block
   use orthogonal_m, only: largest_own, skew_bracket
-  use unitary_m, only: frobenius, multiply, times_real
+  use unitary_m, only: multiply
+  use vectors_m, only: cross
   implicit none
   private
   public :: dexpinv
@@ -65,16 +67,13 @@ contains
         case (se3_block)
           call dexpinv_motion(block%k, sign, u(k + 1:k + block%dimension), &
                               v(k + 1:k + block%dimension), exists)
-        case (so_block, isospectral_block)
-          if (block%n == 3) then                   ! SO(3) acts on the matrix
+        case (so_block, isospectral_block, su_block, u_block)
+          if (block%n == 3 .and. block%dimension == 3) then    ! SO(3) acts on the matrix
             call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
             cycle
           end if
-          call dexpinv_skew(block%n, sign, order, u(k + 1:k + block%dimension), &
-                           v(k + 1:k + block%dimension), exists)
-        case (su_block, u_block)
-          call dexpinv_unitary(block, sign, order, u(k + 1:k + block%dimension), &
-                             v(k + 1:k + block%dimension), exists)
+          call dexpinv_matrix(block, sign, order, u(k + 1:k + block%dimension), &
+                              v(k + 1:k + block%dimension), exists)
         case default
           call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
         end select
@@ -101,95 +100,28 @@ contains
     v = v - (sign / 2) * once + factor * cross(u, once)
   end subroutine dexpinv_rotation
 
-  ! For unitary matrices: the series up to the power `order` of u. The order of a step needs two
-  ! powers less, but then errors of long steps exceed their estimates by far. Beyond the radius of
-  ! convergence it is used only if the brackets of this v don't grow.
-  subroutine dexpinv_unitary(block, sign, order, u, v, exists)
+  ! In matrices: the series up to the power `order` of u. The order of a step needs two powers less,
+  ! but then errors of long steps exceed their estimates by far. Beyond the radius of convergence it
+  ! is used only if the brackets of this v don't grow. Matrices are real for rotations; complex
+  ! ones are held in twice as many real numbers.
+  subroutine dexpinv_matrix(block, sign, order, u, v, exists)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: sign
     integer, intent(in) :: order
     real(wp), intent(in) :: u(:)
     real(wp), intent(inout) :: v(:)
     logical, intent(inout) :: exists
-    complex(wp), dimension(block%n, block%n) :: x, power, product, total
-    real(wp) :: bound
+    real(wp), dimension(block%point_size), target :: x, power, total, product
+    logical :: is_real
+    real(wp) :: bound                  ! no sum of two angles or difference of eigenvalues is larger
     integer :: j
 
-    call algebra_matrix(block%kind, block%n, u, x)
-    call algebra_matrix(block%kind, block%n, v, power)
-    bound = sqrt(2.0_wp) * frobenius(x)             ! no difference of eigenvalues is larger
-    if (bound >= radius) then
-      total = times_real(1 / max(frobenius(power), smallest), power)
-      call apply_bracket(total)
-      if (frobenius(total) <= commute * bound) return
-      if (.not. growth(total) < radius) then
-        exists = .false.
-        return
-      end if
-    end if
-    total = power
-    call apply_bracket(power)
-    total = total + times_real(-0.5_wp, power)
-    do j = 1, min(order / 2, last_term)
-      if (j > 1) call apply_bracket(power)
-      call apply_bracket(power)
-      total = total + times_real(merge(b11(j), -b11(j), modulo(j, 2) == 1), power)
-    end do
-    call algebra_coefficients(block%kind, block%n, total, v)
-
-  contains
-
-    ! Replaces a skew-Hermitian matrix by its bracket with x.
-    subroutine apply_bracket(power)
-      complex(wp), intent(inout) :: power(block%n, block%n)
-      integer :: i, j
-
-      call multiply(block%n, x, power, product)
-      do j = 1, block%n
-        do i = 1, block%n
-          power(i, j) = times_real(sign, product(i, j) - conjg(product(j, i)))
-        end do
-      end do
-    end subroutine apply_bracket
-
-    ! The factor by which repeated brackets with x grow
-    real(wp) function growth(power)
-      complex(wp), intent(inout) :: power(block%n, block%n)
-      real(wp) :: factor
-      integer :: k
-
-      growth = 1.0_wp
-      factor = frobenius(power)
-      do k = 2, powers
-        power = times_real(1 / factor, power)
-        call apply_bracket(power)
-        factor = frobenius(power)
-        if (factor <= commute * bound) then
-          growth = 0.0_wp
-          return
-        end if
-        if (k > powers / 2) growth = growth * factor**(2 / real(powers, wp))
-      end do
-    end function growth
-
-  end subroutine dexpinv_unitary
-
-  ! For real skew matrices, as dexpinv_unitary
-  subroutine dexpinv_skew(n, sign, order, u, v, exists)
-    integer, intent(in) :: n                         ! rows
-    real(wp), intent(in) :: sign
-    integer, intent(in) :: order
-    real(wp), intent(in) :: u(:)
-    real(wp), intent(inout) :: v(:)
-    logical, intent(inout) :: exists
-    real(wp), dimension(n, n) :: x, power, next, total
-    real(wp) :: bound
-    integer :: j
-
-    call skew_matrix(n, sign * u, x)
-    call skew_matrix(n, v, power)
-    bound = norm2(x)                                 ! no sum of two angles is larger
-    if (n > largest_own) bound = min(bound, 2 * maxval(sum(abs(x), dim=1)))
+    is_real = block%kind == so_block .or. block%kind == isospectral_block
+    call make_matrix(sign * u, x)
+    call make_matrix(v, power)
+    bound = norm2(u) * merge(sqrt(2.0_wp), 1.0_wp, is_real)
+    if (is_real .and. block%n > largest_own) &
+      bound = min(bound, 2 * maxval(sum(reshape(abs(x), [block%n, block%n]), dim=1)))
     if (bound >= radius) then
       total = power / max(norm2(power), smallest)
       call apply_bracket(total)
@@ -207,21 +139,54 @@ contains
       call apply_bracket(power)
       total = total + merge(b11(j), -b11(j), modulo(j, 2) == 1) * power
     end do
-    call skew_coefficients(n, total, v)
+    if (is_real) then
+      call skew_coefficients(block%n, total, v)
+    else
+      call algebra_coefficients(block%kind, block%n, as_complex(total), v)
+    end if
 
   contains
 
-    ! Replaces a skew matrix by its bracket with x.
-    subroutine apply_bracket(power)
-      real(wp), intent(inout) :: power(n, n)
+    ! Makes the matrix with given coefficients.
+    subroutine make_matrix(coefficients, matrix)
+      real(wp), intent(in) :: coefficients(:)
+      real(wp), contiguous, target, intent(out) :: matrix(:)
+      complex(wp), pointer, contiguous :: view(:, :)
 
-      call skew_bracket(n, x, power, next)
-      power = next
+      if (is_real) then
+        call skew_matrix(block%n, coefficients, matrix)
+      else
+        view => as_complex(matrix)
+        call algebra_matrix(block%kind, block%n, coefficients, view)
+      end if
+    end subroutine make_matrix
+
+    ! The complex matrix that is held in real numbers
+    function as_complex(numbers) result(view)
+      real(wp), contiguous, target, intent(in) :: numbers(:)
+      complex(wp), pointer, contiguous :: view(:, :)
+
+      call c_f_pointer(c_loc(numbers), view, [block%n, block%n])
+    end function as_complex
+
+    ! Replaces a matrix by its bracket with x.
+    subroutine apply_bracket(power)
+      real(wp), contiguous, target, intent(inout) :: power(:)
+      complex(wp), pointer, contiguous :: view(:, :)
+
+      view => as_complex(product)
+      if (is_real) then
+        call skew_bracket(block%n, x, power, product)
+      else
+        call multiply(block%n, as_complex(x), as_complex(power), view)
+        view = view - conjg(transpose(view))
+      end if
+      power = product
     end subroutine apply_bracket
 
     ! The factor by which repeated brackets with x grow
     real(wp) function growth(power)
-      real(wp), intent(inout) :: power(n, n)
+      real(wp), contiguous, target, intent(inout) :: power(:)
       real(wp) :: factor
       integer :: k
 
@@ -239,7 +204,7 @@ contains
       end do
     end function growth
 
-  end subroutine dexpinv_skew
+  end subroutine dexpinv_matrix
 
   ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
   ! with the value and the derivative of the series at the eigenvalues of ad
@@ -303,15 +268,5 @@ contains
       bracket(:, i) = cross(u(:, 0), v(:, i)) - cross(v(:, 0), u(:, i))
     end do
   end function bracket
-
-  ! The cross product
-  pure function cross(u, v)
-    real(wp), intent(in) :: u(3), v(3)
-    real(wp) :: cross(3)
-
-    cross(1) = u(2) * v(3) - u(3) * v(2)
-    cross(2) = u(3) * v(1) - u(1) * v(3)
-    cross(3) = u(1) * v(2) - u(2) * v(1)
-  end function cross
 
 end module algebra_m

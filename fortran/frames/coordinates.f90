@@ -13,6 +13,7 @@ module coordinates_m
                             quaternion_block, se3_block, sizes_operation, so3_block, so_block, &
                             sphere_block, su2_block, su_block, u_block
   use unitary_m, only: unitary_difference
+  use vectors_m, only: cross
   implicit none
   private
   public :: difference, sizes
@@ -61,7 +62,8 @@ contains
       q = get_quaternion(block, y)
       v = logarithm(quaternion_quotient(p, q, block%space))
     case (so3_block)
-      v = logarithm(quaternion_of(quotient(block, rotation(x), rotation(y))))
+      v = logarithm(quaternion_of(quotient(block, transpose(reshape(x, [3, 3])), &
+                                           transpose(reshape(y, [3, 3])))))
     case (se3_block)
       call find_twist(block, x, y, v)
     case (sphere_block)
@@ -100,14 +102,6 @@ contains
       end associate
     end do
   end subroutine sizes
-
-  ! The rotation in a matrix that is stored row by row
-  pure function rotation(y)
-    real(wp), contiguous, intent(in) :: y(:)
-    real(wp) :: rotation(3, 3)
-
-    rotation = transpose(reshape(y, [3, 3]))
-  end function rotation
 
   ! The rotation from x to y, x^T y in body axes and y x^T in space axes
   pure function quotient(block, x, y)
@@ -203,16 +197,6 @@ contains
     end if
     r(4) = dot_product(p, q)
   end function quaternion_quotient
-
-  ! The cross product
-  pure function cross(u, v)
-    real(wp), intent(in) :: u(3), v(3)
-    real(wp) :: cross(3)
-
-    cross(1) = u(2) * v(3) - u(3) * v(2)
-    cross(2) = u(3) * v(1) - u(1) * v(3)
-    cross(3) = u(1) * v(2) - u(2) * v(1)
-  end function cross
 
   ! The smallest rotation vector that rotates the unit vector x to y
   pure function smallest_rotation(x, y) result(v)

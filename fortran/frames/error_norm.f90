@@ -2,8 +2,6 @@
 ! point to another or, on frames without such coefficients, over the entries of points.
 module error_norm_m
   use kinds, only: wp
-  use bases_m, only: algebra_matrix
-  use blocks_m, only: block_t
   use coordinates_m, only: sizes
   use frames_m, only: frame_t
   use isospectral_m, only: isospectral_tangent
@@ -12,7 +10,6 @@ module error_norm_m
                             linear_action_block, shortest_operation, so_block, sphere_block, &
                             stiefel_block, su_block, tangent_operation, u_block
   use stiefel_m, only: stiefel_tangent
-  use unitary_m, only: frobenius
   implicit none
   private
   public :: tolerances_t, norm, point_sizes, remove_isotropy, scales, tangent, &
@@ -131,32 +128,17 @@ contains
           cycle
         case (linear_action_block)
           angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
-        case (stiefel_block)
+        case (stiefel_block, su_block, u_block)    ! basis matrices have the norm 1 / sqrt(2)
           angle = norm2(v(k + 1:k + block%dimension))
         case (so_block, isospectral_block)
           angle = norm2(v(k + 1:k + block%dimension))
           if (block%n > 3) angle = sqrt(2.0_wp) * angle
-        case (su_block, u_block)
-          angle = sqrt(2.0_wp) * algebra_norm(block, v(k + 1:k + block%dimension))
         case default                               ! rotations, the first coordinates
           angle = norm2(v(k + 1:k + 3))
         end select
         turning = max(turning, angle)
       end associate
     end do
-
-  contains
-
-    ! The Frobenius norm of a skew-Hermitian matrix
-    real(wp) function algebra_norm(block, u)
-      type(block_t), intent(in) :: block
-      real(wp), intent(in) :: u(:)
-      complex(wp) :: x(block%n, block%n)
-
-      call algebra_matrix(block%kind, block%n, u, x)
-      algebra_norm = frobenius(x)
-    end function algebra_norm
-
   end function turning
 
   ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.

@@ -61,12 +61,10 @@ contains
         case (euclidean_block)
           block%dimension = block%n
           block%point_size = block%n
-        case (so3_block)
-          block%point_size = 9
         case (quaternion_block)
           block%point_size = 4
-        case (se3_block)
-          block%k = block%n
+        case (so3_block, se3_block)                    ! k translations
+          if (block%kind == se3_block) block%k = block%n
           block%dimension = 3 + 3 * block%k
           block%point_size = (3 + block%k)**2
         case (sphere_block)
@@ -268,30 +266,26 @@ contains
     integer :: i
 
     do i = 1, size(frame%blocks)
-      associate (p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
-        select case (frame%blocks(i)%kind)
+      associate (block => frame%blocks(i), p => frame%blocks(i)%points, &
+                 n => frame%blocks(i)%point_size, rows => frame%blocks(i)%n)
+        select case (block%kind)
         case (so3_block, se3_block)
-          associate (m => 3 + frame%blocks(i)%k)             ! entries of a row
-            call orthogonalise(y(p + 1:p + 3), y(p + m + 1:p + m + 3), &
-                               y(p + 2 * m + 1:p + 2 * m + 3))
-          end associate
+          call orthogonalise(3 + block%k, y(p + 1:p + n))
         case (quaternion_block, sphere_block)
           y(p + 1:p + n) = (1.5_wp - 0.5_wp * dot_product(y(p + 1:p + n), y(p + 1:p + n))) &
                            * y(p + 1:p + n)
         case (so_block)
-          call to_orthogonal(frame%blocks(i)%n, y(p + 1:p + n))
+          call to_orthogonal(rows, y(p + 1:p + n))
         case (isospectral_block)
-          associate (m => frame%blocks(i)%n, k => frame%blocks(i)%constants)
-            call restore_isospectral(m, frame%constants(k + 1:k + m), y(p + 1:p + n))
-          end associate
+          call restore_isospectral(rows, frame%constants(block%constants + 1:), y(p + 1:p + n))
         case (stiefel_block)
-          call restore_stiefel(frame%blocks(i)%k, frame%blocks(i)%n, y(p + 1:p + n))
+          call restore_stiefel(block%k, rows, y(p + 1:p + n))
         case (su_block, u_block)
-          call restore_unitary(frame%blocks(i)%kind, frame%blocks(i)%n, y(p + 1:p + n))
+          call restore_unitary(block%kind, rows, y(p + 1:p + n))
         case (callback_block)
           call frame%callback%apply(restore_operation, (y), (y), y)
         case (su2_block)
-          q = get_quaternion(frame%blocks(i), y(p + 1:p + n))
+          q = get_quaternion(block, y(p + 1:p + n))
           q = (1.5_wp - 0.5_wp * dot_product(q, q)) * q
           call set_quaternion(q, y(p + 1:p + n))
         end select
@@ -304,8 +298,8 @@ contains
   pure real(wp) function distance_bound(frame, y)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)       ! (point_size)
-    real(wp) :: off, q(4)
-    integer :: i, j
+    real(wp) :: q(4)
+    integer :: i
 
     distance_bound = huge(distance_bound)
     if (.not. all(abs(y) <= huge(y))) return       ! max leaves out NaN
@@ -316,16 +310,8 @@ contains
         case (euclidean_block)
           cycle
         case (so3_block, se3_block)
-          associate (m => 3 + frame%blocks(i)%k)
-            off = 0.0_wp                                     ! of the constant rows
-            do j = 4, m
-              off = off + sum(abs(y(p + (j - 1) * m + 1:p + j * m))) - abs(y(p + (j - 1) * m + j)) &
-                    + abs(y(p + (j - 1) * m + j) - 1)
-            end do
-            distance_bound = max(distance_bound, off &
-                                 + rotation_bound(y(p + 1:p + 3), y(p + m + 1:p + m + 3), &
-                                                  y(p + 2 * m + 1:p + 2 * m + 3)))
-          end associate
+          distance_bound = max(distance_bound, &
+                               rotation_bound(3 + frame%blocks(i)%k, y(p + 1:p + n)))
         case (quaternion_block, sphere_block)
           distance_bound = max(distance_bound, &
                                abs(dot_product(y(p + 1:p + n), y(p + 1:p + n)) - 1))

@@ -8,6 +8,7 @@ module free_motion_m
   use rigid_body_m, only: make_top, turn_freely
   use rotations_m, only: turn_point
   use shared_numbers, only: sphere_block
+  use vectors_m, only: cross
   implicit none
   private
   public :: add_free_motion, make_bodies, move_by_kicks, take_forces
@@ -147,12 +148,5 @@ contains
 
     vector = vector - sum(point * vector) / sum(point**2) * point
   end subroutine make_tangential
-
-  pure function cross(u, v)
-    real(wp), intent(in) :: u(3), v(3)
-    real(wp) :: cross(3)
-
-    cross = [u(2) * v(3) - u(3) * v(2), u(3) * v(1) - u(1) * v(3), u(1) * v(2) - u(2) * v(1)]
-  end function cross
 
 end module free_motion_m

@@ -22,8 +22,7 @@ contains
   subroutine rotate(block, flows, begin, last, m, f, y)
     type(block_t), intent(in) :: block
     type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: begin, last
-    integer, intent(in) :: m                 ! coefficients of the frame
+    integer, intent(in) :: begin, last, m    ! m: coefficients of the frame
     real(wp), intent(in) :: f(m, *)
     real(wp), intent(inout) :: y(block%point_size)
     real(wp) :: q(4), e(4), half, sinc, side
@@ -96,8 +95,7 @@ contains
   subroutine move_rigid_body(block, flows, begin, last, m, f, y)
     type(block_t), intent(in) :: block
     type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: begin, last
-    integer, intent(in) :: m                 ! coefficients of the frame
+    integer, intent(in) :: begin, last, m    ! m: coefficients of the frame
     real(wp), intent(in) :: f(m, *)
     real(wp), intent(inout) :: y(3 + block%k, 3)     ! rows, of R and of x
     real(wp) :: q(4), e(4), x(3, block%k), u(3), v(3), n(3), half, sinc, a, b
@@ -163,33 +161,39 @@ contains
     y = [q(4), -q(3), -q(2), -q(1), q(2), -q(1), q(4), q(3)]
   end subroutine set_quaternion
 
-  ! One Newton-Schulz step of a matrix of three rows
-  pure subroutine orthogonalise(x, y, z)
-    real(wp), intent(inout) :: x(3), y(3), z(3)    ! rows of a matrix near a rotation
+  ! One Newton-Schulz step of the rotation at the beginning of a matrix
+  pure subroutine orthogonalise(m, y)
+    integer, intent(in) :: m
+    real(wp), intent(inout) :: y(m, 3)             ! its first three rows
     real(wp) :: xx, yy, zz, xy, yz, zx, old(3, 3)
 
-    xx = 1.5_wp - 0.5_wp * dot_product(x, x)
-    yy = 1.5_wp - 0.5_wp * dot_product(y, y)
-    zz = 1.5_wp - 0.5_wp * dot_product(z, z)
-    xy = -0.5_wp * dot_product(x, y)
-    yz = -0.5_wp * dot_product(y, z)
-    zx = -0.5_wp * dot_product(z, x)
-    old(:, 1) = x
-    old(:, 2) = y
-    old(:, 3) = z
-    x = xx * old(:, 1) + xy * old(:, 2) + zx * old(:, 3)
-    y = xy * old(:, 1) + yy * old(:, 2) + yz * old(:, 3)
-    z = zx * old(:, 1) + yz * old(:, 2) + zz * old(:, 3)
+    old = y(1:3, :)
+    xx = 1.5_wp - 0.5_wp * dot_product(old(:, 1), old(:, 1))
+    yy = 1.5_wp - 0.5_wp * dot_product(old(:, 2), old(:, 2))
+    zz = 1.5_wp - 0.5_wp * dot_product(old(:, 3), old(:, 3))
+    xy = -0.5_wp * dot_product(old(:, 1), old(:, 2))
+    yz = -0.5_wp * dot_product(old(:, 2), old(:, 3))
+    zx = -0.5_wp * dot_product(old(:, 3), old(:, 1))
+    y(1:3, 1) = xx * old(:, 1) + xy * old(:, 2) + zx * old(:, 3)
+    y(1:3, 2) = xy * old(:, 1) + yy * old(:, 2) + yz * old(:, 3)
+    y(1:3, 3) = zx * old(:, 1) + yz * old(:, 2) + zz * old(:, 3)
   end subroutine orthogonalise
 
-  ! An upper bound of the distance of a matrix from the rotations
-  pure real(wp) function rotation_bound(x, y, z)
-    real(wp), intent(in) :: x(3), y(3), z(3)       ! rows of a matrix
+  ! An upper bound of the distance of a matrix from the rotations, or from rigid motions
+  pure real(wp) function rotation_bound(m, y)
+    integer, intent(in) :: m
+    real(wp), intent(in) :: y(m, m)                ! rows; those from the fourth on are constant
+    integer :: j
 
-    rotation_bound = abs(dot_product(x, x) - 1) + abs(dot_product(y, y) - 1) &
-                     + abs(dot_product(z, z) - 1) + 2 * (abs(dot_product(x, y)) &
-                     + abs(dot_product(y, z)) + abs(dot_product(z, x)))
-    if (.not. dot_product(cross(x, y), z) > 0) rotation_bound = huge(rotation_bound)
+    associate (a => y(1:3, 1), b => y(1:3, 2), c => y(1:3, 3))
+      rotation_bound = abs(dot_product(a, a) - 1) + abs(dot_product(b, b) - 1) &
+                       + abs(dot_product(c, c) - 1) + 2 * (abs(dot_product(a, b)) &
+                       + abs(dot_product(b, c)) + abs(dot_product(c, a)))
+      if (.not. dot_product(cross(a, b), c) > 0) rotation_bound = huge(rotation_bound)
+    end associate
+    do j = 4, m
+      rotation_bound = rotation_bound + sum(abs(y(:, j))) - abs(y(j, j)) + abs(y(j, j) - 1)
+    end do
   end function rotation_bound
 
   ! The unit quaternion (vector part, scalar part) of the rotation vector v. The quotient sin(x) / x

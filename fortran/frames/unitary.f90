@@ -14,7 +14,7 @@ module unitary_m
   use shared_numbers, only: so_block, su_block
   implicit none
   private
-  public :: frobenius, move_unitary, multiply, restore_unitary, times_real, unitary_difference
+  public :: move_unitary, multiply, restore_unitary, unitary_difference
 
   ! largest norms of matrices whose exponential series is summed: in matrices, and in numbers
   real(wp), parameter :: longest = 0.5_wp, longest_of_three = 2.0_wp
@@ -32,7 +32,7 @@ contains
     complex(wp), dimension(n, n) :: x, e, point, moved
     integer :: j
 
-    call get_point(kind, n, y, point)
+    call get_point(2, n, y, point)
     do j = 1, size(f, 2)
       call algebra_matrix(kind, n, f(:, j), x)
       call exponential(n, x, e)
@@ -52,65 +52,71 @@ contains
     integer, intent(in) :: n
     complex(wp), intent(in) :: x(n, n)
     complex(wp), intent(out) :: e(n, n)
-    complex(wp) :: scaled(n, n), next(n, n)
-    real(wp) :: length, bound
-    integer :: i, k, terms, squarings
+    complex(wp) :: scaled(n, n)
+    real(wp) :: length, max_length
+    integer :: k, squarings
 
-    if (n == 3) then
-      call exponential_of_three(x, e)
-      return
-    end if
     length = frobenius(x)
-    if (.not. length <= huge(length)) then
-      e = cmplx(ieee_value(length, ieee_quiet_nan), 0.0_wp, wp)
-      return
-    end if
+    if (n == 3) length = sqrt(2 / 3.0_wp) * length   ! without the trace no eigenvalue is larger
+    max_length = merge(longest_of_three, longest, n == 3)
     squarings = 0
-    if (length > longest) squarings = exponent(length / longest)
+    if (.not. length <= huge(length)) length = 0.0_wp     ! the result is not finite either
+    if (length > max_length) squarings = exponent(length / max_length)
     scaled = times_real(scale(1.0_wp, -squarings), x)
-    length = scale(length, -squarings)
+    if (n == 3) then
+      call series_of_three(scaled, scale(length, -squarings), e)
+    else
+      call series(n, scaled, scale(length, -squarings), e)
+    end if
+    do k = 1, squarings
+      scaled = e
+      call multiply(n, scaled, scaled, e)
+      if (squarings > 4) call orthogonalise(n, e)
+    end do
+  end subroutine exponential
+
+  ! The series of a small matrix by Horner's scheme
+  subroutine series(n, x, length, e)
+    integer, intent(in) :: n
+    complex(wp), intent(in) :: x(n, n)
+    real(wp), intent(in) :: length           ! its norm
+    complex(wp), intent(out) :: e(n, n)
+    complex(wp) :: next(n, n)
+    real(wp) :: bound
+    integer :: i, k, terms
+
     terms = 1
     bound = length
     do while (bound > epsilon(bound) / 8)
       terms = terms + 1
       bound = bound * length / real(terms, wp)
     end do
-    e = times_real(1 / real(terms, wp), scaled)
+    e = times_real(1 / real(terms, wp), x)
     do k = terms - 1, 0, -1
       do i = 1, n
         e(i, i) = add_real(1.0_wp, e(i, i))
       end do
       if (k == 0) exit
-      call multiply(n, scaled, e, next)
+      call multiply(n, x, e, next)
       e = times_real(1 / real(k, wp), next)
     end do
-    do k = 1, squarings
-      call multiply(n, e, e, next)
-      e = next
-      if (squarings > 4) call orthogonalise(n, e)
-    end do
-  end subroutine exponential
+  end subroutine series
 
-  ! The exponential of a matrix of three rows. Without its trace it is i Q with Q^3 = c Q + d, so
-  ! that all powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
-  subroutine exponential_of_three(x, e)
+  ! The series of a matrix of three rows. Without its trace it is i Q with Q^3 = c Q + d, so that all
+  ! powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
+  pure subroutine series_of_three(x, length, e)
     complex(wp), intent(in) :: x(3, 3)
+    real(wp), intent(in) :: length           ! of eigenvalues without the trace, at most
     complex(wp), intent(out) :: e(3, 3)
     complex(wp), dimension(3, 3) :: q1, q2
-    real(wp) :: trace, c, d, p, q, r, next, length, bound, factor, even(3), odd(3)
-    integer :: i, k, squarings
+    real(wp) :: trace, c, d, p, q, r, next, bound, factor, even(3), odd(3)
+    integer :: i, k
 
     trace = (aimag(x(1, 1)) + aimag(x(2, 2)) + aimag(x(3, 3))) / 3
     q1 = cmplx(aimag(x), -real(x, wp), wp)
     do i = 1, 3
       q1(i, i) = add_real(-trace, q1(i, i))
     end do
-    length = sqrt(2 * sum(real(q1, wp)**2 + aimag(q1)**2) / 3)      ! no eigenvalue is larger
-    squarings = 0
-    if (.not. length <= huge(length)) length = 0.0_wp     ! the result is NaN
-    if (length > longest_of_three) squarings = exponent(length / longest_of_three)
-    length = scale(length, -squarings)
-    q1 = times_real(scale(1.0_wp, -squarings), q1)
     call multiply_3x3(q1, q1, q2)
     c = (real(q2(1, 1), wp) + real(q2(2, 2), wp) + real(q2(3, 3), wp)) / 2
     d = sum(real(q1, wp) * real(q2, wp) + aimag(q1) * aimag(q2)) / 3
@@ -141,13 +147,8 @@ contains
     do i = 1, 3
       e(i, i) = e(i, i) + cmplx(even(3), odd(3), wp)
     end do
-    do k = 1, squarings
-      q1 = e
-      call multiply_3x3(q1, q1, e)
-      if (squarings > 4) call orthogonalise(3, e)
-    end do
     if (abs(trace) > 0) e = cmplx(cos(trace), sin(trace), wp) * e
-  end subroutine exponential_of_three
+  end subroutine series_of_three
 
   ! One Newton-Schulz step, and for SU(n) one towards determinant 1
   subroutine restore_unitary(kind, n, y)
@@ -156,7 +157,7 @@ contains
     complex(wp) :: point(n, n), excess
     integer :: k
 
-    call get_point(kind, n, y, point)
+    call get_point(2, n, y, point)
     call orthogonalise(n, point)
     if (kind == su_block) then
       do k = 1, 2                                  ! once more after flows by large angles
@@ -218,8 +219,8 @@ contains
     real(wp) :: length
     integer :: i, k
 
-    call get_point(kind, n, x, start)
-    call get_point(kind, n, y, end)
+    call get_point(merge(1, 2, kind == so_block), n, x, start)
+    call get_point(merge(1, 2, kind == so_block), n, y, end)
     start = conjg(transpose(start))
     if (left) then
       call multiply(n, end, start, quotient)
@@ -250,41 +251,26 @@ contains
   end subroutine unitary_difference
 
   ! Reads a point as a complex matrix.
-  pure subroutine get_point(kind, n, y, point)
-    integer, intent(in) :: kind, n
-    real(wp), intent(in) :: y(:)
+  pure subroutine get_point(parts, n, y, point)
+    integer, intent(in) :: parts, n              ! numbers of an entry: one if it is real
+    real(wp), intent(in) :: y(parts, n, n)       ! row by row
     complex(wp), intent(out) :: point(n, n)
-    integer :: i, j, k
 
-    k = 1
-    do i = 1, n
-      do j = 1, n
-        if (kind == so_block) then
-          point(i, j) = cmplx(y(k), 0.0_wp, wp)
-          k = k + 1
-        else
-          point(i, j) = cmplx(y(k), y(k + 1), wp)
-          k = k + 2
-        end if
-      end do
-    end do
+    if (parts == 1) then
+      point = transpose(cmplx(y(1, :, :), 0.0_wp, wp))
+    else
+      point = transpose(cmplx(y(1, :, :), y(2, :, :), wp))
+    end if
   end subroutine get_point
 
   ! Stores a complex matrix as a point.
   pure subroutine put_point(n, point, y)
     integer, intent(in) :: n
     complex(wp), intent(in) :: point(n, n)
-    real(wp), intent(inout) :: y(:)
-    integer :: i, j, k
+    real(wp), intent(out) :: y(2, n, n)
 
-    k = 1
-    do i = 1, n
-      do j = 1, n
-        y(k) = real(point(i, j), wp)
-        y(k + 1) = aimag(point(i, j))
-        k = k + 2
-      end do
-    end do
+    y(1, :, :) = real(transpose(point), wp)
+    y(2, :, :) = aimag(transpose(point))
   end subroutine put_point
 
   ! The Frobenius norm

@@ -71,10 +71,9 @@ contains
     end if
   end subroutine add_scaled
 
-  ! Householder QR with column pivoting, a P = Q R.
-  ! On return the strict upper triangle of `a` is R's, `rdiag` R's diagonal
-  ! (of decreasing magnitude), and the lower trapezoid of `a` the vectors u of
-  ! the reflections 1 - u u^T / u_j, from which Q is formed.
+  ! Householder QR with column pivoting, a P = Q R. On return the strict upper triangle of `a` is
+  ! R's, `rdiag` R's diagonal (of decreasing magnitude), and the lower trapezoid of `a` the vectors
+  ! u of the reflections 1 - u u^T / u_j, from which Q is formed.
   subroutine qrfac(a, ipvt, rdiag, acnorm, stop_flag)
     real(wp), intent(inout), contiguous :: a(:,:)  ! (m, n)
     integer, intent(out) :: ipvt(:)                ! (n): column j of P is column ipvt(j) of 1
@@ -222,9 +221,8 @@ contains
     end do
   end subroutine rotate_in
 
-  ! The Levenberg-Marquardt parameter: with x minimising
-  ! |a x - b|**2 + par |D x|**2, either par = 0 and |D x| <= 1.1 delta, or
-  ! par > 0 and |D x| is within a tenth of delta (More, 1978).
+  ! The Levenberg-Marquardt parameter: with x minimising |a x - b|**2 + par |D x|**2, either par = 0
+  ! and |D x| <= 1.1 delta, or par > 0 and |D x| is within a tenth of delta (More, 1978).
   subroutine lmpar(r, ipvt, diag, qtb, delta, par, x, sdiag, stop_flag)
     real(wp), intent(inout), contiguous :: r(:,:)  ! (>= n, n): as for qrsolv
     integer, intent(in) :: ipvt(:)                 ! (n)

@@ -1,5 +1,4 @@
-! The flag by which another thread stops a call.
-! Long loops read it.
+! The flag by which another thread stops a call. Long loops read it.
 module stop_flag_m
   implicit none
   private

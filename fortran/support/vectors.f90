@@ -3,7 +3,7 @@ module vectors_m
   use kinds, only: wp
   implicit none
   private
-  public :: combine, copy, finite
+  public :: combine, copy, cross, finite
 
 contains
 
@@ -47,5 +47,13 @@ contains
 
     to = from
   end subroutine copy
+
+  ! The cross product
+  pure function cross(u, v)
+    real(wp), intent(in) :: u(3), v(3)
+    real(wp) :: cross(3)
+
+    cross = [u(2) * v(3) - u(3) * v(2), u(3) * v(1) - u(1) * v(3), u(1) * v(2) - u(2) * v(1)]
+  end function cross
 
 end module vectors_m

@@ -93,8 +93,8 @@ class TestConversion:
     @pytest.mark.parametrize(
         ("a", "b", "words"),
         [
-            ([0, 1], [1], "same length"),
-            ([], [], "at least 1"),
+            ([0, 1], [1], "b must have 2 entries"),
+            ([], [], "a must have at least one entry"),
             (["1/2"], [1], r"a\[0\] must be 0.*1/2"),
             ([0, 1], [1, 0], r"b\[1\] must not be 0"),
             ([0, "x"], [1, 1], r"a\[1\]"),

@@ -84,7 +84,7 @@ def test_a_changed_coefficient_is_another_method_of_lower_order():
     [
         (([], [[1]]), r"nodes must have at least one entry"),
         ((["1/2"], []), r"weights must have at least one row"),
-        ((["1/2"], [[1, 2]]), r"weights\[0\] must have 1 entries, one per node, got 2"),
+        ((["1/2"], [[1, 2]]), r"weights\[0\] must have 1 entries, got 2"),
         ((["half"], [[1]]), r"nodes\[0\]: expected a finite real number, got 'half'"),
         ((["1/2"], [["nan"]]), r"weights\[0\]\[0\]: expected a finite real number"),
         ((["1/2"], 3), r"weights must be a sequence of rows, got 3"),

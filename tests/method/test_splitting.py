@@ -207,7 +207,7 @@ def test_times_of_kicks():
     ("drifts", "kicks", "message"),
     [
         ([1], [], "kicks must have at least one entry, got none"),
-        ([0, 1], ["1/2", "1/2"], "drifts must have 3 entries for 2 kicks, got 2"),
+        ([0, 1], ["1/2", "1/2"], "drifts must have 3 entries, got 2"),
         ([0, "one", 0], [1, 0], "drifts[1]: expected a finite real number, got 'one'"),
         ([0, 1], [float("nan")], "kicks[0]: expected a finite real number, got nan"),
         (3, [1], "drifts must be a sequence of numbers, got 3"),
