@@ -14,8 +14,8 @@ HERE = Path(__file__).parents[2]
 def test_code_of_readme_runs(capsys):
     assert len(blocks_of("README.md")) >= 3
     names = run("README.md")
-    assert names["run"].success
-    assert names["frame"].membership_error(names["run"].y).max() < 1e-14
+    assert names["solution"].success
+    assert names["frame"].membership_error(names["solution"].y).max() < 1e-14
     assert names["four"]
     assert names["five"].order == 5
     assert names["proof"].order == names["method"].order == 6
@@ -24,7 +24,7 @@ def test_code_of_readme_runs(capsys):
 
 def test_code_of_package_page_runs(capsys):
     names = run("PACKAGE.md")
-    assert names["run"].success
+    assert names["solution"].success
     assert "The end of t_span was reached" in capsys.readouterr().out
 
 
