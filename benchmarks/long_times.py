@@ -50,7 +50,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         problem = SimpleNamespace(**runpy.run_path(str(GALLERY / f"{name}.py")))
         problem.steps = MIDPOINTS if hasattr(problem, "ambient") else SPLITTING
         title = name.replace("_", " ")
-        dress(axes, title, "turns", "largest error of the energy so far")
+        dress(axes, title, "turns", "largest energy error so far")
         for method in [*problem.steps, "the default", "RK4, projected", "SciPy's DOP853"]:
             cells, change = _errors(problem, method, turns)
             rows.append([title, method, *cells, *_structure(problem, method)])

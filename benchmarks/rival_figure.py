@@ -91,7 +91,7 @@ def draw(curves: list[Curve], title: str, name: str, folder: Path) -> None:
             if "marker" in styles[curve.name]
         ]
         handles.append(Line2D([], [], label="all others", **_faint()))
-        figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8.5)
+        figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8.5)
         save_figure(figure, folder / f"{name}.png", dpi=90)
 
 

@@ -269,7 +269,7 @@ def page(method: Method) -> str:
         use = use.replace("integrate(f", "solve_ivp(f").replace("=frame", "=phase_space")
     sequence = "from top to bottom" if linear or splits else "from left to right"
     parts = [
-        f"# {method.name}",
+        f"---\norphan: true\n---\n\n# {method.name}",
         properties(method),
         f"```python\n{use}\n```",
         f"## Order\n\n{proof(method)[1]}",
@@ -297,7 +297,6 @@ def index(methods: list[Method]) -> str:
             proof(method)[0],
         )
         rows.append(f"| {' | '.join(map(str, cells))} |")
-    names = "\n".join(slug(method.name) for method in methods)
     table = "\n".join(rows)
     return (
         "# All methods\n\nA click on a heading sorts the table. Numbers in brackets are the order "
@@ -305,8 +304,7 @@ def index(methods: list[Method]) -> str:
         "page with its coefficients, what is proved, its tree of points and stability region, its "
         "cost on two problems, files in several formats, and BibTeX. "
         "[The catalogue](../catalogue.md) says "
-        f'which to use.\n\n<div class="sortable">\n\n{table}\n\n</div>\n\n'
-        f"```{{toctree}}\n:hidden:\n\n{names}\n```\n"
+        f'which to use.\n\n<div class="sortable">\n\n{table}\n\n</div>\n'
     )
 
 

@@ -5,6 +5,7 @@ needs, and adds the licences to its result. Only auditwheel has been tried.
 """
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -43,7 +44,7 @@ def add_licences(wheel: Path, folder: Path) -> Path:
         target.mkdir(parents=True, exist_ok=True)
         for name in BUNDLED:
             shutil.copy(LICENCES / name, target)
-        compiler = output("gfortran", "--version").splitlines()[0]
+        compiler = output(os.environ.get("FC", "gfortran"), "--version").splitlines()[0]
         (target / "BUNDLED.txt").write_text(
             f"Unchanged from {compiler}:\n" + "".join(f"  {name}\n" for name in libraries),
             encoding="utf-8",

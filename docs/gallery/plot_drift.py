@@ -31,7 +31,7 @@ def derivative(y):
 flat = [np.asarray(body.y0)]
 for _ in range(steps):
     flat.append(classical(derivative, flat[-1]))
-run = cg.integrate(body.f, (0, h * steps), body.y0, frame=body.frame, method="CF4", h=h)
+solution = cg.integrate(body.f, (0, h * steps), body.y0, frame=body.frame, method="CF4", h=h)
 
 
 def off(y):
@@ -39,8 +39,8 @@ def off(y):
 
 
 fig, ax = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
-ax.semilogy(run.t, off(np.array(flat)), color="#D55E00", label="classical, order four")
-ax.semilogy(run.t, off(run.y), "--", color="#0072B2", label="CF4, order four")
+ax.semilogy(solution.t, off(np.array(flat)), color="#D55E00", label="classical, order four")
+ax.semilogy(solution.t, off(solution.y), "--", color="#0072B2", label="CF4, order four")
 ax.set(xlabel="time", ylabel="distance from the manifold", ylim=(1e-17, 1))
 ax.grid(color="#d9d9d9")
 ax.legend()

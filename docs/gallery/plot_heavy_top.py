@@ -26,8 +26,8 @@ def f(t, y):
 tilted = frame.factors[0].flow([1.1, 0.0, 0.0], np.eye(3))
 for spin in (10.0, 16.0):  # rad/s
     y0 = frame.join(tilted, inertia * [0.0, 0.0, spin])
-    run = cg.solve_ivp(f, (0, 9), y0, frame=frame, rtol=1e-8, atol=1e-8, max_step=0.02)
-    axis = frame.split(run.y)[0][:, :, 2]
+    solution = cg.solve_ivp(f, (0, 9), y0, frame=frame, rtol=1e-8, atol=1e-8, max_step=0.02)
+    axis = frame.split(solution.y)[0][:, :, 2]
     cg.plot.trajectory_on_sphere(axis, ax, label=f"spin {spin:g} rad/s")
 ax.legend()
 plt.show()

@@ -27,7 +27,7 @@ def f(t, y, inertia):
 momenta = rng.normal([0.5, 0.2, 1.0], 0.02, (members, 3))
 y0 = np.concatenate([np.tile([0.0, 0.0, 0.0, 1.0], (members, 1)), momenta], axis=1)
 times = [0, 4, 8, 12]
-run = cg.solve_ensemble(
+solution = cg.solve_ensemble(
     f, (0, 12), y0, frame=frame, parameters=inertia, vectorized=True, t_eval=times,
     rtol=1e-7, atol=1e-7,
 )  # fmt: skip
@@ -40,7 +40,7 @@ mean = cg.solve_ivp(
 turn = frame.factors[0].as_rotation
 cg.plot.trajectory_on_sphere(turn(mean.y[:, :4]).apply([0.0, 0.0, 1.0]), ax)
 for time, points, colour in zip(
-    times, run.y, ["#000000", "#009E73", "#E69F00", "#D55E00"], strict=True
+    times, solution.y, ["#000000", "#009E73", "#E69F00", "#D55E00"], strict=True
 ):
     axes = turn(points[:, :4]).apply([0.0, 0.0, 1.0])
     ax.scatter(*axes.T, s=4, color=colour, label=f"after {time} s")

@@ -43,12 +43,12 @@ def f(t, y):
 
 
 start = cg.frames.SE3().flow([2.1, 0.0, 0.0, 0.0, 0.0, 0.0], np.eye(4))
-run = cg.solve_ivp(
+solution = cg.solve_ivp(
     f, (0, 12), frame.join(start, np.zeros(6)), frame=frame, rtol=1e-8, atol=1e-8, max_step=0.02
 )
 
-poses = run.y[:, :16].reshape(-1, 4, 4)
-flown, wanted = poses[:, :3, 3], np.array([path(t)[0] for t in run.t])
+poses = solution.y[:, :16].reshape(-1, 4, 4)
+flown, wanted = poses[:, :3, 3], np.array([path(t)[0] for t in solution.t])
 fig = plt.figure(figsize=(5.6, 5.2), layout="constrained")
 ax = fig.add_subplot(projection="3d")
 ax.plot(*wanted.T, "--", color="#999999", label="commanded")

@@ -32,13 +32,13 @@ def f(t, y):
 
 start = np.array([0.6, -0.3, 0.5, 0.55])
 y0 = frame.join(start / np.linalg.norm(start), np.zeros(6))
-run = cg.solve_ivp(f, (0, 12000), y0, frame=frame, rtol=1e-8, atol=1e-8, max_step=20.0)
+solution = cg.solve_ivp(f, (0, 12000), y0, frame=frame, rtol=1e-8, atol=1e-8, max_step=20.0)
 
-angle = np.degrees(2 * np.arccos(np.minimum(np.abs(run.y[:, 3]), 1.0)))
+angle = np.degrees(2 * np.arccos(np.minimum(np.abs(solution.y[:, 3]), 1.0)))
 fig, (above, below) = plt.subplots(2, 1, figsize=(6.4, 5), layout="constrained", sharex=True)
-above.plot(run.t, angle, color="#0072B2")
+above.plot(solution.t, angle, color="#0072B2")
 above.set(ylabel="angle to the command (degrees)", yscale="log")
-below.plot(run.t, run.y[:, 7:], label=["first wheel", "second wheel", "third wheel"])
+below.plot(solution.t, solution.y[:, 7:], label=["first wheel", "second wheel", "third wheel"])
 below.set(xlabel="time (s)", ylabel="momentum (N m s)")
 below.legend()
 plt.show()

@@ -32,13 +32,13 @@ frame = cg.frames.LinearAction([-1j * chain, -1j * gradient], unitary=True)
 
 start = np.zeros(2**n, complex)
 start[1 << (n - 1 - 2)] = 1.0  # the third spin is turned over
-run = cg.integrate(
+solution = cg.integrate(
     lambda t, y: [2.0, 0.4 * np.sin(0.5 * t)], (0, 12), start, frame=frame, method="CF4", h=0.1
 )
 
-up = np.stack([0.5 - ((abs(run.y) ** 2) @ on(k, pauli[2]).diagonal().real) for k in range(n)])
+up = np.stack([0.5 - ((abs(solution.y) ** 2) @ on(k, pauli[2]).diagonal().real) for k in range(n)])
 fig, ax = plt.subplots(figsize=(6.4, 3.4), layout="constrained")
-image = ax.pcolormesh(run.t, np.arange(1, n + 1), up, cmap="Blues")
+image = ax.pcolormesh(solution.t, np.arange(1, n + 1), up, cmap="Blues")
 ax.set(xlabel="time", ylabel="spin")
 fig.colorbar(image, label="probability that it is turned over")
 plt.show()

@@ -30,11 +30,11 @@ def f(t, y):
 fig, ax = plt.subplots(figsize=(5, 5), layout="constrained")
 for start, colour in ((2.0, "#0072B2"), (2.0001, "#D55E00")):
     turns = [frame.factors[0].flow([angle], np.eye(2)) for angle in (start, 2.5)]
-    run = cg.solve_ivp(
+    solution = cg.solve_ivp(
         f, (0, 15), frame.join(*turns, np.zeros(2)), frame=frame, rtol=1e-9, atol=1e-9,
         max_step=0.01,
     )  # fmt: skip
-    ax.plot(*angles(run.y), ".", markersize=1.5, color=colour, label=f"first angle {start}")
+    ax.plot(*angles(solution.y), ".", markersize=1.5, color=colour, label=f"first angle {start}")
 ax.set(xlabel="first angle (rad)", ylabel="second angle (rad)", aspect="equal")
 ax.legend(markerscale=6)
 plt.show()

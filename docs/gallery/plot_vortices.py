@@ -22,10 +22,10 @@ def f(t, x):
 
 
 x0 = frame.random_point(np.random.default_rng(3))
-run = cg.solve_ivp(f, (0, 40), x0, frame=frame, rtol=1e-8, atol=1e-8, max_step=0.2)
+solution = cg.solve_ivp(f, (0, 40), x0, frame=frame, rtol=1e-8, atol=1e-8, max_step=0.2)
 
 ax = plt.figure(figsize=(5, 4.8), layout="constrained").add_subplot(projection="3d")
 for k in range(4):
-    cg.plot.trajectory_on_sphere(run.y[:, k], ax, label=f"strength {strength[k]:g}")
+    cg.plot.trajectory_on_sphere(solution.y[:, k], ax, label=f"strength {strength[k]:g}")
 ax.legend()
 plt.show()

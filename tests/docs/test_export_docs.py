@@ -20,7 +20,7 @@ def test_export_page():
     assert names["difference"] < 1e-14
     assert names["header"] == cg.export("CF4", "c")
     assert "booktabs" in names["table"]
-    assert names["run"].method.name == "Ralston"
+    assert names["solution"].method.name == "Ralston"
 
 
 def test_c_program_of_export_page(tmp_path):

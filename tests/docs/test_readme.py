@@ -14,8 +14,8 @@ HERE = Path(__file__).parents[2]
 def test_code_of_readme_runs(capsys):
     assert len(blocks_of("README.md")) >= 3
     names = run("README.md")
-    assert names["run"].success
-    assert names["frame"].membership_error(names["run"].y).max() < 1e-14
+    assert names["solution"].success
+    assert names["frame"].membership_error(names["solution"].y).max() < 1e-14
     assert names["four"]
     assert names["five"].order == 5
     assert names["proof"].order == names["method"].order == 6
@@ -24,7 +24,7 @@ def test_code_of_readme_runs(capsys):
 
 def test_code_of_package_page_runs(capsys):
     names = run("PACKAGE.md")
-    assert names["run"].success
+    assert names["solution"].success
     assert "The end of t_span was reached" in capsys.readouterr().out
 
 
@@ -34,12 +34,12 @@ def test_package_page_has_no_relative_links():
 
 def test_code_of_frames_page():
     names = run("docs/frames.md")
-    path = names["path"]
+    spiral = names["spiral"]
     # latitude: z' = -(1 - z^2) / 2; longitude grows with time
-    z = -np.tanh(path.t / 2)
-    expected = np.stack([np.cos(path.t), np.sin(path.t), z], axis=-1)
+    z = -np.tanh(spiral.t / 2)
+    expected = np.stack([np.cos(spiral.t), np.sin(spiral.t), z], axis=-1)
     expected[:, :2] *= np.sqrt(1 - z * z)[:, None]
-    np.testing.assert_allclose(path.y, expected, atol=1e-7)
+    np.testing.assert_allclose(spiral.y, expected, atol=1e-7)
 
     eigenvalues, vectors = np.linalg.eigh(names["lattice"])
     np.testing.assert_allclose(names["sorted_"].y[-1], np.diag(eigenvalues[::-1]), atol=1e-5)

@@ -1,14 +1,18 @@
-"""Trees and steps equal those of kauri and Lielab."""
+"""Trees, classical conditions and steps equal those of kauri and Lielab."""
 
 from collections import defaultdict
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from kinds import FROZEN
 
 import cg
+from cg.method.flat import flat_residuals
+from cg.method.low_storage import two_registers
 from cg.problems import HeavyTop
 from cg.trees.ordered import forest
+from cg.trees.rooted import rooted_trees_through
 
 pytestmark = pytest.mark.no_core
 
@@ -50,6 +54,35 @@ class TestTrees:
         assert len(sums) == len(theirs)
         for tree in theirs:
             assert sums[tree] == Fraction(nodes, tree.factorial() * tree.sigma())
+
+
+class TestOrders:
+    @pytest.mark.parametrize("stages", range(1, 7))
+    def test_classical_residuals_equal_kauri(self, kauri, stages):
+        entries = np.random.default_rng(stages).integers(-9, 10, (stages + 1, stages))
+        *a, b = [[Fraction(int(x), 7) for x in row] for row in entries]
+        weights = kauri.RK(a, b).elementary_weights_map()
+        trees = [kauri.Tree(list(map(list, tree))) for tree in rooted_trees_through(6)]
+        theirs = [weights(tree) - 1 / tree.factorial() for tree in trees]
+        np.testing.assert_allclose([*map(float, flat_residuals(a, b, 6))], theirs, rtol=1e-11)
+
+    def test_orders_of_the_catalogue_equal_kauri(self, kauri):
+        methods = [m for m in FROZEN.values() if m.explicit and m.order < 7 and not m.approximate]
+        orders = [kauri.RK(m.a.tolist(), m.b.tolist()).order() for m in methods]
+        assert orders == [m.order for m in methods]
+
+    def test_planar_orders_of_kauri_are_others(self, kauri):
+        # they compare with factorials of trees: docs/implementations.md
+        cf = pytest.importorskip("kauri.cf")
+        single = cf.CFMethod(
+            [[0] * 4, [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1, 0]], [[1 / 6, 1 / 3, 1 / 3, 1 / 6]]
+        )
+        points = [(-1, {0: "1/2"}), (-1, {1: "1/2"}), (-1, {2: 1})]
+        points.append((-1, {0: "1/6", 1: "1/3", 2: "1/3", 3: "1/6"}))
+        assert (single.planar_order(), cg.CommutatorFree(points, [-1, 0, 1, 2]).order) == (4, 2)
+        for name in ("CF3b", "CF4b", "CF5r"):
+            a, b = ([*map(float, values)] for values in two_registers(cg.methods[name]))
+            assert cf.ReusedStageCFMethod(a[1:], b).planar_order() == 2
 
 
 class TestLielab:
