@@ -24,6 +24,7 @@ module frames_m
   type :: frame_t
     integer :: dimension = 0
     integer :: point_size = 0
+    logical :: ambient = .false.             ! whether coefficients have to be completed
     real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
     type(callback_t), pointer :: callback => null()
@@ -83,6 +84,7 @@ contains
           if (block%kind == isospectral_block) used = used + block%n
         case (stiefel_block)
           block%k = nint(constants(used + 1))
+          frame%ambient = .true.
           used = used + 1
           block%dimension = block%n * block%k
           block%point_size = block%dimension

@@ -68,7 +68,6 @@ contains
           call choose_step(problem, x)
         end if
       case (phase_start_received)
-        x%slope(:) = x%request%received
         x%slope_known = .true.
         x%phase = phase_next_stage
         if (problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size

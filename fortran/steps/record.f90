@@ -32,7 +32,7 @@ contains
   ! starts from its zero, the accurate interpolant is needed in any case.
   subroutine examine_step(problem, x, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
     x%counts%steps = x%counts%steps + 1
@@ -54,7 +54,7 @@ contains
   ! their size are made for steps with events only.
   subroutine examine_events(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp) :: values(size(x%events%before))
     logical :: stopped
 
@@ -139,7 +139,7 @@ contains
   ! Records the output of a step up to time t, where the solution is y.
   subroutine record_until(problem, x, t, y, ended, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether by an event
@@ -167,7 +167,7 @@ contains
   ! Starts the next step at time t and point y.
   subroutine begin_next_step(problem, x, t, y, ended)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
@@ -191,7 +191,7 @@ contains
   ! Prepares the functions of events for the next step.
   subroutine begin_after_events(problem, x, t, y, ended)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
@@ -224,7 +224,7 @@ contains
   ! Records the points at the output times up to t, where the solution is y.
   subroutine record_outputs(problem, x, t, y, output, failed)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
@@ -260,7 +260,7 @@ contains
 
   ! Ends a trajectory after a failure of a function that is evaluated at output times.
   subroutine fail_to_observe(x, t)
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp), intent(in) :: t
 
     x%request%flag = observer_failed
@@ -271,7 +271,7 @@ contains
   ! as many as have room in memory.
   subroutine prepare_inner(problem, x, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
     integer, parameter :: max_count = 64, max_numbers = 2**22
     type(inner_points_t), pointer :: inner
@@ -304,7 +304,7 @@ contains
   ! Prepares the point at the last output time passed where it isn't yet.
   subroutine prepare_next(problem, x, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
     associate (method => problem%method, end => x%request%y, &

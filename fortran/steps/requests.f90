@@ -10,7 +10,8 @@ module requests_m
                             raised_in_python, stage_not_finite, stopped_by_field
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
-  use vectors_m, only: finite
+  use vector_field_m, only: evaluate
+  use vectors_m, only: copy, differ, finite
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, reject_stage, request, &
@@ -38,23 +39,30 @@ contains
     end associate
   end function within_segment
 
-  ! Requests the coefficients at a point, for the phase `next`.
-  subroutine request(problem, x, t, y, next)
+  ! Requests the coefficients at a point, for the phase `next`. A field computes them from the point
+  ! itself, whose entries are restored if it overwrites them: it would wait for those of a copy.
+  subroutine request(problem, x, t, y, next, answer)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), intent(inout) :: y(problem%frame%point_size)
     integer, intent(in) :: next                        ! phase
+    ! (dimension) where the coefficients go, x%request%answer if it is absent
+    real(wp), target, contiguous, optional, intent(inout) :: answer(:)
 
-    x%request%t = within_segment(problem, x, t)
+    x%request%t = t
+    if (size(problem%stops) > 1) x%request%t = within_segment(problem, x, t)
     x%phase = next
     x%status = needs_field
     x%counts%nfev = x%counts%nfev + 1
-    x%request%y(:) = y
+    x%request%received => x%request%answer
+    if (present(answer)) x%request%received => answer
+    call copy(size(y), y, x%request%y)
     if (.not. associated(problem%field)) return
     problem%field%member = x%member
-    call problem%field%coefficients(problem%frame%point_size, problem%frame%dimension, &
-                                    x%request%t, x%request%y, x%request%received, x%request%flag)
+    call evaluate(problem%field, size(y), problem%frame%dimension, x%request%t, y, &
+                  x%request%received, x%request%flag)
+    if (differ(size(y), y, x%request%y)) call copy(size(y), x%request%y, y)
     call check_coefficients(problem, x, y)
   end subroutine request
 
@@ -62,8 +70,8 @@ contains
   ! Of mechanical systems the answer is forces; splitting methods take them alone.
   subroutine check_coefficients(problem, x, y)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) where f was evaluated
+    type(trajectory_t), target, intent(inout) :: x
+    real(wp), intent(in) :: y(problem%frame%point_size)      ! where f was evaluated
 
     if (x%request%flag == 0) then
       if (problem%frame%forces > 0) then
@@ -71,7 +79,7 @@ contains
         if (.not. problem%method%splitting) &
           call add_free_motion(problem%frame, y, x%request%received)
       end if
-      call complete_coefficients(problem%frame, y, x%request%received)
+      if (problem%frame%ambient) call complete_coefficients(problem%frame, y, x%request%received)
       if (finite(x%request%received)) then
         x%status = finished
         return
@@ -91,7 +99,7 @@ contains
   ! Tries a step again with a smaller size after a stage that doesn't exist; equal steps fail.
   subroutine reject_stage(problem, x, status, t)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
@@ -129,7 +137,7 @@ contains
   ! Evaluates the functions of all events at a point; the trajectory fails if one of them does.
   subroutine evaluate_events(problem, x, t, y, values, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(inout) :: values(:)               ! (events)
@@ -149,7 +157,7 @@ contains
   ! or a jump has left its function at zero, this zero isn't another event.
   subroutine evaluate_at_start(problem, x, t, y, small, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(in) :: small(:)                   ! (events) values that count as zero

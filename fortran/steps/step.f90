@@ -29,7 +29,7 @@ contains
   ! the start, unless it is at a node of its own. Functions of time need no points.
   subroutine request_stage(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     integer :: path
 
     associate (method => problem%method)
@@ -57,8 +57,15 @@ contains
       end if
       path = merge(1, method%stage_path(x%stage), method%two_registers)
       if (problem%of_time) path = 0
-      if (.not. method%two_registers) call follow_paths(problem, x, path)
-      call request(problem, x, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
+      associate (t => x%t + method%c(x%stage) * x%h)
+        if (method%two_registers .or. method%implicit) then
+          if (method%implicit) call follow_paths(problem, x, path)
+          call request(problem, x, t, x%y(:, path), phase_stage_received)
+        else
+          call follow_paths(problem, x, path)
+          call request(problem, x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage))
+        end if
+      end associate
     end associate
   end subroutine request_stage
 
@@ -73,9 +80,9 @@ contains
   ! Evaluates a vectorized function of time for all remaining stages of the step.
   subroutine evaluate_nodes(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp) :: times(stages(problem) - x%stage + 1)
-    real(wp) :: members(size(times)), answer(size(x%request%received) * size(times))
+    real(wp) :: members(size(times)), answer(size(x%slope) * size(times))
     integer :: k
 
     associate (method => problem%method)
@@ -88,9 +95,9 @@ contains
       end if
       x%counts%nfev = x%counts%nfev + size(times, kind=int64)
       do k = 1, size(times)
-        associate (n => size(x%request%received))
-          x%request%received(:) = answer((k - 1) * n + 1:k * n)
-        end associate
+        x%request%received => x%request%answer
+        if (.not. method%two_registers) x%request%received => x%f(:, x%stage)
+        x%request%received(:) = answer((k - 1) * size(x%slope) + 1:k * size(x%slope))
         call store_stage(problem, x)
         if (x%phase /= phase_next_stage) return
       end do
@@ -101,7 +108,7 @@ contains
   ! Stores the coefficients at a stage. On a Lie algebra they become derivatives of coordinates.
   subroutine store_stage(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     logical :: exists
 
     associate (method => problem%method)
@@ -116,7 +123,6 @@ contains
         x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%request%received
         call advance_register(problem, x)
       else
-        x%f(:, x%stage) = x%request%received
         if (x%stage == method%final_stage .or. (problem%of_time .and. &
                                                 .not. abs(method%c(x%stage) - 1) > 0)) then
           x%end_slope(:) = x%request%received
@@ -142,7 +148,7 @@ contains
   ! Rounding off the manifold is removed from results only, since it doesn't accumulate in stages.
   subroutine follow_paths(problem, x, last)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     integer, intent(in) :: last
     integer :: i
 
@@ -173,7 +179,7 @@ contains
   subroutine combine_coordinates(method, path, x)
     type(method_t), intent(in) :: method
     integer, intent(in) :: path
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     integer :: flow, k
 
     associate (flows => x%flows)
@@ -190,7 +196,7 @@ contains
   ! Moves the point of a two-register method along h b Z.
   subroutine advance_register(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
 
     x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
     call flow_along(problem%frame, x%u, x%y(:, 1))
@@ -201,7 +207,7 @@ contains
   ! Computes the results and estimates the error.
   subroutine finish_step(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     integer :: last
 
     associate (method => problem%method)
@@ -231,7 +237,7 @@ contains
   ! aren't in equilibrium.
   subroutine request_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp) :: y(problem%frame%point_size)
 
     y = x%y(:, 0)
@@ -244,7 +250,7 @@ contains
   ! Stores these coefficients and estimates the error again.
   subroutine store_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
 
     x%f(:, 1) = x%request%received
     call estimate_error(problem, x)
@@ -254,7 +260,7 @@ contains
   ! Makes the error known to trajectories with common steps.
   subroutine share_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
 
     if (.not. x%error < huge(1.0_wp)) x%error = huge(1.0_wp)
     x%request%shared = x%error
@@ -265,7 +271,7 @@ contains
   ! Accepts a step, or rejects it and chooses a smaller size.
   subroutine accept_or_reject(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     real(wp) :: predicted, error
 
     associate (exponent => problem%tolerances%exponent, control => x%control, &

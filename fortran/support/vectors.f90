@@ -1,9 +1,20 @@
 ! Vectors of real numbers
 module vectors_m
+  use, intrinsic :: iso_c_binding, only: c_double, c_int, c_size_t
   use kinds, only: wp
   implicit none
   private
-  public :: combine, copy, finite
+  public :: combine, copy, differ, finite
+
+  interface
+
+    integer(c_int) function memcmp(a, b, bytes) bind(c)
+      import :: c_double, c_int, c_size_t
+      real(c_double), intent(in) :: a(*), b(*)
+      integer(c_size_t), value, intent(in) :: bytes
+    end function memcmp
+
+  end interface
 
 contains
 
@@ -12,7 +23,12 @@ contains
   pure logical function finite(x)
     real(wp), contiguous, intent(in) :: x(:)
 
-    finite = all(abs(x) <= huge(x))
+    integer :: i
+
+    finite = .true.
+    do i = 1, size(x)                        ! without a branch at each
+      finite = finite .and. abs(x(i)) <= huge(x)
+    end do
   end function finite
 
   ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, since array
@@ -37,6 +53,14 @@ contains
       if (abs(weight(j)) > 0) sum = sum + weight(j) * k(:, j)
     end do
   end subroutine combine
+
+  ! Whether two vectors differ in any bit.
+  logical function differ(n, a, b)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: a(n), b(n)
+
+    differ = memcmp(a, b, 8 * int(n, c_size_t)) /= 0
+  end function differ
 
   ! Copies a vector. In a procedure of its own the compiler knows that two columns of an array don't
   ! overlap.
