@@ -132,7 +132,7 @@ contains
             call turn_point(block, q, point)
           else
             own = time * velocities(body, momentum)
-            call move_block(frame, block, frame%single, 1, 1, v, y)
+            call move_block(frame, block, 1, v, y)
             if (block%kind == sphere_block) call make_tangential(point, momentum)
           end if
         end associate

@@ -8,6 +8,7 @@ module record_m
   use linear_action_m, only: inner_points_t
   use output_m, only: store_interpolant, store_point, store_step, output_t
   use simultaneous_events_m, only: record_zeros
+  use step_m, only: combine_path
   use step_events_m, only: crosses, find_zeros
   use requests_m, only: evaluate_at_start, evaluate_events
   use phases_m
@@ -315,8 +316,10 @@ contains
       call prepare_inner(problem, x, output)
       x%outputs_done = x%outputs_done + 1
       end = x%y(:, 0)
-      call apply_flows(problem%frame, x%flows, method%path_first(method%result), &
-                       method%path_first(method%result + 1) - 1, x%f, end)
+      call combine_path(method, method%result, x)
+      call apply_flows(problem%frame, &
+                       method%path_first(method%result + 1) - method%path_first(method%result), &
+                       x%v, end)
       x%counts%nexp = x%counts%nexp + 1
     end associate
   end subroutine prepare_next

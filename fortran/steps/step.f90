@@ -4,6 +4,7 @@
 module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
+  use blocks_m, only: flow_sequence_t
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
                           max_suspicion, rejected_size, suspected_error
@@ -15,13 +16,13 @@ module step_m
   use requests_m, only: reject_stage, request, within_segment
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
-  use vectors_m, only: copy, finite
+  use vectors_m, only: combine_columns, copy, finite
   use iso_fortran_env, only: int64
   use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
                             step_too_long
   implicit none
   private
-  public :: store_error, store_stage, finish_step, accept_or_reject, request_stage
+  public :: store_error, store_stage, combine_path, finish_step, accept_or_reject, request_stage
 
 contains
 
@@ -163,8 +164,8 @@ contains
           call move_by_kicks(frame, x%flows, x%h * method%drift, method%path_first(i), &
                              method%path_first(i + 1) - 1, x%f, x%y(:, i))
         else
-          call apply_flows(frame, x%flows, method%path_first(i), method%path_first(i + 1) - 1, &
-                           x%f, x%y(:, i))
+          call combine_path(method, i, x)
+          call apply_flows(frame, method%path_first(i + 1) - method%path_first(i), x%v, x%y(:, i))
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
         x%counts%nexp = x%counts%nexp &
@@ -180,18 +181,36 @@ contains
     type(method_t), intent(in) :: method
     integer, intent(in) :: path
     type(trajectory_t), target, intent(inout) :: x
-    integer :: flow, k
 
-    associate (flows => x%flows)
-      x%path_of_u = path
-      flow = method%path_first(path)
-      k = flows%first(flow)
-      x%u = flows%weight(k) * x%f(:, flows%stage(k))
-      do k = k + 1, flows%first(flow + 1) - 1
-        x%u = x%u + flows%weight(k) * x%f(:, flows%stage(k))
+    x%path_of_u = path
+    call combine_flow(x%flows, method%path_first(path), size(x%u), x%f, x%u)
+  end subroutine combine_coordinates
+
+  ! Computes the coefficients of all flows of a path.
+  subroutine combine_path(method, path, x)
+    type(method_t), intent(in) :: method
+    integer, intent(in) :: path
+    type(trajectory_t), intent(inout) :: x
+    integer :: i
+
+    associate (first => method%path_first(path))
+      do i = first, method%path_first(path + 1) - 1
+        call combine_flow(x%flows, i, size(x%u), x%f, x%v(:, i - first + 1))
       end do
     end associate
-  end subroutine combine_coordinates
+  end subroutine combine_path
+
+  ! Computes the coefficients of a flow.
+  pure subroutine combine_flow(flows, flow, m, f, v)
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: flow, m
+    real(wp), intent(in) :: f(m, *)
+    real(wp), intent(out) :: v(m)
+
+    associate (k => flows%first(flow))
+      call combine_columns(m, flows%first(flow + 1) - k, flows%weight(k), flows%stage(k), f, v)
+    end associate
+  end subroutine combine_flow
 
   ! Moves the point of a two-register method along h b Z.
   subroutine advance_register(problem, x)

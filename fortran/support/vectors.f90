@@ -4,7 +4,7 @@ module vectors_m
   use kinds, only: wp
   implicit none
   private
-  public :: combine, copy, differ, finite
+  public :: combine, combine_columns, copy, differ, finite
 
   interface
 
@@ -53,6 +53,32 @@ contains
       if (abs(weight(j)) > 0) sum = sum + weight(j) * k(:, j)
     end do
   end subroutine combine
+
+  ! A weighted sum of at least one of the columns of a matrix. Halves of six entries are summed
+  ! apart, since pairs across them would wait for entries that a function has just written.
+  pure subroutine combine_columns(m, n, weight, column, k, sum)
+    integer, intent(in) :: m, n, column(n)
+    real(wp), intent(in) :: weight(n), k(m, *)
+    real(wp), intent(out) :: sum(m)
+    real(wp) :: one(3), other(3)
+    integer :: j
+
+    if (m == 6) then
+      one = weight(1) * k(1:3, column(1))
+      other = weight(1) * k(4:6, column(1))
+      do j = 2, n
+        one = one + weight(j) * k(1:3, column(j))
+        other = other + weight(j) * k(4:6, column(j))
+      end do
+      sum(1:3) = one
+      sum(4:6) = other
+      return
+    end if
+    sum = weight(1) * k(1:m, column(1))
+    do j = 2, n
+      sum = sum + weight(j) * k(1:m, column(j))
+    end do
+  end subroutine combine_columns
 
   ! Whether two vectors differ in any bit.
   logical function differ(n, a, b)
