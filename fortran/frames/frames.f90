@@ -19,7 +19,7 @@ module frames_m
   implicit none
   private
   public :: frame_t, apply_flows, complete_coefficients, distance_bound, flow_along, make_frame, &
-            move_block, restore, turn
+            restore, turn
 
   type :: frame_t
     integer :: dimension = 0
@@ -155,43 +155,37 @@ contains
     call apply_flows(frame, 1, v, y)
   end subroutine flow_along
 
-  ! Moves y along the time-1 flows of some fields, in their order. Flows of different blocks commute,
-  ! so each block is moved along all of them at once.
-  subroutine apply_flows(frame, flows, v, y)
+  ! Moves y, or one block of it, along the time-1 flows of some fields, in their order. Flows of
+  ! different blocks commute, so each block is moved along all of them at once.
+  subroutine apply_flows(frame, flows, v, y, only)
     type(frame_t), intent(in) :: frame
     integer, intent(in) :: flows
     real(wp), intent(in) :: v(frame%dimension, *)            ! (dimension, flows)
     real(wp), intent(inout) :: y(frame%point_size)
+    integer, optional, intent(in) :: only    ! number of the block
     integer :: i
 
     if (flows < 1) return
     do i = 1, size(frame%blocks)
-      call move_block(frame, frame%blocks(i), flows, v, y)
+      if (present(only)) then
+        if (i /= only) cycle
+      end if
+      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors + 1, &
+                 p => frame%blocks(i)%points + 1)
+        select case (block%kind)
+        case (euclidean_block)
+          call translate(block%n, flows, frame%dimension, v(k, 1), y(p))
+        case (se3_block)
+          call move_rigid_body(block, flows, frame%dimension, v(k, 1), y(p))
+        case (so_block, isospectral_block, su_block, u_block, stiefel_block, linear_action_block, &
+              callback_block)
+          call move_matrix(frame, block, flows, v(k, 1), y(p))
+        case default
+          call rotate(block, flows, frame%dimension, v(k, 1), y(p))
+        end select
+      end associate
     end do
   end subroutine apply_flows
-
-  ! Moves one block of a point along at least one flow.
-  subroutine move_block(frame, block, flows, v, y)
-    type(frame_t), intent(in) :: frame
-    type(block_t), intent(in) :: block
-    integer, intent(in) :: flows
-    real(wp), intent(in) :: v(frame%dimension, *)
-    real(wp), intent(inout) :: y(frame%point_size)
-
-    associate (i => block%vectors + 1, p => block%points + 1)
-      select case (block%kind)
-      case (euclidean_block)
-        call translate(block%n, flows, frame%dimension, v(i, 1), y(p))
-      case (se3_block)
-        call move_rigid_body(block, flows, frame%dimension, v(i, 1), y(p))
-      case (so_block, isospectral_block, su_block, u_block, stiefel_block, linear_action_block, &
-            callback_block)
-        call move_matrix(frame, block, flows, v(i, 1), y(p))
-      case default
-        call rotate(block, flows, frame%dimension, v(i, 1), y(p))
-      end select
-    end associate
-  end subroutine move_block
 
   ! Adds all coefficients to a point of Euclidean space.
   pure subroutine translate(n, flows, m, v, y)

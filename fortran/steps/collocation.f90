@@ -30,7 +30,7 @@ contains
   ! Requests the coefficients at the next stage, or first a column of the Jacobian.
   subroutine request_collocation(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical :: singular
 
     associate (newton => x%newton, method => problem%method)
@@ -65,7 +65,7 @@ contains
   ! Factors the matrices of a restored state again.
   subroutine refactor(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical :: singular
 
     if (.not. abs(x%newton%factored_h) > 0) return
@@ -77,7 +77,7 @@ contains
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
   subroutine store_collocation(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical :: exists
 
     associate (z => x%newton%z)
@@ -96,7 +96,7 @@ contains
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
   subroutine correct_stages(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: dz(size(x%newton%z, 1), size(x%newton%z, 2)), size_of, tolerance
     integer :: remaining
     logical :: slow, solved
@@ -140,7 +140,7 @@ contains
   ! The norm of a correction: in tolerances, or relative to the point where there are none
   real(wp) function correction_norm(problem, x, dz)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), contiguous, intent(in) :: dz(:, :)       ! (dimension, stages)
     integer :: i
 
@@ -165,7 +165,7 @@ contains
   ! Tries again with the Jacobian of the present point, or else with a smaller step.
   subroutine give_up(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     associate (newton => x%newton)
       newton%rate_factor = 1.0_wp
@@ -183,7 +183,7 @@ contains
   ! Requests the Jacobian of dexp^-1_u f(exp(u) y) at u = 0, from Python or by differences.
   subroutine request_jacobian(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: answer(max(1, size(x%newton%jacobian)))
 
     associate (newton => x%newton)
@@ -241,7 +241,7 @@ contains
   ! Requests the coefficients at a point displaced along a field of the frame.
   subroutine request_column(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     associate (column => x%newton%column)
       x%u = 0.0_wp
@@ -257,7 +257,7 @@ contains
   ! of derivatives it would be second differences, which have no digits.
   subroutine store_column(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical :: exists, uncontrolled(size(x%u))
 
     associate (newton => x%newton, column => x%newton%column)
@@ -281,7 +281,7 @@ contains
   ! Adds the derivative of dexp^-1_u f at u = 0, which is the only odd term of the series.
   subroutine add_brackets(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), dimension(size(x%u)) :: ahead, behind
     logical :: exists
     integer :: j
@@ -299,7 +299,7 @@ contains
   end subroutine add_brackets
 
   subroutine finish_jacobian(x)
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     x%newton%has_jacobian = .true.
     x%newton%fresh = .true.
@@ -316,7 +316,7 @@ contains
 
   ! Keeps the polynomial of an accepted step for the next one, and its Jacobian if it served well.
   pure subroutine keep_step(x)
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     associate (newton => x%newton)
       newton%last = x%f(:, 2:)

@@ -40,7 +40,7 @@ contains
       errors = 0.0_wp
       sums = size(method%error, 2)
       if (method%embedded > 0) then
-        if (.not. finite(x%y(:, method%embedded))) return
+        if (.not. finite(frame%point_size, x%y(:, method%embedded))) return
         errors(1) = distance(problem, x, method%embedded)
         if (method%third > 0) errors(2) = distance(problem, x, method%third)
       end if

@@ -33,7 +33,7 @@ contains
   ! Starts the first block of a step.
   subroutine prepare_stage(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     if (x%solver%first > 0) return
     x%f = spread(x%slope, 2, size(x%f, 2))
@@ -44,7 +44,7 @@ contains
   ! Starts the next block whose coefficients aren't those at the start, or finishes the step.
   subroutine next_block(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     associate (solver => x%solver, method => problem%method)
       if (solver%last > 0) call rewind_paths(method, x)
@@ -67,7 +67,7 @@ contains
   ! flows.
   pure subroutine rewind_paths(method, x)
     type(method_t), intent(in) :: method
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     x%stage = x%solver%first
     x%paths = 0
@@ -88,7 +88,7 @@ contains
   ! or the next column of the Jacobian is evaluated.
   subroutine store_value(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     integer :: block, info
 
     associate (solver => x%solver, method => problem%method, n => size(x%f, 1))
@@ -139,7 +139,7 @@ contains
   ! Moves the unknown of a column of the Jacobian.
   subroutine move_unknown(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: scale(size(x%f, 1))
 
     associate (solver => x%solver, i => 1 + mod(x%solver%column - 1, size(x%f, 1)), &
@@ -182,7 +182,7 @@ contains
   ! Corrects the unknowns of a block, and goes on to the next one if the correction is rounding.
   subroutine correct(problem, x, block)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
     real(wp) :: scale(size(x%f, 1)), d(size(x%f, 1), x%solver%first: x%solver%last)
     real(wp) :: correction
@@ -223,7 +223,7 @@ contains
   ! Discards the factors and rejects the step.
   subroutine give_up(problem, x, block)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
 
     x%solver%factored_h(block) = 0.0_wp

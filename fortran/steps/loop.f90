@@ -41,7 +41,7 @@ contains
 
     select case (x%status)
     case (needs_field)
-      call check_coefficients(problem, x, x%request%y)
+      call check_coefficients(problem, x, x%request%y, x%request%received)
     case (needs_minimum, needs_maximum, paused, buffer_full)
       x%status = finished
     end select
@@ -68,6 +68,7 @@ contains
           call choose_step(problem, x)
         end if
       case (phase_start_received)
+        if (.not. associated(problem%field)) x%slope(:) = x%request%received
         x%slope_known = .true.
         x%phase = phase_next_stage
         if (problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size

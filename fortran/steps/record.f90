@@ -2,13 +2,13 @@
 ! Then the next step starts, at the end or after a jump.
 module record_m
   use kinds, only: wp
+  use blocks_m, only: combine_flows
   use controller_m, only: smallest_size
   use frames_m, only: apply_flows
   use interpolant_m, only: flows_of_evaluation
   use linear_action_m, only: inner_points_t
   use output_m, only: store_interpolant, store_point, store_step, output_t
   use simultaneous_events_m, only: record_zeros
-  use step_m, only: combine_path
   use step_events_m, only: crosses, find_zeros
   use requests_m, only: evaluate_at_start, evaluate_events
   use phases_m
@@ -55,7 +55,7 @@ contains
   ! their size are made for steps with events only.
   subroutine examine_events(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: values(size(x%events%before))
     logical :: stopped
 
@@ -71,7 +71,7 @@ contains
   ! at the end of the step don't need it.
   subroutine detect_events(problem, x)
     type(problem_t), target, intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical :: stopped
 
     call find_zeros(problem, x, .true., stopped)
@@ -140,7 +140,7 @@ contains
   ! Records the output of a step up to time t, where the solution is y.
   subroutine record_until(problem, x, t, y, ended, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether by an event
@@ -168,7 +168,7 @@ contains
   ! Starts the next step at time t and point y.
   subroutine begin_next_step(problem, x, t, y, ended)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
@@ -192,7 +192,7 @@ contains
   ! Prepares the functions of events for the next step.
   subroutine begin_after_events(problem, x, t, y, ended)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
@@ -225,7 +225,7 @@ contains
   ! Records the points at the output times up to t, where the solution is y.
   subroutine record_outputs(problem, x, t, y, output, failed)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
@@ -261,7 +261,7 @@ contains
 
   ! Ends a trajectory after a failure of a function that is evaluated at output times.
   subroutine fail_to_observe(x, t)
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
 
     x%request%flag = observer_failed
@@ -272,7 +272,7 @@ contains
   ! as many as have room in memory.
   subroutine prepare_inner(problem, x, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
     integer, parameter :: max_count = 64, max_numbers = 2**22
     type(inner_points_t), pointer :: inner
@@ -305,7 +305,7 @@ contains
   ! Prepares the point at the last output time passed where it isn't yet.
   subroutine prepare_next(problem, x, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
     associate (method => problem%method, end => x%request%y, &
@@ -316,10 +316,11 @@ contains
       call prepare_inner(problem, x, output)
       x%outputs_done = x%outputs_done + 1
       end = x%y(:, 0)
-      call combine_path(method, method%result, x)
-      call apply_flows(problem%frame, &
-                       method%path_first(method%result + 1) - method%path_first(method%result), &
-                       x%v, end)
+      associate (first => method%path_first(method%result), &
+                 last => method%path_first(method%result + 1) - 1)
+        call combine_flows(x%flows, first, last, problem%frame%dimension, x%f, x%v)
+        call apply_flows(problem%frame, last - first + 1, x%v, end)
+      end associate
       x%counts%nexp = x%counts%nexp + 1
     end associate
   end subroutine prepare_next

@@ -41,53 +41,60 @@ contains
 
   ! Requests the coefficients at a point, for the phase `next`. A field computes them from the point
   ! itself, whose entries are restored if it overwrites them: it would wait for those of a copy.
-  subroutine request(problem, x, t, y, next, answer)
+  subroutine request(problem, x, t, y, next, f)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), intent(inout) :: y(problem%frame%point_size)
     integer, intent(in) :: next                        ! phase
-    ! (dimension) where the coefficients go, x%request%answer if it is absent
-    real(wp), target, contiguous, optional, intent(inout) :: answer(:)
+    ! where a field's coefficients go instead of x%request%received
+    real(wp), optional, intent(inout) :: f(problem%frame%dimension)
 
     x%request%t = t
     if (size(problem%stops) > 1) x%request%t = within_segment(problem, x, t)
     x%phase = next
     x%status = needs_field
     x%counts%nfev = x%counts%nfev + 1
-    x%request%received => x%request%answer
-    if (present(answer)) x%request%received => answer
     call copy(size(y), y, x%request%y)
     if (.not. associated(problem%field)) return
     problem%field%member = x%member
-    call evaluate(problem%field, size(y), problem%frame%dimension, x%request%t, y, &
-                  x%request%received, x%request%flag)
+    if (present(f)) then
+      call evaluate(problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
+    else
+      call evaluate(problem%field, size(y), problem%frame%dimension, x%request%t, y, &
+                    x%request%received, x%request%flag)
+    end if
     if (differ(size(y), y, x%request%y)) call copy(size(y), x%request%y, y)
-    call check_coefficients(problem, x, y)
+    if (present(f)) then
+      call check_coefficients(problem, x, y, f)
+    else
+      call check_coefficients(problem, x, y, x%request%received)
+    end if
   end subroutine request
 
   ! Checks the answer to a request: finite coefficients go to the next phase, others are a failure.
   ! Of mechanical systems the answer is forces; splitting methods take them alone.
-  subroutine check_coefficients(problem, x, y)
+  subroutine check_coefficients(problem, x, y, f)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: y(problem%frame%point_size)      ! where f was evaluated
+    real(wp), intent(inout) :: f(problem%frame%dimension)    ! the answer
 
     if (x%request%flag == 0) then
       if (problem%frame%forces > 0) then
-        call take_forces(problem%frame, y, x%request%received)
+        call take_forces(problem%frame, y, f)
         if (.not. problem%method%splitting) &
-          call add_free_motion(problem%frame, y, x%request%received)
+          call add_free_motion(problem%frame, y, f)
       end if
-      if (problem%frame%ambient) call complete_coefficients(problem%frame, y, x%request%received)
-      if (finite(x%request%received)) then
+      if (problem%frame%ambient) call complete_coefficients(problem%frame, y, f)
+      if (finite(size(f), f)) then
         x%status = finished
         return
       end if
     end if
     if (x%request%flag == raised_in_python) then
       call fail(x, raised, x%request%t)
-    else if (.not. finite(y)) then
+    else if (.not. finite(size(y), y)) then
       call reject_stage(problem, x, stage_not_finite, x%request%t)
     else if (x%request%flag /= 0) then
       call fail(x, stopped_by_field, x%request%t)
@@ -99,7 +106,7 @@ contains
   ! Tries a step again with a smaller size after a stage that doesn't exist; equal steps fail.
   subroutine reject_stage(problem, x, status, t)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
@@ -137,7 +144,7 @@ contains
   ! Evaluates the functions of all events at a point; the trajectory fails if one of them does.
   subroutine evaluate_events(problem, x, t, y, values, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(inout) :: values(:)               ! (events)
@@ -157,7 +164,7 @@ contains
   ! or a jump has left its function at zero, this zero isn't another event.
   subroutine evaluate_at_start(problem, x, t, y, small, stopped)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(in) :: small(:)                   ! (events) values that count as zero

@@ -4,7 +4,7 @@
 module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
-  use blocks_m, only: flow_sequence_t
+  use blocks_m, only: combine_flows
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
                           max_suspicion, rejected_size, suspected_error
@@ -16,13 +16,13 @@ module step_m
   use requests_m, only: reject_stage, request, within_segment
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
-  use vectors_m, only: combine_columns, copy, finite
+  use vectors_m, only: copy, finite
   use iso_fortran_env, only: int64
   use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
                             step_too_long
   implicit none
   private
-  public :: store_error, store_stage, combine_path, finish_step, accept_or_reject, request_stage
+  public :: store_error, store_stage, finish_step, accept_or_reject, request_stage
 
 contains
 
@@ -30,7 +30,7 @@ contains
   ! the start, unless it is at a node of its own. Functions of time need no points.
   subroutine request_stage(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     integer :: path
 
     associate (method => problem%method)
@@ -81,7 +81,7 @@ contains
   ! Evaluates a vectorized function of time for all remaining stages of the step.
   subroutine evaluate_nodes(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: times(stages(problem) - x%stage + 1)
     real(wp) :: members(size(times)), answer(size(x%slope) * size(times))
     integer :: k
@@ -90,14 +90,12 @@ contains
       times = within_segment(problem, x, x%t + method%c(x%stage:stages(problem)) * x%h)
       members = real(x%member - 1, wp)
       call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer)
-      if (.not. finite(answer)) then                   ! Python has raised an exception
+      if (.not. finite(size(answer), answer)) then                   ! Python has raised an exception
         call fail(x, raised, x%t)
         return
       end if
       x%counts%nfev = x%counts%nfev + size(times, kind=int64)
       do k = 1, size(times)
-        x%request%received => x%request%answer
-        if (.not. method%two_registers) x%request%received => x%f(:, x%stage)
         x%request%received(:) = answer((k - 1) * size(x%slope) + 1:k * size(x%slope))
         call store_stage(problem, x)
         if (x%phase /= phase_next_stage) return
@@ -109,7 +107,7 @@ contains
   ! Stores the coefficients at a stage. On a Lie algebra they become derivatives of coordinates.
   subroutine store_stage(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical :: exists
 
     associate (method => problem%method)
@@ -124,9 +122,10 @@ contains
         x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%request%received
         call advance_register(problem, x)
       else
+        if (.not. associated(problem%field)) x%f(:, x%stage) = x%request%received
         if (x%stage == method%final_stage .or. (problem%of_time .and. &
                                                 .not. abs(method%c(x%stage) - 1) > 0)) then
-          x%end_slope(:) = x%request%received
+          x%end_slope(:) = x%f(:, x%stage)
           x%end_known = .true.
         end if
         if (method%on_algebra .and. method%stage_path(x%stage) > 0) then
@@ -149,7 +148,7 @@ contains
   ! Rounding off the manifold is removed from results only, since it doesn't accumulate in stages.
   subroutine follow_paths(problem, x, last)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: last
     integer :: i
 
@@ -164,7 +163,8 @@ contains
           call move_by_kicks(frame, x%flows, x%h * method%drift, method%path_first(i), &
                              method%path_first(i + 1) - 1, x%f, x%y(:, i))
         else
-          call combine_path(method, i, x)
+          call combine_flows(x%flows, method%path_first(i), method%path_first(i + 1) - 1, &
+                             frame%dimension, x%f, x%v)
           call apply_flows(frame, method%path_first(i + 1) - method%path_first(i), x%v, x%y(:, i))
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
@@ -180,42 +180,17 @@ contains
   subroutine combine_coordinates(method, path, x)
     type(method_t), intent(in) :: method
     integer, intent(in) :: path
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     x%path_of_u = path
-    call combine_flow(x%flows, method%path_first(path), size(x%u), x%f, x%u)
+    call combine_flows(x%flows, method%path_first(path), method%path_first(path), size(x%u), &
+                       x%f, x%u)
   end subroutine combine_coordinates
-
-  ! Computes the coefficients of all flows of a path.
-  subroutine combine_path(method, path, x)
-    type(method_t), intent(in) :: method
-    integer, intent(in) :: path
-    type(trajectory_t), intent(inout) :: x
-    integer :: i
-
-    associate (first => method%path_first(path))
-      do i = first, method%path_first(path + 1) - 1
-        call combine_flow(x%flows, i, size(x%u), x%f, x%v(:, i - first + 1))
-      end do
-    end associate
-  end subroutine combine_path
-
-  ! Computes the coefficients of a flow.
-  pure subroutine combine_flow(flows, flow, m, f, v)
-    type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: flow, m
-    real(wp), intent(in) :: f(m, *)
-    real(wp), intent(out) :: v(m)
-
-    associate (k => flows%first(flow))
-      call combine_columns(m, flows%first(flow + 1) - k, flows%weight(k), flows%stage(k), f, v)
-    end associate
-  end subroutine combine_flow
 
   ! Moves the point of a two-register method along h b Z.
   subroutine advance_register(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
     call flow_along(problem%frame, x%u, x%y(:, 1))
@@ -226,7 +201,7 @@ contains
   ! Computes the results and estimates the error.
   subroutine finish_step(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     integer :: last
 
     associate (method => problem%method)
@@ -238,14 +213,14 @@ contains
       x%phase = phase_decide_step
       if (problem%adaptive) then
         x%error = huge(1.0_wp)
-        if (finite(x%y(:, x%result))) call estimate_error(problem, x)
+        if (finite(problem%frame%point_size, x%y(:, x%result))) call estimate_error(problem, x)
         if (method%collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
             .and. (x%control%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
           call request_error(problem, x)
         else
           call share_error(problem, x)
         end if
-      else if (.not. finite(x%y(:, x%result))) then
+      else if (.not. finite(problem%frame%point_size, x%y(:, x%result))) then
         call fail(x, solution_not_finite, x%t_end)
       end if
     end associate
@@ -256,7 +231,7 @@ contains
   ! aren't in equilibrium.
   subroutine request_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: y(problem%frame%point_size)
 
     y = x%y(:, 0)
@@ -269,7 +244,7 @@ contains
   ! Stores these coefficients and estimates the error again.
   subroutine store_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     x%f(:, 1) = x%request%received
     call estimate_error(problem, x)
@@ -279,7 +254,7 @@ contains
   ! Makes the error known to trajectories with common steps.
   subroutine share_error(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     if (.not. x%error < huge(1.0_wp)) x%error = huge(1.0_wp)
     x%request%shared = x%error
@@ -290,7 +265,7 @@ contains
   ! Accepts a step, or rejects it and chooses a smaller size.
   subroutine accept_or_reject(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: predicted, error
 
     associate (exponent => problem%tolerances%exponent, control => x%control, &

@@ -22,7 +22,7 @@ contains
   ! Starts the next segment that isn't empty, or ends the trajectory.
   subroutine begin_segment(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical :: stopped
 
     if (.not. abs(problem%stops(x%segment) - x%t) > 0) then
@@ -53,7 +53,7 @@ contains
   ! Makes the grid of equal steps to a stop, unless the present one leads there.
   subroutine prepare_grid(problem, x, stop)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
 
     associate (grid => x%grid)
@@ -67,7 +67,7 @@ contains
   ! Guesses a first size from the norms of the point and of its derivative.
   subroutine guess_size(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     associate (frame => problem%frame, tolerances => problem%tolerances)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
@@ -88,7 +88,7 @@ contains
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
   subroutine request_curvature(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     associate (moved => x%y(:, x%result))
       x%control%guessed_size = max(min(x%request%shared, span(problem, x), &
@@ -106,7 +106,7 @@ contains
   ! Chooses the first size from the curvature.
   subroutine choose_first_size(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: start_value(size(x%control%v))
 
     associate (tolerances => problem%tolerances)
@@ -148,7 +148,7 @@ contains
   ! differences of rounded times, so that all are equal.
   subroutine choose_step(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     associate (stop => problem%stops(x%segment))
       if (.not. problem%adaptive) then

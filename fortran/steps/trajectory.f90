@@ -56,8 +56,7 @@ module trajectory_m
   type :: request_t
     real(wp) :: t = 0.0_wp
     real(wp), allocatable :: y(:)            ! (point_size) a copy
-    real(wp), allocatable :: answer(:)       ! (dimension)
-    real(wp), pointer, contiguous :: received(:) => null()   ! coefficients, there or elsewhere
+    real(wp), allocatable :: received(:)     ! (dimension) coefficients
     integer :: flag = 0                      ! returned by the field
     real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
   end type request_t
@@ -170,7 +169,7 @@ contains
       allocate (x%y(frame%point_size, 0:merge(1, size(method%origin), method%two_registers)), &
                 x%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
                 x%request%y(frame%point_size), &
-                x%request%answer(frame%dimension), x%slope(frame%dimension), &
+                x%request%received(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
                 x%v(frame%dimension, most), &
                 x%flows%first(size(method%flows%first)), &

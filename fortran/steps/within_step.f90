@@ -21,7 +21,7 @@ contains
   ! Requests the interpolant of the last step, and no further step.
   subroutine request_interpolant(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     integer :: memory
 
     x%interpolate_only = .true.
@@ -40,7 +40,7 @@ contains
   ! Requests the coefficients at the ends of a step that aren't known; then its interpolant starts.
   subroutine request_ends(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     if (.not. x%slope_known) then
       call request(problem, x, x%t, x%y(:, 0), phase_begin_received)
@@ -54,7 +54,7 @@ contains
   ! Stores the coefficients at the start of a step.
   subroutine store_begin(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     x%slope(:) = x%request%received
     x%slope_known = .true.
@@ -64,7 +64,7 @@ contains
   ! Stores the coefficients at the end of a step, and starts its interpolant.
   subroutine store_end(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     if (x%interpolate_only) then
       x%slope(:) = x%request%received
@@ -81,7 +81,7 @@ contains
   ! along what is known of it from the ends of the step.
   subroutine interpolate(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical :: exists
 
     call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
@@ -100,7 +100,7 @@ contains
   ! Adds the free motion to the coefficients of splitting methods at both ends.
   subroutine complete_ends(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
 
     if (.not. problem%method%splitting) return
     associate (interpolant => x%interpolant)
@@ -112,7 +112,7 @@ contains
   ! Starts the interpolant of the step before.
   subroutine interpolate_last(problem, x, slope)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), contiguous, intent(in) :: slope(:)       ! (dimension) at its end
     logical :: exists
 
@@ -126,7 +126,7 @@ contains
   ! Chooses the phase after a node of the interpolant.
   subroutine advance_interpolant(problem, x, exists, flows)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical, intent(in) :: exists
     integer, intent(in) :: flows                       ! that the node has taken
 
@@ -142,7 +142,7 @@ contains
   ! Moves to the next node and requests the coefficients there.
   subroutine request_node(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp) :: theta
 
     call next_node(problem%frame, problem%scheme, x%interpolant, theta)
@@ -154,7 +154,7 @@ contains
   ! Stores the coefficients at a node.
   subroutine store_node(problem, x)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     integer :: before
     logical :: exists
 
@@ -168,7 +168,7 @@ contains
   ! Evaluates the solution at a fraction theta of the step.
   subroutine point_at(problem, x, theta, y)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(out) :: y(:)
 

@@ -20,15 +20,18 @@ contains
 
   ! Tells whether all numbers are finite. With ieee_is_finite every procedure that uses its module
   ! would save and restore the floating-point state.
-  pure logical function finite(x)
-    real(wp), contiguous, intent(in) :: x(:)
-
+  pure logical function finite(n, x)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x(n)
+    real(wp) :: sum                          ! of a small part of each, which doesn't overflow
     integer :: i
 
-    finite = .true.
-    do i = 1, size(x)                        ! without a branch at each
-      finite = finite .and. abs(x(i)) <= huge(x)
+    sum = 0.0_wp
+    do i = 1, n
+      sum = sum + epsilon(x) * abs(x(i))
     end do
+    finite = sum <= epsilon(x) * huge(x)
+    if (.not. finite) finite = all(abs(x) <= huge(x))
   end function finite
 
   ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, since array
@@ -54,26 +57,13 @@ contains
     end do
   end subroutine combine
 
-  ! A weighted sum of at least one of the columns of a matrix. Halves of six entries are summed
-  ! apart, since pairs across them would wait for entries that a function has just written.
+  ! A weighted sum of at least one of the columns of a matrix
   pure subroutine combine_columns(m, n, weight, column, k, sum)
     integer, intent(in) :: m, n, column(n)
     real(wp), intent(in) :: weight(n), k(m, *)
     real(wp), intent(out) :: sum(m)
-    real(wp) :: one(3), other(3)
     integer :: j
 
-    if (m == 6) then
-      one = weight(1) * k(1:3, column(1))
-      other = weight(1) * k(4:6, column(1))
-      do j = 2, n
-        one = one + weight(j) * k(1:3, column(j))
-        other = other + weight(j) * k(4:6, column(j))
-      end do
-      sum(1:3) = one
-      sum(4:6) = other
-      return
-    end if
     sum = weight(1) * k(1:m, column(1))
     do j = 2, n
       sum = sum + weight(j) * k(1:m, column(j))
