@@ -60,25 +60,21 @@ contains
     end do
   end subroutine combine_flows
 
-  ! Combines six coefficients, each half apart, since pairs across them would wait for numbers that a
-  ! function has just written.
+  ! Combines six coefficients.
   pure subroutine combine_six(terms, weight, stage, f, v)
     integer, intent(in) :: terms
     real(wp), intent(in) :: weight(terms)
     integer, intent(in) :: stage(terms)
     real(wp), intent(in) :: f(6, *)
     real(wp), intent(out) :: v(6)
-    real(wp) :: one(3), other(3)
+    real(wp) :: six(6)
     integer :: k
 
-    one = weight(1) * f(1:3, stage(1))
-    other = weight(1) * f(4:6, stage(1))
+    six = weight(1) * f(:, stage(1))
     do k = 2, terms
-      one = one + weight(k) * f(1:3, stage(k))
-      other = other + weight(k) * f(4:6, stage(k))
+      six = six + weight(k) * f(:, stage(k))
     end do
-    v(1:3) = one
-    v(4:6) = other
+    v = six
   end subroutine combine_six
 
 end module blocks_m

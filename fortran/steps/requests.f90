@@ -41,7 +41,7 @@ contains
 
   ! Requests the coefficients at a point, for the phase `next`. A field computes them from the point
   ! itself, whose entries are restored if it overwrites them: it would wait for those of a copy.
-  subroutine request(problem, x, t, y, next, f)
+  subroutine request(problem, x, t, y, next, f, y_is_used)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
@@ -49,13 +49,20 @@ contains
     integer, intent(in) :: next                        ! phase
     ! where a field's coefficients go instead of x%request%received
     real(wp), optional, intent(inout) :: f(problem%frame%dimension)
+    logical, optional, intent(in) :: y_is_used         ! whether other paths start there
+    logical :: guarded
 
+    guarded = .not. associated(problem%field) .or. problem%frame%forces > 0
+    if (.not. guarded) then
+      guarded = .true.
+      if (present(y_is_used)) guarded = y_is_used
+    end if
     x%request%t = t
     if (size(problem%stops) > 1) x%request%t = within_segment(problem, x, t)
     x%phase = next
     x%status = needs_field
     x%counts%nfev = x%counts%nfev + 1
-    call copy(size(y), y, x%request%y)
+    if (guarded) call copy(size(y), y, x%request%y)
     if (.not. associated(problem%field)) return
     problem%field%member = x%member
     if (present(f)) then
@@ -64,7 +71,9 @@ contains
       call evaluate(problem%field, size(y), problem%frame%dimension, x%request%t, y, &
                     x%request%received, x%request%flag)
     end if
-    if (differ(size(y), y, x%request%y)) call copy(size(y), x%request%y, y)
+    if (guarded) then
+      if (differ(size(y), y, x%request%y)) call copy(size(y), x%request%y, y)
+    end if
     if (present(f)) then
       call check_coefficients(problem, x, y, f)
     else

@@ -64,7 +64,8 @@ contains
           call request(problem, x, t, x%y(:, path), phase_stage_received)
         else
           call follow_paths(problem, x, path)
-          call request(problem, x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage))
+          call request(problem, x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), &
+                       method%goes_on(path))
         end if
       end associate
     end associate
