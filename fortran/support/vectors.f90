@@ -23,15 +23,8 @@ contains
   pure logical function finite(n, x)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
-    real(wp) :: sum                          ! of a small part of each, which doesn't overflow
-    integer :: i
 
-    sum = 0.0_wp
-    do i = 1, n
-      sum = sum + epsilon(x) * abs(x(i))
-    end do
-    finite = sum <= epsilon(x) * huge(x)
-    if (.not. finite) finite = all(abs(x) <= huge(x))
+    finite = all(abs(x) <= huge(x))
   end function finite
 
   ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, since array
