@@ -15,9 +15,10 @@ module rotations_m
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))       ! its square doesn't underflow
   ! Taylor's coefficients of sin(x) / x and of cos(x), powers of x**2 from the first one. The next
   ! ones don't count up to the largest square.
-  integer :: i
-  real(wp), parameter :: sines(8) = [((-1.0_wp)**i / gamma(real(2 * i + 2, wp)), i = 1, 8)]
-  real(wp), parameter :: cosines(8) = [((-1.0_wp)**i / gamma(real(2 * i + 1, wp)), i = 1, 8)]
+  integer :: term
+  real(wp), parameter :: sines(8) = [((-1.0_wp)**term / gamma(real(2 * term + 2, wp)), term = 1, 8)]
+  real(wp), parameter :: cosines(8) = [((-1.0_wp)**term / gamma(real(2 * term + 1, wp)), &
+                                        term = 1, 8)]
   real(wp), parameter :: max_square = 0.64_wp
 
 contains

@@ -214,14 +214,14 @@ contains
       x%phase = phase_decide_step
       if (problem%adaptive) then
         x%error = huge(1.0_wp)
-        if (finite(problem%frame%point_size, x%y(:, x%result))) call estimate_error(problem, x)
+        if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(problem, x)
         if (method%collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
             .and. (x%control%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
           call request_error(problem, x)
         else
           call share_error(problem, x)
         end if
-      else if (.not. finite(problem%frame%point_size, x%y(:, x%result))) then
+      else if (.not. finite(size(x%y, 1), x%y(:, x%result))) then
         call fail(x, solution_not_finite, x%t_end)
       end if
     end associate

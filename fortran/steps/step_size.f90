@@ -192,7 +192,8 @@ contains
       ! splitting methods that begin with a drift need no force at the start
       if (problem%method%splitting .and. .not. x%last%kept .and. abs(problem%method%c(1)) > 0) &
         return
-      if (.not. x%slope_known) call request(problem, x, x%t, x%y(:, 0), phase_start_received, x%slope)
+      if (.not. x%slope_known) &
+        call request(problem, x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step
 
