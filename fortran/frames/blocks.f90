@@ -60,21 +60,18 @@ contains
     end do
   end subroutine combine_flows
 
-  ! Combines six coefficients.
   pure subroutine combine_six(terms, weight, stage, f, v)
-    integer, intent(in) :: terms
-    real(wp), intent(in) :: weight(terms)
-    integer, intent(in) :: stage(terms)
-    real(wp), intent(in) :: f(6, *)
+    integer, intent(in) :: terms, stage(terms)
+    real(wp), intent(in) :: weight(terms), f(6, *)
     real(wp), intent(out) :: v(6)
-    real(wp) :: six(6)
+    real(wp) :: sum(6)
     integer :: k
 
-    six = weight(1) * f(:, stage(1))
+    sum = weight(1) * f(:, stage(1))
     do k = 2, terms
-      six = six + weight(k) * f(:, stage(k))
+      sum = sum + weight(k) * f(:, stage(k))
     end do
-    v = six
+    v = sum
   end subroutine combine_six
 
 end module blocks_m

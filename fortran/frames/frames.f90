@@ -18,7 +18,7 @@ module frames_m
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, apply_flows, complete_coefficients, distance_bound, flow_along, make_frame, &
+  public :: frame_t, apply_flows, complete_coefficients, distance_bound, make_frame, &
             restore, turn
 
   type :: frame_t
@@ -145,15 +145,6 @@ contains
       end associate
     end do
   end subroutine complete_coefficients
-
-  ! Moves y along the time-1 flow of the field with coefficients v.
-  subroutine flow_along(frame, v, y)
-    type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: v(frame%dimension)
-    real(wp), intent(inout) :: y(frame%point_size)
-
-    call apply_flows(frame, 1, v, y)
-  end subroutine flow_along
 
   ! Moves y, or one block of it, along the time-1 flows of some fields, in their order. Flows of
   ! different blocks commute, so each block is moved along all of them at once.

@@ -88,7 +88,7 @@ contains
       case (phase_accepted)
         call examine_step(problem, x, output)
       case (phase_request_end)
-        call request(problem, x, x%t, x%y(:, 0), phase_end_received)
+        call request(problem, x, x%t, x%y(:, 0), phase_end_received, x%request%received)
       case (phase_begin_received)
         call store_begin(problem, x)
       case (phase_end_received)

@@ -11,7 +11,7 @@ module requests_m
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
   use vector_field_m, only: evaluate
-  use vectors_m, only: copy, differ, finite
+  use vectors_m, only: copy, finite
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, reject_stage, request, &
@@ -47,38 +47,27 @@ contains
     real(wp), intent(in) :: t
     real(wp), intent(inout) :: y(problem%frame%point_size)
     integer, intent(in) :: next                        ! phase
-    ! where a field's coefficients go instead of x%request%received
-    real(wp), optional, intent(inout) :: f(problem%frame%dimension)
+    ! where a field's coefficients go, other answers go to x%request%received
+    real(wp), intent(inout) :: f(problem%frame%dimension)
     logical, optional, intent(in) :: y_is_used         ! whether other paths start there
     logical :: guarded
 
-    guarded = .not. associated(problem%field) .or. problem%frame%forces > 0
-    if (.not. guarded) then
-      guarded = .true.
-      if (present(y_is_used)) guarded = y_is_used
-    end if
     x%request%t = t
     if (size(problem%stops) > 1) x%request%t = within_segment(problem, x, t)
     x%phase = next
     x%status = needs_field
     x%counts%nfev = x%counts%nfev + 1
+    guarded = .true.
+    if (present(y_is_used)) guarded = y_is_used .or. problem%frame%forces > 0 &
+                                      .or. .not. associated(problem%field)
     if (guarded) call copy(size(y), y, x%request%y)
     if (.not. associated(problem%field)) return
     problem%field%member = x%member
-    if (present(f)) then
-      call evaluate(problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
-    else
-      call evaluate(problem%field, size(y), problem%frame%dimension, x%request%t, y, &
-                    x%request%received, x%request%flag)
-    end if
+    call evaluate(problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
     if (guarded) then
-      if (differ(size(y), y, x%request%y)) call copy(size(y), x%request%y, y)
+      if (.not. all(abs(y - x%request%y) <= 0)) call copy(size(y), x%request%y, y)
     end if
-    if (present(f)) then
-      call check_coefficients(problem, x, y, f)
-    else
-      call check_coefficients(problem, x, y, x%request%received)
-    end if
+    call check_coefficients(problem, x, y, f)
   end subroutine request
 
   ! Checks the answer to a request: finite coefficients go to the next phase, others are a failure.

@@ -9,7 +9,7 @@ module step_m
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
                           max_suspicion, rejected_size, suspected_error
   use error_estimate_m, only: estimate_error
-  use frames_m, only: apply_flows, flow_along, restore
+  use frames_m, only: apply_flows, restore
   use free_motion_m, only: move_by_kicks
   use implicit_m, only: prepare_stage, store_value
   use method_m, only: method_t
@@ -61,7 +61,7 @@ contains
       associate (t => x%t + method%c(x%stage) * x%h)
         if (method%two_registers .or. method%implicit) then
           if (method%implicit) call follow_paths(problem, x, path)
-          call request(problem, x, t, x%y(:, path), phase_stage_received)
+          call request(problem, x, t, x%y(:, path), phase_stage_received, x%request%received)
         else
           call follow_paths(problem, x, path)
           call request(problem, x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), &
@@ -91,7 +91,7 @@ contains
       times = within_segment(problem, x, x%t + method%c(x%stage:stages(problem)) * x%h)
       members = real(x%member - 1, wp)
       call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer)
-      if (.not. finite(size(answer), answer)) then                   ! Python has raised an exception
+      if (.not. finite(size(answer), answer)) then     ! Python has raised an exception
         call fail(x, raised, x%t)
         return
       end if
@@ -159,7 +159,7 @@ contains
         call copy(frame%point_size, x%y(:, method%origin(i)), x%y(:, i))
         if (method%on_algebra) then
           call combine_coordinates(method, i, x)
-          call flow_along(frame, x%u, x%y(:, i))
+          call apply_flows(frame, 1, x%u, x%y(:, i))
         else if (method%splitting) then
           call move_by_kicks(frame, x%flows, x%h * method%drift, method%path_first(i), &
                              method%path_first(i + 1) - 1, x%f, x%y(:, i))
@@ -194,7 +194,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
-    call flow_along(problem%frame, x%u, x%y(:, 1))
+    call apply_flows(problem%frame, 1, x%u, x%y(:, 1))
     call restore(problem%frame, x%y(:, 1))
     x%counts%nexp = x%counts%nexp + 1
   end subroutine advance_register
@@ -237,9 +237,9 @@ contains
 
     y = x%y(:, 0)
     x%u = -x%u
-    call flow_along(problem%frame, x%u, y)
+    call apply_flows(problem%frame, 1, x%u, y)
     x%counts%nexp = x%counts%nexp + 1
-    call request(problem, x, x%t, y, phase_error_received)
+    call request(problem, x, x%t, y, phase_error_received, x%request%received)
   end subroutine request_error
 
   ! Stores these coefficients and estimates the error again.

@@ -1,20 +1,9 @@
 ! Vectors of real numbers
 module vectors_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_int, c_size_t
   use kinds, only: wp
   implicit none
   private
-  public :: combine, combine_columns, copy, differ, finite
-
-  interface
-
-    integer(c_int) function memcmp(a, b, bytes) bind(c)
-      import :: c_double, c_int, c_size_t
-      real(c_double), intent(in) :: a(*), b(*)
-      integer(c_size_t), value, intent(in) :: bytes
-    end function memcmp
-
-  end interface
+  public :: combine, combine_columns, copy, finite
 
 contains
 
@@ -62,14 +51,6 @@ contains
       sum = sum + weight(j) * k(1:m, column(j))
     end do
   end subroutine combine_columns
-
-  ! Whether two vectors differ in any bit.
-  logical function differ(n, a, b)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: a(n), b(n)
-
-    differ = memcmp(a, b, 8 * int(n, c_size_t)) /= 0
-  end function differ
 
   ! Copies a vector. In a procedure of its own the compiler knows that two columns of an array don't
   ! overlap.
