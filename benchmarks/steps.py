@@ -29,9 +29,10 @@ TITLE = "Steps against C"
 def method_text(rounds: int) -> str:
     """Return how steps are measured."""
     return (
-        "The loop in C is `benchmarks/steps.c`, compiled by gcc -O3 like the package. It performs "
-        "the same arithmetic bit for bit, calls `f` by a pointer to a function of another library, "
-        f"and does nothing else. The heavy top takes {_STEPS['C']} steps of {_H:g} and stores the "
+        "The loop in C is `benchmarks/steps.c`, compiled by gcc -O3 like the package. It "
+        "multiplies the same quaternions, with the sine and cosine of the C library where the "
+        "package has series for small angles, calls `f` by a pointer to a function of another "
+        f"library, and does nothing else. The heavy top takes {_STEPS['C']} steps of {_H:g} and stores the "
         f"last point, medians of {rounds} rounds; each of the bodies, with its own attitude and "
         f"momentum, takes {_MEMBER_STEPS} steps and stores the end, one core, medians of 3 rounds. "
         "Lielab calls `f` in Python."
