@@ -36,7 +36,7 @@ from cg.support.parallel import single_threads
 from cg.support.shared_numbers import Stop
 
 _MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
-_STATUS = {int(Stop.FINISHED): 0, int(Stop.TERMINAL_EVENT): 1}
+_FINISHED = int(Stop.FINISHED)
 
 
 @expand_options
@@ -196,17 +196,15 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
         capacity = steps // problem.every + len(problem.stops) + 2
     run = Run(problem, y=y, observed=observed, capacity=capacity)
     drive(run, watch.update if watch is not None and watch.function is not None else None)
-    stops = run.status.tolist()
-    messages = {}
-    for member, stop in enumerate(stops):
-        if stop == Stop.FINISHED:
-            continue
+    messages, status = {}, np.zeros(members, dtype=np.int64)
+    for member in [k for k, stop in enumerate(run.status.tolist()) if stop != _FINISHED]:
         failure = explain_failure(run, member)
         if isinstance(failure, Exception) and (
             not problem.many or isinstance(failure, MemoryError)
         ):
             raise failure
         messages[member] = TERMINAL_EVENT if failure is None else f"{failure}".removesuffix(".")
+        status[member] = 1 if run.status[member] == Stop.TERMINAL_EVENT else -1
     if times is None:
         times, y, observed = run.steps()
     shape = len(times), members
@@ -214,8 +212,7 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     if observed is not None and problem.observer is not None:
         observed = observed.reshape(*shape, *problem.observer.shape)
     return MemberResults(
-        times, points, observed, run.reached,
-        np.array([_STATUS.get(stop, -1) for stop in stops]), run.counts, messages,
+        times, points, observed, run.reached, status, run.counts, messages,
         run.interpolants() if problem.dense else None,
         None if problem.events is None else run.events(), find_mistakes(run),
     )  # fmt: skip

@@ -59,9 +59,9 @@ class Results:
             if not problem.keeps_points:
                 y, observed = None, self.out
             elif y is None:
-                y = np.full((len(t), *self._shape), math.nan, dtype=problem.plan.frame.dtype)
+                y = np.empty((len(t), *self._shape), dtype=problem.plan.frame.dtype)
             if observer is not None and observed is None:
-                observed = np.full((len(t), members, *observer.shape), math.nan)
+                observed = np.empty((len(t), members, *observer.shape))
             counts = np.zeros((members, len(COUNTS)), dtype=np.int64)
             status = np.full(members, -1)
             reached = np.full(members, problem.t0)
@@ -111,8 +111,9 @@ class Results:
         """Add the message of members whose worker died."""
         joint = self.joint()
         joint.messages.update((k, message) for k in range(members.start, members.stop))
-        if self.out is not None:
-            self.out[:, members] = math.nan
+        for array in (joint.y, joint.observed):
+            if array is not None:
+                array[:, members] = math.nan
 
     def solution(self) -> EnsembleSolution:
         """Return the solution of all members."""

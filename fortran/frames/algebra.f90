@@ -82,21 +82,29 @@ contains
   end subroutine dexpinv
 
   ! For rotations the bracket is the cross product times the sign, and ad^3 = -|u|^2 ad gives a
-  ! closed form. At small angles 1 - x cot x is rounding, which is small relative to v.
+  ! closed form. Parts of its series don't wait for each other.
   pure subroutine dexpinv_rotation(sign, u, v, exists)
     real(wp), intent(in) :: sign
     real(wp), intent(in) :: u(3)
     real(wp), intent(inout) :: v(3)
     logical, intent(inout) :: exists
-    real(wp) :: half, once(3), factor
+    real(wp) :: square, fourth, half, once(3), factor
 
-    half = max(sqrt(u(1)**2 + u(2)**2 + u(3)**2) / 2, smallest)
+    square = u(1)**2 + u(2)**2 + u(3)**2
     once = cross(u, v)
-    if (2 * half >= radius) then
+    if (square >= radius**2) then
       if (.not. norm2(once) <= commute * norm2(u) * norm2(v)) exists = .false.
       return
     end if
-    factor = (1 - half * cos(half) / sin(half)) / (4 * half**2)
+    if (square < series_below) then
+      fourth = square**2
+      factor = (b11(1) + b11(2) * square) + (b11(3) + b11(4) * square) * fourth &
+               + ((b11(5) + b11(6) * square) + (b11(7) + b11(8) * square) * fourth) * fourth**2 &
+               + ((b11(9) + b11(10) * square) + b11(11) * fourth) * fourth**4
+    else
+      half = sqrt(square) / 2
+      factor = (1 - half * cos(half) / sin(half)) / square
+    end if
     v = v - (sign / 2) * once + factor * cross(u, once)
   end subroutine dexpinv_rotation
 

@@ -3,9 +3,10 @@ module blocks_m
   use kinds, only: wp
   use linear_action_m, only: linear_action_t
   use rigid_body_m, only: top_t
+  use vectors_m, only: combine_columns
   implicit none
   private
-  public :: block_t, body_t, flow_sequence_t
+  public :: block_t, body_t, combine_flows, flow_sequence_t
 
   type :: block_t
     integer :: kind = 0
@@ -37,5 +38,40 @@ module blocks_m
     real(wp), allocatable :: weight(:)       ! (terms)
     integer, allocatable :: stage(:)         ! (terms)
   end type flow_sequence_t
+
+contains
+
+  ! Computes the coefficients of some flows from those of the fields.
+  pure subroutine combine_flows(flows, begin, last, m, f, v)
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: begin, last, m
+    real(wp), intent(in) :: f(m, *)
+    real(wp), intent(out) :: v(m, begin:last)
+    integer :: j
+
+    do j = begin, last
+      associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
+        if (m == 6) then                     ! the most frequent size
+          call combine_six(terms, flows%weight(k), flows%stage(k), f, v(1, j))
+        else
+          call combine_columns(m, terms, flows%weight(k), flows%stage(k), f, v(1, j))
+        end if
+      end associate
+    end do
+  end subroutine combine_flows
+
+  pure subroutine combine_six(terms, weight, stage, f, v)
+    integer, intent(in) :: terms, stage(terms)
+    real(wp), intent(in) :: weight(terms), f(6, *)
+    real(wp), intent(out) :: v(6)
+    real(wp) :: sum(6)
+    integer :: k
+
+    sum = weight(1) * f(:, stage(1))
+    do k = 2, terms
+      sum = sum + weight(k) * f(:, stage(k))
+    end do
+    v = sum
+  end subroutine combine_six
 
 end module blocks_m

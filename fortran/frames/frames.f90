@@ -6,7 +6,7 @@ module frames_m
                             linear_action_block, polynomial, quaternion_block, &
                             restore_operation, scalar_first, se3_block, so3_block, so_block, &
                             space_axes, sphere_block, stiefel_block, su2_block, su_block, u_block
-  use blocks_m, only: block_t, body_t, flow_sequence_t
+  use blocks_m, only: block_t, body_t
   use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
   use linear_action_m, only: make_linear_action, move_linearly
@@ -18,16 +18,16 @@ module frames_m
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
   private
-  public :: frame_t, apply_flows, complete_coefficients, distance_bound, flow_along, make_frame, &
-            move_block, restore, turn
+  public :: frame_t, apply_flows, complete_coefficients, distance_bound, make_frame, &
+            restore, turn
 
   type :: frame_t
     integer :: dimension = 0
     integer :: point_size = 0
+    logical :: ambient = .false.             ! whether coefficients have to be completed
     real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
     type(callback_t), pointer :: callback => null()
-    type(flow_sequence_t) :: single          ! one flow along one field with weight 1
     ! of a mechanical system, the number of momenta, the last coefficients and entries of a point;
     ! right-hand sides give as many forces
     integer :: forces = 0
@@ -44,7 +44,6 @@ contains
     integer :: i, length, used
 
     frame%constants = constants
-    frame%single = flow_sequence_t(first=[1, 2], weight=[1.0_wp], stage=[1])
     allocate (frame%blocks(size(description, 2)))
     used = 0
     do i = 1, size(frame%blocks)
@@ -81,6 +80,7 @@ contains
           if (block%kind == isospectral_block) used = used + block%n
         case (stiefel_block)
           block%k = nint(constants(used + 1))
+          frame%ambient = .true.
           used = used + 1
           block%dimension = block%n * block%k
           block%point_size = block%dimension
@@ -144,97 +144,65 @@ contains
     end do
   end subroutine complete_coefficients
 
-  ! Moves y along the time-1 flow of the field with coefficients v.
-  subroutine flow_along(frame, v, y)
+  ! Moves y, or one block of it, along the time-1 flows of some fields, in their order. Flows of
+  ! different blocks commute, so each block is moved along all of them at once.
+  subroutine apply_flows(frame, flows, v, y, only)
     type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: v(frame%dimension)
+    integer, intent(in) :: flows
+    real(wp), intent(in) :: v(frame%dimension, *)            ! (dimension, flows)
     real(wp), intent(inout) :: y(frame%point_size)
-
-    call apply_flows(frame, frame%single, 1, 1, v, y)
-  end subroutine flow_along
-
-  ! Moves y along some flows of a sequence, in their order. Flows of different blocks commute, so
-  ! each block is moved along all of them at once.
-  subroutine apply_flows(frame, flows, begin, last, f, y)
-    type(frame_t), intent(in) :: frame
-    type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: begin, last       ! flows; none if `last` is before `begin`
-    real(wp), intent(in) :: f(frame%dimension, *)            ! (dimension, stages) the fields
-    real(wp), intent(inout) :: y(frame%point_size)
+    integer, optional, intent(in) :: only    ! number of the block
     integer :: i
 
-    if (last < begin) return
+    if (flows < 1) return
     do i = 1, size(frame%blocks)
-      call move_block(frame, frame%blocks(i), flows, begin, last, f, y)
+      if (present(only)) then
+        if (i /= only) cycle
+      end if
+      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors + 1, &
+                 p => frame%blocks(i)%points + 1)
+        select case (block%kind)
+        case (euclidean_block)
+          call translate(block%n, flows, frame%dimension, v(k, 1), y(p))
+        case (se3_block)
+          call move_rigid_body(block, flows, frame%dimension, v(k, 1), y(p))
+        case (so_block, isospectral_block, su_block, u_block, stiefel_block, linear_action_block, &
+              callback_block)
+          call move_matrix(frame, block, flows, v(k, 1), y(p))
+        case default
+          call rotate(block, flows, frame%dimension, v(k, 1), y(p))
+        end select
+      end associate
     end do
   end subroutine apply_flows
 
-  ! Moves one block of a point along at least one flow.
-  subroutine move_block(frame, block, flows, begin, last, f, y)
-    type(frame_t), intent(in) :: frame
-    type(block_t), intent(in) :: block
-    type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: begin, last
-    real(wp), intent(in) :: f(frame%dimension, *)
-    real(wp), intent(inout) :: y(frame%point_size)
-    integer :: k
-
-    k = flows%first(begin)
-    associate (v => block%vectors, m => block%dimension, p => block%points)
-      select case (block%kind)
-      case (euclidean_block)
-        call translate(m, flows%first(last + 1) - k, flows%weight(k), flows%stage(k), &
-                       frame%dimension, f(v + 1, 1), y(p + 1))
-      case (se3_block)
-        call move_rigid_body(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
-      case (so_block, isospectral_block, su_block, u_block, stiefel_block, linear_action_block, &
-            callback_block)
-        call move_matrix(frame, block, flows, begin, last, f(v + 1, 1), y(p + 1))
-      case default
-        call rotate(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
-      end select
-    end associate
-  end subroutine move_block
-
-  ! Adds all terms of all flows to a point of Euclidean space.
-  pure subroutine translate(n, terms, weight, stage, m, f, y)
-    integer, intent(in) :: n, terms
-    real(wp), intent(in) :: weight(terms)
-    integer, intent(in) :: stage(terms)
+  ! Adds all coefficients to a point of Euclidean space.
+  pure subroutine translate(n, flows, m, v, y)
+    integer, intent(in) :: n, flows
     integer, intent(in) :: m                 ! coefficients of the frame
-    real(wp), intent(in) :: f(m, *)
+    real(wp), intent(in) :: v(m, *)
     real(wp), intent(inout) :: y(n)
-    integer :: k
+    integer :: j
 
-    if (n == 3) then                         ! a size that the compiler knows
-      do k = 1, terms
-        y(1:3) = y(1:3) + weight(k) * f(1:3, stage(k))
-      end do
-    else
-      do k = 1, terms
-        y = y + weight(k) * f(1:n, stage(k))
-      end do
-    end if
+    do j = 1, flows
+      if (n == 3) then                       ! a size that the compiler knows
+        y(1:3) = y(1:3) + v(1:3, j)
+      else
+        y = y + v(1:n, j)
+      end if
+    end do
   end subroutine translate
 
   ! Moves a matrix of any size, or a point whose flows are outside of compiled code.
-  subroutine move_matrix(frame, block, flows, begin, last, f, y)
+  subroutine move_matrix(frame, block, flows, all_v, y)
     type(frame_t), intent(in) :: frame
     type(block_t), intent(in) :: block
-    type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: begin, last
-    real(wp), intent(in) :: f(frame%dimension, *)
+    integer, intent(in) :: flows
+    real(wp), intent(in) :: all_v(frame%dimension, *)
     real(wp), intent(inout) :: y(block%point_size)
-    real(wp) :: v(block%dimension, begin:last)               ! coefficients of each flow
-    integer :: j, k
+    real(wp) :: v(block%dimension, flows)
 
-    do j = begin, last
-      k = flows%first(j)
-      v(:, j) = flows%weight(k) * f(:block%dimension, flows%stage(k))
-      do k = k + 1, flows%first(j + 1) - 1
-        v(:, j) = v(:, j) + flows%weight(k) * f(:block%dimension, flows%stage(k))
-      end do
-    end do
+    v = all_v(:block%dimension, :flows)
     select case (block%kind)
     case (so_block)
       call move_orthogonal(block%n, block%space, v, y)

@@ -4,7 +4,7 @@
 module free_motion_m
   use kinds, only: wp
   use blocks_m, only: body_t, flow_sequence_t
-  use frames_m, only: frame_t, move_block
+  use frames_m, only: frame_t, apply_flows
   use rigid_body_m, only: make_top, turn_freely
   use rotations_m, only: turn_point
   use shared_numbers, only: sphere_block
@@ -133,7 +133,7 @@ contains
             call turn_point(block, q, point)
           else
             own = time * velocities(body, momentum)
-            call move_block(frame, block, frame%single, 1, 1, v, y)
+            call apply_flows(frame, 1, v, y, i)
             if (block%kind == sphere_block) call make_tangential(point, momentum)
           end if
         end associate

@@ -4,7 +4,7 @@
 ! matrices, and one rotation then moves the point.
 module rotations_m
   use kinds, only: wp
-  use blocks_m, only: block_t, flow_sequence_t
+  use blocks_m, only: block_t
   use shared_numbers, only: quaternion_block, so3_block, sphere_block, su2_block
   implicit none
   ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
@@ -12,37 +12,34 @@ module rotations_m
   public :: get_quaternion, move_rigid_body, orthogonalise, rotate, rotation_bound, &
             set_quaternion, turn_point
 
-  ! Its square doesn't underflow, and sin(x) / x is exactly 1 there.
-  real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))
+  real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))       ! its square doesn't underflow
+  ! Taylor's coefficients of sin(x) / x and of cos(x), powers of x**2 from the first one. The next
+  ! ones don't count up to the largest square.
+  integer :: term
+  real(wp), parameter :: sines(8) = [((-1.0_wp)**term / gamma(real(2 * term + 2, wp)), term = 1, 8)]
+  real(wp), parameter :: cosines(8) = [((-1.0_wp)**term / gamma(real(2 * term + 1, wp)), &
+                                        term = 1, 8)]
+  real(wp), parameter :: max_square = 0.64_wp
 
 contains
 
   ! Rotates a point by the product of the rotations of all flows, a quaternion of length 1 up to
   ! rounding.
-  subroutine rotate(block, flows, begin, last, m, f, y)
+  subroutine rotate(block, flows, m, v, y)
     type(block_t), intent(in) :: block
-    type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: begin, last, m    ! m: coefficients of the frame
-    real(wp), intent(in) :: f(m, *)
+    integer, intent(in) :: flows
+    integer, intent(in) :: m                 ! coefficients of the frame
+    real(wp), intent(in) :: v(m, *)          ! of which the first three are used
     real(wp), intent(inout) :: y(block%point_size)
-    real(wp) :: q(4), e(4), half, sinc, side
-    integer :: j, k
+    real(wp) :: q(4), e(4), sinc, side
+    integer :: j
 
     side = merge(1.0_wp, -1.0_wp, block%space .or. block%kind == sphere_block)
-    do j = begin, last
-      k = flows%first(j)
-      call exponential(combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f), e, &
-                       half, sinc)
-      if (j == begin) then
-        q(1) = e(1)            ! one by one: loads of pairs would wait for the stores
-        q(2) = e(2)
-        q(3) = e(3)
-        q(4) = e(4)
-      else
-        call multiply(side, e, q(1), q(2), q(3), q(4))
-      end if
+    call exponential(v(1:3, 1), q, sinc)
+    do j = 2, flows
+      call exponential(v(1:3, j), e, sinc)
+      call multiply(side, e, q(1), q(2), q(3), q(4))
     end do
-
     call turn_point(block, q, y)
   end subroutine rotate
 
@@ -72,46 +69,31 @@ contains
     end select
   end subroutine turn_point
 
-  ! The first three coefficients of a flow
-  pure function combined(terms, weight, stage, m, f)
-    integer, intent(in) :: terms, m
-    real(wp), intent(in) :: weight(terms)
-    integer, intent(in) :: stage(terms)
-    real(wp), intent(in) :: f(m, *)
-    real(wp) :: combined(3)
-    integer :: k
-
-    combined = weight(1) * f(1:3, stage(1))
-    do k = 2, terms
-      combined = combined + weight(k) * f(1:3, stage(k))
-    end do
-  end function combined
-
   ! Moves a rigid motion (R, x), y -> R y + x, or one with several vectors x; the coefficients are a
   ! rotation vector and as many velocities. One flow's motion is (exp hat v, V u), where V is the
   ! mean of exp(s hat v) over s from 0 to 1: V u = a u + (1 - a) n (n . u) + b n x u with v = angle
   ! n, a = sin(angle) / angle and b = (1 - cos(angle)) / angle. Along the unit vector n nothing
   ! cancels that isn't small beside u.
-  subroutine move_rigid_body(block, flows, begin, last, m, f, y)
+  subroutine move_rigid_body(block, flows, m, all_v, y)
     type(block_t), intent(in) :: block
-    type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: begin, last, m    ! m: coefficients of the frame
-    real(wp), intent(in) :: f(m, *)
+    integer, intent(in) :: flows
+    integer, intent(in) :: m                 ! coefficients of the frame
+    real(wp), intent(in) :: all_v(m, *)      ! of which the first 3 + 3 k are used
     real(wp), intent(inout) :: y(3 + block%k, 3)     ! rows, of R and of x
     real(wp) :: q(4), e(4), x(3, block%k), u(3), v(3), n(3), half, sinc, a, b
-    integer :: i, j, k
+    integer :: i, j
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
     x = 0.0_wp
-    do j = begin, last
-      k = flows%first(j)
-      v = combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f)
-      call exponential(v, e, half, sinc)
+    do j = 1, flows
+      v = all_v(1:3, j)
+      call exponential(v, e, sinc)
+      half = max(norm2(v) / 2, smallest)
       n = v / (2 * half)
       a = sinc * e(4)
       b = half * sinc**2
       do i = 1, block%k
-        u = combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f(3 * i + 1, 1))
+        u = all_v(3 * i + 1:3 * i + 3, j)
         u = a * u + (1 - a) * dot_product(n, u) * n + b * cross(n, u)
         if (block%space) then
           call rotate_vector(e, x(:, i))
@@ -196,19 +178,36 @@ contains
     end do
   end function rotation_bound
 
-  ! The unit quaternion (vector part, scalar part) of the rotation vector v. The quotient sin(x) / x
-  ! is accurate to one or two roundings at every x, so that no series is needed near zero.
-  pure subroutine exponential(v, e, half, sinc)
+  ! The unit quaternion (vector part, scalar part) of the rotation vector v, and sin(half) / half of
+  ! half its angle. Where Taylor's series need few terms, they take a third of the time of a root, a
+  ! quotient and the functions of the library, one of which waits for the other.
+  pure subroutine exponential(v, e, sinc)
     real(wp), intent(in) :: v(3)
     real(wp), intent(out) :: e(4)
-    real(wp), intent(out) :: half    ! of the angle
-    real(wp), intent(out) :: sinc    ! sin(half) / half
+    real(wp), intent(out) :: sinc
+    real(wp) :: square, half
 
-    half = max(sqrt(v(1)**2 + v(2)**2 + v(3)**2) / 2, smallest)
-    sinc = sin(half) / half
+    square = (v(1)**2 + v(2)**2 + v(3)**2) / 4
+    if (square <= max_square) then
+      sinc = 1 + square * polynomial(sines, square)
+      e(4) = 1 + square * polynomial(cosines, square)
+    else
+      half = sqrt(square)
+      sinc = sin(half) / half
+      e(4) = cos(half)
+    end if
     e(1:3) = (sinc / 2) * v
-    e(4) = cos(half)
   end subroutine exponential
+
+  ! A polynomial of degree seven, evaluated in parts that don't wait for each other
+  pure real(wp) function polynomial(c, x)
+    real(wp), intent(in) :: c(8), x
+    real(wp) :: square
+
+    square = x**2
+    polynomial = (c(1) + c(2) * x) + (c(3) + c(4) * x) * square &
+                 + ((c(5) + c(6) * x) + (c(7) + c(8) * x) * square) * square**2
+  end function polynomial
 
   ! The quaternion q = (x, y, z; w) becomes p q where the side is 1, q p where it is -1.
   pure subroutine multiply(side, p, x, y, z, w)

@@ -99,7 +99,6 @@ subroutine frame_move(blocks, description, numbers, constants, flows, fields, v,
                       points, y)
   !f2py threadsafe
   use kinds, only: wp
-  use blocks_m, only: flow_sequence_t
   use frames_m, only: apply_flows, frame_t, make_frame, restore
   implicit none
   integer, intent(in) :: blocks, numbers, flows, fields, points
@@ -109,12 +108,9 @@ subroutine frame_move(blocks, description, numbers, constants, flows, fields, v,
   logical, intent(in) :: restoring           ! whether to remove rounding off the manifold
   real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
   type(frame_t) :: frame
-  type(flow_sequence_t) :: sequence
   integer :: i
 
   call make_frame(description, constants, frame)
-  sequence = flow_sequence_t(first=[(i, i=1, flows + 1)], weight=[(1.0_wp, i=1, flows)], &
-                             stage=[(i, i=1, flows)])
   call move_all(frame%dimension, frame%point_size, points / frame%point_size, v, y)
 
 contains
@@ -125,7 +121,7 @@ contains
     real(wp), intent(inout) :: y(point_size, trajectories)
 
     do i = 1, trajectories
-      call apply_flows(frame, sequence, 1, flows, v(:, :, i), y(:, i))
+      call apply_flows(frame, flows, v(:, :, i), y(:, i))
       if (restoring) call restore(frame, y(:, i))
     end do
   end subroutine move_all

@@ -10,7 +10,7 @@ module variational_m
                                          c_null_ptr, c_ptr
   use coordinates_m, only: sizes
   use free_motion_m, only: add_free_motion, take_forces
-  use frames_m, only: flow_along
+  use frames_m, only: apply_flows
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
   use shared_numbers, only: variation_t
@@ -155,7 +155,7 @@ contains
         do side = 1, 2
           v(j) = merge(step(j), -step(j), side == 1)
           point = y
-          call flow_along(plan%frame, v, point)
+          call apply_flows(plan%frame, 1, v, point)
           values(:, side) = record%nan
           call evaluate_at(record%f, record%f_data, point, values(:, side))
           if (code /= 0) return

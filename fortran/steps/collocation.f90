@@ -6,7 +6,7 @@ module collocation_m
   use controller_m, only: max_iterations
   use coordinates_m, only: sizes
   use error_norm_m, only: norm, scales, tangent
-  use frames_m, only: flow_along
+  use frames_m, only: apply_flows
   use newton_m, only: correction, derivatives, factor, predict
   use requests_m, only: reject_stage, request
   use phases_m
@@ -55,10 +55,10 @@ contains
         x%stage = 2
       end if
       call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call flow_along(problem%frame, newton%z(:, x%stage - 1), x%y(:, x%result))
+      call apply_flows(problem%frame, 1, newton%z(:, x%stage - 1), x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
       call request(problem, x, x%t + method%c(x%stage) * x%h, x%y(:, x%result), &
-                   phase_stage_received)
+                   phase_stage_received, x%request%received)
     end associate
   end subroutine request_collocation
 
@@ -247,9 +247,9 @@ contains
       x%u = 0.0_wp
       x%u(column) = x%newton%z(column, 1)
       call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call flow_along(problem%frame, x%u, x%y(:, x%result))
+      call apply_flows(problem%frame, 1, x%u, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
-      call request(problem, x, x%t, x%y(:, x%result), phase_column_received)
+      call request(problem, x, x%t, x%y(:, x%result), phase_column_received, x%request%received)
     end associate
   end subroutine request_column
 

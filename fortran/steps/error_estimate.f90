@@ -16,7 +16,7 @@ module error_estimate_m
   use newton_m, only: filtered
   use node_difference_m, only: node_difference
   use trajectory_m, only: problem_t, trajectory_t
-  use vectors_m, only: finite
+  use vectors_m, only: combine, finite
   implicit none
   private
   public :: estimate_error
@@ -32,7 +32,7 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: x
     real(wp) :: errors(3), error, ratio
-    integer :: i, k, place, sums
+    integer :: i, place, sums
 
     associate (frame => problem%frame, tolerances => problem%tolerances, &
                method => problem%method, v => x%u)
@@ -40,16 +40,13 @@ contains
       errors = 0.0_wp
       sums = size(method%error, 2)
       if (method%embedded > 0) then
-        if (.not. finite(x%y(:, method%embedded))) return
+        if (.not. finite(frame%point_size, x%y(:, method%embedded))) return
         errors(1) = distance(problem, x, method%embedded)
         if (method%third > 0) errors(2) = distance(problem, x, method%third)
       end if
       x%path_of_u = 0
       do i = 1, sums
-        v = x%h * method%error(1, i) * x%f(:, 1)
-        do k = 2, size(x%f, 2)
-          v = v + x%h * method%error(k, i) * x%f(:, k)
-        end do
+        call combine(size(v), size(x%f, 2), x%h * method%error(:, i), x%f, v)
         if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         place = merge(2 + i - sums, 1 + 2 * (i - 1) / sums, method%embedded > 0)

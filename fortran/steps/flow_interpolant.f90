@@ -14,10 +14,10 @@
 ! is y, without a last flow.
 module flow_interpolant_m
   use kinds, only: wp
-  use blocks_m, only: flow_sequence_t
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t
   use shared_numbers, only: nearby_operation
+  use vectors_m, only: combine
   implicit none
   private
   public :: scheme_t, interpolant_t, add_flow_node, begin_flows, difference_nearby, follow_flows, &
@@ -53,7 +53,7 @@ module flow_interpolant_m
     real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
     ! workspace: coordinates (dimension), a point (point_size), weights (derivatives)
     real(wp), allocatable :: u(:), y(:), weight(:)
-    type(flow_sequence_t) :: flows           ! to a point, along the columns of `field`
+    real(wp), allocatable :: v(:, :)         ! (dimension, flows) of the flows to a point
     ! (dimension, columns) those of h phi_d; or coefficients at nodes, and of the last flow
     real(wp), allocatable :: field(:, :)
     ! (dimension, derivatives) or (dimension, nodes) coefficients at the nodes of the next one
@@ -76,9 +76,7 @@ contains
               interpolant%weight(max(1, size(scheme%basis, 1), size(scheme%basis, 2))), &
               interpolant%field(frame%dimension, scheme%columns), &
               interpolant%next(frame%dimension, max(scheme%nodes, size(scheme%basis, 1))), &
-              interpolant%flows%first(size(scheme%weight, 2) + 2), &
-              interpolant%flows%weight(size(scheme%weight, 2) * scheme%nodes + 1), &
-              interpolant%flows%stage(size(scheme%weight, 2) * scheme%nodes + 1), stat=memory)
+              interpolant%v(frame%dimension, size(scheme%weight, 2) + 1), stat=memory)
   end subroutine reserve_interpolant
 
   ! Gives an interpolant the ends of its step.
@@ -161,27 +159,21 @@ contains
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(inout) :: y(:)
     real(wp) :: basis(interpolant%known, size(scheme%c))
-    integer :: i, j, k
+    real(wp) :: w
+    integer :: i
 
-    associate (n => interpolant%known, last => size(scheme%weight, 2) + 1, &
-               flows => interpolant%flows)
+    associate (n => interpolant%known, last => size(scheme%weight, 2) + 1, v => interpolant%v)
       call lagrange(scheme, n, theta, interpolant%h, basis)
-      k = 0
       do i = 1, last - 1
-        flows%first(i) = k + 1
-        do j = 1, n
-          k = k + 1
-          flows%weight(k) = dot_product(basis(j, :), scheme%weight(:, i))
-          flows%stage(k) = j
-        end do
+        call combine(frame%dimension, n, matmul(basis, scheme%weight(:, i)), interpolant%field, &
+                     v(:, i))
       end do
-      flows%first(last:last + 1) = [k + 1, k + 2]
-      flows%weight(k + 1) = 0.0_wp                     ! w(theta)
+      w = 0.0_wp
       do i = n + 1, 0, -1
-        flows%weight(k + 1) = flows%weight(k + 1) * theta + scheme%blend(i, n)
+        w = w * theta + scheme%blend(i, n)
       end do
-      flows%stage(k + 1) = n + 1
-      call apply_flows(frame, flows, 1, last, interpolant%field, y)
+      v(:, last) = w * interpolant%field(:, n + 1)
+      call apply_flows(frame, last, v, y)
     end associate
   end subroutine follow_flows
 

@@ -14,7 +14,7 @@ module interpolant_m
   use algebra_m, only: dexpinv
   use flow_interpolant_m, only: add_flow_node, begin_flows, difference_nearby, follow_flows, &
                                 interpolant_t, scheme_t
-  use frames_m, only: flow_along, frame_t
+  use frames_m, only: apply_flows, frame_t
   use linear_action_m, only: inner_points_t
   use vectors_m, only: combine
   implicit none
@@ -107,7 +107,7 @@ contains
     u = interpolant%h * (interpolant%field(:, 1) + interpolant%field(:, 2)) / 2
     do i = 1, iterations
       y = interpolant%y0
-      call flow_along(frame, u, y)
+      call apply_flows(frame, 1, u, y)
       interpolant%nexp = interpolant%nexp + 1
       call difference_nearby(frame, y, interpolant%y1, v)
       call dexpinv(frame, scheme%series, u, v, exists)
@@ -162,7 +162,7 @@ contains
         call combine(frame%dimension, n, interpolant%weight, interpolant%next, interpolant%u)
       end associate
       interpolant%y(:) = interpolant%y0
-      call flow_along(frame, interpolant%u, interpolant%y)
+      call apply_flows(frame, 1, interpolant%u, interpolant%y)
     else
       theta = scheme%node(interpolant%node, interpolant%known + 1)
       call evaluate_interpolant(frame, scheme, interpolant, theta, interpolant%y)
@@ -219,7 +219,7 @@ contains
       end do
       call combine(frame%dimension, size(scheme%basis, 2), interpolant%weight, interpolant%field, &
                    interpolant%u)
-      call flow_along(frame, interpolant%u, y)
+      call apply_flows(frame, 1, interpolant%u, y)
     else
       call follow_flows(frame, scheme, interpolant, theta, y)
     end if

@@ -41,7 +41,7 @@ contains
 
     select case (x%status)
     case (needs_field)
-      call check_coefficients(problem, x, x%request%y)
+      call check_coefficients(problem, x, x%request%y, x%request%received)
     case (needs_minimum, needs_maximum, paused, buffer_full)
       x%status = finished
     end select
@@ -68,7 +68,7 @@ contains
           call choose_step(problem, x)
         end if
       case (phase_start_received)
-        x%slope(:) = x%request%received
+        if (.not. associated(problem%field)) x%slope(:) = x%request%received
         x%slope_known = .true.
         x%phase = phase_next_stage
         if (problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
@@ -88,7 +88,7 @@ contains
       case (phase_accepted)
         call examine_step(problem, x, output)
       case (phase_request_end)
-        call request(problem, x, x%t, x%y(:, 0), phase_end_received)
+        call request(problem, x, x%t, x%y(:, 0), phase_end_received, x%request%received)
       case (phase_begin_received)
         call store_begin(problem, x)
       case (phase_end_received)

@@ -24,6 +24,7 @@ module method_m
     integer :: embedded = 0                  ! the path to the second one of a pair
     integer :: third = 0                     ! the path to a third one, 0 if there is none
     logical, allocatable :: leads(:)         ! (0:paths) whether results are on or beyond it
+    logical, allocatable :: goes_on(:)       ! (0:paths) whether another path starts at its end
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     ! of a splitting method, whose flows are kicks, each followed by a drift, that is, free motion
     logical :: splitting = .false.
@@ -97,7 +98,9 @@ contains
     if (method%splitting) method%drift = reals(record%drifts, record%flows)
     method%polynomial = record%polynomial /= 0
     method%has_nodes = method%blocks == 0 .and. stages > 2 .and. all(method%stage_path == 0)
-    allocate (method%leads(0:size(method%origin)), source=.false.)
+    allocate (method%leads(0:size(method%origin)), method%goes_on(0:size(method%origin)), &
+              source=.false.)
+    method%goes_on([0, method%origin, method%result, method%embedded, method%third]) = .true.
     method%leads([method%result, method%embedded, method%third]) = .true.
     do k = size(method%origin), 1, -1
       if (method%leads(k)) method%leads(method%origin(k)) = .true.

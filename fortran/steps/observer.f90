@@ -3,7 +3,7 @@
 module observer_m
   use events_m, only: events_t
   use kinds, only: wp
-  use vector_field_m, only: vector_field_t
+  use vector_field_m, only: evaluate, vector_field_t
   implicit none
   private
   public :: observer_t
@@ -31,7 +31,7 @@ contains
     failed = .false.
     if (self%functions%count == 0) then
       self%field%member = member
-      call self%field%coefficients(size(y), self%count, t, y, values, flag)
+      call evaluate(self%field, size(y), self%count, t, y, values, flag)
       failed = flag /= 0
     end if
     do i = 1, self%functions%count

@@ -2,6 +2,7 @@
 ! Then the next step starts, at the end or after a jump.
 module record_m
   use kinds, only: wp
+  use blocks_m, only: combine_flows
   use controller_m, only: smallest_size
   use frames_m, only: apply_flows
   use interpolant_m, only: flows_of_evaluation
@@ -32,7 +33,7 @@ contains
   ! starts from its zero, the accurate interpolant is needed in any case.
   subroutine examine_step(problem, x, output)
     type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
+    type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
     x%counts%steps = x%counts%steps + 1
@@ -70,7 +71,7 @@ contains
   ! at the end of the step don't need it.
   subroutine detect_events(problem, x)
     type(problem_t), target, intent(in) :: problem
-    type(trajectory_t), target, intent(inout) :: x
+    type(trajectory_t), intent(inout) :: x
     logical :: stopped
 
     call find_zeros(problem, x, .true., stopped)
@@ -315,8 +316,11 @@ contains
       call prepare_inner(problem, x, output)
       x%outputs_done = x%outputs_done + 1
       end = x%y(:, 0)
-      call apply_flows(problem%frame, x%flows, method%path_first(method%result), &
-                       method%path_first(method%result + 1) - 1, x%f, end)
+      associate (first => method%path_first(method%result), &
+                 last => method%path_first(method%result + 1) - 1)
+        call combine_flows(x%flows, first, last, problem%frame%dimension, x%f, x%v)
+        call apply_flows(problem%frame, last - first + 1, x%v, end)
+      end associate
       x%counts%nexp = x%counts%nexp + 1
     end associate
   end subroutine prepare_next

@@ -10,7 +10,8 @@ module requests_m
                             raised_in_python, stage_not_finite, stopped_by_field
   use phases_m
   use trajectory_m, only: fail, problem_t, trajectory_t
-  use vectors_m, only: finite
+  use vector_field_m, only: evaluate
+  use vectors_m, only: copy, finite
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, reject_stage, request, &
@@ -38,48 +39,60 @@ contains
     end associate
   end function within_segment
 
-  ! Requests the coefficients at a point, for the phase `next`.
-  subroutine request(problem, x, t, y, next)
+  ! Requests the coefficients at a point, for the phase `next`. A field computes them from the point
+  ! itself, whose entries are restored if it overwrites them: it would wait for those of a copy.
+  subroutine request(problem, x, t, y, next, f, y_is_used)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), intent(inout) :: y(problem%frame%point_size)
     integer, intent(in) :: next                        ! phase
+    ! where a field's coefficients go, other answers go to x%request%received
+    real(wp), intent(inout) :: f(problem%frame%dimension)
+    logical, optional, intent(in) :: y_is_used         ! whether other paths start there
+    logical :: guarded
 
-    x%request%t = within_segment(problem, x, t)
+    x%request%t = t
+    if (size(problem%stops) > 1) x%request%t = within_segment(problem, x, t)
     x%phase = next
     x%status = needs_field
     x%counts%nfev = x%counts%nfev + 1
-    x%request%y(:) = y
+    guarded = .true.
+    if (present(y_is_used)) guarded = y_is_used .or. problem%frame%forces > 0 &
+                                      .or. .not. associated(problem%field)
+    if (guarded) call copy(size(y), y, x%request%y)
     if (.not. associated(problem%field)) return
     problem%field%member = x%member
-    call problem%field%coefficients(problem%frame%point_size, problem%frame%dimension, &
-                                    x%request%t, x%request%y, x%request%received, x%request%flag)
-    call check_coefficients(problem, x, y)
+    call evaluate(problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
+    if (guarded) then
+      if (.not. all(abs(y - x%request%y) <= 0)) call copy(size(y), x%request%y, y)
+    end if
+    call check_coefficients(problem, x, y, f)
   end subroutine request
 
   ! Checks the answer to a request: finite coefficients go to the next phase, others are a failure.
   ! Of mechanical systems the answer is forces; splitting methods take them alone.
-  subroutine check_coefficients(problem, x, y)
+  subroutine check_coefficients(problem, x, y, f)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: x
-    real(wp), contiguous, intent(in) :: y(:)           ! (point_size) where f was evaluated
+    real(wp), intent(in) :: y(problem%frame%point_size)      ! where f was evaluated
+    real(wp), intent(inout) :: f(problem%frame%dimension)    ! the answer
 
     if (x%request%flag == 0) then
       if (problem%frame%forces > 0) then
-        call take_forces(problem%frame, y, x%request%received)
+        call take_forces(problem%frame, y, f)
         if (.not. problem%method%splitting) &
-          call add_free_motion(problem%frame, y, x%request%received)
+          call add_free_motion(problem%frame, y, f)
       end if
-      call complete_coefficients(problem%frame, y, x%request%received)
-      if (finite(x%request%received)) then
+      if (problem%frame%ambient) call complete_coefficients(problem%frame, y, f)
+      if (finite(size(f), f)) then
         x%status = finished
         return
       end if
     end if
     if (x%request%flag == raised_in_python) then
       call fail(x, raised, x%request%t)
-    else if (.not. finite(y)) then
+    else if (.not. finite(size(y), y)) then
       call reject_stage(problem, x, stage_not_finite, x%request%t)
     else if (x%request%flag /= 0) then
       call fail(x, stopped_by_field, x%request%t)

@@ -4,11 +4,12 @@
 module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
+  use blocks_m, only: combine_flows
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
                           max_suspicion, rejected_size, suspected_error
   use error_estimate_m, only: estimate_error
-  use frames_m, only: apply_flows, flow_along, restore
+  use frames_m, only: apply_flows, restore
   use free_motion_m, only: move_by_kicks
   use implicit_m, only: prepare_stage, store_value
   use method_m, only: method_t
@@ -57,8 +58,16 @@ contains
       end if
       path = merge(1, method%stage_path(x%stage), method%two_registers)
       if (problem%of_time) path = 0
-      if (.not. method%two_registers) call follow_paths(problem, x, path)
-      call request(problem, x, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
+      associate (t => x%t + method%c(x%stage) * x%h)
+        if (method%two_registers .or. method%implicit) then
+          if (method%implicit) call follow_paths(problem, x, path)
+          call request(problem, x, t, x%y(:, path), phase_stage_received, x%request%received)
+        else
+          call follow_paths(problem, x, path)
+          call request(problem, x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), &
+                       method%goes_on(path))
+        end if
+      end associate
     end associate
   end subroutine request_stage
 
@@ -75,22 +84,20 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: x
     real(wp) :: times(stages(problem) - x%stage + 1)
-    real(wp) :: members(size(times)), answer(size(x%request%received) * size(times))
+    real(wp) :: members(size(times)), answer(size(x%slope) * size(times))
     integer :: k
 
     associate (method => problem%method)
       times = within_segment(problem, x, x%t + method%c(x%stage:stages(problem)) * x%h)
       members = real(x%member - 1, wp)
       call problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer)
-      if (.not. finite(answer)) then                   ! Python has raised an exception
+      if (.not. finite(size(answer), answer)) then     ! Python has raised an exception
         call fail(x, raised, x%t)
         return
       end if
       x%counts%nfev = x%counts%nfev + size(times, kind=int64)
       do k = 1, size(times)
-        associate (n => size(x%request%received))
-          x%request%received(:) = answer((k - 1) * n + 1:k * n)
-        end associate
+        x%request%received(:) = answer((k - 1) * size(x%slope) + 1:k * size(x%slope))
         call store_stage(problem, x)
         if (x%phase /= phase_next_stage) return
       end do
@@ -116,10 +123,10 @@ contains
         x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%request%received
         call advance_register(problem, x)
       else
-        x%f(:, x%stage) = x%request%received
+        if (.not. associated(problem%field)) x%f(:, x%stage) = x%request%received
         if (x%stage == method%final_stage .or. (problem%of_time .and. &
                                                 .not. abs(method%c(x%stage) - 1) > 0)) then
-          x%end_slope(:) = x%request%received
+          x%end_slope(:) = x%f(:, x%stage)
           x%end_known = .true.
         end if
         if (method%on_algebra .and. method%stage_path(x%stage) > 0) then
@@ -152,13 +159,14 @@ contains
         call copy(frame%point_size, x%y(:, method%origin(i)), x%y(:, i))
         if (method%on_algebra) then
           call combine_coordinates(method, i, x)
-          call flow_along(frame, x%u, x%y(:, i))
+          call apply_flows(frame, 1, x%u, x%y(:, i))
         else if (method%splitting) then
           call move_by_kicks(frame, x%flows, x%h * method%drift, method%path_first(i), &
                              method%path_first(i + 1) - 1, x%f, x%y(:, i))
         else
-          call apply_flows(frame, x%flows, method%path_first(i), method%path_first(i + 1) - 1, &
-                           x%f, x%y(:, i))
+          call combine_flows(x%flows, method%path_first(i), method%path_first(i + 1) - 1, &
+                             frame%dimension, x%f, x%v)
+          call apply_flows(frame, method%path_first(i + 1) - method%path_first(i), x%v, x%y(:, i))
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
         x%counts%nexp = x%counts%nexp &
@@ -174,17 +182,10 @@ contains
     type(method_t), intent(in) :: method
     integer, intent(in) :: path
     type(trajectory_t), intent(inout) :: x
-    integer :: flow, k
 
-    associate (flows => x%flows)
-      x%path_of_u = path
-      flow = method%path_first(path)
-      k = flows%first(flow)
-      x%u = flows%weight(k) * x%f(:, flows%stage(k))
-      do k = k + 1, flows%first(flow + 1) - 1
-        x%u = x%u + flows%weight(k) * x%f(:, flows%stage(k))
-      end do
-    end associate
+    x%path_of_u = path
+    call combine_flows(x%flows, method%path_first(path), method%path_first(path), size(x%u), &
+                       x%f, x%u)
   end subroutine combine_coordinates
 
   ! Moves the point of a two-register method along h b Z.
@@ -193,7 +194,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
-    call flow_along(problem%frame, x%u, x%y(:, 1))
+    call apply_flows(problem%frame, 1, x%u, x%y(:, 1))
     call restore(problem%frame, x%y(:, 1))
     x%counts%nexp = x%counts%nexp + 1
   end subroutine advance_register
@@ -213,14 +214,14 @@ contains
       x%phase = phase_decide_step
       if (problem%adaptive) then
         x%error = huge(1.0_wp)
-        if (finite(x%y(:, x%result))) call estimate_error(problem, x)
+        if (finite(size(x%y, 1), x%y(:, x%result))) call estimate_error(problem, x)
         if (method%collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
             .and. (x%control%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
           call request_error(problem, x)
         else
           call share_error(problem, x)
         end if
-      else if (.not. finite(x%y(:, x%result))) then
+      else if (.not. finite(size(x%y, 1), x%y(:, x%result))) then
         call fail(x, solution_not_finite, x%t_end)
       end if
     end associate
@@ -236,9 +237,9 @@ contains
 
     y = x%y(:, 0)
     x%u = -x%u
-    call flow_along(problem%frame, x%u, y)
+    call apply_flows(problem%frame, 1, x%u, y)
     x%counts%nexp = x%counts%nexp + 1
-    call request(problem, x, x%t, y, phase_error_received)
+    call request(problem, x, x%t, y, phase_error_received, x%request%received)
   end subroutine request_error
 
   ! Stores these coefficients and estimates the error again.

@@ -5,7 +5,7 @@ module step_size_m
   use kinds, only: wp
   use controller_m, only: first_guess, first_size, smallest_size, tried_size
   use error_norm_m, only: norm, point_sizes, scales, tangent
-  use frames_m, only: flow_along, restore
+  use frames_m, only: apply_flows, restore
   use time_grid_m, only: make_grid
   use requests_m, only: evaluate_at_start, request
   use phases_m
@@ -41,7 +41,7 @@ contains
     if (problem%adaptive .and. .not. x%control%step_size > 0) then
       x%phase = phase_guess_size
       if (.not. x%slope_known) then
-        call request(problem, x, x%t, x%y(:, 0), phase_start_received)
+        call request(problem, x, x%t, x%y(:, 0), phase_start_received, x%slope)
       end if
     end if
     if (.not. associated(problem%events)) return
@@ -96,10 +96,10 @@ contains
       x%h = sign(x%control%guessed_size, problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
       x%u = x%h * x%slope
-      call flow_along(problem%frame, x%u, moved)
+      call apply_flows(problem%frame, 1, x%u, moved)
       call restore(problem%frame, moved)
       x%counts%nexp = x%counts%nexp + 1
-      call request(problem, x, x%t + x%h, moved, phase_curvature_received)
+      call request(problem, x, x%t + x%h, moved, phase_curvature_received, x%request%received)
     end associate
   end subroutine request_curvature
 
@@ -192,7 +192,8 @@ contains
       ! splitting methods that begin with a drift need no force at the start
       if (problem%method%splitting .and. .not. x%last%kept .and. abs(problem%method%c(1)) > 0) &
         return
-      if (.not. x%slope_known) call request(problem, x, x%t, x%y(:, 0), phase_start_received)
+      if (.not. x%slope_known) &
+        call request(problem, x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step
 

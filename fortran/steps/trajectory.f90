@@ -55,7 +55,7 @@ module trajectory_m
   ! A request for coefficients and its answer
   type :: request_t
     real(wp) :: t = 0.0_wp
-    real(wp), allocatable :: y(:)            ! (point_size) the field may overwrite it
+    real(wp), allocatable :: y(:)            ! (point_size) a copy
     real(wp), allocatable :: received(:)     ! (dimension) coefficients
     integer :: flag = 0                      ! returned by the field
     real(wp) :: shared = 0.0_wp              ! to be compared with those of other trajectories
@@ -137,6 +137,7 @@ module trajectory_m
     real(wp) :: h_before = 0.0_wp
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
+    real(wp), allocatable :: v(:, :)         ! (dimension, flows) coefficients of a path's flows
     real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     type(newton_t) :: newton                 ! of a collocation method
     type(stage_solver_t) :: solver                 ! of another implicit method
@@ -162,13 +163,15 @@ contains
     integer, intent(out) :: memory           ! nonzero if an allocation failed
     integer :: k, n
 
-    associate (frame => problem%frame, method => problem%method)
+    associate (frame => problem%frame, method => problem%method, &
+               most => maxval([1, problem%method%path_first(2:) - problem%method%path_first]))
       x%result = merge(1, method%result, method%two_registers)
       allocate (x%y(frame%point_size, 0:merge(1, size(method%origin), method%two_registers)), &
                 x%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
                 x%request%y(frame%point_size), &
                 x%request%received(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
+                x%v(frame%dimension, most), &
                 x%flows%first(size(method%flows%first)), &
                 x%flows%stage(size(method%flows%stage)), &
                 x%flows%weight(size(method%flows%weight)), stat=memory)

@@ -8,7 +8,7 @@ module vector_field_m
   use kinds, only: wp
   implicit none
   private
-  public :: call_python_field, call_python_member, field_at, rhs_i, vector_field_t
+  public :: call_python_field, call_python_member, evaluate, field_at, rhs_i, vector_field_t
 
   abstract interface
 
@@ -33,8 +33,6 @@ module vector_field_m
     integer(c_intptr_t) :: data_address = 0  ! 0 for none
     integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
     type(inputs_t) :: inputs                 ! written into the data
-  contains
-    procedure :: coefficients
   end type vector_field_t
 
 contains
@@ -51,8 +49,8 @@ contains
 
   ! Evaluates the function. Coefficients that it doesn't write are NaN. Shapes are explicit, since
   ! array descriptors take as long as a short loop.
-  subroutine coefficients(self, n, m, t, y, f, flag)
-    class(vector_field_t), intent(inout) :: self
+  subroutine evaluate(self, n, m, t, y, f, flag)
+    type(vector_field_t), intent(in) :: self
     integer, intent(in) :: n, m                    ! point_size, dimension
     real(wp), intent(in) :: t
     real(wp), intent(in) :: y(n)
@@ -64,6 +62,6 @@ contains
     data = self%data_address + int(self%member - 1, c_intptr_t) * self%data_stride
     if (associated(self%inputs%table)) call self%inputs%write(t, self%member, data)
     flag = self%rhs(t, y, f, transfer(data, c_null_ptr))
-  end subroutine coefficients
+  end subroutine evaluate
 
 end module vector_field_m

@@ -43,9 +43,9 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     if (.not. x%slope_known) then
-      call request(problem, x, x%t, x%y(:, 0), phase_begin_received)
+      call request(problem, x, x%t, x%y(:, 0), phase_begin_received, x%request%received)
     else if (.not. x%end_known) then
-      call request(problem, x, x%t_end, x%y(:, x%result), phase_end_received)
+      call request(problem, x, x%t_end, x%y(:, x%result), phase_end_received, x%request%received)
     else
       call interpolate(problem, x)
     end if
@@ -148,7 +148,7 @@ contains
     call next_node(problem%frame, problem%scheme, x%interpolant, theta)
     x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
     call request(problem, x, x%interpolant%t0 + theta * x%interpolant%h, &
-                 x%interpolant%y, phase_node_received)
+                 x%interpolant%y, phase_node_received, x%request%received)
   end subroutine request_node
 
   ! Stores the coefficients at a node.

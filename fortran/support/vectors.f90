@@ -3,14 +3,15 @@ module vectors_m
   use kinds, only: wp
   implicit none
   private
-  public :: combine, copy, cross, finite
+  public :: combine, combine_columns, copy, cross, finite
 
 contains
 
   ! Tells whether all numbers are finite. With ieee_is_finite every procedure that uses its module
   ! would save and restore the floating-point state.
-  pure logical function finite(x)
-    real(wp), contiguous, intent(in) :: x(:)
+  pure logical function finite(n, x)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x(n)
 
     finite = all(abs(x) <= huge(x))
   end function finite
@@ -37,6 +38,19 @@ contains
       if (abs(weight(j)) > 0) sum = sum + weight(j) * k(:, j)
     end do
   end subroutine combine
+
+  ! A weighted sum of at least one of the columns of a matrix
+  pure subroutine combine_columns(m, n, weight, column, k, sum)
+    integer, intent(in) :: m, n, column(n)
+    real(wp), intent(in) :: weight(n), k(m, *)
+    real(wp), intent(out) :: sum(m)
+    integer :: j
+
+    sum = weight(1) * k(1:m, column(1))
+    do j = 2, n
+      sum = sum + weight(j) * k(1:m, column(j))
+    end do
+  end subroutine combine_columns
 
   ! Copies a vector. In a procedure of its own the compiler knows that two columns of an array don't
   ! overlap.
