@@ -238,11 +238,12 @@ def data_at(t: float, arguments: tuple[Any, ...], has_parameters: bool) -> Array
 
 
 def check_inputs(
-    inputs: Any, start: float, stop: float, members: int | None, method: Method | None
-) -> Inputs | None:
+    inputs: Any, start: float, stop: float, members: int | None, method: Method | None,
+    name: str = "t",
+) -> Inputs | None:  # fmt: skip
     """Return the inputs of an integration, None without any, after checking them.
 
-    Without a method its abscissae aren't checked.
+    Without a method its abscissae aren't checked. ``name`` is that of the times in messages.
     """
     if inputs is None:
         return None
@@ -251,13 +252,13 @@ def check_inputs(
     if not curves:
         raise ValueError("inputs must hold at least one of cg.Samples, got none")
     for k, curve in enumerate(curves):
-        name = f"inputs[{k}]" if together else "inputs"
+        which = f"inputs[{k}]" if together else "inputs"
         if not isinstance(curve, Samples):
-            raise TypeError(f"{name} must be cg.Samples, or a tuple of them, got {curve!r}")
-        curve.check_span(start, stop, "t0" if start == stop else "t_span")
+            raise TypeError(f"{which} must be cg.Samples, or a tuple of them, got {curve!r}")
+        curve.check_span(start, stop, name)
         if curve.members is not None and curve.members != members:
             expected = "no members" if members is None else f"{members} members"
-            raise ValueError(f"{name} must have {expected}, got {curve.members}")
+            raise ValueError(f"{which} must have {expected}, got {curve.members}")
     if method is not None:
         low, high = float(method.c.min()), float(method.c.max())
         if low < -_ROUNDING or high > 1.0 + _ROUNDING:
