@@ -80,7 +80,7 @@ def _coefficients(rhs: Any, times: Array, point: Points) -> Array:
     if not isinstance(rhs, PythonRhs):
         own: Array = rhs.at_times(times, points)
         return own
-    return call_field(*rhs.addresses()[:2], rhs.frame, times, points)
+    return call_field(rhs, *rhs.addresses()[:2], rhs.frame, times, points)
 
 
 def _derivative(rhs: Any, da_dp: Derivative | None, times: Array, point: Points) -> Array:
@@ -97,7 +97,7 @@ def _derivative(rhs: Any, da_dp: Derivative | None, times: Array, point: Points)
     if not isinstance(function, CompiledRhs):
         context = context_of(function.a, arguments, frame, shape, da_dp.check, True)
         address = core.function_addresses()[0]
-        return call_field(address, id(context), frame, times, points, shape)
+        return call_field(rhs, address, id(context), frame, times, points, shape)
     data = rhs.parameters if inputs is None else inputs.data_with(rhs.parameters)
     own = function.user_data
     table = () if inputs is None or own else inputs.table_behind(rhs.parameters)

@@ -162,7 +162,7 @@ contains
           call evaluate_at(record%f, record%f_data, point, values(:, side))
           if (code /= 0) return
         end do
-        a(j, :) = (values(:, 1) - values(:, 2)) / (sides * step(j))
+        a(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step(j))
       end do
     end subroutine difference_along_fields
 

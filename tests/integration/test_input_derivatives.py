@@ -153,14 +153,9 @@ def test_gradients_by_values_of_inputs(kind, in_c, span, function):
     c = rng.standard_normal(6)
     gradient = run.gradient(c)
     forward = cg.solve_variational(
-        f,
-        span,
-        START,
-        inputs=inputs(values, GUSTS[1]),
-        control_derivatives=True,
-        **options,
+        f, span, START, inputs=inputs(values, GUSTS[1]), control_derivatives=True, **options,
         **tight,
-    )
+    )  # fmt: skip
     np.testing.assert_allclose(gradient.y0, c @ forward.transition[-1], rtol=0, atol=1e-6)
     np.testing.assert_allclose(gradient.parameters, c @ forward.sensitivity[-1], rtol=0, atol=1e-6)
     by_torque, by_gust = gradient.inputs

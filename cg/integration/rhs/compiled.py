@@ -133,31 +133,18 @@ class CompiledRhs:
 
     def values(self, frame: Frame, data: int, *rest: Any) -> Array:
         """Return what the function writes at several points; ``rest`` is that of `call_field`."""
-        try:
-            return call_field(self.address, data, frame, *rest)
-        except ErrorCode as error:
-            code, t = error.args
-            message = f"{self.failed_name} returned the error code {code} at t = {t:.17g}"
-            raise RuntimeError(message) from None
-
-
-class ErrorCode(Exception):
-    """The number that a compiled function returned, and the time."""
+        return call_field(self, self.address, data, frame, *rest)
 
 
 def call_field(
-    address: int,
-    data: int,
-    frame: Frame,
-    t: float | Array,
-    y: Points,
-    shape: tuple[int, ...] = (),
-    table: Any = (),
-) -> Array:
+    rhs: Any, address: int, data: int, frame: Frame, t: float | Array, y: Points,
+    shape: tuple[int, ...] = (), table: Any = (),
+) -> Array:  # fmt: skip
     """Return what a function in C writes at several points, shape ``(len(y), *shape)``.
 
-    They have one time, or one each, at which inputs with a ``table`` are written. The shape of an
-    answer of ``f`` by default; it is NaN where the function writes nothing.
+    ``rhs`` names it in messages. The points have one time, or one each, at which inputs with a
+    ``table`` are written. The shape of an answer of ``f`` by default; it is NaN where the function
+    writes nothing.
     """
     import cg._core_r64 as core
 
@@ -168,7 +155,8 @@ def call_field(
     place = table.ctypes.data if len(table) else 0
     done, code = core.call_field(address, data, 0, place, len(table), t, rows.T, values.T)
     if code:
-        raise ErrorCode(code, float(np.ravel(t)[done if np.ndim(t) else 0]))
+        time = float(np.ravel(t)[done if np.ndim(t) else 0])
+        raise RuntimeError(f"{rhs.failed_name} returned the error code {code} at t = {time:.17g}")
     return values.reshape(len(y), *shape)
 
 
