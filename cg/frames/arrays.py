@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.support.checks import check_generator
+from cg.support.checks import check_generator, short
 
 Array = NDArray[np.float64]
 Points = NDArray[Any]
@@ -74,7 +74,7 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         return np.array(raw, dtype=dtype, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(
-            f"{name} must be an array of {adjective} numbers, got {value!r}"
+            f"{name} must be an array of {adjective} numbers, got {short(value)}"
             f"{conversion_hint(value, error)}"
         ) from error
 

@@ -18,6 +18,7 @@ from cg.frames.quaternion import UnitQuaternion
 from cg.frames.so import SO
 from cg.frames.sphere import Sphere
 from cg.frames.u import U
+from cg.support.checks import short
 
 _ROUNDING = 1e-12
 _KNOWN = "SO(n), UnitQuaternion, SU(n), U(n), Euclidean, Sphere(2), and products and powers of them"
@@ -66,7 +67,8 @@ def _read(frame: Frame, value: Any, name: str, bodies: list[Body]) -> Inertia:
             value = (None,) * len(frame.factors)
         if not isinstance(value, tuple | list) or len(value) != len(frame.factors):
             raise ValueError(
-                f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got {value!r}"
+                f"{name} must be a tuple of {len(frame.factors)}, one of each factor, got "
+                f"{short(value)}"
             )
         parts = enumerate(zip(frame.factors, value, strict=True))
         return tuple(_read(factor, part, f"{name}[{k}]", bodies) for k, (factor, part) in parts)
@@ -117,10 +119,10 @@ def _checked(value: Any, n: int, name: str) -> Array:
     elif np.array_equal(matrix, np.diag(np.diagonal(matrix))):
         matrix = np.diagonal(matrix).copy()
     elif np.abs(matrix - matrix.T).max() > _ROUNDING * np.abs(matrix).max():
-        raise ValueError(f"{name} must be symmetric, got {value!r}")
+        raise ValueError(f"{name} must be symmetric, got {short(value)}")
     smallest = matrix.min() if matrix.ndim == 1 else np.linalg.eigvalsh(matrix)[0]
     if not smallest > 0.0:
-        raise ValueError(f"{name} must be positive definite, got {value!r}")
+        raise ValueError(f"{name} must be positive definite, got {short(value)}")
     return matrix
 
 

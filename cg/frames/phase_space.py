@@ -45,7 +45,8 @@ class PhaseSpace(Product):
         A matrix of shape ``(dim, dim)``, or its diagonal, or a multiple of the identity as a
         number, by default the identity. Of a product a tuple, one for each factor; of a power that
         of each factor. On Euclidean space it may be any positive definite one, and on rotations of
-        space in body axes. On other groups, on spheres and in space axes it is a multiple of the
+        space in body axes, also one without a body, whose largest moment exceeds the sum of the
+        others. On other groups, on spheres and in space axes it is a multiple of the
         identity.
 
     Raises

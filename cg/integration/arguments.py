@@ -17,7 +17,7 @@ from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.integration.step.plan import Plan
 from cg.method.method import Method
-from cg.support.checks import check_integer, total_memory
+from cg.support.checks import check_integer, short, total_memory
 
 DEFAULT_MAX_STEPS = 10**6
 """Default limit of the number of adaptive steps, rejected ones included."""
@@ -60,10 +60,10 @@ def _check_times(given: Any, name: str, where: str, start: float, stop: float) -
     low, high = min(start, stop), max(start, stop)
     # written so that a NaN is rejected
     if not ((times >= low) & (times <= high)).all():
-        raise ValueError(f"{name} must lie {where} {low:g} to {high:g}, got {given!r}")
+        raise ValueError(f"{name} must lie {where} {low:g} to {high:g}, got {short(given)}")
     if not (math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0).all():
         raise ValueError(
-            f"{name} must be strictly sorted in the direction of integration, got {given!r}"
+            f"{name} must be strictly sorted in the direction of integration, got {short(given)}"
         )
     return times
 
@@ -155,7 +155,7 @@ def check_atol(atol: ArrayLike | None) -> Array:
 def _check_tolerances(value: ArrayLike, name: str, given: Any) -> Array:
     numbers = real_array(value, name)
     if not numbers.size or not ((numbers >= 0.0) & (numbers < math.inf)).all():
-        raise ValueError(f"{name} must be finite and not negative, got {given!r}")
+        raise ValueError(f"{name} must be finite and not negative, got {short(given)}")
     return numbers
 
 

@@ -78,12 +78,13 @@ def solve_linear(
         of dense output are single times.
     derivatives
         ``"adjoint"`` for an `AdjointSolution`, whose method ``gradient`` returns derivatives of a
-        number with respect to ``y0`` and the parameters. It takes no ``events``, and is meant for
-        `cg.frames.LinearAction` of up to some 50 dimensions, since matrices are dense.
+        number with respect to ``y0``, the parameters and the values of ``inputs``. It takes no
+        ``events``, and is meant for `cg.frames.LinearAction` of up to some 50 dimensions, since
+        matrices are dense.
     da_dp
-        ``da_dp(t, *args, parameters)`` returns the derivatives of the coefficients with respect to
-        the parameters, shape ``(frame.dim, k)``; if ``vectorized`` ``(times, frame.dim, k)``. By
-        default central differences.
+        A function of the arguments of ``a`` that returns the derivatives of the coefficients with
+        respect to the parameters and the inputs, shape ``(frame.dim, k)``; if ``vectorized``
+        ``(times, frame.dim, k)``. By default central differences.
 
     Returns
     -------

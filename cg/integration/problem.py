@@ -190,7 +190,7 @@ def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
         )
 
 
-def _check_force(rhs: Rhs, t: float, y: Points, frame: PhaseSpace, ahead: bool = False) -> None:
+def check_force(rhs: Rhs, t: float, y: Points, frame: PhaseSpace, ahead: bool = False) -> None:
     """Raise ValueError if a force depends on the momentum.
 
     `ahead` of the time of the point, where ``f`` may not be defined, its exceptions don't count.
@@ -286,12 +286,13 @@ def make_problem(
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)
     members = len(points) if many else None
-    inputs = check_inputs(options["inputs"], start, stop, members, plan.method)
+    name = "the initial time" if start == stop else "t_span"
+    inputs = check_inputs(options["inputs"], start, stop, members, plan.method, name)
     rhs = _make_rhs(f, frame, (options["args"], numbers, inputs), vectorized, many)
     if isinstance(plan.method, Splitting) and isinstance(frame, PhaseSpace):
-        _check_force(rhs, start, points[0], frame)
+        check_force(rhs, start, points[0], frame)
         if np.isfinite(stop):  # a friction may vanish at the start
-            _check_force(rhs, stop, points[0], frame, ahead=True)
+            check_force(rhs, stop, points[0], frame, ahead=True)
     jacobian = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
     if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])

@@ -265,7 +265,7 @@ class Stepper(OpenRun):
 
         Arguments that are None stay as they are, and so do the counts, except that terminal events
         are counted anew. ``f`` isn't called before the next step, which uses no slope of earlier
-        ones.
+        ones; only forces on a phase space that get other arguments, for a splitting method.
 
         Parameters
         ----------
@@ -282,7 +282,7 @@ class Stepper(OpenRun):
         Raises
         ------
         TypeError, ValueError
-            If an argument has an impossible value.
+            If an argument has an impossible value, or ``f`` doesn't take as many ``args``.
         """
         run, time, rows = self._run, self.t, self._run.end
         if t is not None:
@@ -290,6 +290,8 @@ class Stepper(OpenRun):
             if self.direction * (self.t_bound - time) < 0.0:
                 raise ValueError(f"t must not be beyond t_bound = {self.t_bound:g}, got {t!r}")
             check_resolution(run.control.h, time)
+            if inputs is None and run.rhs.inputs is not None:
+                run.rhs.inputs.check_span(time, time, "t")
         if y is not None:
             rows = run.plan.doubles(check_points(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")

@@ -9,9 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, real_array
+from cg.frames.arrays import Array, Points, check_finite, real_array
+from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import check_args
+from cg.integration.problem import check_force
 from cg.integration.rhs.inputs import check_inputs
+from cg.integration.rhs.python import PythonRhs
+from cg.method.splitting import Splitting
+from cg.support.checks import short
 
 
 def get_state(stepper: Any) -> dict[str, Any]:
@@ -76,7 +81,7 @@ def replace_rhs(
 ) -> None:
     """Replace what ``f`` gets besides time and point from time t on, None for what remains."""
     run, rhs = stepper._run, stepper._run.rhs
-    extra = rhs.args if args is None else check_args(args)
+    extra = rhs.args if args is None else _check_args(args, rhs)
     numbers = rhs.parameters
     if parameters is not None:
         numbers = _check_parameters(parameters, numbers, stepper._many)
@@ -89,7 +94,22 @@ def replace_rhs(
         assert curves is not None
         curves.check_like(rhs.inputs)
     if extra is not rhs.args or numbers is not rhs.parameters or curves is not rhs.inputs:
-        run.replace_rhs(rhs.with_data(extra, numbers, curves, rhs.first))
+        changed = rhs.with_data(extra, numbers, curves, rhs.first)
+        if isinstance(run.plan.method, Splitting) and isinstance(stepper.frame, PhaseSpace):
+            check_force(changed, t, run.plan.points(run.end, (run.members,))[0], stepper.frame)
+        run.replace_rhs(changed)
+
+
+def _check_args(args: Iterable[Any], rhs: Any) -> tuple[Any, ...]:
+    """Return new args after checking that ``f`` takes as many."""
+    extra = check_args(args)
+    if len(extra) != len(rhs.args) and isinstance(rhs, PythonRhs):
+        count = 2 + (rhs.parameters is not None)
+        if rhs.takes(count + len(rhs.args)) and not rhs.takes(count + len(extra)):
+            raise TypeError(
+                f"args must be as many as f takes, {len(rhs.args)} before, got {short(extra)}"
+            )
+    return extra
 
 
 def _check_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:
@@ -102,5 +122,6 @@ def _check_parameters(parameters: ArrayLike, before: Array | None, many: bool) -
     shape = before.shape if many else before.shape[1:]
     if numbers.shape != shape:
         raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
+    check_finite(numbers, "parameters")
     numbers.flags.writeable = False
     return numbers if many else numbers[None]

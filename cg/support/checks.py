@@ -17,6 +17,8 @@ MAX_STAGES = 1000
 """Largest number of stages s; matrices of solvers have s (s + 1) / 2 columns and must fit into
 memory."""
 
+_HALF = 100  # characters of a long value in a message before and after its middle
+
 MAX_HALF_WIDTH = 1e300
 """Largest half-width of initial guesses; twice this must not overflow."""
 
@@ -33,6 +35,12 @@ def similar_names(name: str, names: Iterable[str]) -> str:
 
 def _letters(name: str) -> str:
     return "".join(filter(str.isalnum, name))
+
+
+def short(value: Any) -> str:
+    """Return the representation of a value for a message, without its middle if it is long."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 2 * _HALF else f"{text[:_HALF]} ... {text[-_HALF:]}"
 
 
 def check_flag(name: str, value: Any) -> bool:

@@ -1,32 +1,38 @@
 ! Interface for f2py of functions in C, of single operations of frames, and of grids of times.
 ! Each procedure converts its arguments and calls the core.
 
-! Calls a function in C for each of some points, which it may overwrite.
-subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, &
-                      flag)
+! Calls a function in C for each of some points, which it may overwrite, at one time or at one each.
+subroutine call_field(function_address, data_address, data_stride, table_address, curves, times, &
+                      t, members, n, m, y, f, done, flag)
   !f2py threadsafe
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
-  use vector_field_m, only: field_at, rhs_i
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
+  use vector_field_m, only: field_at, vector_field_t
   use kinds, only: wp
   implicit none
   integer(c_intptr_t), intent(in) :: function_address
   integer(c_intptr_t), intent(in) :: data_address    ! 0 for none
   integer(c_intptr_t), intent(in) :: data_stride     ! bytes from one member's data to the next
-  real(wp), intent(in) :: t
-  integer, intent(in) :: members, n, m
+  integer(c_intptr_t), intent(in) :: table_address   ! of inputs, which are written into the data
+  integer, intent(in) :: curves                      ! their number
+  integer, intent(in) :: times, members, n, m
+  real(wp), intent(in) :: t(times)
   real(wp), intent(inout) :: y(n, members), f(m, members)
   integer, intent(out) :: done                       ! how many were evaluated before one failed
   integer, intent(out) :: flag                       ! what the function returned then
-  procedure(rhs_i), pointer :: rhs
-  integer(c_intptr_t) :: address
+  type(vector_field_t) :: field
 
-  rhs => field_at(function_address)
+  field%rhs => field_at(function_address)
+  field%nan = ieee_value(0.0_wp, ieee_quiet_nan)
+  field%data_address = data_address
+  field%data_stride = data_stride
+  if (curves > 0) then
+    call c_f_pointer(transfer(table_address, c_null_ptr), field%inputs%table, [7, curves])
+  end if
   flag = 0
   do done = 0, members - 1
-    address = data_address + int(done, c_intptr_t) * data_stride
-    f(:, done + 1) = ieee_value(t, ieee_quiet_nan)   ! what the function leaves out stays NaN
-    flag = rhs(t, y(:, done + 1), f(:, done + 1), transfer(address, c_null_ptr))
+    field%member = merge(done + 1, 1, data_stride /= 0)
+    call field%coefficients(n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), flag)
     if (flag /= 0) exit
   end do
 end subroutine call_field

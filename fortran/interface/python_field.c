@@ -112,27 +112,39 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
     return value;
 }
 
-/* Copies a list or a tuple of numbers, which are all floats; returns 0 if it isn't one. */
-static int copy_sequence(PyObject *value, PyObject *shape, double *f)
+/* Copies a list or a tuple of numbers, which are all floats, or of such rows along an axis; returns
+ * how many, 0 if it isn't one. */
+static Py_ssize_t copy_sequence(PyObject *value, PyObject *shape, Py_ssize_t axis, double *f)
 {
-    if (PyTuple_GET_SIZE(shape) != 1) {
+    if (!(PyList_CheckExact(value) || PyTuple_CheckExact(value))) {
         return 0;
     }
-    const Py_ssize_t count = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, 0));
-    if (PySequence_Fast_GET_SIZE(value) != count) {
+    const Py_ssize_t count = PySequence_Fast_GET_SIZE(value);
+    const Py_ssize_t inner = PyTuple_GET_SIZE(shape) - 1 - axis;
+    if (inner < 0 || count != PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, axis))) {
         return 0;
     }
     PyObject **items = PySequence_Fast_ITEMS(value);
     double sum = 0.0;
+    Py_ssize_t copied = 0;
     for (Py_ssize_t i = 0; i < count; i++) {
+        if (inner > 0) {
+            const Py_ssize_t more = copy_sequence(items[i], shape, axis + 1, f + copied);
+            if (more == 0) {
+                return 0;
+            }
+            copied += more;
+            continue;
+        }
         /* NumPy's numbers of this type are floats of Python */
         if (!PyFloat_CheckExact(items[i]) && !PyArray_IsScalar(items[i], Double)) {
             return 0;
         }
         f[i] = PyFloat_AS_DOUBLE(items[i]);
         sum += f[i];
+        copied++;
     }
-    return isfinite(sum);
+    return isfinite(sum) ? copied : 0;
 }
 
 /* Copies a result that is finite numbers, in the order and the type in which they are needed or in
@@ -140,7 +152,7 @@ static int copy_sequence(PyObject *value, PyObject *shape, double *f)
 static int copy_plain(PyObject *value, PyObject *shape, double *f)
 {
     if (PyList_CheckExact(value) || PyTuple_CheckExact(value)) {
-        return copy_sequence(value, shape, f);
+        return copy_sequence(value, shape, 0, f) > 0;
     }
     if (PyFloat_Check(value)) { /* of Python or NumPy */
         f[0] = PyFloat_AS_DOUBLE(value);

@@ -139,20 +139,22 @@ contains
       call add_free_motion(plan%frame, y, values)
     end subroutine evaluate_at
 
-    ! a(j, i) becomes the central difference of f(i) along field j.
+    ! a(j, i) becomes the difference of f(i) along field j.
     subroutine difference_along_fields()
       type(plan_t), pointer :: plan
       real(wp) :: step(record%dimension), v(record%dimension), point(record%width)
       real(wp) :: values(record%dimension, 2)          ! ahead and behind
-      integer :: side
+      integer :: side, sides
 
       plan => plan_at(record%frame)
       a = 0.0_wp
       call sizes(plan%frame, y, step)
       step = record%step * max(step, 1.0_wp)
+      sides = merge(1, 2, record%one_sided /= 0)
+      values(:, 2) = f
       do j = 1, n
         v = 0.0_wp
-        do side = 1, 2
+        do side = 1, sides
           v(j) = merge(step(j), -step(j), side == 1)
           point = y
           call apply_flows(plan%frame, 1, v, point)
@@ -160,31 +162,35 @@ contains
           call evaluate_at(record%f, record%f_data, point, values(:, side))
           if (code /= 0) return
         end do
-        a(j, :) = (values(:, 1) - values(:, 2)) / (2 * step(j))
+        a(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step(j))
       end do
     end subroutine difference_along_fields
 
-    ! d(j, i) becomes the central difference of f(i) by parameter j. Parameters are changed in
+    ! d(j, i) becomes the difference of f(i) by parameter j. Parameters are changed in
     ! place, since functions of Python hold a view of them.
     subroutine difference_by_parameters()
-      real(wp), pointer, contiguous :: values(:)
+      real(wp), pointer, contiguous :: values(:), scales(:)
       real(wp), dimension(record%dimension) :: ahead, behind
       real(wp) :: step, before
 
       call c_f_pointer(parameters, values, [k])
+      call c_f_pointer(transfer(record%scales, c_null_ptr), scales, [k])
       d = 0.0_wp
       do j = 1, k
         before = values(j)
-        step = record%step * merge(abs(before), 1.0_wp, abs(before) > sqrt(tiny(1.0_wp)))
+        step = max(abs(before), scales(j))
+        step = record%step * merge(step, 1.0_wp, step > sqrt(tiny(1.0_wp)))
         ahead = record%nan
-        behind = record%nan
+        behind = merge(f, record%nan, record%one_sided /= 0)
         values(j) = before + step
         call evaluate_at(record%f, record%f_data, y, ahead)
         values(j) = before - step
-        if (code == 0) call evaluate_at(record%f, record%f_data, y, behind)
+        if (code == 0 .and. record%one_sided == 0) then
+          call evaluate_at(record%f, record%f_data, y, behind)
+        end if
         values(j) = before
         if (code /= 0) return
-        d(j, :) = (ahead - behind) / (2 * step)
+        d(j, :) = (ahead - behind) / merge(step, 2 * step, record%one_sided /= 0)
       end do
     end subroutine difference_by_parameters
 

@@ -338,3 +338,9 @@ def test_bad_affine_fields_are_rejected():
         AffineField(SU(2), np.eye(2))
     with pytest.raises(ValueError, match="initial must be a point of SO3"):
         AffineField(SO3(), 2 * np.eye(3))
+
+
+def test_long_values_are_shortened_in_messages():
+    with pytest.raises(ValueError, match=r"y0 must .*\['x', .* \.\.\. .*'x'\]") as raised:
+        cg.solve_ivp(lambda t, y: y, (0, 1), ["x"] * 3000, frame=cg.frames.Euclidean(3000))
+    assert len(str(raised.value)) < 300

@@ -117,3 +117,90 @@ def test_values_that_start_at_zero_and_pass_through_it():
     mass = np.diag([2.0, 4.0, 4.0, 2.0]) + np.diag(np.ones(3), 1) + np.diag(np.ones(3), -1)
     expected = mass @ (1 + 2 * values) / 6
     np.testing.assert_allclose(run.input_sensitivity[-1].ravel(), expected, rtol=0, atol=1e-6)
+
+
+def test_differences_by_inputs_near_zero_have_the_scale_of_the_signal():
+    """Values that pass a million times smaller ones have no steps that rounding spoils."""
+    curve = cg.Samples(np.arange(4.0), [1e-9, 1.0, -1e-9, 0.5])
+    run = cg.solve_variational(
+        lambda t, y, u: [1.0 + np.sin(u)], (0, 4), [0.0], frame=LINE, inputs=curve,
+        input_derivatives=True, rtol=1e-9, atol=1e-9,
+    )  # fmt: skip
+    np.testing.assert_allclose(run.input_sensitivity[0], np.cos(curve.values), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["hold", "linear", "cubic", "averages"])
+@pytest.mark.parametrize("in_c", [False, True])
+@pytest.mark.parametrize("span", [(0.0, 2.1), (2.0, 0.1)])
+def test_gradients_by_values_of_inputs(kind, in_c, span, function):
+    rng = np.random.default_rng(7)
+    values = rng.standard_normal((8, 3))
+    count = 9 if kind == "averages" else 8
+    times = np.linspace(0.0, 2.2, count)
+    times[1:-1] += rng.uniform(-0.05, 0.05, count - 2)
+    f = function("blown") if in_c else driven
+
+    def inputs(values, gusts):
+        return cg.Samples(times, values, kind), cg.Samples(GUSTS[0], gusts, "linear")
+
+    knots = times[(times > 0.1) & (times < 2.0)]  # where curves aren't smooth
+    options, tight = {"frame": FRAME, "parameters": GAIN}, {"rtol": 1e-12, "atol": 1e-12}
+    options["breakpoints"] = knots[:: 1 if span[1] > span[0] else -1]
+    run = cg.solve_variational(
+        f, span, START, inputs=inputs(values, GUSTS[1]), derivatives="adjoint", rtol=1e-8,
+        atol=1e-8, **options,
+    )  # fmt: skip
+    c = rng.standard_normal(6)
+    gradient = run.gradient(c)
+    forward = cg.solve_variational(
+        f, span, START, inputs=inputs(values, GUSTS[1]), control_derivatives=True, **options,
+        **tight,
+    )  # fmt: skip
+    np.testing.assert_allclose(gradient.y0, c @ forward.transition[-1], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(gradient.parameters, c @ forward.sensitivity[-1], rtol=0, atol=1e-6)
+    by_torque, by_gust = gradient.inputs
+    assert (by_torque.shape, by_gust.shape) == ((8, 3), (11,))
+    ways = rng.standard_normal((3, 8, 3)), rng.standard_normal((3, 11))
+    for torque, gust in zip(*ways, strict=True):
+        ends = [
+            cg.solve_ivp(
+                f, span, START, inputs=inputs(values + s * torque, GUSTS[1] + s * gust),
+                **options, **tight,
+            ).y[-1]
+            for s in (1e-5, -1e-5)
+        ]  # fmt: skip
+        moved = [FRAME.local_coordinates(forward.y[-1], y) for y in ends]
+        expected = c @ np.subtract(*moved) / 2e-5
+        actual = np.vdot(by_torque, torque) + np.vdot(by_gust, gust)
+        assert abs(actual - expected) < 1e-6
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("kind", ["hold", "linear", "cubic", "averages"])
+def test_gradients_by_values_of_inputs_of_linear_equations(kind, exact, vectorized):
+    rng = np.random.default_rng(3)
+    frame = cg.frames.LinearAction([-2j * np.diag([1.0, -1.0]), -1j * np.eye(2)[::-1]])
+    times, values = np.linspace(0, 1.5, 8 + (kind == "averages")), rng.standard_normal(8)
+    y0, c = frame.random_point(rng), frame.random_point(rng)
+    if vectorized:
+        a = lambda t, u, p: np.stack([p[:, 0] * np.cos(t), u * u], axis=1)  # noqa: E731
+        da = lambda t, u, p: np.stack(  # noqa: E731
+            [np.stack([np.cos(t), 0 * t], axis=1), np.stack([0 * t, 2 * u], axis=1)], axis=1
+        )
+    else:
+        a = lambda t, u, p: [p[0] * np.cos(t), u * u]  # noqa: E731
+        da = lambda t, u, p: [[np.cos(t), 0.0], [0.0, 2 * u]]  # noqa: E731
+
+    def solve(values, p=1.3, **others):
+        return cg.solve_linear(
+            a, (0, 1.5), y0, frame=frame, inputs=cg.Samples(times, values, kind), parameters=[p],
+            vectorized=vectorized, **others,
+        )  # fmt: skip
+
+    run = solve(values, derivatives="adjoint", da_dp=da if exact else None, rtol=1e-8, atol=1e-8)
+    gradient = run.gradient(c)
+    way, step = rng.standard_normal(8), 1e-4
+    ends = [np.vdot(c, solve(values + s * way, 1.3 + s, **TIGHT).y[-1]).real for s in (step, -step)]
+    actual = gradient.inputs @ way + gradient.parameters[0]
+    assert abs(actual - (ends[0] - ends[1]) / (2 * step)) < 1e-6

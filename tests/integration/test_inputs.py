@@ -309,7 +309,7 @@ def test_compiled_functions_with_data_of_their_own_are_refused(function, library
     stepper = cg.Stepper(lambda t, y, u: [u], 0.0, [0.0], frame=LINE, inputs=HELD)
     with pytest.raises(ValueError, match="inputs must be like"):
         stepper.restart(inputs=cg.Samples([0.0], [[1.0, 2.0]]))
-    with pytest.raises(ValueError, match="t0 must lie within"):
+    with pytest.raises(ValueError, match="initial time must lie within"):
         cg.Stepper(lambda t, y, u: [u], -1.0, [0.0], frame=LINE, inputs=HELD)
 
 

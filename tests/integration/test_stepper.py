@@ -330,3 +330,33 @@ def test_a_restart_reads_data_that_have_changed_in_place(method):
     for each in (stepper, new):
         each.advance(2.0)
     assert stepper.y == new.y
+
+
+class TestRestartChecks:
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"parameters": [np.nan]}, r"parameters must be finite, got nan at \[0\]"),
+            ({"args": (1.0, 2.0)}, r"args must be as many as f takes, 1 before, got \(1.0, 2.0\)"),
+            ({"args": ()}, "args must be as many as f takes"),
+            ({"t": 0.5}, "t must lie within the times of the samples, 1 to inf, got 0.5"),
+        ],
+    )
+    def test_what_f_cannot_take_is_refused(self, change, message):
+        stepper = cg.Stepper(
+            lambda t, y, u, a, p: [u + a + p[0]], 1.0, [1.0], frame=cg.frames.Euclidean(1),
+            args=(1.0,), parameters=[2.0], inputs=cg.Samples([1.0, 2.0], [0.0, 1.0]),
+        )  # fmt: skip
+        with pytest.raises((TypeError, ValueError), match=message):
+            stepper.restart(**change)
+        assert stepper.step() is None
+
+    def test_forces_that_get_friction_are_refused(self):
+        frame = cg.frames.PhaseSpace(cg.frames.Euclidean(1))
+        stepper = cg.Stepper(
+            lambda t, y, c: -y[:1] - c * y[1:], 0.0, [1.0, 0.5], frame=frame, method="Leapfrog",
+            h=0.1, args=(0.0,),
+        )  # fmt: skip
+        with pytest.raises(ValueError, match="f must not depend on the momentum"):
+            stepper.restart(args=(0.1,))
+        assert stepper.step() is None

@@ -124,23 +124,40 @@ class CompiledRhs:
         row: Array = self.values(self.frame, data + member * distance, t, y[None])[0]
         return row
 
-    def values(
-        self, frame: Frame, data: int, t: float, y: Points, shape: tuple[int, ...] = ()
-    ) -> Array:
-        """Return what the function writes at several points, shape ``(len(y), *shape)``.
+    def at_times(self, times: Array, y: Points) -> Array:
+        """Return what the function writes for a single member at times and points."""
+        assert self.frame is not None
+        shape = (self.frame.dim,)
+        table = () if self.inputs is None else self.inputs.table_behind(self.parameters)
+        return self.values(self.frame, self.data_address, times, y, shape, table)
 
-        The shape of an answer of ``f`` by default; it is NaN where the function writes nothing.
-        """
-        import cg._core_r64 as core
+    def values(self, frame: Frame, data: int, *rest: Any) -> Array:
+        """Return what the function writes at several points; ``rest`` is that of `call_field`."""
+        return call_field(self, self.address, data, frame, *rest)
 
-        shape = shape or (frame.rhs_dim,)
-        points = np.array(y, dtype=frame.dtype, order="C")  # the function may overwrite them
-        values = np.empty((len(y), math.prod(shape)))
-        rows = points.reshape(len(y), -1).view(np.float64)
-        _, code = core.call_field(self.address, data, 0, t, rows.T, values.T)
-        if code:
-            raise RuntimeError(f"{self.failed_name} returned the error code {code} at t = {t:.17g}")
-        return values.reshape(len(y), *shape)
+
+def call_field(
+    rhs: Any, address: int, data: int, frame: Frame, t: float | Array, y: Points,
+    shape: tuple[int, ...] = (), table: Any = (),
+) -> Array:  # fmt: skip
+    """Return what a function in C writes at several points, shape ``(len(y), *shape)``.
+
+    ``rhs`` names it in messages. The points have one time, or one each, at which inputs with a
+    ``table`` are written. The shape of an answer of ``f`` by default; it is NaN where the function
+    writes nothing.
+    """
+    import cg._core_r64 as core
+
+    shape = shape or (frame.rhs_dim,)
+    points = np.array(y, dtype=frame.dtype, order="C")  # the function may overwrite them
+    values = np.empty((len(y), math.prod(shape)))
+    rows = points.reshape(len(y), -1).view(np.float64)
+    place = table.ctypes.data if len(table) else 0
+    done, code = core.call_field(address, data, 0, place, len(table), t, rows.T, values.T)
+    if code:
+        time = float(np.ravel(t)[done if np.ndim(t) else 0])
+        raise RuntimeError(f"{rhs.failed_name} returned the error code {code} at t = {time:.17g}")
+    return values.reshape(len(y), *shape)
 
 
 def _restored(

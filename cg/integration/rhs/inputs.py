@@ -42,6 +42,31 @@ class Inputs:
         """Number of values at one time."""
         return sum(math.prod(curve.shape) for curve in self.curves)
 
+    @property
+    def scales(self) -> Array:
+        """The largest absolute value of each input at any time."""
+        sizes = [np.abs(curve.values) for curve in self.curves]
+        rows = [
+            size.reshape(-1, math.prod(curve.shape)).max(axis=0)
+            for size, curve in zip(sizes, self.curves, strict=True)
+        ]
+        return np.concatenate(rows)
+
+    def by_values(self, t: Array, by_inputs: Array) -> Array | tuple[Array, ...]:
+        """Return sums over times of derivatives by all inputs, shape (times, width), by values."""
+        sums = tuple(curve.by_values(t, each) for curve, each in self._each(by_inputs))
+        return sums if self.together else sums[0]
+
+    def shifted(self, amounts: Array) -> Inputs:
+        """Return the inputs with amounts added to them at all times, shape (width,)."""
+        curves = tuple(curve.shifted(amount) for curve, amount in self._each(amounts))
+        return replace(self, curves=curves)
+
+    def _each(self, numbers: Array) -> Any:
+        """Return the curves with their numbers, of all inputs on the last axis."""
+        ends = np.cumsum([math.prod(curve.shape) for curve in self.curves])
+        return zip(self.curves, np.split(numbers, ends[:-1], axis=-1), strict=True)
+
     def part(self, members: slice) -> Inputs:
         """Return the inputs of some members."""
         if self.members is None:
@@ -66,6 +91,10 @@ class Inputs:
             rows[k] = powers, pieces, width, first, address(starts), address(numbers), stride
             first += width
         return rows
+
+    def table_behind(self, parameters: Array | None) -> NDArray[np.int64]:
+        """Return the table for data of parameters, behind which values are written."""
+        return self.table(0 if parameters is None else parameters.shape[1])
 
     def corners(self) -> Array:
         """Return the times at which a curve or its derivative jumps."""
@@ -209,11 +238,12 @@ def data_at(t: float, arguments: tuple[Any, ...], has_parameters: bool) -> Array
 
 
 def check_inputs(
-    inputs: Any, start: float, stop: float, members: int | None, method: Method | None
-) -> Inputs | None:
+    inputs: Any, start: float, stop: float, members: int | None, method: Method | None,
+    name: str = "t",
+) -> Inputs | None:  # fmt: skip
     """Return the inputs of an integration, None without any, after checking them.
 
-    Without a method its abscissae aren't checked.
+    Without a method its abscissae aren't checked. ``name`` is that of the times in messages.
     """
     if inputs is None:
         return None
@@ -222,13 +252,13 @@ def check_inputs(
     if not curves:
         raise ValueError("inputs must hold at least one of cg.Samples, got none")
     for k, curve in enumerate(curves):
-        name = f"inputs[{k}]" if together else "inputs"
+        which = f"inputs[{k}]" if together else "inputs"
         if not isinstance(curve, Samples):
-            raise TypeError(f"{name} must be cg.Samples, or a tuple of them, got {curve!r}")
-        curve.check_span(start, stop, "t0" if start == stop else "t_span")
+            raise TypeError(f"{which} must be cg.Samples, or a tuple of them, got {curve!r}")
+        curve.check_span(start, stop, name)
         if curve.members is not None and curve.members != members:
             expected = "no members" if members is None else f"{members} members"
-            raise ValueError(f"{name} must have {expected}, got {curve.members}")
+            raise ValueError(f"{which} must have {expected}, got {curve.members}")
     if method is not None:
         low, high = float(method.c.min()), float(method.c.max())
         if low < -_ROUNDING or high > 1.0 + _ROUNDING:

@@ -88,14 +88,17 @@ class PythonRhs:
         u = "" if self.inputs is None else "u, "
         if self.check.of_time:
             return f"at t = {t:.17g}{which}; a is given (t, {u}...){extra[1:]}"
-        of_time = self._takes(1 + count) and not self._takes(2 + count)
+        of_time = self.takes(1 + count) and not self.takes(2 + count)
         hint = "; for an f of time alone see cg.solve_linear" if of_time else ""
         given = f"f is given (t, y, {u}...) with y of shape {shape}"
         return f"at t = {t:.17g}{which}; {given}{extra}{hint}"
 
-    def _takes(self, count: int) -> bool:
+    def takes(self, count: int) -> bool:
+        """Return whether ``f`` is known to take a number of arguments beside inputs."""
+        with_input = isinstance(self.f, WithInput)
         try:
-            inspect.signature(self.f).bind(*range(count))
+            function = self.f.function if isinstance(self.f, WithInput) else self.f
+            inspect.signature(function).bind(*range(count + with_input))
         except (TypeError, ValueError):  # the latter where it has no signature
             return False
         return True

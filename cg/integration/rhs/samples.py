@@ -17,6 +17,7 @@ from cg.support.checks import check_flag
 from cg.support.copies import ReadOnly
 
 _LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
+_BLOCK = 64  # of values whose curves are made at a time
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
 
 
@@ -206,6 +207,35 @@ class Samples(ReadOnly):
         for row in rows[-2::-1]:
             value = row + s * value
         return value
+
+    def shifted(self, amount: Array) -> Samples:
+        """Return the curve with an amount added to it at all times."""
+        end = self.end if self.kind == "hold" and self.end < math.inf else None
+        values = self.values + amount.reshape(self.shape)
+        return Samples(self.times, values, self.kind, end=end, causal=self.causal)
+
+    def by_values(self, t: Array, by_curve: Array) -> Array:
+        """Return the derivatives by all values of a sum over times.
+
+        ``by_curve`` has its derivatives by the curve at the times, shape (times, width).
+        """
+        piece = np.maximum(np.searchsorted(self._edges, t, side="right") - 1, 0)
+        s = (t - self._edges[piece])[:, None]
+        sums = np.zeros((*self._pieces.shape[:2], by_curve.shape[1]))
+        for power, total in enumerate(sums):
+            np.add.at(total, piece, by_curve * s**power)
+        if self.kind == "hold":
+            held: Array = sums[0].reshape(self.values.shape)
+            return held
+        # the pieces are linear in the values, so that the transpose of this map remains
+        count = len(self.values)
+        rows = []
+        for first in range(0, count, _BLOCK):
+            units = np.eye(count, min(_BLOCK, count - first), -first)
+            pieces = _curve(self.times, units, self.kind, self.causal)[1]
+            rows.append(np.tensordot(pieces, sums, ((0, 1), (0, 1))))
+        by_values: Array = np.concatenate(rows).reshape(self.values.shape)
+        return by_values
 
     def part(self, members: slice) -> Samples:
         """Return the curves of some members."""

@@ -13,6 +13,7 @@ from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.integration.rhs.function import TimeFunction
+from cg.support.checks import short
 
 _JOIN = "; join parts by np.concatenate"
 _COMPLEX = "; the real and the imaginary part of a complex drive are coefficients of two fields"
@@ -46,7 +47,7 @@ def read_value(
         text = _JOIN if join else conversion_hint(value, error)
         text = _COMPLEX if not text and is_complex_array(value) and hint is not None else text
         raise ValueError(
-            f"{name} must return {expected}, got {value!r} at {when(t)}{text}"
+            f"{name} must return {expected}, got {short(value)} at {when(t)}{text}"
         ) from error
     if number and array.size == 1 == math.prod(shape):
         array = array.reshape(shape)
@@ -69,7 +70,7 @@ def read_finite(
     """
     array = read_value(value, name, shape, t, number=number)
     if not is_finite(array):
-        raise ValueError(f"{name} must return finite numbers, got {value} at {when(t)}")
+        raise ValueError(f"{name} must return finite numbers, got {short(value)} at {when(t)}")
     return array
 
 

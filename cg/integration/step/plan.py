@@ -164,14 +164,14 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 _Result = TypeVar("_Result")
 
 
-def _cached(function: Callable[..., _Result]) -> Callable[..., _Result]:
+def cached(function: Callable[..., _Result]) -> Callable[..., _Result]:
     """Keep the last results of a function, unless a frame of the user can't be hashed."""
-    cached = lru_cache(maxsize=64)(function)
+    results = lru_cache(maxsize=64)(function)
 
     @wraps(function)
     def call(frame: Frame, *rest: Any) -> _Result:
         try:
-            return cached(frame, *rest)
+            return results(frame, *rest)
         except TypeError:
             return function(frame, *rest)
 
@@ -200,7 +200,7 @@ class _Same:
         return isinstance(other, _Same) and other.method is self.method
 
 
-@_cached
+@cached
 def _cached_plan(frame: Frame, same: _Same) -> Plan:
     return Plan(frame, same.method)
 
@@ -251,12 +251,12 @@ class _AnyPoint:
         return isinstance(other, _AnyPoint)
 
 
-@_cached
+@cached
 def _has_coordinates(frame: Frame, at: _AnyPoint) -> bool:
     return frame.exp_coordinates(at.point, at.point) is not None
 
 
-@_cached
+@cached
 def has_brackets(frame: Frame) -> bool:
     """Return whether a frame has brackets of its fields."""
     try:

@@ -68,15 +68,6 @@ class CompiledVariation(CompiledRhs):
         distance = self.data.strides[0] if len(self.data) > 1 else 0
         return self.address, self.data_address, distance
 
-    def at_times(self, times: Array, z: Array) -> Array:
-        """Return the coefficients of a single member at points."""
-        product, data = self.variational.product, self.data_address
-        values = [
-            self.values(product, data, t, z[k : k + 1], (product.dim,))
-            for k, t in enumerate(times.tolist())
-        ]
-        return np.concatenate(values)
-
     @property
     def data_address(self) -> int:
         """Address of the parameters of the first member."""
@@ -104,6 +95,10 @@ def compiled_variation(
         members = len(parameters)
     first.inputs = 0 if inputs is None else inputs.width
     own = variational.count - variational.inputs
+    scales = np.zeros(own + first.inputs)
+    if inputs is not None:
+        scales[own:] = inputs.scales
+    first.scales = scales.ctypes.data
     rows = np.zeros((members, 1 + own + first.inputs))
     numbers = None if parameters is None else rows[:, 1 : 1 + own]
     if numbers is not None:
@@ -126,7 +121,7 @@ def compiled_variation(
     return CompiledVariation(
         None, core.function_addresses()[2], 0, frame=variational.product, parameters=parameters,
         inputs=inputs, variational=variational, plan=plan, args=args, data=rows, records=records,
-        kept=(constants, contexts),
+        kept=(constants, contexts, scales),
     )  # fmt: skip
 
 

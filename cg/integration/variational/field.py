@@ -18,6 +18,7 @@ from cg.integration.rhs.derivatives import Derivative, read_only
 from cg.integration.rhs.inputs import Reader, data_at
 from cg.integration.rhs.values import Check, when
 from cg.integration.step.flows import Flows, flows_of
+from cg.integration.step.plan import cached
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)
@@ -174,15 +175,16 @@ class VariationalField:
         )
 
 
-def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
+def parameter_steps(row: Array, step: float, scales: Any = 0.0) -> list[tuple[Any, Array]]:
     """Return for each parameter a function that shifts it by some steps, and the step size.
 
-    Parameters have the shape ``(..., k)``. ``step`` is relative to the parameter, or to one if its
-    square vanishes.
+    Parameters have the shape ``(..., k)``. ``step`` is relative to the parameter or its scale, or
+    to one if the square of both vanishes.
     """
     steps_of = []
+    sizes = np.maximum(np.abs(row), scales)
     for i in range(row.shape[-1]):
-        size = step * np.where(np.abs(row[..., i]) > _VANISHING, np.abs(row[..., i]), 1.0)
+        size = step * np.where(sizes[..., i] > _VANISHING, sizes[..., i], 1.0)
 
         def moved(steps: float, i: int = i, size: Array = size) -> Array:
             other = row.copy()
@@ -193,15 +195,18 @@ def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
     return steps_of
 
 
-def parameter_differences(function: Callable[[Array], Array], row: Array) -> Array:
+def parameter_differences(
+    function: Callable[[Array], Array], row: Array, scales: Any = 0.0
+) -> Array:
     """Return central differences of ``function(row)`` by each parameter, on a last axis."""
     columns = []
-    for moved, size in parameter_steps(row, DIFFERENCE_STEP):
+    for moved, size in parameter_steps(row, DIFFERENCE_STEP, scales):
         ahead, behind = function(moved(1.0)), function(moved(-1.0))
         columns.append((ahead - behind) / (2.0 * size[..., None]))
     return np.stack(columns, axis=-1)
 
 
+@cached
 def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:
     """Return the indices i, j, k, shape ``(3, constants)``, and those of [E_i, E_j] along E_k."""
     basis = np.eye(frame.dim)

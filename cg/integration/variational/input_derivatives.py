@@ -35,7 +35,7 @@ def check_problem(problem: Problem) -> Inputs:
         if curve.kind not in ("hold", "linear"):
             raise ValueError(
                 'inputs must be of kind "hold" or "linear" with input_derivatives, got '
-                f"{curve.kind!r}, whose values all depend on each other"
+                f"{curve.kind!r}; gradients with derivatives='adjoint' take any kind"
             )
     for name, given in (
         ("events", problem.events), ("t_eval", problem.t_eval),

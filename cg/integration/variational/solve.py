@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Never, Unpack, cast
@@ -13,7 +14,8 @@ from scipy import LowLevelCallable
 from cg.executors import ExecutorLike
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.adjoint import Equation, check_derivatives, tolerance_of, with_adjoint
+from cg.integration.adjoint import check_derivatives, tolerance_of, with_adjoint
+from cg.integration.adjoint_equation import Equation
 from cg.integration.ensemble import solve_members
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.options import Options, complete_options, expand_options
@@ -25,6 +27,8 @@ from cg.integration.variational.input_derivatives import solve_with_input_deriva
 from cg.integration.variational.problem import add_derivatives
 from cg.integration.variational.results import EnsembleVariationalSolution, VariationalSolution
 from cg.support.checks import check_flag
+
+_ONE_SIDED = 5e-6  # least tolerance of the adjoint for which one-sided differences are exact enough
 
 
 @expand_options
@@ -97,8 +101,9 @@ def solve_variational(
     derivatives
         ``"adjoint"`` computes no derivatives during the integration, and returns an
         `AdjointSolution`, whose method ``gradient`` goes backward from the derivatives of one
-        number: for many parameters. It takes no ``P0``, ``noise``, ``control_derivatives``,
-        ``inputs`` and ``events``.
+        number: for many parameters, or values of ``inputs`` of any kind, so that ``df_dp`` is as
+        with ``input_derivatives``. Differences are one-sided where the tolerances allow that. It
+        takes no ``P0``, ``noise``, ``control_derivatives``, ``input_derivatives`` and ``events``.
     method, h, rtol, atol, t_eval, dense_output, breakpoints, inputs
         As for `cg.solve_ivp`; ``jac`` and ``df_dp`` get the values of ``inputs`` as ``f`` does.
     events
@@ -164,11 +169,11 @@ def solve_variational(
             noise=noise,
             control_derivatives=check_flag("control_derivatives", control_derivatives) or None,
             input_derivatives=check_flag("input_derivatives", input_derivatives) or None,
-            inputs=problem.rhs.inputs,
         )
     if check_flag("input_derivatives", input_derivatives):
         return solve_with_input_derivatives(problem, jac, df_dp, P0, control_derivatives)
-    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise=noise)
+    moments = 0 if adjoint else None
+    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, moments, noise)
     if adjoint:
         joint = with_adjoint(problem, partial(_equation_along, joint))
     return cast(VariationalSolution, solve_members(joint, progress)[0])
@@ -260,8 +265,12 @@ def _check_without(**given: Any) -> None:
 def _equation_along(joint: Problem, sol: DenseOutput) -> Equation:
     """Return the equation of the problem with derivatives, along a solution without them."""
     rhs: Any = joint.rhs
-    count = rhs.variational.count or None
-    return Equation(partial(_along, rhs, sol), (rhs.plan.frame.dim,), tolerance_of(joint), count)
+    if tolerance_of(joint) >= _ONE_SIDED:
+        for record in rhs.records:
+            record.one_sided, record.step = 1, math.sqrt(np.finfo(float).eps)
+    count = None if rhs.parameters is None else rhs.parameters.shape[-1]
+    shape, along = (rhs.plan.frame.dim,), partial(_along, rhs, sol)
+    return Equation(along, shape, tolerance_of(joint), count, rhs.inputs)
 
 
 def _along(rhs: Any, sol: DenseOutput, times: Array) -> tuple[Points, Array | None]:
