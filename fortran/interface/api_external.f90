@@ -7,7 +7,7 @@ subroutine call_field(function_address, data_address, data_stride, table_address
   !f2py threadsafe
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
-  use vector_field_m, only: field_at, vector_field_t
+  use vector_field_m, only: evaluate, field_at, vector_field_t
   use kinds, only: wp
   implicit none
   integer(c_intptr_t), intent(in) :: function_address
@@ -32,7 +32,7 @@ subroutine call_field(function_address, data_address, data_stride, table_address
   flag = 0
   do done = 0, members - 1
     field%member = merge(done + 1, 1, data_stride /= 0)
-    call field%coefficients(n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), flag)
+    call evaluate(field, n, m, t(min(done + 1, times)), y(:, done + 1), f(:, done + 1), flag)
     if (flag /= 0) exit
   end do
 end subroutine call_field
