@@ -5,8 +5,6 @@ import pytest
 
 from cg.analysis.convergence import observed_order, slopes
 
-pytestmark = pytest.mark.no_core
-
 
 def test_slope_of_exact_powers():
     h = np.array([0.05, 0.4, 0.1, 0.2])

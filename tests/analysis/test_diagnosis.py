@@ -13,8 +13,6 @@ from cg.catalogue import dumps
 from cg.method.coefficients import Coefficient
 from cg.trees.ordered import OrderedTree
 
-pytestmark = pytest.mark.no_core
-
 CG4A = cg.methods["CG4a"]
 SLIP = "-1.1092979392113565"
 CLASSICAL = cg.Tableau(

@@ -12,8 +12,6 @@ import cg
 from cg.analysis.convergence import observed_order
 from cg.problems import FreeRigidBody, HeavyTop
 
-pytestmark = pytest.mark.no_core
-
 ROOT = Path(__file__).parents[2]
 
 

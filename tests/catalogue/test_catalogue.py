@@ -12,8 +12,6 @@ from cg.catalogue import Catalogue, dumps, load, loads, methods, save
 from cg.method.tableau import Tableau, TableauError
 from cg.structure.points import MethodError
 
-pytestmark = pytest.mark.no_core
-
 # order, stages, exponentials
 KNOWN = {
     "LieEuler": (1, 1, 1),

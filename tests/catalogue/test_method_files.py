@@ -16,8 +16,6 @@ from cg.formats.notebooks import to_formula, to_html
 from cg.proofs import CertificationError, check
 from cg.structure.points import MethodError
 
-pytestmark = pytest.mark.no_core
-
 MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
 
 

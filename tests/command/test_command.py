@@ -12,8 +12,6 @@ import cg
 from cg.catalogue import dumps, loads
 from cg.command import proving, searching
 
-pytestmark = pytest.mark.no_core
-
 COMMANDS = [
     "list", "show", "check", "search", "construct", "certify", "export", "plot", "runs",
     "reproduce", "completion"

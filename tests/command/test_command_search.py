@@ -13,8 +13,6 @@ from cg.command.searching import construct_command, search_command
 from cg.construction.solvers.system import Structure
 from cg.structure.layout import Layout, Rows
 
-pytestmark = pytest.mark.no_core
-
 COMMANDS = {"search": (cg.search, search_command), "construct": (cg.construct, construct_command)}
 OF_COMMANDS_ALONE = {"processes", "dask", "mpi", "quiet", "output", "in_json"}
 OF_FUNCTIONS_ALONE = {"executor", "progress"}  # which the options above stand for

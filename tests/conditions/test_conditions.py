@@ -15,8 +15,6 @@ from cg.conditions import Rows
 from cg.trees.ordered import OrderedTree, forest
 from cg.trees.tables import fortran_tables, main
 
-pytestmark = pytest.mark.sanitize
-
 exactly = partial(conditions.residuals, arithmetic="exact")
 FLOATS = {"dtype": np.float64}
 

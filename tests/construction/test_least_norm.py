@@ -8,8 +8,6 @@ from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem
 from cg.structure.layout import Layout
 
-pytestmark = pytest.mark.sanitize
-
 ORDER, STAGES = 4, 5
 PROBE, MAX_BEND = 0.1, 0.75
 LEAST = {False: 1e-17, True: 1e-22}

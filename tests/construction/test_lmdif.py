@@ -13,8 +13,6 @@ from scipy.optimize import leastsq
 
 import cg
 
-pytestmark = pytest.mark.sanitize
-
 EPS = float(np.finfo(float).eps)
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
 CASES = [(problem.name, factor) for problem in PROBLEMS for factor in (1, 10, 100)]

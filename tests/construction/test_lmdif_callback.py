@@ -10,8 +10,6 @@ from refusals import refuses
 import cg
 from cg.support.shared_numbers import Status
 
-pytestmark = pytest.mark.sanitize
-
 START = [-1.2, 1.0]
 
 

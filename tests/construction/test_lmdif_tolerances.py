@@ -1,7 +1,6 @@
 """Tolerances of lmdif: defaults and stopping criteria."""
 
 import numpy as np
-import pytest
 from numpy.testing import assert_array_equal
 
 import cg
@@ -9,8 +8,6 @@ from cg import conditions
 from cg.construction.search import start as random_start
 from cg.structure.layout import Layout
 from cg.support import quads
-
-pytestmark = pytest.mark.sanitize
 
 
 def test_tolerances_of_the_papers_search(monkeypatch):

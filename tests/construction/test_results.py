@@ -20,8 +20,6 @@ from cg.construction.solvers.singular import decompose, retract
 from cg.proofs.files import certificate_beside
 from cg.runs import Store
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):

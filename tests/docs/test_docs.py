@@ -13,8 +13,6 @@ from tests_of_pages import blocks_of, compiler_command, run, source_in
 import cg
 from cg.integration.default_method import choose_method
 
-pytestmark = pytest.mark.no_core
-
 DOCS = Path(__file__).parents[2] / "docs"
 IN_JAX = {"howto/batch", "howto/densities", "howto/jax", "howto/jaxlie", "howto/neural_ode"}
 IN_JAX |= {"howto/pulse", "howto/quadrotor"}

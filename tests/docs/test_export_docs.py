@@ -10,8 +10,6 @@ from tests_of_pages import ROOT, run, source_in
 
 import cg
 
-pytestmark = pytest.mark.no_core
-
 PAGES = [page for page in ROOT.glob("docs/**/*.md") if page.parent.name != "methods"]
 
 

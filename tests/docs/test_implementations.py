@@ -4,8 +4,6 @@ import pytest
 
 from cg.method.tableau import Tableau
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.fixture(scope="module")
 def tool(load_script):

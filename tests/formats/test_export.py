@@ -17,8 +17,6 @@ import cg
 from cg.catalogue import resolve_method
 from cg.formats.program import identifier
 
-pytestmark = pytest.mark.no_core
-
 ALL = [name for name, method in {**FROZEN, **MUNTHE_KAAS}.items() if method.explicit]
 SOME = [
     "LieEuler", "CG2(3)", "CG4a", "CG4(3)b", "CF4", "CF5(4)", "CF5r", "DP5(4)", "BS3(2)",

@@ -18,8 +18,6 @@ from cg.formats.notebooks import to_formula
 from cg.formats.program import identifier
 from cg.support.quads import to_decimal
 
-pytestmark = pytest.mark.no_core
-
 ALL = [*FROZEN, *MUNTHE_KAAS]
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
 CODE = ["python", "c", "fortran", "julia", "matlab"]

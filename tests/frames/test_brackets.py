@@ -9,8 +9,6 @@ from refusals import refuses
 from cg.frames import SO, SO3, SU, FieldFrame, MatrixFrame, Product, Semidirect, Sphere
 from cg.frames.dexpinv import bernoulli_terms, series_dexpinv
 
-pytestmark = pytest.mark.no_core
-
 # Flows of the fields of HEISENBERG don't keep to their span.
 OPEN = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]])
 over_frames = pytest.mark.parametrize("frame", WITH, ids=name)

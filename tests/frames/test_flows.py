@@ -19,8 +19,6 @@ from cg.frames import (
 )
 from cg.integration.step.flows import Flows, _CompiledFlows, difference_of, flows_of
 
-pytestmark = pytest.mark.sanitize
-
 FRAMES = [
     SO3(),
     SO3("space"),

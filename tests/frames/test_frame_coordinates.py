@@ -22,8 +22,6 @@ from cg.frames import (
     UnitQuaternion,
 )
 
-pytestmark = pytest.mark.no_core
-
 every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
 BATCHES = [(), (5,), (2, 3)]
 

@@ -31,8 +31,6 @@ from cg.frames import (
     UnitQuaternion,
 )
 
-pytestmark = pytest.mark.no_core
-
 UNITARY = [SO3(), SO(6), *COMPACT_GROUPS]
 OTHERS = [*(frame for frame in SMALL_EXPONENTS if isinstance(frame, MatrixGroup)), SE3()]
 GROUPS = UNITARY + OTHERS

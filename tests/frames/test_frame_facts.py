@@ -27,8 +27,6 @@ from cg.frames import (
 )
 from cg.frames.u import gell_mann
 
-pytestmark = pytest.mark.no_core
-
 GROUPS = [SO(4), U(2), SU(2), SU(3), GL(2), SL(3), Sp(4), SE3(), Semidirect(SL(2), 2)]
 
 

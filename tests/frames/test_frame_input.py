@@ -32,8 +32,6 @@ from cg.frames import (
 from cg.frames.matrix_group import MatrixGroup
 from cg.problems import AffineField
 
-pytestmark = pytest.mark.no_core
-
 MASKED = np.ma.masked_array([1.0, 2.0, 3.0], mask=[1, 0, 0])
 
 

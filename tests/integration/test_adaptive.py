@@ -19,8 +19,6 @@ from cg.integration.step.plan import error_exponent
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
 
-pytestmark = pytest.mark.sanitize
-
 PAIRS = {name: m for name, m in FROZEN.items() if m.exact_embedded is not None}
 PROBLEM = StateDependentRotation()
 FRAMES = [

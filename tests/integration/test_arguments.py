@@ -16,8 +16,6 @@ from cg.frames import SO3, SU, Euclidean, Product, UnitQuaternion
 from cg.method.tableau import Tableau
 from cg.problems import AffineField
 
-pytestmark = pytest.mark.sanitize
-
 HUGE = 10**400
 QUATERNION = [0.0, 0.0, 0.0, 1.0]
 ATTITUDE = Product(UnitQuaternion(), Euclidean(3))

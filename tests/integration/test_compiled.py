@@ -14,8 +14,6 @@ from cg.integration import integrate
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
 
-pytestmark = pytest.mark.sanitize
-
 
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])
 def test_rounding_off_the_manifold_does_not_add_up(name, affine):

@@ -9,8 +9,6 @@ from cg.frames import SU, Euclidean
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
 
-pytestmark = pytest.mark.sanitize
-
 TOLERANCE = 1e-13
 
 

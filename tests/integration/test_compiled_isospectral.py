@@ -13,8 +13,6 @@ from cg.integration.step.blocks import block_constants, is_compiled
 from cg.integration.step.flows import Flows, flows_of
 from cg.support.shared_numbers import BlockKind
 
-pytestmark = pytest.mark.sanitize
-
 
 def in_python(call):
     with frames_in_python(

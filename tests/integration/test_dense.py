@@ -35,8 +35,6 @@ from cg.integration.step.callbacks import _HANDLERS
 from cg.integration.step.interpolant import extra_evaluations, nodes_of
 from cg.support.shared_numbers import Operation
 
-pytestmark = pytest.mark.sanitize
-
 FRAMES = [
     *(Euclidean(3), SO3(), SO3("space"), UnitQuaternion(), SE3(), SO(4), SU(2), SL(2), GL(2)),
     *(Sphere(2), Sphere(3), Stiefel(3, 1), IsospectralOrbit((1.0, 2.0, 4.0))),

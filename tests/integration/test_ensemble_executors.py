@@ -17,8 +17,6 @@ from cg.executors import Finished
 from cg.frames import SO3, Euclidean
 from cg.integration import ensemble
 
-pytestmark = pytest.mark.sanitize
-
 FRAME = SO3()
 SOURCE = """
 int rhs(double t, const double *y, double *f, void *user_data)

@@ -10,8 +10,6 @@ import cg
 from cg.frames import SO3, Euclidean, Stiefel, UnitQuaternion
 from cg.integration.step.interpolant import extra_evaluations
 
-pytestmark = pytest.mark.sanitize
-
 SPIN = {"frame": UnitQuaternion(), "rtol": 1e-9}
 CIRCLE = {"frame": Euclidean(2), "rtol": 1e-8, "atol": 1e-8}
 

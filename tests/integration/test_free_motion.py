@@ -12,8 +12,6 @@ from cg.frames import SO3, PhaseSpace, UnitQuaternion
 from cg.support.balls import working_precision
 from tests.helpers.mechanics import INERTIA, MATRIX
 
-pytestmark = pytest.mark.sanitize
-
 EPSILON = np.finfo(np.float64).eps
 
 

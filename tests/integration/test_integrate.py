@@ -15,8 +15,6 @@ from cg.integration import integrate
 from cg.integration.step.paths import paths_of
 from cg.method.tableau import Tableau
 
-pytestmark = pytest.mark.sanitize
-
 EXPLICIT = [name for name, tableau in FROZEN.items() if tableau.explicit]
 
 

@@ -6,8 +6,6 @@ import pytest
 import cg
 from cg.frames import SO3, Euclidean, Product
 
-pytestmark = pytest.mark.sanitize
-
 GRAVITY, KEPT = 9.81, 0.9
 BODY = Product(SO3(), Euclidean(3))
 

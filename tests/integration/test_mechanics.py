@@ -12,8 +12,6 @@ from cg.frames import SO, SO3, SU, Euclidean, PhaseSpace, Power, Product, Sphere
 from cg.integration.step.interpolant import extra_evaluations
 from tests.helpers.mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, system
 
-pytestmark = pytest.mark.sanitize
-
 TOP = system(SO3(), INERTIA)
 LATTICE = system(SU(3))
 SYSTEMS = [

@@ -9,8 +9,6 @@ import pytest
 import cg
 from cg.frames import SO3, SU, Euclidean, LinearAction
 
-pytestmark = pytest.mark.sanitize
-
 TIMES = np.linspace(0, 3, 7)
 SPIN = {"frame": SO3(), "rtol": 1e-6}
 POINTS = SO3().random_point(np.random.default_rng(2), 3)

@@ -26,8 +26,6 @@ from cg.frames import (
 from cg.integration import integrate
 from cg.method.tableau import Tableau
 
-pytestmark = pytest.mark.no_core
-
 EXACT = {name: method for name, method in FROZEN.items() if not method.approximate}
 ALL = EXACT | MUNTHE_KAAS
 WEIGHTS = {name: (method, method.order) for name, method in ALL.items()} | {

@@ -15,8 +15,6 @@ from cg.integration.loop import run as run_module
 from cg.integration.loop import step_budget
 from cg.integration.step.plan import plan_of
 
-pytestmark = pytest.mark.sanitize
-
 COUNTS = ("steps", "nrejected", "nfev", "nexp", "njev", "nlu", "status", "success")
 FRAMES = {
     "SO3": SO3(), "SU2": SU(2), "Euclidean": Euclidean(3), "Stiefel": Stiefel(4, 2), "GL": GL(2),

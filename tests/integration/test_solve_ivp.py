@@ -14,8 +14,6 @@ from cg.frames import SO3, CoadjointOrbit, Euclidean
 from cg.integration import Solution
 from cg.problems import StateDependentRotation
 
-pytestmark = pytest.mark.sanitize
-
 PROBLEM = StateDependentRotation()
 SCIPY_FIELDS = ("t", "y", "sol", "t_events", "y_events", "nfev", "njev", "nlu", "status")
 

@@ -22,8 +22,6 @@ from cg.method.low_storage import from_two_registers, two_registers
 from cg.structure.points import Point
 from cg.support.quads import to_decimal
 
-pytestmark = pytest.mark.sanitize
-
 WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
 NAMES = [name for name, method in FROZEN.items() if two_registers(method)]
 

@@ -14,8 +14,6 @@ from cg.conditions import Rows
 from cg.method.coefficients import Coefficient
 from cg.method.tableau import Tableau, TableauError
 
-pytestmark = pytest.mark.no_core
-
 MIDPOINT = Tableau([[], ["1/2"]], [0, 1], name="midpoint")
 
 

@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 
 import cg
 
-pytestmark = pytest.mark.sanitize
-
 MANY = int(os.environ.get("CG_FUZZ", "1"))
 FRAMES = {
     "SO3": (cg.frames.SO3(), np.eye(3), 3),

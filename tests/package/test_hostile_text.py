@@ -17,8 +17,6 @@ from cg.structure.points import MethodError
 from cg.support import quads
 from cg.support.parsing import file_in, read_fraction
 
-pytestmark = pytest.mark.no_core
-
 METHOD = cg.methods["CG3"]
 CERTIFICATE = certificate_of(METHOD)
 

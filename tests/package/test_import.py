@@ -10,8 +10,6 @@ import pytest
 
 import cg
 
-pytestmark = pytest.mark.no_core
-
 HEAVY = {"flint", "matplotlib", "numpy", "scipy", "threadpoolctl"}
 
 

@@ -17,8 +17,6 @@ import crouch_grossman
 import crouch_grossman.frames.so3
 from cg.support.installation import check_folder
 
-pytestmark = pytest.mark.no_core
-
 ROOT = Path(cg.__file__).parents[1]
 ALIAS = ROOT / "crouch_grossman"
 of_the_source_tree = pytest.mark.skipif(

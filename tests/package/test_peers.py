@@ -10,8 +10,6 @@ import cg
 from cg.problems import HeavyTop
 from cg.trees.ordered import forest
 
-pytestmark = pytest.mark.no_core
-
 NODES = 8
 
 

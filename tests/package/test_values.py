@@ -4,11 +4,7 @@ import dataclasses
 import importlib
 import pkgutil
 
-import pytest
-
 import cg
-
-pytestmark = pytest.mark.no_core
 
 
 def classes():

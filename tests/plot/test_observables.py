@@ -9,8 +9,6 @@ matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.fixture(autouse=True)
 def closed():

@@ -18,8 +18,6 @@ matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.fixture
 def ax():

@@ -32,8 +32,6 @@ from cg.proofs.statement import fitting
 from cg.structure.layout import Layout
 from cg.support.balls import working_precision as precision
 
-pytestmark = pytest.mark.no_core
-
 CERTIFIED = certificate_names()
 ALL = {**FROZEN, **MAGNUS}
 PARTLY = {

@@ -16,8 +16,6 @@ from cg.conditions.words import Condition, condition_words, parse
 from cg.proofs import CertificationError, certificate_of, certify, check
 from cg.proofs.certificate import ViolatedCondition
 
-pytestmark = pytest.mark.no_core
-
 
 def words_of_time(order):
     return condition_words(order, independent=False, of_time=True)

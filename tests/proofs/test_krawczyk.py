@@ -17,8 +17,6 @@ from cg.proofs.digits import _rounded
 from cg.proofs.krawczyk import krawczyk
 from cg.support.balls import working_precision
 
-pytestmark = pytest.mark.no_core
-
 
 @dataclass(frozen=True)
 class Uncoupled:

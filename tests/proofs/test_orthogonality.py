@@ -21,8 +21,6 @@ from cg.proofs.dependent.pairings import pairings
 from cg.proofs.dependent.reduction import Reduction
 from cg.support.balls import working_precision as precision
 
-pytestmark = pytest.mark.no_core
-
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]
 
 

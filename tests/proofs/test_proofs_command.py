@@ -2,14 +2,9 @@
 
 from dataclasses import replace
 
-import pytest
-
 from cg.catalogue import methods
 from cg.proofs import Certificate, certificate_of, certify
 from cg.proofs.__main__ import main
-
-pytestmark = pytest.mark.no_core
-
 
 PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4b", "CG4a", "CF5a"]
 

@@ -16,8 +16,6 @@ from cg.proofs.krawczyk import enclose_zero, krawczyk
 from cg.proofs.statement import fitting
 from cg.support.balls import working_precision as precision
 
-pytestmark = pytest.mark.no_core
-
 
 def changed(certificate, **changes):
     return replace(certificate, box=replace(certificate.box, **changes))

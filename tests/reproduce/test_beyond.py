@@ -18,8 +18,6 @@ from cg.reproduce.main import main
 from cg.reproduce.sections import beyond_catalogue, beyond_order
 from cg.reproduce.style import LINES, lines
 
-pytestmark = pytest.mark.no_core
-
 PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
 
 

@@ -8,8 +8,6 @@ import pytest
 from cg.reproduce import judges
 from cg.reproduce.sections.claims import CLAIMS
 
-pytestmark = pytest.mark.no_core
-
 METHODS = ("CG4", "CG4a", "CG5a", "CG6a")
 
 

@@ -8,8 +8,6 @@ import cg
 from cg.problems import HeavyTop
 from cg.reproduce.quad_steps import end_point
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.mark.parametrize("name", [name for name, method in FROZEN.items() if method.explicit])
 def test_steps_agree_with_those_in_double(name):

@@ -6,8 +6,6 @@ import pytest
 
 from cg.reproduce.main import main
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.mark.parametrize(
     ("arguments", "named"),

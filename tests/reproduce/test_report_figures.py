@@ -14,8 +14,6 @@ from cg.reproduce.blocks import Chart, Table
 from cg.reproduce.sections import beyond_order, fig4_1, fig4_2, fig4_2_quad, search
 from cg.reproduce.style import LINES
 
-pytestmark = pytest.mark.no_core
-
 METHODS = ("CG4", "CG4a", "CG5a", "CG6a")
 ORDERS = dict(zip(METHODS, (4, 4, 5, 6), strict=True))
 

@@ -10,8 +10,6 @@ from cg.reproduce.appendix_a import printed
 from cg.reproduce.display import Display
 from cg.reproduce.items import ITEMS
 
-pytestmark = pytest.mark.no_core
-
 # of every printed digit of Appendix A, row by row: label, an equals sign, the digits
 DIGITS = {
     "CG4a": (20, "226f637c8ef75d4c"),

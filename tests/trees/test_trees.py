@@ -8,8 +8,6 @@ from strategies import trees
 
 from cg.trees.ordered import OrderedTree, catalan, forest, is_lyndon
 
-pytestmark = pytest.mark.no_core
-
 
 def test_counts_are_catalan_numbers():
     ordered = forest(10)
