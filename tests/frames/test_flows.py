@@ -5,18 +5,7 @@ import pytest
 from compiled_examples import FRAMES as STARTS
 from compiled_examples import ORBITS
 
-from cg.frames import (
-    SE3,
-    SO,
-    SO3,
-    SU,
-    Euclidean,
-    Product,
-    Semidirect,
-    Sphere,
-    U,
-    UnitQuaternion,
-)
+from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Semidirect, Sphere, U, UnitQuaternion
 from cg.integration.step.flows import Flows, _CompiledFlows, difference_of, flows_of
 
 FRAMES = [

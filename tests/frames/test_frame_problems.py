@@ -4,16 +4,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.frames import (
-    GL,
-    SO3,
-    SU,
-    CoadjointOrbit,
-    Euclidean,
-    IsospectralOrbit,
-    Product,
-    Stiefel,
-)
+from cg.frames import GL, SO3, SU, CoadjointOrbit, Euclidean, IsospectralOrbit, Product, Stiefel
 
 INERTIA = np.array([1.0, 2.0, 2.5])
 MOMENTUM = np.array([0.3, 0.1, 0.9])

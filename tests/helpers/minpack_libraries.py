@@ -45,19 +45,7 @@ class DebianMinpack:
         self._library = library
         library.enorm_.restype = ctypes.c_double
 
-    def lmdif(
-        self,
-        f,
-        x0,
-        m,
-        *,
-        ftol,
-        xtol,
-        gtol,
-        maxfev,
-        epsfcn,
-        factor,
-    ):
+    def lmdif(self, f, x0, m, *, ftol, xtol, gtol, maxfev, epsfcn, factor):
         n = x0.size
         x, fvec, fjac = x0.copy(), np.empty(m), np.empty((m, n), order="F")
         diag, qtf, ipvt = np.ones(n), np.empty(n), np.empty(n, np.intc)

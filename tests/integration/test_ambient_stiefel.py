@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 import cg
 from cg.analysis.convergence import observed_order
-from cg.frames import AmbientStiefel, Grassmann, Product, Stiefel, check
+from cg.frames import AmbientStiefel, Product, check
 
 SIZES = [(5, 1), (4, 2), (3, 3), (9, 4)]
 H = np.array([1 / 8, 1 / 16, 1 / 32])
@@ -83,19 +83,6 @@ def test_orders(n, k, key):
     assert observed_order(steps, errors) > method.order - 0.3
 
 
-@pytest.mark.parametrize(("n", "k"), SIZES)
-def test_agrees_with_coefficients_of_rotations(n, k):
-    problem, frame = Family(n, k, 3), Stiefel(n, k)
-
-    def f(t, y):
-        return frame.group.coefficients(problem.generator(t, y))
-
-    options = {"rtol": 1e-9, "atol": 1e-9, "t_eval": np.linspace(0.0, 1.5, 7)}
-    ours = cg.solve_ivp(problem, (0, 1.5), problem.y0, frame=problem.frame, **options)
-    there = cg.solve_ivp(f, (0, 1.5), problem.y0, frame=frame, **options)
-    np.testing.assert_allclose(ours.y, there.y, rtol=0, atol=3e-8)
-
-
 def test_only_the_projection_onto_tangents_counts():
     rng = np.random.default_rng(5)
     frame, gradient = AmbientStiefel(7, 3), rng.standard_normal((7, 3))
@@ -106,23 +93,6 @@ def test_only_the_projection_onto_tangents_counts():
     run = cg.solve_ivp(lambda t, y: gradient, (0, 60), y, frame=frame, rtol=1e-10, atol=1e-10)
     left, _, right = np.linalg.svd(gradient, full_matrices=False)
     np.testing.assert_allclose(run.y[-1], left @ right, rtol=0, atol=1e-9)  # the polar factor
-
-
-def test_subspaces_move_as_projectors_do():
-    rng = np.random.default_rng(6)
-    frame, there, matrix = AmbientStiefel(8, 3), Grassmann(8, 3), rng.standard_normal((8, 8))
-    y = frame.random_point(rng)
-
-    def f(t, p):
-        product = matrix @ p - p @ matrix @ p
-        return there.group.coefficients(product - product.T)
-
-    options = {"rtol": 1e-10, "atol": 1e-10, "t_eval": [1.0]}
-    columns = cg.solve_ivp(
-        lambda t, y: matrix @ y - y @ (y.T @ matrix @ y), (0, 1), y, frame=frame, **options
-    ).y[-1]
-    projector = cg.solve_ivp(f, (0, 1), y @ y.T, frame=there, **options).y[-1]
-    np.testing.assert_allclose(columns @ columns.T, projector, rtol=0, atol=1e-8)
 
 
 def test_members_events_and_continuous_solutions():

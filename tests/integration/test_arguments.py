@@ -12,7 +12,7 @@ from scipy.integrate import RK45
 from scipy.spatial.transform import Rotation
 
 import cg
-from cg.frames import SO3, SU, Euclidean, Product, UnitQuaternion
+from cg.frames import SO3, Euclidean, Product, UnitQuaternion
 from cg.method.tableau import Tableau
 from cg.problems import AffineField
 
@@ -329,10 +329,3 @@ def test_parts_of_a_product_must_be_joined(frame, y0):
     assert len(str(caught.value)) < 200
     points = frame.join(*y0)
     assert solve(lambda t, y: np.zeros(frame.dim), y0=points, frame=frame, h=0.5).success
-
-
-def test_bad_affine_fields_are_rejected():
-    with pytest.raises(ValueError, match="frame must have real points"):
-        AffineField(SU(2), np.eye(2))
-    with pytest.raises(ValueError, match="initial must be a point of SO3"):
-        AffineField(SO3(), 2 * np.eye(3))

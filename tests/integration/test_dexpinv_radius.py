@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 import pytest
 from bracket_examples import CLOSED, CLOSED_FORMS, HEISENBERG_GROUP, vectors
-from compiled_examples import PROBLEMS
 from frame_examples import generic, name
 from python_steps import uncompiled
 
@@ -136,23 +135,6 @@ def test_a_chosen_step_that_is_too_long_is_rejected(frame):
         again.nrejected,
         again.nfev,
     )
-
-
-@pytest.mark.filterwarnings("ignore:Failure of")
-def test_functions_in_c(affine):
-    problem = PROBLEMS["SE3 body"]
-    f, _keep = affine(problem)
-    points = problem.frame.random_point(np.random.default_rng(2), 3)
-    options = {"frame": problem.frame, "method": "RKMK5(4)"}
-    with pytest.raises(cg.StepTooLongError, match=r"step from t = 0 .*too long"):
-        cg.integrate(f, (0, 60), problem.y0, h=30.0, **options)
-    run = cg.solve_ensemble(f, (0, 60), points, h=30.0, **options)
-    assert list(run.messages) == [0, 1, 2]
-    assert all("too long" in message for message in run.messages.values())
-    options |= {"rtol": 1e-3, "atol": 1e-3, "first_step": 30.0}
-    chosen = cg.solve_ensemble(f, (0, 60), points, **options)
-    assert chosen.success
-    assert (chosen.nrejected >= 1).all()
 
 
 @pytest.mark.parametrize(("turns", "coordinates"), [(1.0, True), (8.0, False)])

@@ -101,14 +101,6 @@ class TestConstantJacobian:
         assert run.njev.tolist() == [0, 0]
         assert np.allclose(run.y[-1, 0], self.solve(self.MATRIX).y[-1], rtol=1e-12)
 
-    def test_steppers(self):
-        stepper = cg.Stepper(
-            lambda t, y: self.MATRIX @ y, 0, [1, 1], 1, frame=Euclidean(2), method="RadauIIA5",
-            jac=self.MATRIX,
-        )  # fmt: skip
-        stepper.advance(1.0)
-        assert stepper.njev == 0 < stepper.nlu
-
     def test_another_shape_is_refused(self):
         with pytest.raises(ValueError, match=r"jac must return an array of shape \(2, 2\)"):
             self.solve(np.eye(3))

@@ -47,11 +47,6 @@ def test_zeros_are_found_in_their_direction(direction, multiples):
         np.testing.assert_allclose(y, [np.cos(t), 0.0], atol=1e-6)
 
 
-def test_direction_is_along_the_integration_when_backward():
-    solution = solve(marked(direction=1), t_span=(10.0, 0.1))
-    np.testing.assert_allclose(solution.t_events[0], np.pi * np.array([3, 1]), atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("terminal", "stop"),
     [
@@ -87,51 +82,6 @@ def test_events_after_the_terminal_one_in_the_same_step_are_left_out():
     backward = solve(events[::-1], t_span=(10.0, 0.1), **options)
     assert [len(t) for t in backward.t_events] == [1, 1]
     assert backward.t[-1] == pytest.approx(5.01)
-
-
-def test_t_eval_ends_with_a_terminal_event():
-    solution = solve(marked(terminal=True), t_eval=np.arange(1.0, 10.0))
-    np.testing.assert_array_equal(solution.t, [1.0, 2.0, 3.0])
-    np.testing.assert_allclose(solution.y[:, 0], np.cos(solution.t), atol=1e-6)
-
-
-def test_agrees_with_scipy():
-    def pendulum(t, y):
-        return [y[1], -np.sin(y[0])]
-
-    events = [
-        marked(lambda t, y: y[0]),
-        marked(lambda t, y: y[1] - 0.3, direction=-1),
-        marked(lambda t, y: y[0] + y[1], direction=1, terminal=3),
-    ]
-    options = {"events": events, "rtol": 1e-8, "atol": 1e-9}
-    ours = cg.solve_ivp(pendulum, (0, 40), [1.2, 0.1], frame=Euclidean(2), **options)
-    theirs = scipy.integrate.solve_ivp(pendulum, (0, 40), [1.2, 0.1], method="DOP853", **options)
-    assert ours.status == theirs.status == 1
-    for a, b, x, y in zip(
-        ours.t_events, theirs.t_events, ours.y_events, theirs.y_events, strict=True
-    ):
-        np.testing.assert_allclose(a, b, rtol=0, atol=3e-6)
-        np.testing.assert_allclose(x, y, rtol=0, atol=3e-6)
-
-
-@pytest.mark.parametrize(
-    ("frame", "method"), [(SO3(), "CG4a"), (SO3("space"), "CG2(3)"), (Stiefel(3, 1), "CG4a")]
-)
-def test_events_lie_on_the_manifold(frame, method):
-    y0 = frame.random_point(np.random.default_rng(2))
-
-    def f(t, y):
-        return np.array([0.3, y[0, 0], 2.0])
-
-    solution = cg.solve_ivp(
-        f, (0, 6), y0, frame=frame, method=method, h=0.2, events=lambda t, y: y[1, 0]
-    )
-    assert len(solution.t_events[0]) >= 2
-    points = solution.y_events[0]
-    assert points.shape == (len(solution.t_events[0]), *frame.point_shape)
-    assert frame.membership_error(points).max() < 1e-14
-    np.testing.assert_allclose(points[:, 1, 0], 0.0, atol=1e-13)
 
 
 def test_a_zero_at_the_start_or_at_a_step_is_counted_rightly():
@@ -207,11 +157,6 @@ def test_bad_attributes_of_events_are_rejected(name, value, error):
     setattr(event, name, value)
     with pytest.raises(error, match=rf"^events\[0\]\.{name} must be"):
         solve(event)
-
-
-def test_bad_function_of_an_event_is_rejected():
-    with pytest.raises(TypeError, match=r"function must be callable as event.t, y., got 3"):
-        cg.Event(3)
 
 
 OSCILLATOR = {"frame": Euclidean(2), "rtol": 1e-10, "atol": 1e-10}

@@ -34,10 +34,6 @@ def euler(t, y):
     return np.concatenate([w, np.cross(m, w)])
 
 
-def energy(m):
-    return 0.5 * (m**2 / INERTIA).sum(axis=-1)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 def test_stages_solve_their_equations(method, kind):
@@ -147,21 +143,3 @@ def test_implicit_pairs_choose_their_steps():
         )  # fmt: skip
         assert solution.success
         assert SO3().distance(solution.y[-1], truth.y[-1]) < 3e-2
-
-
-def rigid_body_drift(steps, h=0.1):
-    """The momentum in body axes moves by addition, so that the method is the classical midpoint
-    rule there, which keeps every quadratic invariant: energy and the norm of the momentum.
-    """
-    y0 = BODY.join(np.eye(3), MOMENTUM)
-    solution = cg.integrate(euler, (0, steps * h), y0, frame=BODY, method=MIDPOINT, h=h)
-    rotation, momentum = BODY.split(solution.y)
-    drift = np.abs(energy(momentum) / energy(MOMENTUM) - 1.0).max()
-    norm = np.abs(np.linalg.norm(momentum, axis=-1) / np.linalg.norm(MOMENTUM) - 1.0).max()
-    assert np.ptp(momentum[:, 1]) > 1.0  # it tumbles
-    assert SO3().membership_error(rotation[:: steps // 100]).max() < 1e-14
-    return drift, norm
-
-
-def test_midpoint_keeps_energy_and_momentum_of_the_free_rigid_body():
-    assert max(rigid_body_drift(2_000)) < 2e-14

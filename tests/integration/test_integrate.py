@@ -55,15 +55,6 @@ def test_flat_manifold_gives_the_classical_method(name):
         np.testing.assert_allclose(solution.y[k + 1], y, rtol=0, atol=2e-14)
 
 
-@pytest.mark.parametrize("name", list(FROZEN))
-def test_constant_coefficients_are_solved_exactly(name):
-    v = np.array([0.4, -1.0, 0.7])
-    solution = solve(lambda t, y: v, method=name, h=0.25)
-    atol = 1e-13 if abs(methods[name].b.sum() - 1) < 1e-15 else 1e-7
-    for t, y in zip(solution.t, solution.y, strict=True):
-        np.testing.assert_allclose(y, SO3().flow(t * v, np.eye(3)), rtol=0, atol=atol)
-
-
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_counts(name):
     calls = []

@@ -23,15 +23,6 @@ EXTRA = {
 RATES, NEVER = np.array([-1.0, -2.0]), 1e9
 
 
-def decay(function, ends=(NEVER, NEVER)):
-    """Return a compiled right-hand side of two members, and their numbers."""
-    return function("decays"), np.stack([RATES, ends], axis=-1)
-
-
-def half(t, y, *parameters):
-    return y[0] - 0.5
-
-
 @pytest.mark.parametrize(("units", "steps"), [(0, 1600), (1, 1600), (2, 1601)])
 def test_rounding_of_whole_numbers_of_steps(units, steps):
     """Of ends a unit; of 1600 steps of size 1, whose unit is 1024 times smaller, 0.78 units."""
@@ -136,26 +127,6 @@ def test_coordinates_of_zero_need_an_absolute_tolerance():
     with pytest.raises(ValueError, match=message):
         cg.solve_ivp(lambda t, y: [1.0, 1.0], (0, 1), [0.0, 0.0], **options)
     assert cg.solve_ivp(lambda t, y: [1.0, 0.0], (0, 1), [0.0, 0.0], **options).success
-
-
-@pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 1 / 32}])
-@pytest.mark.parametrize("in_c", [True, False], ids=["C", "Python"])
-def test_a_member_s_solution_reaches_the_event_that_ends_it(options, in_c, function):
-    f, parameters = decay(function)
-    if not in_c:
-        f = lambda t, y, own: own[0] * y  # noqa: E731
-    for span in ((0.0, 2.0), (0.25, 2.25)):
-        solution = cg.solve_ensemble(
-            f, span, np.ones((2, 1)), frame=Euclidean(1), events=cg.Event(half, terminal=True),
-            dense_output=True, parameters=parameters, **options,
-        )  # fmt: skip
-        for i in range(2):
-            end, point = solution.t_events[0][i][0], solution.y_events[0][i][0]
-            assert solution.t_end[i] == end
-            np.testing.assert_array_equal(solution.sol(end)[i], point)
-            assert np.isnan(solution.sol(min(np.nextafter(end, 9), solution.sol.t_max))[i]) == (
-                i == 1
-            )
 
 
 def test_events_at_the_end_of_a_step():

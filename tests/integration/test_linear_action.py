@@ -126,10 +126,6 @@ class TestLinearAction:
             assert len(set(frames)) == len({hash(frame) for frame in frames}) == len(frames)
         assert first != LinearAction(list(self.DENSE[:2]))
 
-    def test_a_flow_beyond_double_precision_is_refused(self):
-        with pytest.raises(cg.frames.FlowOverflowError):
-            LinearAction([np.eye(2)]).flow([1e12], [1.0, 0.0])
-
 
 class TestPolynomialFlows:
     """One flow per step of `LinearAction`, along the polynomial that interpolates a."""

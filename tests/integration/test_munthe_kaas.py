@@ -49,14 +49,6 @@ def test_order_on_all_frames_with_brackets(frame):
     assert frame.distance(solution("CF5a", 3), fine).max() < 1e-6
 
 
-def test_reuse_of_the_last_stage():
-    f, y0 = generic(SO3())
-    steps = {"RKMK3(2)": 3, "RKMK4": 4, "RKMK5(4)": 6, "RKMK8(5,3)": 12}
-    for key, evaluations in steps.items():
-        run = cg.integrate(f, (0, 1), y0, frame=SO3(), method=key, h=0.1)
-        assert run.nfev == 10 * evaluations + (evaluations < METHODS[key].stages)
-
-
 class TestEuclideanSpaceIsScipy:
     def f(self, t, y):
         return np.array([y[1], -np.sin(y[0]) + 0.1 * t, y[0] * y[2] - 0.2])
@@ -152,17 +144,6 @@ class TestBadInput:
                 call(
                     lambda t, y: np.ones(frame.dim), (0, 1), y0, frame=frame, method="RKMK4", h=0.1
                 )
-
-
-def test_third_weights_make_the_estimate_smaller():
-    third = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0])
-    method = cg.MuntheKaas(third, third=[0, 0])
-    assert (method.third_order, error_exponent(method)) == (0, 1 / 3)
-    f, y0 = generic(SO3())
-    first, second = (
-        Step(f, SO3(), m).trial(0.0, y0, 0.1, 1e-3, 1e-3)[1] for m in (cg.MuntheKaas(third), method)
-    )
-    assert second < first
 
 
 @pytest.mark.parametrize("frame", [SO3(), SO(4)], ids=name)

@@ -105,12 +105,6 @@ class TestProgress:
             cg.integrate(turn, (0, 3), np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=stop)
 
 
-def test_results_have_their_frame():
-    fixed = cg.integrate(turn, (0, 1), np.eye(3), frame=FRAME, method="CG3", h=0.5)
-    assert fixed.frame == FRAME
-    assert cg.solve_ivp(turn, (0, 1), np.eye(3), frame=FRAME).frame == FRAME
-
-
 class TestDatasets:
     @pytest.fixture(autouse=True)
     def _xarray(self):
@@ -139,12 +133,3 @@ class TestDatasets:
                 variable = result.to_xarray()[name]
                 assert variable.dims == ("t", *members, "coordinate", last)
                 assert_array_equal(variable, getattr(result, name))
-
-    def test_of_ensembles(self):
-        frame = cg.frames.UnitQuaternion()
-        y0 = frame.random_point(np.random.default_rng(2), (3,))
-        run = cg.solve_ensemble(lambda t, y: np.ones(3) * t, (0, 1), y0, frame=frame)
-        data = run.to_xarray()
-        assert data.y.dims == ("t", "member", "component")
-        assert data.y.shape == run.y.shape
-        assert_array_equal(data.y, run.y)

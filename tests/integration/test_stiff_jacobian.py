@@ -39,11 +39,7 @@ def test_differences_of_small_coordinates(unit, rtol, atol):
 
 def test_differences_where_a_coordinate_vanishes():
     def f(t, y):
-        return [
-            -1e3 * y[0],
-            1e3 * y[0] - 1e6 * (y[1] - np.cos(t)) * (1 + y[1] ** 2),
-            y[1] - y[2],
-        ]
+        return [-1e3 * y[0], 1e3 * y[0] - 1e6 * (y[1] - np.cos(t)) * (1 + y[1] ** 2), y[1] - y[2]]
 
     options = {"frame": Euclidean(3), "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-9}
     run = cg.solve_variational(f, (0, 2), [1.0, 0.0, 0.0], **options)

@@ -1,7 +1,5 @@
 """Derivatives of solutions with breakpoints, events and jumps, and of event times."""
 
-import ctypes
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,9 +11,6 @@ from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, Sphere
 
 GRAVITY = 9.81
 BODY = Product(SO3(), Euclidean(2))
-EVENT = ctypes.CFUNCTYPE(
-    ctypes.c_double, ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
-)
 
 
 def differences(end, count, step=2e-4):
@@ -178,35 +173,6 @@ def test_backward_in_time():
     expected = [-1 / impact, 1 / GRAVITY - 2 / (impact * GRAVITY)]
     np.testing.assert_allclose(solution.dt_events[0], [expected], atol=1e-9)
     np.testing.assert_allclose(solution.transition[-1], [[1.0, -1.0], [0.0, 1.0]], atol=1e-12)
-
-
-def test_compiled_events_have_derivatives():
-    level = EVENT(lambda t, y, data: y[0] - 0.25 * t)
-    options = {"frame": Euclidean(2), "t_span": (0, 1), "y0": [1.0, 0.0], **TIGHT}
-
-    def f(t, y):
-        return [y[1], -GRAVITY]
-
-    solution = cg.solve_variational(f, events=level, **options)
-    expected = cg.solve_variational(f, events=lambda t, y: y[0] - 0.25 * t, **options)
-    np.testing.assert_allclose(solution.t_events[0], expected.t_events[0], rtol=1e-14)
-    np.testing.assert_allclose(solution.dt_events[0], expected.dt_events[0], rtol=1e-12)
-
-
-def test_differences_follow_the_size_of_coordinates():
-    """Steps of order one would be lost in the rounding of a height of 1e10."""
-    size = 1e10
-    half = cg.Event(
-        lambda t, y, p: y[0] - size / 2, direction=-1, jump=lambda t, y, p: [y[0], -p[0] * y[1]]
-    )
-    solution = cg.solve_variational(
-        lambda t, y, p: [y[1], -GRAVITY * size], (0, 0.4), [size, 0.0], frame=Euclidean(2),
-        parameters=[0.5], events=half, **TIGHT,
-    )  # fmt: skip
-    time, speed = 1.0 / np.sqrt(GRAVITY), np.sqrt(GRAVITY) * size
-    np.testing.assert_allclose(solution.dt_events[0] * speed, [[1.0, time, 0.0]], atol=1e-9)
-    # the last speed is half of that of impact, minus what gravity takes in the rest of the time
-    assert solution.transition[-1, 1, 0] == pytest.approx(1.5 * np.sqrt(GRAVITY), rel=1e-9)
 
 
 def test_an_event_that_only_touches_has_no_derivative():

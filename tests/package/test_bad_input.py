@@ -40,9 +40,7 @@ SMALL = ConditionSystem.tableau(3, 3)
 HALF, EULER = [[], ["1/2"]], [[0, 0], [1, 0]]
 
 
-OF_THE_ORDER = [
-    *(count, conditions.condition_trees, conditions.table_rows, conditions.right_sides),
-]
+OF_THE_ORDER = [*(count, conditions.condition_trees, conditions.table_rows, conditions.right_sides)]
 
 
 def search(**changes):
