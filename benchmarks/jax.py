@@ -56,13 +56,9 @@ def run(quick: bool, figures: Path | None) -> Result:
     else:
         rounds = 3 if quick else 5
         rows = (
-            *_ends(rounds),
-            _gradients(rounds),
-            *_batches(rounds),
-            *_ensembles(3, quick),
-            *_memory(),
-            *_compiling(3),
-        )
+            *_ends(rounds), _gradients(rounds), *_batches(rounds), *_ensembles(3, quick),
+            *_memory(), *_compiling(3),
+        )  # fmt: skip
         try:
             rows = (*rows, *_against_georax(rounds))
         except ImportError as error:
@@ -172,16 +168,12 @@ def _ends(rounds: int) -> list[Row]:
         exact = np.asarray(functions["Dopri8"](1e-14))
         rows += [
             _compare(
-                f"{title}, to t = {end:g}",
-                functions,
-                exact,
-                rounds,
-                error=error,
+                f"{title}, to t = {end:g}", functions, exact, rounds, error=error,
                 aim=1.0 if torque else aim,
             )
             for error, aim in _AIMS.items()
             if error == 1e-8 or not torque
-        ]
+        ]  # fmt: skip
     return rows
 
 

@@ -45,12 +45,7 @@ def solve(
 ) -> tuple[NDArray[np.float64], float]:
     """Run ``leastsq`` with the paper's tolerances; return where it ended and the sum of squares."""
     x, _, info, _, _ = leastsq(
-        residual,
-        guess,
-        full_output=True,
-        xtol=1e-18,
-        ftol=1e-18,
-        gtol=0.0,
+        residual, guess, full_output=True, xtol=1e-18, ftol=1e-18, gtol=0.0,
         maxfev=200 * (guess.size + 1),
-    )
+    )  # fmt: skip
     return x, float(np.sum(info["fvec"] ** 2))

@@ -112,13 +112,8 @@ def _rows(times: Times, name: str, title: str, n: int, jac: bool = False) -> lis
         ):
             rows.append(
                 Row(
-                    f"{title}, {text}",
-                    1e3 * times.median(key),
-                    "ms",
-                    against,
-                    1e3 * times.median(other),
-                    ratio,
-                    aim=aim if other == name else None,
+                    f"{title}, {text}", 1e3 * times.median(key), "ms", against,
+                    1e3 * times.median(other), ratio, aim=aim if other == name else None,
                 )
-            )
+            )  # fmt: skip
     return rows

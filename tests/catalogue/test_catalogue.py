@@ -14,22 +14,11 @@ from cg.structure.points import MethodError
 
 # order, stages, exponentials
 KNOWN = {
-    "LieEuler": (1, 1, 1),
-    "CG2": (2, 2, 2),
-    "CG3": (3, 3, 6),
-    "CG2(3)": (3, 3, 6),
-    "CG4": (4, 5, 14),
-    "CG4a": (4, 5, 15),
-    "CG5a": (5, 9, 43),
-    "CG6a": (6, 16, 136),
-    "CG6f": (6, 13, 89),
-    "CG6g": (6, 12, 76),
-    "CF3": (3, 3, 3),
-    "CF3b": (3, 3, 3),
-    "CF4": (4, 4, 5),
-    "CF4b": (4, 5, 5),
-    "CF5r": (5, 11, 11),
-}
+    "LieEuler": (1, 1, 1), "CG2": (2, 2, 2), "CG3": (3, 3, 6), "CG2(3)": (3, 3, 6),
+    "CG4": (4, 5, 14), "CG4a": (4, 5, 15), "CG5a": (5, 9, 43), "CG6a": (6, 16, 136),
+    "CG6f": (6, 13, 89), "CG6g": (6, 12, 76), "CF3": (3, 3, 3), "CF3b": (3, 3, 3), "CF4": (4, 4, 5),
+    "CF4b": (4, 5, 5), "CF5r": (5, 11, 11),
+}  # fmt: skip
 EXACT = [name for name in FROZEN if not methods[name].approximate]
 
 ENTRY = 'name = "x"\nsource = "here"\na = [[], ["1/2"]]\nb = [0, 1.0]\n'

@@ -16,14 +16,9 @@ from cg.problems import StateDependentRotation
 
 # order, stages, exponentials
 KNOWN = {
-    "ImplicitMidpoint": (2, 1, 2),
-    "DICG3": (3, 3, 9),
-    "DICG3(2)": (3, 4, 14),
-    "DICG4": (4, 3, 9),
-    "DICG4b": (4, 5, 20),
-    "DICG4c": (4, 5, 20),
-    "DICG6": (6, 7, 35),
-}
+    "ImplicitMidpoint": (2, 1, 2), "DICG3": (3, 3, 9), "DICG3(2)": (3, 4, 14), "DICG4": (4, 3, 9),
+    "DICG4b": (4, 5, 20), "DICG4c": (4, 5, 20), "DICG6": (6, 7, 35),
+}  # fmt: skip
 SELF_ADJOINT = ["ImplicitMidpoint", "DICG4", "DICG4b", "DICG4c", "DICG6"]
 
 

@@ -70,13 +70,9 @@ class TestPaths:
         cg.save(MIDPOINT, path)
         for method in (path, str(path)):
             run = cg.integrate(
-                lambda t, y: [0, 0, t],
-                (0, 1),
-                np.eye(3),
-                frame=cg.frames.SO3(),
-                method=method,
+                lambda t, y: [0, 0, t], (0, 1), np.eye(3), frame=cg.frames.SO3(), method=method,
                 h=0.1,
-            )
+            )  # fmt: skip
             assert run.method == MIDPOINT
             assert cg.export(method, "c").startswith("// mine: order 2")
 

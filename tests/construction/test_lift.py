@@ -34,12 +34,9 @@ SCIPY = {"BS3(2)": RK23, "DP5(4)": RK45, "DOP853": DOP853}
 LIFTED = [name for name in SCIPY if name in methods]
 # flat orders of the tool's methods, and of their second weights
 ORDERS = {
-    "DVERK6(5)": (6, 5),
-    "Verner7(6)": (7, 6),
-    "DOP853": (8, 5),
-    "CooperVerner8": (8, None),
+    "DVERK6(5)": (6, 5), "Verner7(6)": (7, 6), "DOP853": (8, 5), "CooperVerner8": (8, None),
     "Verner8(7)": (8, 7),
-}
+}  # fmt: skip
 
 
 def pair(name):

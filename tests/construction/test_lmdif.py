@@ -86,16 +86,9 @@ def test_iterates_equal_minpack_bitwise(name, factor):
     assert library is not None
     run = Recorded(problem)
     theirs = DebianMinpack(library).lmdif(
-        run,
-        problem.start(factor),
-        problem.m,
-        ftol=EPS**0.5,
-        xtol=EPS**0.5,
-        gtol=0.0,
-        maxfev=200 * (problem.n + 1),
-        epsfcn=DebianMinpack.EPS,
-        factor=100.0,
-    )
+        run, problem.start(factor), problem.m, ftol=EPS**0.5, xtol=EPS**0.5, gtol=0.0,
+        maxfev=200 * (problem.n + 1), epsfcn=DebianMinpack.EPS, factor=100.0,
+    )  # fmt: skip
     if (name, factor) in OVERFLOWS:
         # MINPACK goes on with infinities: its path is ours up to the first of them
         ours = Recorded(problem)

@@ -55,11 +55,9 @@ class TestSolvers:
 
     # the points of CF4 with weights wherever there can be some
     LAYOUT = Layout(
-        parents=(-1, -1, 0, -1, 3),
-        weights=((0,), (0, 1), (0, 1, 2), (0, 1, 2, 3), (0, 1, 2, 3)),
-        stage_points=(-1, 0, 1, 2),
-        results=(4,),
-    )
+        parents=(-1, -1, 0, -1, 3), weights=((0,), (0, 1), (0, 1, 2), (0, 1, 2, 3), (0, 1, 2, 3)),
+        stage_points=(-1, 0, 1, 2), results=(4,),
+    )  # fmt: skip
 
     def test_solvers_reach_exact_method(self):
         system = ConditionSystem(4, self.LAYOUT)

@@ -152,11 +152,9 @@ def test_rejects_too_few_stages_or_unknowns(look):
     thin = ((-1, -1), (-1, 0))
     with pytest.raises(ValueError, match="3 unknowns for 4 conditions of order 3"):
         look(
-            order=3,
-            stages=3,
-            seed=0,
+            order=3, stages=3, seed=0,
             tree=Layout((-1, -1, -1), ((0,), (1,), (2,)), (-1, 0, 1), (2,)),
-        )
+        )  # fmt: skip
     assert layout_of(thin).size == 3
 
 

@@ -73,13 +73,9 @@ def test_right_hand_sides_in_numba():
     names = run("docs/howto/compiled.md", "numba")
     assert names["by_numba"].success
     expected = cg.solve_ivp(
-        lambda t, y: [0.0, np.sin(t), y[0, 0]],
-        (0, 5),
-        np.eye(3),
-        frame=cg.frames.SO3(),
-        rtol=1e-9,
+        lambda t, y: [0.0, np.sin(t), y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(), rtol=1e-9,
         atol=1e-9,
-    )
+    )  # fmt: skip
     np.testing.assert_allclose(names["by_numba"].y[-1], expected.y[-1], atol=1e-12)
 
 

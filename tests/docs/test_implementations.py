@@ -46,13 +46,11 @@ def test_mistakes(checked):
     mistakes = {key: [f.kind for f in c.diagnosis.mistakes] for key, c in checked.items()}
     wrong = {key: kinds for key, kinds in mistakes.items() if kinds}
     assert wrong == {
-        ("OrdinaryDiffEq.jl", "CG3"): ["reversed"],
-        ("OrdinaryDiffEq.jl", "CG4a"): ["reversed"],
-        ("DiffMan", "CG43"): ["equal weights"],
-        ("DiffMan", "CG34"): ["equal weights"],
+        ("OrdinaryDiffEq.jl", "CG3"): ["reversed"], ("OrdinaryDiffEq.jl", "CG4a"): ["reversed"],
+        ("DiffMan", "CG43"): ["equal weights"], ("DiffMan", "CG34"): ["equal weights"],
         ("DiffMan", "CG4test"): ["abscissae", "abscissae"],
         ("georax", "CG4"): ["abscissae", "slip"],
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.slow

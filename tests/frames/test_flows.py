@@ -9,31 +9,13 @@ from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Semidirect, Sphere, 
 from cg.integration.step.flows import Flows, _CompiledFlows, difference_of, flows_of
 
 FRAMES = [
-    SO3(),
-    SO3("space"),
-    SO(3),
-    UnitQuaternion(),
-    UnitQuaternion(scalar_first=True, convention="space"),
-    SE3(),
-    SE3("space"),
-    Semidirect(SO3(), 2),
-    Semidirect(SO(3, "space"), 3),
-    Sphere(2),
-    SU(2),
-    SU(2, "body"),
-    SO(2),
-    SO(4),
-    SO(5, "space"),
-    SU(3),
-    SU(4, "body"),
-    SO(13),
-    SU(13, "body"),
-    U(1),
-    U(3, "body"),
-    Product(SU(3), Euclidean(1), SO(4)),
-    Euclidean(4),
+    SO3(), SO3("space"), SO(3), UnitQuaternion(),
+    UnitQuaternion(scalar_first=True, convention="space"), SE3(), SE3("space"),
+    Semidirect(SO3(), 2), Semidirect(SO(3, "space"), 3), Sphere(2), SU(2), SU(2, "body"), SO(2),
+    SO(4), SO(5, "space"), SU(3), SU(4, "body"), SO(13), SU(13, "body"), U(1), U(3, "body"),
+    Product(SU(3), Euclidean(1), SO(4)), Euclidean(4),
     Product(SO3(), Euclidean(3), Product(Sphere(2), SU(2), SE3())),
-]
+]  # fmt: skip
 WEIGHTS = 0.75 * np.array([0.5, -1.25, 0.0625])[:, None]
 
 

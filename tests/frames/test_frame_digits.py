@@ -152,18 +152,13 @@ def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
 @pytest.mark.parametrize(
     "frame",
     [
-        *UNITARY,
-        fr.UnitQuaternion(),
-        fr.Sphere(2),
-        fr.Sphere(4),
-        fr.Stiefel(5, 2),
+        *UNITARY, fr.UnitQuaternion(), fr.Sphere(2), fr.Sphere(4), fr.Stiefel(5, 2),
         fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
         fr.IsospectralOrbit((0.0, 0.5, 1.0), hermitian=True),
-        fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)),
-        fr.Product(fr.SO(4), fr.U(2)),
+        fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)), fr.Product(fr.SO(4), fr.U(2)),
     ],
     ids=repr,
-)
+)  # fmt: skip
 def test_large_angles_stay_on_compact_manifolds(frame, size):
     rng = np.random.default_rng(66)
     y = frame.random_point(rng, (3,))
@@ -178,14 +173,11 @@ def test_large_angles_stay_on_compact_manifolds(frame, size):
 
 
 NOT_COMPACT = [
-    *OTHERS[:7],
-    fr.Semidirect(fr.SL(2)),
-    fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
+    *OTHERS[:7], fr.Semidirect(fr.SL(2)), fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
     fr.CoadjointOrbit(fr.SU(3), (0.5, -0.25, 1.0, 0.0, 0.75, 0.0, -0.5, 0.25)),
-    fr.MatrixFrame([[[0.0, 1.0], [-1.0, 0.0]]]),
-    fr.MatrixFrame([[[0.0, 1j], [1j, 0.0]]], 2),
+    fr.MatrixFrame([[[0.0, 1.0], [-1.0, 0.0]]]), fr.MatrixFrame([[[0.0, 1j], [1j, 0.0]]], 2),
     fr.Product(fr.SO3(), fr.Sp(2)),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("frame", NOT_COMPACT, ids=repr)

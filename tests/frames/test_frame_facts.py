@@ -9,16 +9,9 @@ from cg import frames as fr
 from cg.frames.u import gell_mann
 
 GROUPS = [
-    fr.SO(4),
-    fr.U(2),
-    fr.SU(2),
-    fr.SU(3),
-    fr.GL(2),
-    fr.SL(3),
-    fr.Sp(4),
-    fr.SE3(),
+    fr.SO(4), fr.U(2), fr.SU(2), fr.SU(3), fr.GL(2), fr.SL(3), fr.Sp(4), fr.SE3(),
     fr.Semidirect(fr.SL(2), 2),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=repr)

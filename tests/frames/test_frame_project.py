@@ -53,19 +53,14 @@ def test_off_manifold_errors_suggest_project(frame):
     "frame",
     [
         *(
-            fr.SU(2),
-            fr.SU(3),
-            fr.SL(2),
-            fr.SL(3),
-            fr.Sp(2),
-            fr.Sp(4),
+            fr.SU(2), fr.SU(3), fr.SL(2), fr.SL(3), fr.Sp(2), fr.Sp(4),
             fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
         ),
         *(fr.SO3(), fr.SO(4), fr.U(3), fr.UnitQuaternion(), fr.Sphere(4), fr.Stiefel(4, 2)),
         fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
     ],
     ids=repr,
-)
+)  # fmt: skip
 def test_projection_residual_is_normal_to_the_fields(frame):
     """This holds to first order, as after a few corrections of a nearby point."""
     rng = np.random.default_rng(95)

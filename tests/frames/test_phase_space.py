@@ -23,12 +23,9 @@ from tests.helpers.mechanics import INERTIA, MATRIX
 
 BODIES = Power(Product(Euclidean(3), UnitQuaternion()), 2)
 FRAMES = [
-    PhaseSpace(SO3(), INERTIA),
-    PhaseSpace(SU(3)),
-    PhaseSpace(Euclidean(3), MATRIX),
-    PhaseSpace(BODIES, (2.0, MATRIX)),
-    PhaseSpace(Product(Sphere(2), SO(4)), (3.0, None)),
-]
+    PhaseSpace(SO3(), INERTIA), PhaseSpace(SU(3)), PhaseSpace(Euclidean(3), MATRIX),
+    PhaseSpace(BODIES, (2.0, MATRIX)), PhaseSpace(Product(Sphere(2), SO(4)), (3.0, None)),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)

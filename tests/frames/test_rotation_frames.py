@@ -50,11 +50,9 @@ def test_quaternions_agree_with_scipy_and_with_so3(convention, scalar_first, see
     moved = frame.flow(v, y)
     rounding = 2e-15 * (1 + np.linalg.norm(v))
     np.testing.assert_allclose(
-        Rotation.from_quat(moved, scalar_first=scalar_first).as_matrix(),
-        after.as_matrix(),
-        rtol=0,
+        Rotation.from_quat(moved, scalar_first=scalar_first).as_matrix(), after.as_matrix(), rtol=0,
         atol=rounding,
-    )
+    )  # fmt: skip
     np.testing.assert_allclose(
         SO3(convention).flow(v, before.as_matrix()), after.as_matrix(), rtol=0, atol=rounding
     )

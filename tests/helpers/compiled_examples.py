@@ -33,29 +33,21 @@ FRAMES = {
     "Euclidean": (fr.Euclidean(5), np.arange(5.0)),
     "product": (
         fr.Product(
-            fr.SE3("space"),
-            fr.Product(fr.Sphere(2), fr.Euclidean(2)),
-            fr.UnitQuaternion(),
-            fr.SU(2),
-            fr.SO3(),
+            fr.SE3("space"), fr.Product(fr.Sphere(2), fr.Euclidean(2)), fr.UnitQuaternion(),
+            fr.SU(2), fr.SO3(),
         ),
         np.concatenate([np.eye(4).ravel(), [0, 0, 1, 3, -2], UNIT, SU2_POINT, np.eye(3).ravel()]),
     ),
-}
+}  # fmt: skip
 # symmetric matrices with given eigenvalues, and products of these
 ORBITS = [
-    fr.IsospectralOrbit((0.0, 1.0)),
-    fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
-    fr.IsospectralOrbit((1.0, 2.0, 4.0, 7.0)),
-    fr.IsospectralOrbit((0.0, 0.0, 1.0, 1.0, 1.0)),
-    fr.IsospectralOrbit((-2.0, 0.0, 1e-9, 2e-9, 1.0, 3.0)),
-    fr.IsospectralOrbit(tuple(range(12))),
+    fr.IsospectralOrbit((0.0, 1.0)), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    fr.IsospectralOrbit((1.0, 2.0, 4.0, 7.0)), fr.IsospectralOrbit((0.0, 0.0, 1.0, 1.0, 1.0)),
+    fr.IsospectralOrbit((-2.0, 0.0, 1e-9, 2e-9, 1.0, 3.0)), fr.IsospectralOrbit(tuple(range(12))),
     fr.Power(fr.IsospectralOrbit((-1.0, 0.5, 2.0, 2.5)), 3),
     fr.Product(fr.IsospectralOrbit((0.0, 3.0)), fr.IsospectralOrbit((-1.0, 0.25, 1.5))),
-    fr.IsospectralOrbit(tuple(np.arange(14) / 7)),
-    fr.Grassmann(4, 1),
-    fr.Grassmann(13, 5),
-]
+    fr.IsospectralOrbit(tuple(np.arange(14) / 7)), fr.Grassmann(4, 1), fr.Grassmann(13, 5),
+]  # fmt: skip
 PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
 
 

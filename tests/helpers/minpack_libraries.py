@@ -67,11 +67,6 @@ class DebianMinpack:
             *(pointer(array) for array in work),
         )
         return {
-            "x": x,
-            "fvec": fvec,
-            "info": info.value,
-            "nfev": nfev.value,
-            "fjac": fjac,
-            "ipvt": ipvt - 1,
-            "qtf": qtf,
-        }
+            "x": x, "fvec": fvec, "info": info.value, "nfev": nfev.value, "fjac": fjac,
+            "ipvt": ipvt - 1, "qtf": qtf,
+        }  # fmt: skip

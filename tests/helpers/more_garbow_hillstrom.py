@@ -75,12 +75,10 @@ def helical_valley(x):
 def powell_singular(x):
     return np.array(
         [
-            x[0] + 10 * x[1],
-            np.sqrt(5) * (x[2] - x[3]),
-            (x[1] - 2 * x[2]) ** 2,
+            x[0] + 10 * x[1], np.sqrt(5) * (x[2] - x[3]), (x[1] - 2 * x[2]) ** 2,
             np.sqrt(10) * (x[0] - x[3]) ** 2,
         ]
-    )
+    )  # fmt: skip
 
 
 def freudenstein_roth(x):
@@ -182,11 +180,7 @@ PROBLEMS = (
     Problem("freudenstein-roth", 2, freudenstein_roth, (0.5, -2.0), 3, (0.0, 48.98425)),
     Problem("bard", 15, bard, (1.0, 1.0, 1.0), 3, (8.214877e-3, 17.42869)),
     Problem(
-        "kowalik-osborne",
-        11,
-        kowalik_osborne,
-        (0.25, 0.39, 0.415, 0.39),
-        3,
+        "kowalik-osborne", 11, kowalik_osborne, (0.25, 0.39, 0.415, 0.39), 3,
         (3.075056e-4, 1.027342e-3),
     ),
     Problem(
@@ -209,4 +203,4 @@ PROBLEMS = (
     Problem("brown-almost-linear-30", 30, brown_almost_linear, (0.5,) * 30, 1, (0.0, 1.0)),
     Problem("brown-almost-linear-40", 40, brown_almost_linear, (0.5,) * 40, 1, (0.0, 1.0)),
     Problem("osborne-1", 33, osborne_1, (0.5, 1.5, -1.0, 0.01, 0.02), 1, (5.464895e-5,)),
-)
+)  # fmt: skip

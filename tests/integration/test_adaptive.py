@@ -76,14 +76,9 @@ def test_error_is_proportional_to_the_tolerance(name, rotations):
     errors, steps = [], []
     for tolerance in tolerances:
         solution = cg.solve_ivp(
-            PROBLEM.f,
-            (0, end),
-            PROBLEM.y0,
-            frame=SO3(),
-            method=name,
-            rtol=tolerance,
+            PROBLEM.f, (0, end), PROBLEM.y0, frame=SO3(), method=name, rtol=tolerance,
             atol=tolerance,
-        )
+        )  # fmt: skip
         errors.append(float(SO3().distance(solution.y[-1], rotations[end - 1])))
         steps.append(solution.steps)
     exponent = observed_order(tolerances, errors)
@@ -149,13 +144,9 @@ def test_the_first_step_is_at_most_a_hundred_guesses():
 def test_a_trial_step_that_overflows_is_rejected():
     # The second stage of the first step is not finite, and f isn't finite there.
     solution = cg.solve_ivp(
-        lambda t, y: 1e308 / (1.0 + t) ** 4 + 0.0 * y,
-        (0, 100),
-        [1.0],
-        frame=Euclidean(1),
-        first_step=100.0,
-        method="CG2(3)",
-    )
+        lambda t, y: 1e308 / (1.0 + t) ** 4 + 0.0 * y, (0, 100), [1.0], frame=Euclidean(1),
+        first_step=100.0, method="CG2(3)",
+    )  # fmt: skip
     assert solution.success
     assert solution.nrejected > 0
     assert solution.y[-1, 0] == pytest.approx(1e308 / 3, rel=1e-2)
@@ -164,12 +155,10 @@ def test_a_trial_step_that_overflows_is_rejected():
 @pytest.mark.parametrize(
     ("frame", "name", "sign"),
     cases(
-        [*FRAMES, uncompiled(SO3()), uncompiled(SE3())],
-        PAIRS,
-        [1, -1],
+        [*FRAMES, uncompiled(SO3()), uncompiled(SE3())], PAIRS, [1, -1],
         quick=lambda frame, name, sign: frame is FRAMES[0] or (name in KINDS and sign == 1),
     ),
-)
+)  # fmt: skip
 def test_steps_are_those_that_the_formulas_choose(frame, name, sign):
     """The sizes follow from errors in units of the tolerance, some of them above one."""
     f, y0 = generic(frame, seed=3)

@@ -173,13 +173,11 @@ def requires_data(library):
     )(ctypes.cast(ctypes.pythonapi.PyCapsule_New, ctypes.c_void_p).value)
     text = b"int (double, double const *, double *, double const *)"
     return {
-        "pointer": pointer,
-        "prototype": prototype(address),
-        "callable": LowLevelCallable(pointer),
+        "pointer": pointer, "prototype": prototype(address), "callable": LowLevelCallable(pointer),
         "capsule": LowLevelCallable(capsule(address, text, None)),
         "cfunc": type("CFunc", (), {"address": address, "ctypes": prototype(address)})(),
         "text": text,
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", ["pointer", "prototype", "callable", "capsule", "cfunc"])

@@ -176,14 +176,9 @@ def test_the_last_flow_removes_the_leading_error(count):
 @pytest.mark.parametrize("method", ["CG3", "RKMK5(4)"])
 def test_many_turns_in_one_step_do_not_lose_their_count(method):
     solution = cg.solve_ivp(
-        lambda t, y: [0.0, 0.0, 50.0],
-        (0, 1),
-        np.eye(3),
-        frame=SO3(),
-        method=method,
-        h=1.0,
+        lambda t, y: [0.0, 0.0, 50.0], (0, 1), np.eye(3), frame=SO3(), method=method, h=1.0,
         dense_output=True,
-    )
+    )  # fmt: skip
     t = np.linspace(0, 1, 40)
     exact = SO3().flow(np.multiply.outer(t, [0.0, 0.0, 50.0]), np.eye(3))
     np.testing.assert_allclose(solution.sol(t), exact, rtol=0, atol=1e-13)

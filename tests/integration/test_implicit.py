@@ -111,14 +111,9 @@ def test_newton_takes_steps_that_are_too_large_for_fixed_points():
 def test_message_of_failure():
     with pytest.raises(cg.ConvergenceError) as caught:
         cg.integrate(
-            lambda t, y: -10.0 * y + t,
-            (0.5, 2.0),
-            [1.0],
-            frame=Euclidean(1),
-            method=BACKWARD_EULER,
-            h=0.25,
-            stage_solver="fixed-point",
-        )
+            lambda t, y: -10.0 * y + t, (0.5, 2.0), [1.0], frame=Euclidean(1),
+            method=BACKWARD_EULER, h=0.25, stage_solver="fixed-point",
+        )  # fmt: skip
     error = caught.value
     assert error.t == 0.5
     assert error.h == 0.25

@@ -94,11 +94,9 @@ def test_last_step_is_shortened():
 
 
 @given(
-    start=st.floats(-1e3, 1e3),
-    steps=st.integers(1, 400),
-    h=st.floats(1e-4, 10.0),
+    start=st.floats(-1e3, 1e3), steps=st.integers(1, 400), h=st.floats(1e-4, 10.0),
     backward=st.booleans(),
-)
+)  # fmt: skip
 @example(start=7.0, steps=155, h=3.3458908554794844, backward=True)
 def test_grid_of_whole_steps_has_no_sliver_at_the_end(start, steps, h, backward):
     stop = start - steps * h if backward else start + steps * h

@@ -281,14 +281,9 @@ def test_other_events_in_the_step_of_a_jump():
         cg.Event(lambda t, y: y[0] - 0.6),
     ]
     solution = cg.solve_ivp(
-        lambda t, y: [1.0],
-        (0, 1.95),
-        [0.0],
-        frame=Euclidean(1),
-        method="CG4a",
-        h=2.0,
+        lambda t, y: [1.0], (0, 1.95), [0.0], frame=Euclidean(1), method="CG4a", h=2.0,
         events=events,
-    )
+    )  # fmt: skip
     np.testing.assert_allclose(solution.t_events[0], [0.4, 0.9, 1.4, 1.9], rtol=0, atol=1e-14)
     np.testing.assert_allclose(solution.t_events[1], [0.5, 1.0, 1.5], rtol=0, atol=1e-14)
     assert len(solution.t_events[2]) == 0

@@ -15,22 +15,13 @@ from tests.helpers.mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, syste
 TOP = system(SO3(), INERTIA)
 LATTICE = system(SU(3))
 SYSTEMS = [
-    TOP,
-    LATTICE,
-    system(SO3(), MATRIX),
-    system(SO3("space"), 2.0),
-    system(SO(3), [3.0, 2.0, 1.0]),
-    system(UnitQuaternion(scalar_first=True), MATRIX),
-    system(UnitQuaternion("space")),
-    system(SU(2, "body"), INERTIA),
-    system(SU(3, "body"), 3.0),
-    system(U(2)),
-    system(SO(4)),
-    system(Sphere(2), 2.0),
-    system(Product(Euclidean(3), SO3()), (2.0, INERTIA)),
+    TOP, LATTICE, system(SO3(), MATRIX), system(SO3("space"), 2.0), system(SO(3), [3.0, 2.0, 1.0]),
+    system(UnitQuaternion(scalar_first=True), MATRIX), system(UnitQuaternion("space")),
+    system(SU(2, "body"), INERTIA), system(SU(3, "body"), 3.0), system(U(2)), system(SO(4)),
+    system(Sphere(2), 2.0), system(Product(Euclidean(3), SO3()), (2.0, INERTIA)),
     system(Power(Product(Euclidean(3), UnitQuaternion()), 3), (MATRIX, INERTIA)),
     system(Product(Sphere(2), SU(3), Power(SO3(), 2))),
-]
+]  # fmt: skip
 NAMES = [repr(each.frame.configuration) for each in SYSTEMS]
 DRIFT_FIRST = [name for name in SPLITTINGS if cg.methods[name].drifts[0]]
 

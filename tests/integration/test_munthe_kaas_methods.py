@@ -23,12 +23,10 @@ class TestMethods:
             key: (m.order, m.embedded_order, m.third_order, m.stages, m.exponentials)
             for key, m in METHODS.items()
         } == {
-            "RKMK3(2)": (3, 2, None, 4, 3),
-            "RKMK4": (4, None, None, 4, 4),
-            "RKMK5(4)": (5, 4, None, 7, 6),
-            "RKMK8(5,3)": (8, 5, 3, 12, 12),
+            "RKMK3(2)": (3, 2, None, 4, 3), "RKMK4": (4, None, None, 4, 4),
+            "RKMK5(4)": (5, 4, None, 7, 6), "RKMK8(5,3)": (8, 5, 3, 12, 12),
             "RadauIIA5": (5, 3, None, 4, 3),
-        }
+        }  # fmt: skip
         assert all(m.pair_exponentials == m.exponentials for m in METHODS.values())
 
     @pytest.mark.parametrize("key", METHODS)
@@ -41,11 +39,8 @@ class TestMethods:
     def test_one_of_a_user(self):
         method = cg.MuntheKaas(HEUN)
         assert (method.name, method.order, method.embedded_order, method.stages) == (
-            "Heun",
-            2,
-            1,
-            2,
-        )
+            "Heun", 2, 1, 2,
+        )  # fmt: skip
         assert method.exact == HEUN.exact
         assert method.exact_embedded == (1, 0)
         assert method.principal_error == pytest.approx(np.sqrt(2.0) / 6.0)

@@ -35,17 +35,12 @@ FRAMES = {
     "SU2": fr.SU(2),
     "matrices": fr.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.5, 0.0], [1.0, -0.5]]]),
     "functions": fr.FieldFrame(SIMILARITIES, move, point_shape=2),
-    "functions without brackets": HEISENBERG,
-    "SO3": fr.SO3(),
-    "SE3": fr.SE3(),
-    "SE3 space": fr.SE3("space"),
-    "quaternion": fr.UnitQuaternion(),
-    "S2": fr.Sphere(2),
-    "GL2": fr.GL(2),
-    "isospectral": fr.IsospectralOrbit((0.0, 1.0, 2.5)),
+    "functions without brackets": HEISENBERG, "SO3": fr.SO3(), "SE3": fr.SE3(),
+    "SE3 space": fr.SE3("space"), "quaternion": fr.UnitQuaternion(), "S2": fr.Sphere(2),
+    "GL2": fr.GL(2), "isospectral": fr.IsospectralOrbit((0.0, 1.0, 2.5)),
     "coadjoint": fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, 0.8)),
     "product": fr.Product(fr.SU(2), fr.Sphere(2)),
-}
+}  # fmt: skip
 KINDS = {"CG3", "CG4a", "CG2(3), embedded", "CF5(4)", "DICG4"}
 
 

@@ -195,13 +195,11 @@ def test_any_number_of_further_arguments(frame, method, count):
         (SO3(), np.eye(3), np.zeros(9), r"got shape \(9,\).*frame.coefficients\(matrix\)"),
         (FRAME, Y0, (np.zeros(3), np.zeros(3)), r"got shape \(2, 3\).*np.concatenate"),
         (
-            Product(SO3(), Euclidean(1)),
-            [*np.eye(3).ravel(), 0],
-            (np.zeros(3), [0.0]),
+            Product(SO3(), Euclidean(1)), [*np.eye(3).ravel(), 0], (np.zeros(3), [0.0]),
             "concatenate",
         ),
     ],
-)
+)  # fmt: skip
 def test_hints(frame, y0, value, hint):
     with pytest.raises(ValueError, match=hint):
         cg.solve_ivp(lambda t, y: value, (0, 1), y0, frame=frame)

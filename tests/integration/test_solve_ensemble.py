@@ -252,11 +252,8 @@ def test_results_do_not_depend_on_lanes(monkeypatch):
         return rates * y
 
     options = {
-        "parameters": np.linspace(-3, 3, 7)[:, None],
-        "vectorized": True,
-        "rtol": 1e-7,
-        **LINE,
-    }
+        "parameters": np.linspace(-3, 3, 7)[:, None], "vectorized": True, "rtol": 1e-7, **LINE,
+    }  # fmt: skip
     whole = cg.solve_ensemble(f, (0, 1), [1.0], **options)
     assert max(sizes) == 7
     sizes.clear()

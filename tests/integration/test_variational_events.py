@@ -27,11 +27,9 @@ def fall(t, y, p):
 
 @settings(max_examples=10)
 @given(
-    height=st.floats(0.5, 1.5),
-    speed=st.floats(-2.0, 2.0),
-    restitution=st.floats(0.5, 0.95),
+    height=st.floats(0.5, 1.5), speed=st.floats(-2.0, 2.0), restitution=st.floats(0.5, 0.95),
     method=st.sampled_from(["RKMK8(5,3)", "CF6(5)", "DOP853"]),
-)
+)  # fmt: skip
 def test_a_bouncing_ball_is_the_closed_form(height, speed, restitution, method):
     floor = cg.Event(
         lambda t, y, p: y[0], direction=-1, jump=lambda t, y, p: [0.0, -p[0] * y[1]], terminal=2

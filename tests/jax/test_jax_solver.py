@@ -114,15 +114,12 @@ class TestErrors:
             (ATTITUDE_AND_VELOCITY, "CF5(4)", 1e-4),
             (fr.Stiefel(3, 2), "CF4(3)", 1e-6),
             *slow(
-                (ATTITUDE_AND_VELOCITY, "CG4(3)", 1e-6),
-                (fr.Stiefel(3, 2), "RKMK8(5,3)", 1e-6),
-                (fr.Sphere(2), "RKMK8(5,3)", 1e-4),
-                (fr.SE3(), "CF6(5)", 1e-6),
-                (fr.SU(2), "CF5(4)", 1e-9),
-                (fr.Product(fr.SU(2), fr.Euclidean(2)), "CG4(3)", 1e-6),
+                (ATTITUDE_AND_VELOCITY, "CG4(3)", 1e-6), (fr.Stiefel(3, 2), "RKMK8(5,3)", 1e-6),
+                (fr.Sphere(2), "RKMK8(5,3)", 1e-4), (fr.SE3(), "CF6(5)", 1e-6),
+                (fr.SU(2), "CF5(4)", 1e-9), (fr.Product(fr.SU(2), fr.Euclidean(2)), "CG4(3)", 1e-6),
             ),
         ],
-    )
+    )  # fmt: skip
     def test_steps_are_those_of_solve_ivp(self, frame, name, rtol):
         ours, f = term(frame)
         y0 = point(frame)
@@ -263,18 +260,13 @@ class TestOutput:
     "frame",
     [
         *(
-            fr.SO3(),
-            fr.SU(2),
-            fr.UnitQuaternion(),
-            fr.Sphere(2),
-            fr.Power(fr.Sphere(2), 3),
-            fr.SO(4),
-            fr.Grassmann(3, 1),
+            fr.SO3(), fr.SU(2), fr.UnitQuaternion(), fr.Sphere(2), fr.Power(fr.Sphere(2), 3),
+            fr.SO(4), fr.Grassmann(3, 1),
         ),
         *(fr.Product(fr.Euclidean(1), fr.SO3()), fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)),
     ],
     ids=repr,
-)
+)  # fmt: skip
 @pytest.mark.parametrize("name", ["CF5(4)", "RKMK5(4)"])
 def test_estimates_of_long_turns_are_not_believed(frame, name):
     """Beyond 20 radians the error is no less than the change of the coefficients."""

@@ -28,12 +28,9 @@ from cg.structure.points import MethodError
 
 # order, kicks, drifts, whether it needs a quadratic kinetic energy
 KNOWN = {
-    "Leapfrog": (2, 2, 1, False),
-    "McLachlan2": (2, 2, 3, False),
-    "BlanesMoan4": (4, 7, 6, False),
-    "BlanesMoan6": (6, 12, 11, True),
-    "BlanesCasas8": (8, 18, 17, True),
-}
+    "Leapfrog": (2, 2, 1, False), "McLachlan2": (2, 2, 3, False), "BlanesMoan4": (4, 7, 6, False),
+    "BlanesMoan6": (6, 12, 11, True), "BlanesCasas8": (8, 18, 17, True),
+}  # fmt: skip
 
 
 def force(q):

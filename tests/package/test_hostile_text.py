@@ -113,16 +113,12 @@ def _box(**changes):
 
 
 FORGED = {
-    "order": _proof(order=10**9),
-    "order 0": _proof(order=0),
-    "bits": _proof(bits=10**9),
-    "no bits": _proof(bits=-1),
-    "left out": _box(left_out=(Condition(0, ((),)),) * 100_000),
+    "order": _proof(order=10**9), "order 0": _proof(order=0), "bits": _proof(bits=10**9),
+    "no bits": _proof(bits=-1), "left out": _box(left_out=(Condition(0, ((),)),) * 100_000),
     "tree": _proof(beyond=replace(CERTIFICATE.beyond, word=())),
-    "fixed": _box(fixed=("a_1,1",) * 1_000_000),
-    "radius": _box(radius=Decimal("1e-3999")),
+    "fixed": _box(fixed=("a_1,1",) * 1_000_000), "radius": _box(radius=Decimal("1e-3999")),
     "large radius": _box(radius=Decimal("1e3999")),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", FORGED)
@@ -133,13 +129,10 @@ def test_rejects_forged_certificates(what):
 
 def test_check_continues_after_invalid_files(tmp_path, capsys):
     texts = {
-        "nested": "a = " + "[" * 10_000,
-        "tables": "a" + ".a" * 10_000 + " = 1",
-        "inline": "a = " + "{a = " * 10_000,
-        "digits": "order = " + "9" * 5000,
-        "kinds": CERTIFICATE.dumps().replace("order = 3", 'order = "3"', 1),
-        "latin": "",
-    }
+        "nested": "a = " + "[" * 10_000, "tables": "a" + ".a" * 10_000 + " = 1",
+        "inline": "a = " + "{a = " * 10_000, "digits": "order = " + "9" * 5000,
+        "kinds": CERTIFICATE.dumps().replace("order = 3", 'order = "3"', 1), "latin": "",
+    }  # fmt: skip
     forged = [one for what, one in FORGED.items() if what != "fixed"]  # a large file
     texts |= {f"forged {k}": one.dumps() for k, one in enumerate(forged)}
     paths = []

@@ -53,13 +53,9 @@ def check(folder, text):
     root = Path(cg.__file__).parents[1]
     path = {} if root.name == "site-packages" else {"MYPYPATH": str(root)}
     return subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", "--no-incremental", "user.py"],
-        cwd=folder,
-        env={**os.environ, **path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        [sys.executable, "-m", "mypy", "--strict", "--no-incremental", "user.py"], cwd=folder,
+        env={**os.environ, **path}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
 
 
 def test_strict_mypy_accepts_user_code(tmp_path):

@@ -187,9 +187,7 @@ def test_a_certificate_that_leaves_out_an_independent_condition():
     certificate = certify(method)
     movable = [name for name in method.layout.names if name not in certificate.fixed]
     forged = leaving_out(
-        certificate,
-        [*certificate.left_out, TREE],
-        fixed=(*certificate.fixed, movable[0]),
+        certificate, [*certificate.left_out, TREE], fixed=(*certificate.fixed, movable[0]),
         radius=Decimal("1e-33"),
-    )
+    )  # fmt: skip
     refuses(CertificationError, "that conditions follow from others is not", check, forged, method)

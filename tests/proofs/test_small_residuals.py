@@ -63,11 +63,9 @@ def test_an_independent_condition_is_not_as_small():
     certificate = certify(method)
     movable = [name for name in method.layout.names if name not in certificate.fixed]
     wrong = changed(
-        certificate,
-        left_out=(Condition(0, parse("[[[[[]]]]]")),),
-        bound=Decimal("1e-41"),
+        certificate, left_out=(Condition(0, parse("[[[[[]]]]]")),), bound=Decimal("1e-41"),
         fixed=(*certificate.fixed, movable[0]),
-    )
+    )  # fmt: skip
     refuses(CertificationError, "that conditions are small is not proved", check, wrong, method)
 
 

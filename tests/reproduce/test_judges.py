@@ -30,11 +30,7 @@ def numbers():
             for name, order in orders.items()
         },
         "approximate": {
-            "worst": 6.1,
-            "root_mean_square": 6.4,
-            "median": 6.5,
-            "conditions": 196,
-            "six": 196,
+            "worst": 6.1, "root_mean_square": 6.4, "median": 6.5, "conditions": 196, "six": 196,
             "truncation": 1e-7,
         },
         "rotation_slopes": {
@@ -50,7 +46,7 @@ def numbers():
         "flat": dict.fromkeys(METHODS, 1e-16),
         "initial": {"orthogonality": 1e-16, "determinant": 0.0},
         "trees": {"order": 10, "generated": 99, "expected": 99},
-    }
+    }  # fmt: skip
 
 
 def figures():
@@ -89,30 +85,20 @@ def figures():
 def searches():
     """Results of the searches that make every claim true."""
     search = {
-        "distinct": 5,
-        "exact": [True] * 5 + [False],
-        "partial": None,
-        "f_double": [1e-33] * 5 + [1e-3],
-        "f_quad": [1e-69] * 5 + [None],
-        "at_limit": 1,
+        "distinct": 5, "exact": [True] * 5 + [False], "partial": None,
+        "f_double": [1e-33] * 5 + [1e-3], "f_quad": [1e-69] * 5 + [None], "at_limit": 1,
         "settings": {"maxfev": 1000},
-    }
+    }  # fmt: skip
     six = {
-        "distinct": 0,
-        "exact": [False] * 4,
-        "partial": None,
-        "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
-        "f_quad": [1e-8, 1e-8, 1e-8, 1e-7],
-        "at_limit": 4,
+        "distinct": 0, "exact": [False] * 4, "partial": None, "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
+        "f_quad": [1e-8, 1e-8, 1e-8, 1e-7], "at_limit": 4,
         "settings": {"maxfev": 1000, "refine_maxfev": 30},
         "best": {"f": 1e-8, "condition_number": 1e9},
-    }
+    }  # fmt: skip
     stopped = {
-        "limit": 20,
-        "limit_quad": 100,
-        "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
+        "limit": 20, "limit_quad": 100, "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
         "f_quad": [1e-8, 1e-8, 1e-8, 1e-7],
-    }
+    }  # fmt: skip
     return {
         "search4": search,
         "search5": copy.deepcopy(search),
@@ -130,14 +116,10 @@ def results():
 
     def printed():
         return {
-            "count": 20,
-            "decimals": 16,
-            "largest_difference": 1e-16,
-            "zeros_kept": True,
-            "if_truncated": 0.5,
-            "if_rounded": 0.4,
+            "count": 20, "decimals": 16, "largest_difference": 1e-16, "zeros_kept": True,
+            "if_truncated": 0.5, "if_rounded": 0.4,
             "residuals": {"paper": {"largest": 1e-15}, "ours": {"largest": 1e-35}},
-        }
+        }  # fmt: skip
 
     rows = [
         {"paper": {"q": q, "N_CG": n}, "agree": True, "trees": n + 7, "discarded": 7}
@@ -174,9 +156,7 @@ CASES = [
     (J.table, "table3.2 rows 2 agree", False),
     (partial(J.double, 5), "search5 f_double", [1e-15] * 4 + [2e-15, 1.0], [1e-15] * 5 + [1.0]),
     (
-        partial(J.usually, 4, 1e-31),
-        "search4 f_quad",
-        [1e-31, 1e-31, 2e-31, 1.0, None, None],
+        partial(J.usually, 4, 1e-31), "search4 f_quad", [1e-31, 1e-31, 2e-31, 1.0, None, None],
         [1e-31, 1e-31, 1e-32, 1.0, 1.0, None],
     ),
     (partial(J.usually, 5, 1e-31), "search5 f_quad", [None] * 6),
@@ -229,7 +209,7 @@ CASES = [
     (J.truncated, "appendix methods CG5a if_truncated", 0.51),
     (J.truncated, "appendix methods CG6a if_truncated", None),
     (J.truncated, "appendix methods CG6a decimals", 8),
-]
+]  # fmt: skip
 
 
 def name(judge):

@@ -197,11 +197,9 @@ LONG_FIT = "fit_conditions(np.full(378, 0.1), system, ftol=0, max_iterations=10*
 def interrupted_after(call, begun):
     """Run the call in a process of its own, interrupt it when `begun`, return its last line."""
     process = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT.format(call=call)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+        [sys.executable, "-c", SCRIPT.format(call=call)], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
     try:
         assert process.stdout.readline() == "ready\n"
         begun(process)

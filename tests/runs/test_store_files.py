@@ -64,15 +64,12 @@ def test_rejects_forged_starts(forgery, tmp_path):
 @pytest.mark.parametrize(
     "change",
     [
-        "solved = NOT solved",
-        "f = f / 2 + 1e-300",
+        "solved = NOT solved", "f = f / 2 + 1e-300",
         "coefficients = zeroblob(length(coefficients) - 16)",
-        "coefficients = zeroblob(length(coefficients))",
-        "number = -5",
-        "stages = stages + 1",
+        "coefficients = zeroblob(length(coefficients))", "number = -5", "stages = stages + 1",
         "tree = '{}'",
     ],
-)
+)  # fmt: skip
 def test_rejects_forged_tries(settings, change, tmp_path):
     path = tmp_path / "runs.db"
     whole = cg.construct(**settings, workers=1, store=path)
