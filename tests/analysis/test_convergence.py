@@ -20,19 +20,16 @@ def test_asymptotic_range_leaves_out_coarse_steps_and_rounding():
     assert observed_order(h[:4], errors[:4]) > 2.2
 
 
-@pytest.mark.parametrize(
-    ("h", "errors", "changes", "message"),
-    [
-        ([0.1, 0.2], [1.0], {}, "must be vectors of one length"),
-        ([[0.1, 0.2]], [[1.0, 2.0]], {}, "must be vectors of one length"),
-        ([0.1, 0.2], [1.0, np.nan], {}, "errors must be positive and finite"),
-        ([0.1, 0.2], [1.0, np.inf], {}, "errors must be positive and finite"),
-        ([0.1, -0.2], [1.0, 2.0], {"h_range": (-1.0, 1.0)}, "h must be positive and finite"),
-        ([0.1, 0.1], [1.0, 2.0], {}, "h must be distinct"),
-        ([0.1, 0.2], [1e-17, 1.0], {"floor": 1e-15}, "errors must leave two points"),
-        ([0.1, 0.2], [1.0, 2.0], {"h_range": (0.15, 1.0)}, "errors must leave two points"),
-    ],
-)
+@pytest.mark.parametrize(("h", "errors", "changes", "message"), [
+    ([0.1, 0.2], [1.0], {}, "must be vectors of one length"),
+    ([[0.1, 0.2]], [[1.0, 2.0]], {}, "must be vectors of one length"),
+    ([0.1, 0.2], [1.0, np.nan], {}, "errors must be positive and finite"),
+    ([0.1, 0.2], [1.0, np.inf], {}, "errors must be positive and finite"),
+    ([0.1, -0.2], [1.0, 2.0], {"h_range": (-1.0, 1.0)}, "h must be positive and finite"),
+    ([0.1, 0.1], [1.0, 2.0], {}, "h must be distinct"),
+    ([0.1, 0.2], [1e-17, 1.0], {"floor": 1e-15}, "errors must leave two points"),
+    ([0.1, 0.2], [1.0, 2.0], {"h_range": (0.15, 1.0)}, "errors must leave two points"),
+])  # fmt: skip
 def test_bad_errors_are_refused(h, errors, changes, message):
     with pytest.raises(ValueError, match=message):
         observed_order(h, errors, **changes)

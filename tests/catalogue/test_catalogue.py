@@ -132,21 +132,18 @@ class TestFiles:
         text = ENTRY.replace('"1/2"', "0.123456789012345678901234567890123456")
         assert loads(text).exact[0][1][0] == Fraction("0.123456789012345678901234567890123456")
 
-    @pytest.mark.parametrize(
-        ("old", "new", "message"),
-        [
-            ("b = [0, 1.0]", "", "the entry lacks b"),
-            ("b = ", "order = 2\nb = ", "the entry has unknown keys: order"),
-            ("b = ", "b == ", "not a TOML file"),
-            ("1.0]", "nan]", "b_2: expected a finite real number, got 'nan'"),
-            ("1.0]", "true]\n", "b_2: expected a finite real number, got True"),
-            ('"1/2"', '"1/2", 0, 0', "a must have 2 rows"),
-            ('"x"', "5", "name must be a str, got 5"),
-            ("1.0]", "1.0]\nnominal = 3", "nominal must be a table, got 3"),
-            ("1.0]", "1.0]\n[nominal]\norder = 2", "nominal lacks residual"),
-            ("1.0]", '1.0]\n[nominal]\norder = 3\nresidual = "0.1"', "nominal_order 3 reach"),
-        ],
-    )
+    @pytest.mark.parametrize(("old", "new", "message"), [
+        ("b = [0, 1.0]", "", "the entry lacks b"),
+        ("b = ", "order = 2\nb = ", "the entry has unknown keys: order"),
+        ("b = ", "b == ", "not a TOML file"),
+        ("1.0]", "nan]", "b_2: expected a finite real number, got 'nan'"),
+        ("1.0]", "true]\n", "b_2: expected a finite real number, got True"),
+        ('"1/2"', '"1/2", 0, 0', "a must have 2 rows"),
+        ('"x"', "5", "name must be a str, got 5"),
+        ("1.0]", "1.0]\nnominal = 3", "nominal must be a table, got 3"),
+        ("1.0]", "1.0]\n[nominal]\norder = 2", "nominal lacks residual"),
+        ("1.0]", '1.0]\n[nominal]\norder = 3\nresidual = "0.1"', "nominal_order 3 reach"),
+    ])  # fmt: skip
     def test_bad_files(self, old, new, message, tmp_path):
         path = tmp_path / "bad.toml"
         path.write_text(ENTRY.replace(old, new))

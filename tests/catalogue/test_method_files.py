@@ -46,19 +46,16 @@ class TestFiles:
         assert method.coefficients[0].text == "0.30000000000000000004"
         assert json.loads(cg.export(method, "json"))["a"][1] == ["0.30000000000000000004"]
 
-    @pytest.mark.parametrize(
-        ("text", "message"),
-        [
-            ("{", "not a JSON file"),
-            ('{"name": "x"}', "lacks a, b"),
-            ('{"name": "x", "name": "y"}', "'name' is there twice"),
-            ('{"a": NaN}', "NaN isn't a finite number"),
-            ('{"a": 1' + "0" * 5000 + "}", "not a file of this kind"),
-            ('{"a": ' + "[" * 50 + "]" * 50 + "}", "nested too deeply"),
-            ('{"a": ' + "[" * 100000 + "]" * 100000 + "}", "nested too deeply"),
-            ('{"name": 1, "source": "", "a": [[]], "b": [1]}', "name must be a str"),
-        ],
-    )
+    @pytest.mark.parametrize(("text", "message"), [
+        ("{", "not a JSON file"),
+        ('{"name": "x"}', "lacks a, b"),
+        ('{"name": "x", "name": "y"}', "'name' is there twice"),
+        ('{"a": NaN}', "NaN isn't a finite number"),
+        ('{"a": 1' + "0" * 5000 + "}", "not a file of this kind"),
+        ('{"a": ' + "[" * 50 + "]" * 50 + "}", "nested too deeply"),
+        ('{"a": ' + "[" * 100000 + "]" * 100000 + "}", "nested too deeply"),
+        ('{"name": 1, "source": "", "a": [[]], "b": [1]}', "name must be a str"),
+    ])  # fmt: skip
     def test_bad_json(self, text, message):
         refuses(MethodError, message, cg.catalogue.loads, text)
 

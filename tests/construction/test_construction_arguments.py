@@ -57,19 +57,16 @@ def cases(function, good, table, *others):
 GOOD = {"order": 5, "stages": 6, "seed": 1, "force": True}
 
 
-@pytest.mark.parametrize(
-    ("function", "arguments", "name"),
-    [
-        *cases(cg.search, GOOD | {"starts": 1}, BOTH | SEARCH, *SHAPES),
-        *cases(cg.search, GOOD | {"starts": 1}, {}, {"minimise": "principal_error"}
-               | {"order": MAX_ORDER}),
-        *cases(cg.construct, GOOD, BOTH | CONSTRUCT, *SHAPES),
-        *cases(cg.lift, {"tableau": CLASSICAL}, LIFT, {"chains": [1, 1, 1, 2], "flows": 5}),
-        *cases(cg.lmdif, {"f": never, "x0": [-1.2, 1.0]}, LMDIF),
-        *cases(cg.lmdif, {}, {}, {"x0": [1.0, 1.0, 1.0], "f": lambda x: x[:2]},
-               {"x0": [1.0, 1.0], "f": lambda x: np.where(x > 1, 1e308, -1e307)}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("function", "arguments", "name"), [
+    *cases(cg.search, GOOD | {"starts": 1}, BOTH | SEARCH, *SHAPES),
+    *cases(cg.search, GOOD | {"starts": 1}, {}, {"minimise": "principal_error"}
+           | {"order": MAX_ORDER}),
+    *cases(cg.construct, GOOD, BOTH | CONSTRUCT, *SHAPES),
+    *cases(cg.lift, {"tableau": CLASSICAL}, LIFT, {"chains": [1, 1, 1, 2], "flows": 5}),
+    *cases(cg.lmdif, {"f": never, "x0": [-1.2, 1.0]}, LMDIF),
+    *cases(cg.lmdif, {}, {}, {"x0": [1.0, 1.0, 1.0], "f": lambda x: x[:2]},
+           {"x0": [1.0, 1.0], "f": lambda x: np.where(x > 1, 1e308, -1e307)}),
+])  # fmt: skip
 def test_bad_arguments_are_named(function, arguments, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     stored = {"store": "runs.db"} if "force" in arguments else {}

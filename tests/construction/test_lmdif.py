@@ -49,22 +49,18 @@ def scipy_solve(problem, start, **options):
 
 
 @pytest.mark.parametrize("name", SOME)
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        {"ftol": 0.0, "xtol": 0.0},
-        {"ftol": 0.0, "xtol": 0.0, "gtol": 1e-3},
-        {"ftol": 1e-3, "xtol": 1e-3},
-        {"ftol": 1e-4, "xtol": 0.0},
-        {"ftol": 0.0, "xtol": 1e-3},
-        {"maxfev": 20},
-        {"factor": 0.1},
-        {"epsfcn": 1e-10},
-        {"diag": True},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [
+    {},
+    {"ftol": 0.0, "xtol": 0.0},
+    {"ftol": 0.0, "xtol": 0.0, "gtol": 1e-3},
+    {"ftol": 1e-3, "xtol": 1e-3},
+    {"ftol": 1e-4, "xtol": 0.0},
+    {"ftol": 0.0, "xtol": 1e-3},
+    {"maxfev": 20},
+    {"factor": 0.1},
+    {"epsfcn": 1e-10},
+    {"diag": True},
+], ids=str)  # fmt: skip
 def test_iterates_equal_scipy_with_options(name, options):
     problem = BY_NAME[name]
     if "diag" in options:

@@ -189,13 +189,10 @@ class TestFromAStoreToTheCatalogue:
         assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        "UPDATE starts SET solved = 1",
-        "UPDATE starts SET coefficients = zeroblob(length(coefficients)) WHERE solved",
-    ],
-)
+@pytest.mark.parametrize("change", [
+    "UPDATE starts SET solved = 1",
+    "UPDATE starts SET coefficients = zeroblob(length(coefficients)) WHERE solved",
+])  # fmt: skip
 def test_rejects_records_that_are_no_solutions(change, tmp_path):
     path = tmp_path / "runs.db"
     cg.search(order=4, stages=5, starts=12, seed=0, algorithm="lmdif", store=path)

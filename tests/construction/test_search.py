@@ -177,17 +177,14 @@ class TestImplicit:
 
 
 class TestArguments:
-    @pytest.mark.parametrize(
-        ("order", "stages", "rows", "size", "independent"),
-        [
-            (3, 2, "explicit", 3, 5),
-            (4, 4, "explicit", 10, 13),
-            (6, 14, "explicit", 105, 113),
-            (4, 3, "diagonal", 9, 13),
-            (4, 3, "full", 12, 13),
-            (5, 5, "full", 30, 38),
-        ],
-    )
+    @pytest.mark.parametrize(("order", "stages", "rows", "size", "independent"), [
+        (3, 2, "explicit", 3, 5),
+        (4, 4, "explicit", 10, 13),
+        (6, 14, "explicit", 105, 113),
+        (4, 3, "diagonal", 9, 13),
+        (4, 3, "full", 12, 13),
+        (5, 5, "full", 30, 38),
+    ])  # fmt: skip
     def test_rejects_too_few_stages(self, order, stages, rows, size, independent):
         with pytest.raises(ValueError, match=rf"gives {size} unknowns .* for {independent} indep"):
             search(order, stages, 1, seed=1, rows=rows)
@@ -239,16 +236,13 @@ class TestRequirements:
         assert all(method.c.min() >= 0 and method.c.max() <= 1 for method in selected)
 
 
-@pytest.mark.parametrize(
-    ("options", "name"),
-    [
-        ({}, r"CG3-5-\d+"),
-        ({"rows": "diagonal"}, r"DICG3-5-\d+"),
-        ({"rows": "full"}, r"ICG3-5-\d+"),
-        ({"flows": 4}, r"CF3-5-\d+"),
-        ({"flows": 4, "embedded": True}, r"CF3\(2\)-5-\d+"),
-    ],
-)
+@pytest.mark.parametrize(("options", "name"), [
+    ({}, r"CG3-5-\d+"),
+    ({"rows": "diagonal"}, r"DICG3-5-\d+"),
+    ({"rows": "full"}, r"ICG3-5-\d+"),
+    ({"flows": 4}, r"CF3-5-\d+"),
+    ({"flows": 4, "embedded": True}, r"CF3\(2\)-5-\d+"),
+])  # fmt: skip
 def test_names_of_methods(options, name):
     selected = search(**SMALL, starts=12, **options).methods
     assert selected

@@ -127,19 +127,16 @@ def test_drawn_layout_depends_on_seed_and_index_alone(drawn):
     assert shapes != [start_layout(replace(settings, seed=2), index) for index in range(20)]
 
 
-@pytest.mark.parametrize(
-    ("tree", "message"),
-    [
-        (((-1, 1), (-1, 0)), "the parent of point 1 must come before it"),
-        (((-1, 0), (-1, 7)), "the point of stage 1 must be a point from -1 to 1, got 7"),
-        (((-1, 0), (0, -1)), "the first stage must be at the initial point"),
-        (((-1, 0, 1), (-1, 2, 1)), "stage 1 must depend on earlier stages, but its point 2"),
-        (((-1, 0), (-1, 0), -1), "result must depend on a stage"),
-        (((-1, 0.5), (-1, 0)), "the parent of point 1 must be a point from -1 to 1, got 0.5"),
-        (Layout((-1, -1), ((1,), (0,)), (-1, 0), (1,)), "point 0 must have weights on earlier"),
-        (Layout.tableau(2), "tree must be one of points, got the layout of a tableau"),
-    ],
-)
+@pytest.mark.parametrize(("tree", "message"), [
+    (((-1, 1), (-1, 0)), "the parent of point 1 must come before it"),
+    (((-1, 0), (-1, 7)), "the point of stage 1 must be a point from -1 to 1, got 7"),
+    (((-1, 0), (0, -1)), "the first stage must be at the initial point"),
+    (((-1, 0, 1), (-1, 2, 1)), "stage 1 must depend on earlier stages, but its point 2"),
+    (((-1, 0), (-1, 0), -1), "result must depend on a stage"),
+    (((-1, 0.5), (-1, 0)), "the parent of point 1 must be a point from -1 to 1, got 0.5"),
+    (Layout((-1, -1), ((1,), (0,)), (-1, 0), (1,)), "point 0 must have weights on earlier"),
+    (Layout.tableau(2), "tree must be one of points, got the layout of a tableau"),
+])  # fmt: skip
 @pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
 def test_rejects_invalid_trees(look, tree, message):
     refuses(MethodError, message, look, order=2, stages=2, seed=0, tree=tree)

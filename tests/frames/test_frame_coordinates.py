@@ -86,15 +86,11 @@ def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
     )
 
 
-@pytest.mark.parametrize(
-    "frame",
-    [
-        fr.Stiefel(4, 2), fr.Stiefel(3, 3), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
-        fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
-        fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)),
-    ],
-    ids=name,
-)  # fmt: skip
+@pytest.mark.parametrize("frame", [
+    fr.Stiefel(4, 2), fr.Stiefel(3, 3), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
+    fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)),
+], ids=name)  # fmt: skip
 def test_coefficients_of_tangents_have_minimum_norm(frame):
     rng = np.random.default_rng(76)
     y = frame.random_point(rng, (3,))

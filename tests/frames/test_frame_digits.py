@@ -149,16 +149,12 @@ def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
 
 
 @pytest.mark.parametrize("size", [1e4, 1e6, 1e9, 1e12, 1e15, 1e50, 1e150])
-@pytest.mark.parametrize(
-    "frame",
-    [
-        *UNITARY, fr.UnitQuaternion(), fr.Sphere(2), fr.Sphere(4), fr.Stiefel(5, 2),
-        fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
-        fr.IsospectralOrbit((0.0, 0.5, 1.0), hermitian=True),
-        fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)), fr.Product(fr.SO(4), fr.U(2)),
-    ],
-    ids=repr,
-)  # fmt: skip
+@pytest.mark.parametrize("frame", [
+    *UNITARY, fr.UnitQuaternion(), fr.Sphere(2), fr.Sphere(4), fr.Stiefel(5, 2),
+    fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    fr.IsospectralOrbit((0.0, 0.5, 1.0), hermitian=True),
+    fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)), fr.Product(fr.SO(4), fr.U(2)),
+], ids=repr)  # fmt: skip
 def test_large_angles_stay_on_compact_manifolds(frame, size):
     rng = np.random.default_rng(66)
     y = frame.random_point(rng, (3,))
@@ -193,16 +189,12 @@ def test_flows_of_too_large_coefficients_raise(frame):
 
 
 @pytest.mark.parametrize("size", [1e3, 1e6, 1e9])
-@pytest.mark.parametrize(
-    ("group", "omega"),
-    [
-        (fr.SL(2), [[0.0, 1.0], [-1.0, 0.0]]),
-        (fr.SL(3), [[0.0, 1.0, 0.0], [-1.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
-        (fr.Sp(2), [[0.0, 1.0], [-2.0, 0.0]]),
-        (fr.Sp(4), [[0, 0, 1, 0], [0, 0, 0, 2], [-3, 0, 0, 0], [0, -1, 0, 0]]),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("group", "omega"), [
+    (fr.SL(2), [[0.0, 1.0], [-1.0, 0.0]]),
+    (fr.SL(3), [[0.0, 1.0, 0.0], [-1.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+    (fr.Sp(2), [[0.0, 1.0], [-2.0, 0.0]]),
+    (fr.Sp(4), [[0, 0, 1, 0], [0, 0, 0, 2], [-3, 0, 0, 0], [0, -1, 0, 0]]),
+], ids=str)  # fmt: skip
 def test_largest_allowed_flows_stay_on_the_manifold(group, omega, size):
     """The flows are bounded oscillations."""
     v = group.coefficients(size * np.array(omega))

@@ -162,25 +162,21 @@ def test_coefficients_reject_matrices_outside_the_algebra(group, size):
     np.testing.assert_allclose(group.coefficients(off[0]), v[0], rtol=0, atol=1e-14 * size)
 
 
-@pytest.mark.parametrize(
-    ("group", "matrix", "hint"),
-    [
-        (
-            fr.SU(2),
-            [[0.0, 1.0], [1.0, 0.0]],
-            r"it is Hermitian, .* Hamiltonian H .* factor: -1j \* H",
-        ),
-        (fr.U(3), np.diag([1.0, 2.0, 3.0]), r"needs the factor: -1j \* H"),
-        (fr.SU(3), 1j * np.diag([1.0, 2.0, 3.0]), r"its trace 0\+6j must be zero; .* need U\(3\)"),
-        (fr.SU(3), np.diag([1.0, 2.0], 1), "1e-08"),
-        (fr.SO(4), np.ones((4, 4)), "1e-08"),
-        (fr.SO3(), np.eye(3), "1e-08"),
-        (fr.SL(2), np.eye(2), r"its trace 2 must be zero; other matrices need GL\(2\)"),
-        (fr.Sp(2), np.eye(2), "1e-08"),
-        (fr.SE3(), np.eye(4), "1e-08"),
-    ],
-    ids=lambda value: repr(value) if hasattr(value, "dim") else "",
-)
+@pytest.mark.parametrize(("group", "matrix", "hint"), [
+    (
+        fr.SU(2),
+        [[0.0, 1.0], [1.0, 0.0]],
+        r"it is Hermitian, .* Hamiltonian H .* factor: -1j \* H",
+    ),
+    (fr.U(3), np.diag([1.0, 2.0, 3.0]), r"needs the factor: -1j \* H"),
+    (fr.SU(3), 1j * np.diag([1.0, 2.0, 3.0]), r"its trace 0\+6j must be zero; .* need U\(3\)"),
+    (fr.SU(3), np.diag([1.0, 2.0], 1), "1e-08"),
+    (fr.SO(4), np.ones((4, 4)), "1e-08"),
+    (fr.SO3(), np.eye(3), "1e-08"),
+    (fr.SL(2), np.eye(2), r"its trace 2 must be zero; other matrices need GL\(2\)"),
+    (fr.Sp(2), np.eye(2), "1e-08"),
+    (fr.SE3(), np.eye(4), "1e-08"),
+], ids=lambda value: repr(value) if hasattr(value, "dim") else "")  # fmt: skip
 def test_coefficients_reject_specific_matrices(group, matrix, hint):
     message = rf"matrix must be in the Lie algebra of .* its distance .*{hint}$"
     refuses(ValueError, message, group.coefficients, matrix)

@@ -42,16 +42,13 @@ def test_final_points_of_scaled_runs_are_points(scale):
             cg.solve_ensemble(f, (0, 3), np.stack([y0, wrong]), **options)
 
 
-@pytest.mark.parametrize(
-    ("frame", "matrix", "name"),
-    [
-        (IsospectralOrbit.through(TODA), bracket(TODA), "frame.group.coefficients"),
-        (Stiefel(4, 2), bracket(TODA), "frame.group.coefficients"),
-        (GL(4), TODA, "frame.coefficients"),
-        (SO3(), np.zeros((3, 3)), "frame.coefficients"),
-        (SU(2), np.zeros((2, 2)), "frame.coefficients"),
-    ],
-)
+@pytest.mark.parametrize(("frame", "matrix", "name"), [
+    (IsospectralOrbit.through(TODA), bracket(TODA), "frame.group.coefficients"),
+    (Stiefel(4, 2), bracket(TODA), "frame.group.coefficients"),
+    (GL(4), TODA, "frame.coefficients"),
+    (SO3(), np.zeros((3, 3)), "frame.coefficients"),
+    (SU(2), np.zeros((2, 2)), "frame.coefficients"),
+])  # fmt: skip
 def test_matrix_instead_of_coefficients_error_message(frame, matrix, name):
     y0 = TODA if isinstance(frame, IsospectralOrbit) else np.eye(*frame.point_shape)
     with pytest.raises(ValueError, match=rf"got shape .*{name}\(matrix\) are those of a matrix"):

@@ -49,18 +49,14 @@ def test_off_manifold_errors_suggest_project(frame):
     assert frame.relative_error(frame.check_point(frame.project(off))) < 1e-14
 
 
-@pytest.mark.parametrize(
-    "frame",
-    [
-        *(
-            fr.SU(2), fr.SU(3), fr.SL(2), fr.SL(3), fr.Sp(2), fr.Sp(4),
-            fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
-        ),
-        *(fr.SO3(), fr.SO(4), fr.U(3), fr.UnitQuaternion(), fr.Sphere(4), fr.Stiefel(4, 2)),
-        fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
-    ],
-    ids=repr,
-)  # fmt: skip
+@pytest.mark.parametrize("frame", [
+    *(
+        fr.SU(2), fr.SU(3), fr.SL(2), fr.SL(3), fr.Sp(2), fr.Sp(4),
+        fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    ),
+    *(fr.SO3(), fr.SO(4), fr.U(3), fr.UnitQuaternion(), fr.Sphere(4), fr.Stiefel(4, 2)),
+    fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
+], ids=repr)  # fmt: skip
 def test_projection_residual_is_normal_to_the_fields(frame):
     """This holds to first order, as after a few corrections of a nearby point."""
     rng = np.random.default_rng(95)
@@ -105,20 +101,16 @@ def test_projection_of_zero_is_nan_or_a_point(frame):
     np.testing.assert_allclose(projected[1], y[1], rtol=0, atol=4e-15 * condition(y[1]))
 
 
-@pytest.mark.parametrize(
-    ("frame", "y"),
-    [
-        (fr.SO3(), np.diag([1.0, 0.0, 0.0])),
-        (fr.SO3(), np.diag([1.0, 0.5, -0.5])),
-        (fr.SO(4), np.diag([1.0, 1.0, 0.0, 0.0])),
-        (fr.SU(3), np.diag([1.0, 1.0, 0.0])),
-        (fr.U(2), np.ones((2, 2))),
-        (fr.Stiefel(4, 2), np.ones((4, 2))),
-        (fr.IsospectralOrbit((-1.0, 0.25, 1.5)), np.diag([1.0, 0.25, 0.25])),
-        (fr.GL(2), np.ones((2, 2))),
-    ],
-    ids=repr,
-)
+@pytest.mark.parametrize(("frame", "y"), [
+    (fr.SO3(), np.diag([1.0, 0.0, 0.0])),
+    (fr.SO3(), np.diag([1.0, 0.5, -0.5])),
+    (fr.SO(4), np.diag([1.0, 1.0, 0.0, 0.0])),
+    (fr.SU(3), np.diag([1.0, 1.0, 0.0])),
+    (fr.U(2), np.ones((2, 2))),
+    (fr.Stiefel(4, 2), np.ones((4, 2))),
+    (fr.IsospectralOrbit((-1.0, 0.25, 1.5)), np.diag([1.0, 0.25, 0.25])),
+    (fr.GL(2), np.ones((2, 2))),
+], ids=repr)  # fmt: skip
 def test_projection_is_nan_where_not_unique(frame, y):
     assert np.isnan(frame.project(y)).all()
 

@@ -133,27 +133,21 @@ def test_ensembles_and_complex_points_from_python(function):
         compiled_rhs(function("stops")).on(Euclidean(1), None).at_member(0, 1.0, np.zeros(1))
 
 
-@pytest.mark.parametrize(
-    ("method", "message"),
-    [
-        ("LieEuler", "the solution is no longer finite at t = 10000000000"),
-        ("CG2", "a stage is no longer finite at t = 5000000000"),
-        ("RKMK4", "a stage is no longer finite at t = 5000000000"),
-    ],
-)
+@pytest.mark.parametrize(("method", "message"), [
+    ("LieEuler", "the solution is no longer finite at t = 10000000000"),
+    ("CG2", "a stage is no longer finite at t = 5000000000"),
+    ("RKMK4", "a stage is no longer finite at t = 5000000000"),
+])  # fmt: skip
 def test_solutions_that_overflow(method, message, function):
     with pytest.raises(OverflowError, match=message):
         integrate(function("growth"), (0, 1e10), [1e300], frame=Euclidean(1), method=method, h=1e10)
 
 
-@pytest.mark.parametrize(
-    ("frame", "y0"),
-    [
-        (Sphere(3), [0.0, 0.0, 0.0, 1.0]),
-        (SL(3), np.eye(3)),
-        (Product(SO3(), GL(2)), np.concatenate([np.eye(3).ravel(), np.eye(2).ravel()])),
-    ],
-)
+@pytest.mark.parametrize(("frame", "y0"), [
+    (Sphere(3), [0.0, 0.0, 0.0, 1.0]),
+    (SL(3), np.eye(3)),
+    (Product(SO3(), GL(2)), np.concatenate([np.eye(3).ravel(), np.eye(2).ravel()])),
+])  # fmt: skip
 def test_on_frames_that_are_not_compiled_it_is_called_from_python(frame, y0, function):
     with pytest.raises(ValueError, match="f must return finite numbers"):  # it sets one only
         integrate(function("growth"), (0, 1), y0, frame=frame, method="CG3", h=0.1)
@@ -214,15 +208,12 @@ def test_other_signatures_are_refused(library):
         integrate(LowLevelCallable(bare), (0, 1), [1.0], **OPTIONS)
 
 
-@pytest.mark.parametrize(
-    ("name", "y0", "error", "message"),
-    [
-        ("stops", [0.0], RuntimeError, r"^f returned the error code 7 at t = 0\.[5-9]"),
-        ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.[5-9]"),
-        ("writes_nothing", [0.0], ValueError, "f must return finite numbers, and all"),
-        ("square", [1e160], ValueError, "f must return finite numbers"),
-    ],
-)
+@pytest.mark.parametrize(("name", "y0", "error", "message"), [
+    ("stops", [0.0], RuntimeError, r"^f returned the error code 7 at t = 0\.[5-9]"),
+    ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.[5-9]"),
+    ("writes_nothing", [0.0], ValueError, "f must return finite numbers, and all"),
+    ("square", [1e160], ValueError, "f must return finite numbers"),
+])  # fmt: skip
 @pytest.mark.parametrize("output", [{}, {"dense_output": True}, {"t_eval": [0.1, 0.9]}])
 @pytest.mark.parametrize("steps", [{"method": "CG2", "h": 0.25}, {}, {"max_step": 0.01}], ids=str)
 def test_failures_of_f(name, y0, error, message, output, steps, function):

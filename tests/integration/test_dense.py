@@ -58,14 +58,10 @@ def one_step(frame, h, method):
 IMPLICIT = [name for name, m in FROZEN.items() if not m.explicit and m.order < 6]
 
 
-@pytest.mark.parametrize(
-    ("frame", "method", "sign"),
-    [
-        *((frame, *way) for frame in FRAMES for way in (("CG3", 1), ("CG4a", -1), ("CG5a", 1))),
-        *((SO3(), name, 1) for name in IMPLICIT),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("frame", "method", "sign"), [
+    *((frame, *way) for frame in FRAMES for way in (("CG3", 1), ("CG4a", -1), ("CG5a", 1))),
+    *((SO3(), name, 1) for name in IMPLICIT),
+], ids=str)  # fmt: skip
 def test_local_order_is_that_of_the_steps(frame, method, sign):
     sizes = np.array([0.1, 0.05, 0.025])
     errors = []

@@ -231,16 +231,13 @@ class TestOut:
         assert run.y is out
         np.testing.assert_array_equal(out, without.y.astype(kind))
 
-    @pytest.mark.parametrize(
-        ("out", "error", "message"),
-        [
-            ([1], TypeError, r"out must be an array, such as one of .*, got \[1\]"),
-            (np.zeros((2, 2, 1), dtype=int), ValueError, "hold numbers of type float64, got"),
-            (np.zeros((2, 2, 1), dtype="S3"), ValueError, "hold numbers of type float64, got"),
-            (np.zeros((3, 2, 1)), ValueError, r"out must have shape \(2, 2, 1\), got \(3, 2, 1\)"),
-            (np.broadcast_to(0.0, (2, 2, 1)), ValueError, "out must be writable, got ndarray"),
-        ],
-    )  # fmt: skip
+    @pytest.mark.parametrize(("out", "error", "message"), [
+        ([1], TypeError, r"out must be an array, such as one of .*, got \[1\]"),
+        (np.zeros((2, 2, 1), dtype=int), ValueError, "hold numbers of type float64, got"),
+        (np.zeros((2, 2, 1), dtype="S3"), ValueError, "hold numbers of type float64, got"),
+        (np.zeros((3, 2, 1)), ValueError, r"out must have shape \(2, 2, 1\), got \(3, 2, 1\)"),
+        (np.broadcast_to(0.0, (2, 2, 1)), ValueError, "out must be writable, got ndarray"),
+    ])  # fmt: skip
     def test_rejected_before_any_call(self, out, error, message):
         def never(t, y):
             raise AssertionError
@@ -294,16 +291,13 @@ class TestCompiledFunction:
         one, two = (cg.solve_ivp(g, (0, 1), np.eye(3), frame=FRAME).y[-1] for g in (f, again))
         np.testing.assert_array_equal(one, two)
 
-    @pytest.mark.parametrize(
-        ("arguments", "error", "message"),
-        [
-            ((3, "rhs"), TypeError, "path must be a path, got 3"),
-            (("/none.so", "rhs"), ValueError, "path must be a shared library, got '/none.so'"),
-            (("LIBRARY", 3), TypeError, "symbol must be a string, got 3"),
-            (("LIBRARY", "lhs"), ValueError, "symbol must be a function of .*, got 'lhs'"),
-            (("LIBRARY", "rhs", "x"), ValueError, "user_data must be an array of real numbers"),
-        ],
-    )
+    @pytest.mark.parametrize(("arguments", "error", "message"), [
+        ((3, "rhs"), TypeError, "path must be a path, got 3"),
+        (("/none.so", "rhs"), ValueError, "path must be a shared library, got '/none.so'"),
+        (("LIBRARY", 3), TypeError, "symbol must be a string, got 3"),
+        (("LIBRARY", "lhs"), ValueError, "symbol must be a function of .*, got 'lhs'"),
+        (("LIBRARY", "rhs", "x"), ValueError, "user_data must be an array of real numbers"),
+    ])  # fmt: skip
     def test_arguments(self, library, arguments, error, message):
         arguments = tuple(library if each == "LIBRARY" else each for each in arguments)
         refuses(error, message, cg.CompiledFunction, *arguments)

@@ -47,13 +47,10 @@ def test_zeros_are_found_in_their_direction(direction, multiples):
         np.testing.assert_allclose(y, [np.cos(t), 0.0], atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("terminal", "stop"),
-    [
-        *((True, 1), (1, 1), (1.0, 1), (np.bool_(True), 1), (2, 2), (np.float64(2.0), 2)),
-        *((value, None) for value in (False, None, 0, 0.0, 4, 10**400)),
-    ],
-)
+@pytest.mark.parametrize(("terminal", "stop"), [
+    *((True, 1), (1, 1), (1.0, 1), (np.bool_(True), 1), (2, 2), (np.float64(2.0), 2)),
+    *((value, None) for value in (False, None, 0, 0.0, 4, 10**400)),
+])  # fmt: skip
 def test_terminal_events_end_the_integration(terminal, stop):
     solution = solve(marked(terminal=terminal), dense_output=True)
     assert (solution.status, solution.success) == (0 if stop is None else 1, True)
@@ -122,31 +119,25 @@ def test_events_do_not_change_the_steps():
     assert watched.nfev == without.nfev + extra
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (np.nan, r"events\[1\] must return finite numbers, got nan at t = "),
-        (None, r"events\[1\] must return finite numbers, got None"),
-        ("zero", r"events\[1\] must return a real number, got 'zero'"),
-        ([1.0, 2.0], r"events\[1\] must return an array of shape \(\), got shape \(2,\)"),
-        (True, r"events\[1\] must return a real number"),
-        (np.bool_(False), r"events\[1\] must return a real number"),
-        (np.array(True), r"events\[1\] must return a real number"),
-    ],
-)
+@pytest.mark.parametrize(("value", "message"), [
+    (np.nan, r"events\[1\] must return finite numbers, got nan at t = "),
+    (None, r"events\[1\] must return finite numbers, got None"),
+    ("zero", r"events\[1\] must return a real number, got 'zero'"),
+    ([1.0, 2.0], r"events\[1\] must return an array of shape \(\), got shape \(2,\)"),
+    (True, r"events\[1\] must return a real number"),
+    (np.bool_(False), r"events\[1\] must return a real number"),
+    (np.array(True), r"events\[1\] must return a real number"),
+])  # fmt: skip
 def test_bad_values_are_refused(value, message):
     with pytest.raises(ValueError, match=message):
         solve([height, lambda t, y: value if t > 2 else 1.0])
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "error"),
-    [
-        *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
-        *(("direction", value, ValueError) for value in ("up", np.nan)),
-        ("jump", 3, TypeError),
-    ],
-)
+@pytest.mark.parametrize(("name", "value", "error"), [
+    *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
+    *(("direction", value, ValueError) for value in ("up", np.nan)),
+    ("jump", 3, TypeError),
+])  # fmt: skip
 def test_bad_attributes_of_events_are_rejected(name, value, error):
     with pytest.raises(error, match=rf"^event\.{name} must be"):
         cg.Event(height, **{name: value})

@@ -291,16 +291,13 @@ def test_other_events_in_the_step_of_a_jump():
         np.testing.assert_array_equal(before, after)
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ([0.0], r"events\[1\]\.jump\(t, y\) must have shape \(2,\), got \(1,\).*at t = 0.45"),
-        ([0.0, np.nan], r"events\[1\]\.jump\(t, y\) must be finite.*at t = 0.45"),
-        (None, r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
-        ("up", r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
-        ([1j, 0.0], r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
-    ],
-)
+@pytest.mark.parametrize(("value", "message"), [
+    ([0.0], r"events\[1\]\.jump\(t, y\) must have shape \(2,\), got \(1,\).*at t = 0.45"),
+    ([0.0, np.nan], r"events\[1\]\.jump\(t, y\) must be finite.*at t = 0.45"),
+    (None, r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
+    ("up", r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
+    ([1j, 0.0], r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
+])  # fmt: skip
 def test_a_wrong_point_after_a_jump_is_named(value, message):
     events = [lambda t, y: 1.0, cg.Event(height, direction=-1, jump=lambda t, y: value)]
     for options in ({}, {"h": 0.1}):

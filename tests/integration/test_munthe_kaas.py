@@ -55,14 +55,11 @@ class TestEuclideanSpaceIsScipy:
 
     y0 = np.array([1.0, 0.3, 0.7])
 
-    @pytest.mark.parametrize(
-        ("key", "solver"),
-        [
-            ("RKMK3(2)", scipy.integrate.RK23),
-            ("RKMK5(4)", scipy.integrate.RK45),
-            ("RKMK8(5,3)", scipy.integrate.DOP853),
-        ],
-    )
+    @pytest.mark.parametrize(("key", "solver"), [
+        ("RKMK3(2)", scipy.integrate.RK23),
+        ("RKMK5(4)", scipy.integrate.RK45),
+        ("RKMK8(5,3)", scipy.integrate.DOP853),
+    ])  # fmt: skip
     def test_steps_and_estimates(self, key, solver):
         method = METHODS[key]
         theirs = solver(self.f, 0.0, self.y0, 5.0, rtol=1e-6, atol=1e-8)
@@ -128,15 +125,11 @@ def test_turns_about_the_point_of_a_sphere_are_no_error():
 
 
 class TestBadInput:
-    @pytest.mark.parametrize(
-        ("frame", "reason"),
-        [
-            (HEISENBERG, "span a Lie algebra, pass"),
-            (Product(SO3(), HEISENBERG), "span a Lie algebra, pass"),
-            (MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]]), "do not span a"),
-        ],
-        ids=["functions", "product", "matrices"],
-    )
+    @pytest.mark.parametrize(("frame", "reason"), [
+        (HEISENBERG, "span a Lie algebra, pass"),
+        (Product(SO3(), HEISENBERG), "span a Lie algebra, pass"),
+        (MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]]), "do not span a"),
+    ], ids=["functions", "product", "matrices"])  # fmt: skip
     def test_frames_without_brackets(self, frame, reason):
         y0 = frame.random_point(np.random.default_rng(0))
         for call in (cg.solve_ivp, cg.integrate):

@@ -52,22 +52,19 @@ class TestMethods:
         assert method != HEUN
         assert method.embedded == cg.MuntheKaas(cg.Tableau([[], [1]], [1, 0]))
 
-    @pytest.mark.parametrize(
-        ("make", "message"),
-        [
-            (lambda: cg.MuntheKaas(cg.methods["CF4"]), "tableau must be a Tableau, got"),
-            (lambda: cg.MuntheKaas("RK4"), "tableau must be a Tableau, got 'RK4'"),
-            (lambda: cg.MuntheKaas(cg.methods["ImplicitMidpoint"]), "tableau must be explicit"),
-            (lambda: cg.MuntheKaas(EULER, third=[1]), "third must be None unless"),
-            (lambda: cg.MuntheKaas(HEUN, third=[1]), "third must have 2 entries, got 1"),
-            (lambda: cg.MuntheKaas(HEUN, third=[1, 0]), "third must differ"),
-            (lambda: cg.MuntheKaas(HEUN, third="ab"), "third must be a sequence"),
-            (lambda: cg.MuntheKaas(HEUN, third=["x", 0]), "third_1: expected a finite real"),
-            (lambda: cg.MuntheKaas(cg.Tableau([[]], [0])), "result must depend on a stage"),
-            (lambda: cg.MuntheKaas(HEUN, name=3), "name must be a str"),
-            (lambda: loads(dumps(METHODS["RKMK4"]).replace("e-K", "e-k")), "kind must be"),
-        ],
-    )
+    @pytest.mark.parametrize(("make", "message"), [
+        (lambda: cg.MuntheKaas(cg.methods["CF4"]), "tableau must be a Tableau, got"),
+        (lambda: cg.MuntheKaas("RK4"), "tableau must be a Tableau, got 'RK4'"),
+        (lambda: cg.MuntheKaas(cg.methods["ImplicitMidpoint"]), "tableau must be explicit"),
+        (lambda: cg.MuntheKaas(EULER, third=[1]), "third must be None unless"),
+        (lambda: cg.MuntheKaas(HEUN, third=[1]), "third must have 2 entries, got 1"),
+        (lambda: cg.MuntheKaas(HEUN, third=[1, 0]), "third must differ"),
+        (lambda: cg.MuntheKaas(HEUN, third="ab"), "third must be a sequence"),
+        (lambda: cg.MuntheKaas(HEUN, third=["x", 0]), "third_1: expected a finite real"),
+        (lambda: cg.MuntheKaas(cg.Tableau([[]], [0])), "result must depend on a stage"),
+        (lambda: cg.MuntheKaas(HEUN, name=3), "name must be a str"),
+        (lambda: loads(dumps(METHODS["RKMK4"]).replace("e-K", "e-k")), "kind must be"),
+    ])  # fmt: skip
     def test_rejected_arguments(self, make, message):
         with pytest.raises(MethodError, match=message):
             make()

@@ -86,21 +86,18 @@ def test_compiled_functions(function):
     np.testing.assert_array_equal(both.y[-1, 1], run.y[-1])
 
 
-@pytest.mark.parametrize(
-    ("jac", "error", "message"),
-    [
-        (3, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
-        (lambda t, y: [[1.0]], ValueError, r"jac must return .*\(2, 2\), got shape \(1, 1\)"),
-        (lambda t, y: sparse.eye_array(3), ValueError, r"jac must return .*\(2, 2\)"),
-        (lambda t, y: np.full((2, 2), np.nan), ValueError, "jac must return finite numbers"),
-        (lambda t, y: jacobian(t, y) * (1.0 if t < 1 else np.nan), ValueError, "finite"),
-        (lambda t, y: sparse_jacobian(t, y) * (1.0 if t < 1 else np.inf), ValueError, "finite"),
-        (lambda t, y: (jacobian if t > 1 else sparse_jacobian)(t, y), ValueError, "a sparse m"),
-        (lambda t, y: (sparse_jacobian if t > 1 else jacobian)(t, y), ValueError, "an array"),
-        (lambda t, y: (1j if t > 1 else 1) * sparse_jacobian(t, y), ValueError, "real numbers"),
-        (lambda t, y: jacobian(t, y) / (0 if t > 1 else 1.0) // 0, ValueError, "finite"),
-    ],
-)
+@pytest.mark.parametrize(("jac", "error", "message"), [
+    (3, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
+    (lambda t, y: [[1.0]], ValueError, r"jac must return .*\(2, 2\), got shape \(1, 1\)"),
+    (lambda t, y: sparse.eye_array(3), ValueError, r"jac must return .*\(2, 2\)"),
+    (lambda t, y: np.full((2, 2), np.nan), ValueError, "jac must return finite numbers"),
+    (lambda t, y: jacobian(t, y) * (1.0 if t < 1 else np.nan), ValueError, "finite"),
+    (lambda t, y: sparse_jacobian(t, y) * (1.0 if t < 1 else np.inf), ValueError, "finite"),
+    (lambda t, y: (jacobian if t > 1 else sparse_jacobian)(t, y), ValueError, "a sparse m"),
+    (lambda t, y: (sparse_jacobian if t > 1 else jacobian)(t, y), ValueError, "an array"),
+    (lambda t, y: (1j if t > 1 else 1) * sparse_jacobian(t, y), ValueError, "real numbers"),
+    (lambda t, y: jacobian(t, y) / (0 if t > 1 else 1.0) // 0, ValueError, "finite"),
+])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_bad_values(jac, error, message):
     refuses(error, message, solve, jac=jac)

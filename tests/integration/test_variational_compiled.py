@@ -144,13 +144,10 @@ def test_many_points_at_a_time_have_the_derivatives_of_one():
 
 class TestFailures:
     @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
-    @pytest.mark.parametrize(
-        ("wrong", "error", "message"),
-        [
-            ("stops", RuntimeError, "returned the error code 7 at t ="),
-            ("writes_nothing", ValueError, "must return finite numbers"),
-        ],
-    )
+    @pytest.mark.parametrize(("wrong", "error", "message"), [
+        ("stops", RuntimeError, "returned the error code 7 at t ="),
+        ("writes_nothing", ValueError, "must return finite numbers"),
+    ])  # fmt: skip
     def test_the_function_is_named(self, functions, function, name, wrong, error, message):
         with pytest.raises(error, match=f"^{name} {message}"):
             solve(functions | {name: function(wrong)}, y0=BODY.join(np.eye(3), np.zeros(3)))

@@ -149,22 +149,19 @@ def test_a_compiled_density(affine):
         solve(wrong)
 
 
-@pytest.mark.parametrize(
-    ("noise", "message"),
-    [
-        (np.eye(2), r"noise must have shape \(3, 3\), got \(2, 2\)"),
-        (-np.eye(3), "noise must be positive semidefinite, got one with the eigenvalue -1"),
-        (np.triu(np.ones((3, 3))), "noise must be symmetric"),
-        (lambda t, y: np.eye(2), r"noise must return an array of shape \(3, 3\), got shape \(2, 2"),
-        (
-            lambda t, y: (0.5 - t) * np.eye(3),
-            r"noise must be positive semidefinite, .* at t = 0\.[5-9]",
-        ),
-        (lambda t, y: np.tri(3), "noise must be symmetric, .* at t = 0"),
-        (lambda t, y: np.full((3, 3), np.nan), "noise must return finite numbers"),
-        ("x", "noise must be an array of real numbers, got 'x'"),
-    ],
-)
+@pytest.mark.parametrize(("noise", "message"), [
+    (np.eye(2), r"noise must have shape \(3, 3\), got \(2, 2\)"),
+    (-np.eye(3), "noise must be positive semidefinite, got one with the eigenvalue -1"),
+    (np.triu(np.ones((3, 3))), "noise must be symmetric"),
+    (lambda t, y: np.eye(2), r"noise must return an array of shape \(3, 3\), got shape \(2, 2"),
+    (
+        lambda t, y: (0.5 - t) * np.eye(3),
+        r"noise must be positive semidefinite, .* at t = 0\.[5-9]",
+    ),
+    (lambda t, y: np.tri(3), "noise must be symmetric, .* at t = 0"),
+    (lambda t, y: np.full((3, 3), np.nan), "noise must return finite numbers"),
+    ("x", "noise must be an array of real numbers, got 'x'"),
+])  # fmt: skip
 def test_bad_noise_is_refused(noise, message):
     with pytest.raises(ValueError, match=message):
         cg.solve_variational(

@@ -49,13 +49,10 @@ class TestTransforms:
         expected = [frame.field(tangent, variational.y[-1])[0] for tangent in tangents]
         np.testing.assert_allclose(numbers, expected, rtol=0.0, atol=1e-9)
 
-    @pytest.mark.parametrize(
-        ("frame", "name"),
-        [
-            (fr.UnitQuaternion(), "CF4(3)"),
-            *slow((fr.UnitQuaternion(), "RKMK5(4)"), (fr.Sphere(2), "CF4(3)")),
-        ],
-    )
+    @pytest.mark.parametrize(("frame", "name"), [
+        (fr.UnitQuaternion(), "CF4(3)"),
+        *slow((fr.UnitQuaternion(), "RKMK5(4)"), (fr.Sphere(2), "CF4(3)")),
+    ])  # fmt: skip
     def test_times_of_events(self, frame, name):
         """The time of an event and the point there, and their derivatives."""
         optimistix = pytest.importorskip("optimistix")
@@ -140,17 +137,13 @@ class TestTransforms:
         kept = memory(diffrax.RecursiveCheckpointAdjoint(checkpoints=steps))
         assert 100 * steps < kept < 500 * steps
 
-    @pytest.mark.parametrize(
-        "frame",
-        [
-            fr.Sphere(2),
-            *slow(fr.UnitQuaternion(), fr.SO3(), fr.SE3(), fr.SU(3), fr.SL(2), fr.Sp(2, "body")),
-            *slow(fr.Stiefel(3, 2), fr.Power(fr.Sphere(2), 2), fr.Grassmann(3, 1), fr.SPD(2)),
-            *slow(fr.Product(fr.SU(2), fr.Euclidean(2)), fr.Hyperbolic(2)),
-            *slow(fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)),
-        ],
-        ids=repr,
-    )
+    @pytest.mark.parametrize("frame", [
+        fr.Sphere(2),
+        *slow(fr.UnitQuaternion(), fr.SO3(), fr.SE3(), fr.SU(3), fr.SL(2), fr.Sp(2, "body")),
+        *slow(fr.Stiefel(3, 2), fr.Power(fr.Sphere(2), 2), fr.Grassmann(3, 1), fr.SPD(2)),
+        *slow(fr.Product(fr.SU(2), fr.Euclidean(2)), fr.Hyperbolic(2)),
+        *slow(fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)),
+    ], ids=repr)  # fmt: skip
     @pytest.mark.parametrize("name", ["CF3", *slow("RKMK4")])
     def test_all_transforms(self, frame, name):
         """Derivatives of steps, in both modes, of two orders and batched."""

@@ -88,19 +88,16 @@ class TestConversion:
         assert {"CF3b", "CF4b", "LieEuler"} <= set(NAMES)
         assert not {"CF3", "CF4", "CG3", "CG4(3)", "ImplicitMidpoint", "CG2"} & set(NAMES)
 
-    @pytest.mark.parametrize(
-        ("a", "b", "words"),
-        [
-            ([0, 1], [1], "same length"),
-            ([], [], "at least 1"),
-            (["1/2"], [1], r"a\[0\] must be 0.*1/2"),
-            ([0, 1], [1, 0], r"b\[1\] must not be 0"),
-            ([0, "x"], [1, 1], r"a\[1\]"),
-            ([0, 1], [1, float("nan")], r"b\[1\]"),
-            ("01", [1, 1], "a must be a sequence"),
-            ([0], 1, "b must be a sequence"),
-        ],
-    )
+    @pytest.mark.parametrize(("a", "b", "words"), [
+        ([0, 1], [1], "same length"),
+        ([], [], "at least 1"),
+        (["1/2"], [1], r"a\[0\] must be 0.*1/2"),
+        ([0, 1], [1, 0], r"b\[1\] must not be 0"),
+        ([0, "x"], [1, 1], r"a\[1\]"),
+        ([0, 1], [1, float("nan")], r"b\[1\]"),
+        ("01", [1, 1], "a must be a sequence"),
+        ([0], 1, "b must be a sequence"),
+    ])  # fmt: skip
     def test_bad_input(self, a, b, words):
         refuses(MethodError, words, from_two_registers, a, b)
 

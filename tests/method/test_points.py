@@ -145,45 +145,39 @@ class TestMethods:
 
 
 class TestBadInput:
-    @pytest.mark.parametrize(
-        ("points", "stages", "options", "message"),
-        [
-            ([(0, {0: 1})], [-1], {}, "the parent of point 0 must come before it, or"),
-            ([(5, {0: 1})], [-1], {}, "the parent of point 0 must be a point from -1 to 0,"),
-            ([(-1, {0: 1})], [-1, 4], {}, "the point of stage 1 must be a point from -1 to 0"),
-            ([(-1, {0: 1})], [0], {}, "the first stage must be at the initial point, -1, got 0"),
-            ([(-1, {0: 1})], [], {}, "stage_points must have at least one entry"),
-            ([(-1, {0: 1})], 3, {}, "stage_points must be a sequence, got 3"),
-            ([(-1, {1: 1})], [-1], {}, "point 0 must have weights on stages 0 to 0, got 1"),
-            ([(-1, {1: 1})], [-1, 0], {}, "point 0 must have weights on earlier stages"),
-            ([(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})], [-1, 1, 0], {}, "stage 1 must depend on"),
-            ([(-1, {0: 0})], [-1], {}, "result must depend on a stage: no weights lead to point 0"),
-            ([(-1, {0: 1})], [-1], {"result": 1}, "result must be a point from -1 to 0, got 1"),
-            ([(-1, {0: 1})], [-1], {"embedded_result": 0}, "embedded_result must dif"),
-            ([(-1, {0: 1}), (-1, {0: 1})], [-1], {"embedded_result": 0}, "embedded_result must"),
-            ([(-1, {0: "x"})], [-1], {}, "weight of point 0 on stage 0: expected a finite real"),
-            ([(-1, {0: "1e999"})], [-1], {}, "weight of point 0 on stage 0: 1e999 is beyond"),
-            ([-1], [-1], {}, "point 0 must be a parent and a mapping from stages"),
-            ([], [-1], {}, "points must have at least one entry, got none"),
-            ({}, [-1], {}, "points must be a sequence, got {}"),
-            ([(-1, {0: 1})], [-1], {"name": 5}, "name must be a str, got 5"),
-            ([(-1, {0: 1})], [-1], {"nominal_order": 2, "nominal_residual": "0.1"}, "residuals"),
-        ],
-    )
+    @pytest.mark.parametrize(("points", "stages", "options", "message"), [
+        ([(0, {0: 1})], [-1], {}, "the parent of point 0 must come before it, or"),
+        ([(5, {0: 1})], [-1], {}, "the parent of point 0 must be a point from -1 to 0,"),
+        ([(-1, {0: 1})], [-1, 4], {}, "the point of stage 1 must be a point from -1 to 0"),
+        ([(-1, {0: 1})], [0], {}, "the first stage must be at the initial point, -1, got 0"),
+        ([(-1, {0: 1})], [], {}, "stage_points must have at least one entry"),
+        ([(-1, {0: 1})], 3, {}, "stage_points must be a sequence, got 3"),
+        ([(-1, {1: 1})], [-1], {}, "point 0 must have weights on stages 0 to 0, got 1"),
+        ([(-1, {1: 1})], [-1, 0], {}, "point 0 must have weights on earlier stages"),
+        ([(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})], [-1, 1, 0], {}, "stage 1 must depend on"),
+        ([(-1, {0: 0})], [-1], {}, "result must depend on a stage: no weights lead to point 0"),
+        ([(-1, {0: 1})], [-1], {"result": 1}, "result must be a point from -1 to 0, got 1"),
+        ([(-1, {0: 1})], [-1], {"embedded_result": 0}, "embedded_result must dif"),
+        ([(-1, {0: 1}), (-1, {0: 1})], [-1], {"embedded_result": 0}, "embedded_result must"),
+        ([(-1, {0: "x"})], [-1], {}, "weight of point 0 on stage 0: expected a finite real"),
+        ([(-1, {0: "1e999"})], [-1], {}, "weight of point 0 on stage 0: 1e999 is beyond"),
+        ([-1], [-1], {}, "point 0 must be a parent and a mapping from stages"),
+        ([], [-1], {}, "points must have at least one entry, got none"),
+        ({}, [-1], {}, "points must be a sequence, got {}"),
+        ([(-1, {0: 1})], [-1], {"name": 5}, "name must be a str, got 5"),
+        ([(-1, {0: 1})], [-1], {"nominal_order": 2, "nominal_residual": "0.1"}, "residuals"),
+    ])  # fmt: skip
     def test_message_names_the_argument(self, points, stages, options, message):
         refuses(MethodError, f"^{message}", CommutatorFree, points, stages, **options)
 
-    @pytest.mark.parametrize(
-        ("old", "new", "message"),
-        [
-            ("parent = -1, ", "", "point 0 lacks parent"),
-            ("0 = ", "x = ", "weights of point 0 must be on stages, got one on 'x'"),
-            ("result = 0", "", "the entry lacks result"),
-            ("result = 0", "result = 0\nb = [1]", "the entry has unknown keys: b"),
-            ("{parent", "5, {parent", "point 0 must be a table with one of weights, got 5"),
-            ('{0 = "1"}', "4", "point 0 must be a table with one of weights"),
-        ],
-    )
+    @pytest.mark.parametrize(("old", "new", "message"), [
+        ("parent = -1, ", "", "point 0 lacks parent"),
+        ("0 = ", "x = ", "weights of point 0 must be on stages, got one on 'x'"),
+        ("result = 0", "", "the entry lacks result"),
+        ("result = 0", "result = 0\nb = [1]", "the entry has unknown keys: b"),
+        ("{parent", "5, {parent", "point 0 must be a table with one of weights, got 5"),
+        ('{0 = "1"}', "4", "point 0 must be a table with one of weights"),
+    ])  # fmt: skip
     def test_files(self, old, new, message):
         text = (
             'name = "x"\nsource = "y"\npoints = [\n  {parent = -1, weights = {0 = "1"}},\n]\n'
@@ -263,14 +257,11 @@ class TestThirdWeights:
         assert again.third_weights == pair.third_weights
         assert methods["CF6(5)"].third_order is None
 
-    @pytest.mark.parametrize(
-        ("third", "options", "message"),
-        [
-            (["1"], {}, "third must have 9 entries, got 1"),
-            ("1234567", {}, "third must be a sequence"),
-            ([*[1] * 8, "x"], {}, "third_9"),
-            ([1] * 9, {"embedded_result": None}, "third must be None unless"),
-        ],
-    )
+    @pytest.mark.parametrize(("third", "options", "message"), [
+        (["1"], {}, "third must have 9 entries, got 1"),
+        ("1234567", {}, "third must be a sequence"),
+        ([*[1] * 8, "x"], {}, "third_9"),
+        ([1] * 9, {"embedded_result": None}, "third must be None unless"),
+    ])  # fmt: skip
     def test_bad_input(self, third, options, message):
         refuses(MethodError, message, self.make, third, **options)

@@ -200,30 +200,24 @@ def test_times_of_kicks():
     assert repr(method) == "<Splitting McLachlan2: order 2, 2 kicks, 3 drifts>"
 
 
-@pytest.mark.parametrize(
-    ("drifts", "kicks", "message"),
-    [
-        ([1], [], "kicks must have at least one entry, got none"),
-        ([0, 1], ["1/2", "1/2"], "drifts must have 3 entries for 2 kicks, got 2"),
-        ([0, "one", 0], [1, 0], "drifts[1]: expected a finite real number, got 'one'"),
-        ([0, 1], [float("nan")], "kicks[0]: expected a finite real number, got nan"),
-        (3, [1], "drifts must be a sequence of numbers, got 3"),
-    ],
-)
+@pytest.mark.parametrize(("drifts", "kicks", "message"), [
+    ([1], [], "kicks must have at least one entry, got none"),
+    ([0, 1], ["1/2", "1/2"], "drifts must have 3 entries for 2 kicks, got 2"),
+    ([0, "one", 0], [1, 0], "drifts[1]: expected a finite real number, got 'one'"),
+    ([0, 1], [float("nan")], "kicks[0]: expected a finite real number, got nan"),
+    (3, [1], "drifts must be a sequence of numbers, got 3"),
+])  # fmt: skip
 def test_bad_coefficients_are_refused(drifts, kicks, message):
     with pytest.raises(MethodError, match=re.escape(message)):
         cg.Splitting(drifts, kicks)
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda m: m.a, AttributeError, "has drifts and kicks, no tree of points"),
-        (lambda m: cg.export(m, "c"), ValueError, "format must be json or toml for .*Leapfrog"),
-        (cg.diagnose, TypeError, "method must not be a splitting method"),
-        (cg.certify, TypeError, "method must not be a splitting method"),
-    ],
-)
+@pytest.mark.parametrize(("call", "error", "message"), [
+    (lambda m: m.a, AttributeError, "has drifts and kicks, no tree of points"),
+    (lambda m: cg.export(m, "c"), ValueError, "format must be json or toml for .*Leapfrog"),
+    (cg.diagnose, TypeError, "method must not be a splitting method"),
+    (cg.certify, TypeError, "method must not be a splitting method"),
+])  # fmt: skip
 def test_what_splitting_methods_cannot_do(call, error, message):
     with pytest.raises(error, match=message):
         call(cg.methods["Leapfrog"])

@@ -47,25 +47,22 @@ def test_f_accepts_batches():
         np.testing.assert_allclose(together[index], alone, rtol=1e-13, atol=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "message"),
-    [
-        (lambda: FreeRigidBody((1, 1, 3)), ValueError, "inertia must be positive, none larger"),
-        (lambda: FreeRigidBody((1, 1, -1)), ValueError, "inertia must be positive"),
-        (lambda: FreeRigidBody((1, 1)), ValueError, "inertia must be 3 finite numbers"),
-        (lambda: FreeRigidBody(momentum=(0, 0, 0)), ValueError, "momentum must not vanish"),
-        (lambda: FreeRigidBody(momentum=(0, 0, np.nan)), ValueError, "momentum must be 3 finite"),
-        (lambda: HeavyTop("speed"), ValueError, "reading must be"),
-        (lambda: HeavyTop("momentum", "third"), ValueError, "phi_over_pi must be rational"),
-        (lambda: HeavyTop("momentum", np.nan), ValueError, "phi_over_pi must be rational"),
-        *(
-            (lambda t=t: HeavyTop().reference([t]), ValueError, "times must be finite numbers")
-            for t in ("noon", np.nan, np.inf, None)
-        ),
-        (lambda: ForcedRigidBody(frequency=[1, 2]), ValueError, "frequency must be a finite"),
-        (lambda: ForcedRigidBody(velocity=(0, np.inf, 0)), ValueError, "velocity must be 3 finite"),
-    ],
-)
+@pytest.mark.parametrize(("make", "error", "message"), [
+    (lambda: FreeRigidBody((1, 1, 3)), ValueError, "inertia must be positive, none larger"),
+    (lambda: FreeRigidBody((1, 1, -1)), ValueError, "inertia must be positive"),
+    (lambda: FreeRigidBody((1, 1)), ValueError, "inertia must be 3 finite numbers"),
+    (lambda: FreeRigidBody(momentum=(0, 0, 0)), ValueError, "momentum must not vanish"),
+    (lambda: FreeRigidBody(momentum=(0, 0, np.nan)), ValueError, "momentum must be 3 finite"),
+    (lambda: HeavyTop("speed"), ValueError, "reading must be"),
+    (lambda: HeavyTop("momentum", "third"), ValueError, "phi_over_pi must be rational"),
+    (lambda: HeavyTop("momentum", np.nan), ValueError, "phi_over_pi must be rational"),
+    *(
+        (lambda t=t: HeavyTop().reference([t]), ValueError, "times must be finite numbers")
+        for t in ("noon", np.nan, np.inf, None)
+    ),
+    (lambda: ForcedRigidBody(frequency=[1, 2]), ValueError, "frequency must be a finite"),
+    (lambda: ForcedRigidBody(velocity=(0, np.inf, 0)), ValueError, "velocity must be 3 finite"),
+])  # fmt: skip
 def test_bad_arguments_are_rejected(make, error, message):
     refuses(error, message, make)
 

@@ -169,26 +169,23 @@ class TestFailures:
             certify(name, order + 1)
         refuses(CertificationError, "isn't the highest", certify, name, order - 1)
 
-    @pytest.mark.parametrize(
-        "change",
-        [
-            {"order": 3},
-            {"order": 5},
-            {"bits": 60},
-            {"bits": 10**9},
-            {"name": "CG5a"},
-            {"embedded_order": 3},
-            {"radius": Decimal("1.1e-36")},
-            {"radius": Decimal(0)},
-            {"radius": Decimal("0.5")},
-            {"left_out": (Condition(0, ((),)),)},
-            {"left_out": (Condition(0, ((), ())),)},
-            {"fixed": ()},
-            {"fixed": ("a_4,2", "a_4,2")},
-            {"fixed": ("a_2,1", "a_3,1")},
-            {"fixed": ("a_2,1", "a_9,1")},
-        ],
-    )
+    @pytest.mark.parametrize("change", [
+        {"order": 3},
+        {"order": 5},
+        {"bits": 60},
+        {"bits": 10**9},
+        {"name": "CG5a"},
+        {"embedded_order": 3},
+        {"radius": Decimal("1.1e-36")},
+        {"radius": Decimal(0)},
+        {"radius": Decimal("0.5")},
+        {"left_out": (Condition(0, ((),)),)},
+        {"left_out": (Condition(0, ((), ())),)},
+        {"fixed": ()},
+        {"fixed": ("a_4,2", "a_4,2")},
+        {"fixed": ("a_2,1", "a_3,1")},
+        {"fixed": ("a_2,1", "a_9,1")},
+    ])  # fmt: skip
     def test_tampered_certificates(self, change):
         honest = certificate_of(methods["CG4a"])
         inner = {key: value for key, value in change.items() if hasattr(honest.box, key)}

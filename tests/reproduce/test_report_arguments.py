@@ -7,19 +7,16 @@ import pytest
 from cg.reproduce.main import main
 
 
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["--seed", "-1"], "--seed"),
-        (["--seed", "one"], "--seed"),
-        (["--workers", "0"], "--workers"),
-        (["--workers", "1.5"], "--workers"),
-        (["--frequency"], "--frequency"),
-        (["--minutes", "-1"], "--minutes"),
-        (["--minutes", "nan"], "--minutes"),
-        (["--only", "fig9.9"], "fig9.9"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "named"), [
+    (["--seed", "-1"], "--seed"),
+    (["--seed", "one"], "--seed"),
+    (["--workers", "0"], "--workers"),
+    (["--workers", "1.5"], "--workers"),
+    (["--frequency"], "--frequency"),
+    (["--minutes", "-1"], "--minutes"),
+    (["--minutes", "nan"], "--minutes"),
+    (["--only", "fig9.9"], "fig9.9"),
+])  # fmt: skip
 def test_rejects_wrong_arguments(arguments, named, capsys):
     assert main(arguments) == 2
     assert named in capsys.readouterr().err

@@ -221,27 +221,21 @@ def after_seconds(process):
 
 
 class TestInterrupt:
-    @pytest.mark.parametrize(
-        "call",
-        [
-            LONG_FIT,
-            "cg.search(7, 27, 9, seed=1, maxfev=10**9, workers=2)",
-            "cg.search(7, 27, 9, seed=1, algorithm='lmdif', maxfev=10**9, workers=1)",
-            "cg.search(7, 27, 9, seed=1, algorithm='lmdif', maxfev=1, refine_below=1e300,"
-            " refine_maxfev=10**9, workers=2)",
-            "cg.construct(7, 27, seed=1, iterations=10**9, workers=2)",
-        ],
-    )
+    @pytest.mark.parametrize("call", [
+        LONG_FIT,
+        "cg.search(7, 27, 9, seed=1, maxfev=10**9, workers=2)",
+        "cg.search(7, 27, 9, seed=1, algorithm='lmdif', maxfev=10**9, workers=1)",
+        "cg.search(7, 27, 9, seed=1, algorithm='lmdif', maxfev=1, refine_below=1e300,"
+        " refine_maxfev=10**9, workers=2)",
+        "cg.construct(7, 27, seed=1, iterations=10**9, workers=2)",
+    ])  # fmt: skip
     def test_interrupt_stops_long_call(self, call):
         assert interrupted_after(call, after_seconds) == "interrupted"
 
-    @pytest.mark.parametrize(
-        ("function", "options"),
-        [
-            (search, {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}),
-            (construct, {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}),
-        ],
-    )
+    @pytest.mark.parametrize(("function", "options"), [
+        (search, {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}),
+        (construct, {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}),
+    ])  # fmt: skip
     def test_interrupted_run_is_resumed(self, function, options, tmp_path):
         path = tmp_path / "runs.db"
         name = function.__name__
