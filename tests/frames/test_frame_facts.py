@@ -163,11 +163,7 @@ def test_coefficients_reject_matrices_outside_the_algebra(group, size):
 
 
 @pytest.mark.parametrize(("group", "matrix", "hint"), [
-    (
-        fr.SU(2),
-        [[0.0, 1.0], [1.0, 0.0]],
-        r"it is Hermitian, .* Hamiltonian H .* factor: -1j \* H",
-    ),
+    (fr.SU(2), [[0.0, 1.0], [1.0, 0.0]], r"it is Hermitian, .* Hamiltonian H .* factor: -1j \* H"),
     (fr.U(3), np.diag([1.0, 2.0, 3.0]), r"needs the factor: -1j \* H"),
     (fr.SU(3), 1j * np.diag([1.0, 2.0, 3.0]), r"its trace 0\+6j must be zero; .* need U\(3\)"),
     (fr.SU(3), np.diag([1.0, 2.0], 1), "1e-08"),

@@ -120,19 +120,13 @@ for i in range(3):
         for n in (None, 1.0, np.nan)
     ),
     (lambda: UnitQuaternion(np.array(["body"])), ValueError, "convention must be .* got array"),
-    (
-        lambda: CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)),
-        ValueError,
-        "algebra must be finite",
-    ),
+    (lambda: CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)), ValueError,
+     "algebra must be finite"),
     (lambda: CoadjointOrbit(SO3(), MASKED), ValueError, "point must be an array of real"),
     (lambda: Product(SO3(), SO3()).join(np.eye(3)), ValueError, "parts must be 2 points, got"),
     (lambda: Product(SO3(), SO3()).join(np.eye(3), [1, 2]), ValueError, "must have shape"),
-    (
-        lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))),
-        ValueError,
-        r"parts must have leading axes that broadcast, got \[\(2,\), \(3,\)\]",
-    ),
+    (lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))), ValueError,
+     r"parts must have leading axes that broadcast, got \[\(2,\), \(3,\)\]"),
     *(
         (lambda m=m: IsospectralOrbit.through(m), ValueError, "y0 must be symmetric, or Herm")
         for m in ([[1.0, 2.0], [3.0, 4.0]], [[1.0, 1j], [1j, 1.0]], [[1e9, 1e3], [0, 1e9]])

@@ -213,11 +213,8 @@ def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
     ({"df_dp": 3, "parameters": [1.0]}, TypeError, "df_dp must be callable .* got 3"),
     ({"P0": np.eye(2)}, ValueError, r"P0 must have shape \(3, 3\), got \(2, 2\)"),
     ({"atol": np.ones(12), "P0": None}, ValueError, r"atol must be .* have shape \(3,\)"),
-    (
-        {"frame": HEISENBERG, "y0": np.zeros(3), "jac": None, "df_dp": None},
-        ValueError,
-        "frame must know the bracket",
-    ),
+    ({"frame": HEISENBERG, "y0": np.zeros(3), "jac": None, "df_dp": None}, ValueError,
+     "frame must know the bracket"),
 ])  # fmt: skip
 def test_bad_arguments_of_one_point_are_rejected(changes, error, message):
     check_rejected(CALLS[:5], changes, error, message)

@@ -154,10 +154,8 @@ def test_a_compiled_density(affine):
     (-np.eye(3), "noise must be positive semidefinite, got one with the eigenvalue -1"),
     (np.triu(np.ones((3, 3))), "noise must be symmetric"),
     (lambda t, y: np.eye(2), r"noise must return an array of shape \(3, 3\), got shape \(2, 2"),
-    (
-        lambda t, y: (0.5 - t) * np.eye(3),
-        r"noise must be positive semidefinite, .* at t = 0\.[5-9]",
-    ),
+    (lambda t, y: (0.5 - t) * np.eye(3),
+     r"noise must be positive semidefinite, .* at t = 0\.[5-9]"),
     (lambda t, y: np.tri(3), "noise must be symmetric, .* at t = 0"),
     (lambda t, y: np.full((3, 3), np.nan), "noise must return finite numbers"),
     ("x", "noise must be an array of real numbers, got 'x'"),

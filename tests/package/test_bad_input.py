@@ -70,11 +70,8 @@ def masked(x):
     (lambda: lmdif(x0=[True]), TypeError, r"x0 must hold real numbers, got \[True\]"),
     (lambda: lmdif(masked), TypeError, "f must return real numbers, got masked"),
     (lambda: cg.certify("CG9z"), ValueError, r"got 'CG9z'; similar names are CG4"),
-    (
-        lambda: cg.certify(cg.Tableau([[0]], [2])),
-        cg.CertificationError,
-        "^the method: the coefficients satisfy no",
-    ),
+    (lambda: cg.certify(cg.Tableau([[0]], [2])), cg.CertificationError,
+     "^the method: the coefficients satisfy no"),
     (lambda: resolve_method("CF54"), ValueError, r"got 'CF54'; similar names are CF5\(4\)$"),
     (lambda: resolve_method("rkmk853"), ValueError, r"names are RKMK8\(5,3\)$"),
     (lambda: resolve_method("CF44"), ValueError, r"similar names are (?!.*CFM)"),
@@ -93,11 +90,8 @@ def masked(x):
     (lambda: exactly([[0]], 1, 2), ValueError, "b must be a sequence of numbers"),
     (lambda: cg.Tableau(EULER, {0, 1}), cg.TableauError, "b must be a sequence of numbers"),
     (lambda: cg.Tableau(HALF, [0, 1], explicit="no"), cg.TableauError, "explicit must be True"),
-    (
-        lambda: cg.Tableau(HALF, [0, 1], nominal_order=True, nominal_residual=1),
-        cg.TableauError,
-        "order must be an integer, got True",
-    ),
+    (lambda: cg.Tableau(HALF, [0, 1], nominal_order=True, nominal_residual=1), cg.TableauError,
+     "order must be an integer, got True"),
     *(
         (lambda x=x: make_method(Layout.tableau(1), x), ValueError, "x must")
         for x in ("1", 5, None)
@@ -107,11 +101,8 @@ def masked(x):
     (lambda: cg.digits(CG5A, 20, certificate="x"), TypeError, "must be a Certificate"),
     (lambda: cg.digits(CG5A, 20, embedded="no"), TypeError, "embedded must be True or False"),
     # also for rational coefficients, which need no certificate for their digits
-    (
-        lambda: cg.digits(CG5A, 20, certificate=cg.certify("CG3")),
-        cg.CertificationError,
-        "it is for 'CG3', not for 'CG5a'",
-    ),
+    (lambda: cg.digits(CG5A, 20, certificate=cg.certify("CG3")), cg.CertificationError,
+     "it is for 'CG3', not for 'CG5a'"),
     *((lambda v=v: loads(v), TypeError, "text must be a str, got") for v in (1, None, b"x")),
     *((lambda v=v: load(v), TypeError, "path must be a path, got") for v in (1, None, b"x")),
     *((lambda v=v: save(CG3, v), TypeError, "path must be a path") for v in (1, None, b"x")),

@@ -176,18 +176,10 @@ CASES = [
     (J.in_unit_interval, "methods CG4a abscissae", [-1e-9, 1.0]),
     (J.in_unit_interval, "methods CG4a abscissae", [0.0, 1 + 1e-9]),
     (J.initial, "initial determinant", 1e-15, 9e-16),
-    (
-        J.superior,
-        "fig4.1 readings velocity methods CG4a momentum",
-        [0.0, 5e-3, 1e-3],
-        [0.0, 4e-3, 9e-3],
-    ),
-    (
-        J.best_at_tenth,
-        "fig4.1 readings momentum methods CG6a rotation",
-        [0.0, 1e-5, 5.1e-5],
-        [0.0, 4.9e-5, 4.9e-5],
-    ),
+    (J.superior, "fig4.1 readings velocity methods CG4a momentum", [0.0, 5e-3, 1e-3],
+     [0.0, 4e-3, 9e-3]),
+    (J.best_at_tenth, "fig4.1 readings momentum methods CG6a rotation", [0.0, 1e-5, 5.1e-5],
+     [0.0, 4.9e-5, 4.9e-5]),
     (J.exact, "fig4.2 readings velocity CG5a distance_flows", [0.0, 1e-14], [0.0, 9e-15]),
     (J.exact, "fig4.2 readings momentum CG4 distance", [1e-14, 0.0]),
     *(
