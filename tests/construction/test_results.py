@@ -5,7 +5,6 @@ import sqlite3
 import sys
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -158,20 +157,6 @@ class TestFromAStoreToTheCatalogue:
         catalogue = cg.catalogue.Catalogue(folder)
         assert catalogue["CF4z"] == publication.method
         cg.proofs.check(cg.proofs.Certificate.load(publication.files[1]), publication.method)
-
-    @pytest.mark.slow
-    def test_its_page(self, store, tmp_path, monkeypatch):
-        pytest.importorskip("matplotlib").use("Agg")
-        monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs"))
-        import method_pages
-
-        monkeypatch.setattr(method_pages, "FOLDER", tmp_path / "methods")
-        publication = publish(store.run(2), "CF4z", tmp_path)
-        text = method_pages.page(publication.method)
-        assert text.startswith("# CF4z\n")
-        assert publication.method.source in text
-        for form in ("toml", "json", "c", "julia"):
-            assert list((tmp_path / "methods" / "files" / form).iterdir())
 
     def test_publish_with_partial_certificate(self, store, tmp_path, monkeypatch):
         module = sys.modules["cg.construction.results.publishing"]

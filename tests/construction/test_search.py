@@ -133,12 +133,6 @@ class TestMethods:
 
 
 class TestThePapersWay:
-    def test_lmdif_finds_methods(self, paper_way):
-        assert len(paper_way.methods) >= 1
-        for method in paper_way.methods:
-            assert (method.order, method.stages, method.explicit) == (4, 5, True)
-            assert method.principal_error > 1e-3
-
     def test_lmdif_phases_as_in_paper(self, paper_way):
         solved = [start for start in paper_way.starts if start.exact]
         for start in solved:
@@ -166,14 +160,6 @@ class TestImplicit:
         (method,) = result.methods
         np.testing.assert_allclose(method.a, methods["DICG4"].a, atol=1e-15)
         assert len(result.best.x) == 9 < conditions.count(4, independent=True)
-
-    def test_finds_fully_implicit_methods_with_fewer_unknowns(self):
-        result = search(4, 3, 40, seed=1, rows="full", force=True)
-        assert len(result.methods) >= 2
-        for method in result.methods:
-            assert method.order == 4
-            np.testing.assert_allclose(method.b, methods["DICG4"].b, rtol=1e-14)
-            np.testing.assert_allclose(method.c, methods["DICG4"].c, rtol=1e-14)
 
 
 class TestArguments:

@@ -17,7 +17,7 @@ from cg.construction import (
     solved,
 )
 from cg.construction.search.shapes import draw_layout, layout_of
-from cg.construction.search.start import run_start, start_layout
+from cg.construction.search.start import start_layout
 from cg.construction.solvers.singular import decompose, finish, retract
 from cg.runs import Store
 from cg.structure.layout import Layout
@@ -38,11 +38,6 @@ def test_drawn_trees_lead_to_methods_of_the_order(drawn):
     for method in drawn.methods:
         assert isinstance(method, cg.CommutatorFree)
         assert (method.order, method.stages, method.exponentials) == (5, 6, 9)
-
-
-def test_start_reruns_alone(drawn):
-    for start in [s for s in drawn.starts if s.exact][:2]:
-        assert run_start(drawn.settings, start.index) == start
 
 
 def test_first_weight_is_held_while_solving():

@@ -91,18 +91,6 @@ def test_coadjoint_orbits_compute_their_casimirs():
     np.testing.assert_allclose(same.flow(v, m), body.flow(v, m), rtol=0, atol=1e-14)
 
 
-def test_matrix_frame_of_rotation_generators_matches_sphere():
-    rng = np.random.default_rng(36)
-    frame = fr.MatrixFrame(fr.SO(4).basis)
-    y, v = fr.Sphere(3).random_point(rng), rng.standard_normal(6)
-    np.testing.assert_allclose(frame.flow(v, y), fr.Sphere(3).flow(v, y), rtol=0, atol=1e-14)
-    columns = fr.MatrixFrame(fr.SO(4).basis, 2)
-    y = fr.Stiefel(4, 2).random_point(rng)
-    np.testing.assert_allclose(columns.flow(v, y), fr.Stiefel(4, 2).flow(v, y), rtol=0, atol=1e-14)
-    with pytest.raises(ValueError, match="read-only"):
-        frame.matrices[0] = 0.0
-
-
 def test_user_functions_are_used():
     assert HEISENBERG.membership_error([1.0, 2.0, 3.0]) == 0.0
     assert ELLIPSE.membership_error([1.01, 0.0]) == pytest.approx(0.01)

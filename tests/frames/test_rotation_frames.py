@@ -143,14 +143,6 @@ def test_scipy_rotations_are_accepted_as_points(frame, batch):
         np.testing.assert_array_equal(frame.check_point(rotation), points)
 
 
-def test_scipy_rotations_in_products():
-    rotation = rotations_of_scipy(np.random.default_rng(26))
-    frame = Product(SO3(), UnitQuaternion(scalar_first=True), Euclidean(1))
-    attitude, q, _ = frame.split(frame.join(rotation, rotation, [2.0]))
-    np.testing.assert_array_equal(attitude, rotation.as_matrix())
-    np.testing.assert_array_equal(q, rotation.as_quat(scalar_first=True))
-
-
 @pytest.mark.parametrize("frame", [SO(4), Sphere(2), SU(2), SE3(), Euclidean(4)], ids=repr)
 def test_scipy_rotations_are_rejected_by_other_frames(frame):
     rotation = rotations_of_scipy(np.random.default_rng(27))

@@ -135,19 +135,6 @@ class TestErrors:
         )  # fmt: skip
         np.testing.assert_allclose(back.ys[-1], START, rtol=0.0, atol=1e-7)
 
-    @pytest.mark.parametrize("name", ["CF5(4)", "DOP853", "RKMK8(5,3)"])
-    def test_equations_of_time_alone(self, name):
-        """Two results of a pair might agree although both are wrong."""
-
-        def a(t):
-            return jnp.array([5 + 10 * t, 3 - 4 * t, 6 * t**2 - 2])
-
-        frame = fr.SO3()
-        exact = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, method="CFM8(4)", h=0.02).y[-1]
-        ours = cg.jax.FrameTerm(lambda t, y, args: a(t), frame)
-        solution = solve(ours, cg.jax.Solver(name), jnp.eye(3), end=2.0, rtol=1e-5)
-        assert np.abs(solution.ys[-1] - exact).max() < 1e-4
-
     @pytest.mark.parametrize("name", ["DOP853", "RKMK8(5,3)"])
     def test_estimates_of_kinks(self, name):
         """At a time at which the difference of the results vanishes."""

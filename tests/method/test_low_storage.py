@@ -47,12 +47,6 @@ class TestConversion:
         assert actual == tuple(tuple(map(Fraction, row)) for row in WILLIAMSON)
         assert all(coefficient.unit == 0 for coefficient in method.coefficients)
 
-    def test_luescher(self):
-        a, b = two_registers(methods["CF3b"])
-        assert a == (0, Fraction(-17, 32), Fraction(-32, 27))
-        assert b == (Fraction(1, 4), Fraction(8, 9), Fraction(3, 4))
-        assert from_two_registers(a, b) == methods["CF3b"]
-
     def test_rounded_coefficients(self):
         a, b = two_registers(methods["CF4b"])
         printed = Fraction(-567301805773, 1357537059087), Fraction(2277821191437, 14882151754819)

@@ -61,26 +61,6 @@ class TestMethods:
             residuals = conditions.residuals(same, 4)
             np.testing.assert_allclose(residuals, 0, atol=1e-14)
 
-    def test_shared_flows_count_once(self):
-        # rows (x), (x, y), (x, y) and b = (x, y, z): three flows, and one for b's second weights
-        a = [[], ["1/3"], ["1/3", "1/4"], ["1/3", "1/4", 0]]
-        method = Tableau(a, ["1/3", "1/4", "1/5", 0], b_embedded=["1/3", "1/2", 0, 0])
-        assert len(method.points) == 4
-        assert method.stage_points == (-1, 0, 1, 1)
-        assert (method.result, method.embedded_result) == (2, 3)
-        assert (method.exponentials, method.pair_exponentials) == (3, 4)
-
-    def test_repeated_points_count_once(self):
-        once = CommutatorFree(CF3, [-1, 0, 1])
-        points = [CF3[0], (0, {0: "0"}), CF3[1], (-1, {0: "1/3"}), (3, {0: "-1/12", 2: "3/4"})]
-        again = CommutatorFree(points, [-1, 1, 2])
-        assert (once.exponentials, again.exponentials) == (3, 3)
-        assert again.order == 3
-
-    def test_unused_points_do_not_count(self):
-        method = CommutatorFree([*CF3, (2, {0: 1})], [-1, 0, 1], result=2)
-        assert method.exponentials == method.pair_exponentials == 3
-
     def test_pairs(self):
         points = [*CF3, (-1, {0: "1/4", 2: "3/4"})]
         pair = CommutatorFree(points, [-1, 0, 1], 2, embedded_result=3, name="mine")

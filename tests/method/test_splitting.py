@@ -7,12 +7,10 @@ import re
 import subprocess
 import sys
 from fractions import Fraction
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import cg
 from cg.catalogue import dumps, loads
@@ -31,38 +29,6 @@ KNOWN = {
     "Leapfrog": (2, 2, 1, False), "McLachlan2": (2, 2, 3, False), "BlanesMoan4": (4, 7, 6, False),
     "BlanesMoan6": (6, 12, 11, True), "BlanesCasas8": (8, 18, 17, True),
 }  # fmt: skip
-
-
-def force(q):
-    """Return the force of Hénon and Heiles's potential."""
-    x, y = q
-    return np.array([-x - 2 * x * y, -y - x * x + y * y])
-
-
-def step(method, h, q, p):
-    for drift, kick in zip(method.drifts, [*method.kicks, 0.0], strict=True):
-        q = q + h * drift * p
-        p = p + h * kick * force(q) if kick else p
-    return q, p
-
-
-START = np.array([0.3, 0.1]), np.array([-0.2, 0.35])
-
-
-def run(method, end, count):
-    q, p = START
-    for _ in range(count):
-        q, p = step(method, end / count, q, p)
-    return np.concatenate([q, p])
-
-
-@cache
-def reference(end):
-    def field(t, y):
-        return np.concatenate([y[2:], force(y[:2])])
-
-    start = np.concatenate(START)
-    return solve_ivp(field, (0, end), start, method="DOP853", rtol=3e-14, atol=1e-15).y[:, -1]
 
 
 def independent(values, order, symmetric):
@@ -125,26 +91,6 @@ def test_composed_leapfrogs_have_their_order_for_all_flows(name, order):
     kicks = (np.append(gammas, 0) + np.append(0, gammas)) / 2
     method = cg.Splitting([0, *gammas, 0], kicks)
     assert (method.order, method.nystrom) == (order, False)
-
-
-@pytest.mark.parametrize("name", KNOWN)
-def test_measured_order(name):
-    method, end = cg.methods[name], 6.0
-    counts = {2: (100, 200), 4: (20, 40), 6: (10, 20), 8: (8, 16)}[method.order]
-    errors = [np.abs(run(method, end, count) - reference(end)).max() for count in counts]
-    assert 1e-12 < errors[1] < 1e-2
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(method.order, abs=0.15)
-
-
-@pytest.mark.parametrize("name", KNOWN)
-def test_steps_are_symplectic_and_reversible(name):
-    method, h = cg.methods[name], 0.4
-    ends = (step(method, h, *np.split(np.concatenate(START) + 1e-30j * e, 2)) for e in np.eye(4))
-    jacobian = np.array([np.concatenate(end).imag / 1e-30 for end in ends]).T
-    omega = np.kron([[0, 1], [-1, 0]], np.eye(2))
-    np.testing.assert_allclose(jacobian.T @ omega @ jacobian, omega, atol=1e-14)
-    back = step(method, -h, *step(method, h, *START))
-    np.testing.assert_allclose(back, START, atol=1e-14)
 
 
 def test_mclachlans_drift_minimises_the_error():
