@@ -112,10 +112,9 @@ class TestMethods:
             if not start.exact:
                 assert start.double.info == MinimumNormStatus.OUT_OF_ITERATIONS
 
-    @pytest.mark.parametrize(
-        ("order", "stages", "width", "maxfev"),
-        [(3, 3, 1.0, 120), (4, 5, 1.0, 120), (5, 9, 0.75, 500), (6, 16, 0.3, 1000)],
-    )
+    @pytest.mark.parametrize(("order", "stages", "width", "maxfev"), [
+        (3, 3, 1.0, 120), (4, 5, 1.0, 120), (5, 9, 0.75, 500), (6, 16, 0.3, 1000)
+    ])  # fmt: skip
     def test_defaults_by_order(self, order, stages, width, maxfev):
         assert search(order, stages, 1, seed=1, maxfev=1).settings.width == width
         if order < 5:

@@ -194,10 +194,9 @@ class TestRounded:
         assert re.search(r"\b1\.00000\b", text)
 
 
-@pytest.mark.parametrize(
-    ("digits", "zeros", "text"),
-    [(3, True, "1.00"), (3, False, "1"), (4, True, "0.9996"), (1, True, "1"), (2, True, "1.0")],
-)
+@pytest.mark.parametrize(("digits", "zeros", "text"), [
+    (3, True, "1.00"), (3, False, "1"), (4, True, "0.9996"), (1, True, "1"), (2, True, "1.0")
+])  # fmt: skip
 def test_zeros_of_decimals(digits, zeros, text):
     assert to_decimal(Fraction("0.9996"), digits, zeros=zeros) == text
     tiny = to_decimal(Fraction("0.9996e-200"), digits, zeros=zeros)

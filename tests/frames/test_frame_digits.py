@@ -214,11 +214,9 @@ def test_local_coordinates_are_nan_without_convergence():
     assert cg.frames.GL(1).local_coordinates([[1.0]], [[-1.0]]).shape == (1,)
 
 
-@pytest.mark.parametrize(
-    ("group", "growth"),
-    [(fr.SL(2), 1e6), (fr.Sp(2), 1e6), (fr.Sp(4), 1e4), (fr.GL(2), 1e6)],
-    ids=str,
-)
+@pytest.mark.parametrize(("group", "growth"), [
+    (fr.SL(2), 1e6), (fr.Sp(2), 1e6), (fr.Sp(4), 1e4), (fr.GL(2), 1e6)
+], ids=str)  # fmt: skip
 def test_local_coordinates_of_large_points(group, growth):
     stretch = np.eye(group.size)
     stretch[0, 0], stretch[group.size // 2, group.size // 2] = growth, 1.0 / growth

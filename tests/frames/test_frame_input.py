@@ -67,10 +67,9 @@ def test_accepts_unusual_array_types():
     assert frame.flow(np.zeros((0, 3)), y).shape == (0, 3, 3)
 
 
-@pytest.mark.parametrize(
-    "make",
-    [SO, SU, U, GL, SL, Sp, Sphere, Euclidean, lambda n: Stiefel(n, n), lambda n: Stiefel(4, n)],
-)
+@pytest.mark.parametrize("make", [
+    SO, SU, U, GL, SL, Sp, Sphere, Euclidean, lambda n: Stiefel(n, n), lambda n: Stiefel(4, n)
+])  # fmt: skip
 def test_sizes_accept_numpy_integers(make):
     assert make(np.int64(2)) == make(2)
     assert repr(make(np.int64(2))) == repr(make(2))

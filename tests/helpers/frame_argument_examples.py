@@ -55,31 +55,29 @@ def of_frame(name, frame):
 
 GROUPS = [frames.GL, frames.SL, frames.SO, frames.SU, frames.U, frames.Sp]
 _COLUMNS = frames.Stiefel, frames.AmbientStiefel, frames.Grassmann
-FRAME_EXAMPLES = by_name(
-    [
-        *(call(group, n=2, convention="space") for group in GROUPS),
-        *(call(group, convention="space") for group in (frames.SO3, frames.SE3)),
-        call(frames.UnitQuaternion, convention="space", scalar_first=True),
-        *(call(space, n=2) for space in (frames.Sphere, frames.Euclidean, frames.SPD)),
-        *(call(space, n=3, k=2) for space in _COLUMNS),
-        call(frames.Hyperbolic, n=3),
-        call(frames.IsospectralOrbit, spectrum=(0.0, 1.0)),
-        call(frames.IsospectralOrbit.through, y0=[[1.0, 0.5], [0.5, 2.0]]),
-        call(frames.CoadjointOrbit, algebra=SO3, point=(0.6, 0.0, 0.8)),
-        call(frames.Power, factor=SO3, n=2),
-        call(frames.PhaseSpace, frame=SO3, inertia=[1.0, 2.0, 2.5]),
-        *(
-            call(getattr(FRAMES["PhaseSpace"], name), y=np.array([0.6, 0.0, 0.8, 0.3, 0.5, 0.2]))
-            for name in ("split", "velocity", "kinetic_energy")
-        ),
-        call(lambda factor: frames.Product(SO3, factor), factor=SO3),
-        call(FRAMES["Product"].split, y=np.zeros(5)),
-        call(frames.Semidirect, group=SO3, copies=2),
-        call(frames.LinearAction, generators=[[[0.0, 1.0], [-1.0, 0.0]]]),
-        call(frames.MatrixFrame, matrices=[[[0.0, 1.0], [0.0, 0.0]]], columns=2),
-        call(frames.FieldFrame, fields=[np.ones_like], flow=np.add, point_shape=2),
-    ]
-)
+FRAME_EXAMPLES = by_name([
+    *(call(group, n=2, convention="space") for group in GROUPS),
+    *(call(group, convention="space") for group in (frames.SO3, frames.SE3)),
+    call(frames.UnitQuaternion, convention="space", scalar_first=True),
+    *(call(space, n=2) for space in (frames.Sphere, frames.Euclidean, frames.SPD)),
+    *(call(space, n=3, k=2) for space in _COLUMNS),
+    call(frames.Hyperbolic, n=3),
+    call(frames.IsospectralOrbit, spectrum=(0.0, 1.0)),
+    call(frames.IsospectralOrbit.through, y0=[[1.0, 0.5], [0.5, 2.0]]),
+    call(frames.CoadjointOrbit, algebra=SO3, point=(0.6, 0.0, 0.8)),
+    call(frames.Power, factor=SO3, n=2),
+    call(frames.PhaseSpace, frame=SO3, inertia=[1.0, 2.0, 2.5]),
+    *(
+        call(getattr(FRAMES["PhaseSpace"], name), y=np.array([0.6, 0.0, 0.8, 0.3, 0.5, 0.2]))
+        for name in ("split", "velocity", "kinetic_energy")
+    ),
+    call(lambda factor: frames.Product(SO3, factor), factor=SO3),
+    call(FRAMES["Product"].split, y=np.zeros(5)),
+    call(frames.Semidirect, group=SO3, copies=2),
+    call(frames.LinearAction, generators=[[[0.0, 1.0], [-1.0, 0.0]]]),
+    call(frames.MatrixFrame, matrices=[[[0.0, 1.0], [0.0, 0.0]]], columns=2),
+    call(frames.FieldFrame, fields=[np.ones_like], flow=np.add, point_shape=2),
+])  # fmt: skip
 
 
 def of_problem(problem):

@@ -16,12 +16,10 @@ ROOT = Path(__file__).parents[2]
 FRAMES = (SO3(), Stiefel(3, 2), HEISENBERG)
 DEFAULTS = sorted({choose_method(frame, rtol) for frame in FRAMES for rtol in (None, 1e-3, 1e-8)})
 PAIRS = [method for method in cg.methods.values() if method.embedded_order is not None]
-SPIN = LinearAction(
-    [
-        -0.5j * m
-        for m in (np.array([[0, 1], [1, 0]]), np.array([[0, -1j], [1j, 0]]), np.diag([1, -1]))
-    ]
-)
+SPIN = LinearAction([
+    -0.5j * m
+    for m in (np.array([[0, 1], [1, 0]]), np.array([[0, -1j], [1j, 0]]), np.diag([1, -1]))
+])  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -107,13 +105,11 @@ class TestFamilies:
     """A hundred random problems for each kind of equation and each frame."""
 
     def check(self, benchmarks, families, name, tolerances):
-        quotients = np.array(
-            [
-                family.errors(family.solve(name, tolerance), exact) / tolerance
-                for family, exact in families
-                for tolerance in tolerances
-            ]
-        )
+        quotients = np.array([
+            family.errors(family.solve(name, tolerance), exact) / tolerance
+            for family, exact in families
+            for tolerance in tolerances
+        ])  # fmt: skip
         assert np.median(quotients) <= benchmarks.MEDIAN
         assert quotients.max() <= benchmarks.LARGEST
         assert np.median(quotients) > 1e-4  # no needless accuracy
@@ -180,11 +176,9 @@ class TestDiscontinuities:
             )
             assert np.abs(run.y[-1] - exact.y[-1]).max() < 50e-9
 
-    @pytest.mark.parametrize(
-        "frame",
-        [SO3(), UnitQuaternion(), SE3(), SU(3), Sphere(2), Euclidean(3), HEISENBERG],
-        ids=repr,
-    )
+    @pytest.mark.parametrize("frame", [
+        SO3(), UnitQuaternion(), SE3(), SU(3), Sphere(2), Euclidean(3), HEISENBERG
+    ], ids=repr)  # fmt: skip
     def test_nonlinear_equations(self, frame):
         errors = self.errors(frame, "auto", 1e-9, 60)
         assert np.median(errors) < 1

@@ -99,11 +99,9 @@ class TestEuclideanSpaceIsScipy:
 
 
 @pytest.mark.parametrize("key", ["RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)"])
-@pytest.mark.parametrize(
-    "frame",
-    [SO3(), SE3("space"), UnitQuaternion(), SU(3), Sphere(2), Sphere(3), Stiefel(4, 2)],
-    ids=name,
-)
+@pytest.mark.parametrize("frame", [
+    SO3(), SE3("space"), UnitQuaternion(), SU(3), Sphere(2), Sphere(3), Stiefel(4, 2)
+], ids=name)  # fmt: skip
 def test_errors_follow_tolerances(frame, key):
     f, y0 = generic(frame)
     fine = cg.integrate(f, (0, 2), y0, frame=frame, method="RKMK8(5,3)", h=0.02).y[-1]

@@ -86,11 +86,9 @@ def test_every_kth_step_and_compiled_functions():
     assert np.array_equal(only.observed, run.observed[:, 0])
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{}, {"vectorized": True}, {"vectorized": True, "common_steps": True}, {"workers": 2}],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [
+    {}, {"vectorized": True}, {"vectorized": True, "common_steps": True}, {"workers": 2}
+], ids=str)  # fmt: skip
 def test_ensembles(options):
     f = turn_all if "vectorized" in options else turn
     problem = (f, (0, 3), POINTS)

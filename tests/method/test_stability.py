@@ -21,10 +21,9 @@ def classical(order):
     return cg.methods[{1: "LieEuler", 2: "CG2", 3: "CG3"}[order]]
 
 
-@pytest.mark.parametrize(
-    ("order", "real", "imaginary"),
-    [(1, 2, 0), (2, 2, 0), (3, 2.5127453266, math.sqrt(3)), (4, 2.7852935634, math.sqrt(8))],
-)
+@pytest.mark.parametrize(("order", "real", "imaginary"), [
+    (1, 2, 0), (2, 2, 0), (3, 2.5127453266, math.sqrt(3)), (4, 2.7852935634, math.sqrt(8))
+])  # fmt: skip
 def test_taylor_polynomials(order, real, imaginary):
     numerator, denominator = stability_function(classical(order))
     assert numerator == tuple(Fraction(1, math.factorial(k)) for k in range(order + 1))

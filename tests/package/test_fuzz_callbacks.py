@@ -134,11 +134,9 @@ def test_progress(at, how):
     ends_well(lambda: cg.search(3, 3, 5, 0, workers=1, progress=wrong), wrong, ())
 
 
-@pytest.mark.parametrize(
-    "value",
-    [0.1j, np.array(0.1 + 1j), np.ma.masked, "0.1", np.datetime64(1, "s"), 10**400],
-    ids=lambda value: type(value).__name__,
-)
+@pytest.mark.parametrize("value", [
+    0.1j, np.array(0.1 + 1j), np.ma.masked, "0.1", np.datetime64(1, "s"), 10**400
+], ids=lambda value: type(value).__name__)  # fmt: skip
 def test_events_must_return_real_numbers(value):
     frame, start, _ = FRAMES["Euclidean"]
     with pytest.raises(ValueError, match=r"events\[0\] must"):

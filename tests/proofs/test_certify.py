@@ -265,9 +265,8 @@ def test_few_digits_are_the_rounded_many(digits):
         assert abs(Fraction(short) / Fraction(long) - 1) < Fraction(1, 10 ** (digits - 1))
 
 
-@pytest.mark.parametrize(
-    ("order", "error"),
-    [(2.5, TypeError), ("2", TypeError), (True, TypeError), (0, ValueError), (10**30, ValueError)],
-)
+@pytest.mark.parametrize(("order", "error"), [
+    (2.5, TypeError), ("2", TypeError), (True, TypeError), (0, ValueError), (10**30, ValueError)
+])  # fmt: skip
 def test_certify_rejects_bad_orders(order, error):
     refuses(error, "order must", certify, "CG4a", order)
