@@ -111,17 +111,3 @@ def test_large_turns_stay_on_the_group(frame, size):
     moved = flows_of(frame)(v[:, None], y)
     assert frame.membership_error(moved).max() < 2e-15
     np.testing.assert_allclose(moved, frame.flow(v, y), rtol=0, atol=3e-15 * size)
-
-
-@pytest.mark.parametrize("frame", MATRICES, ids=repr)
-def test_differences_over_half_a_turn_are_nan_or_correct(frame):
-    """The result is a valid difference or NaN."""
-    rng = np.random.default_rng(4)
-    y, v = frame.random_point(rng, 200), 3.0 * frame.random_vector(rng, 200)
-    far = flows_of(frame)(v[:, None], y)
-    actual = difference_of(frame)(y, far)
-    known = np.isfinite(actual).all(axis=-1)
-    assert known.any()
-    np.testing.assert_allclose(frame.flow(actual[known], y[known]), far[known], rtol=0, atol=1e-13)
-    half = np.diag([-1.0, -1.0, *[1.0] * (frame.n - 2)]) if frame.n > 1 else -np.eye(1)
-    assert np.isnan(difference_of(frame)(np.eye(frame.n, dtype=frame.dtype), half + 0 * y[0])).all()

@@ -251,44 +251,6 @@ def test_times_beyond_the_ends_are_refused(t):
     refuses(ValueError, "t must", sol, t)
 
 
-SINGLE = [
-    n for n, m in FROZEN.items() if m.order > 1 and not m.embedded_order and not m.approximate
-]
-SINGLE.append("RKMK4")
-
-
-@pytest.fixture(scope="module")
-def truths():
-    values = {}
-    for frame in (SO3(), Stiefel(3, 1)):
-        f, y0 = generic(frame, seed=5)
-        values[frame] = cg.solve_ivp(
-            f, (0, 1), y0, frame=frame, method="CG7b", h=1 / 24, dense_output=True
-        ).sol
-    return values
-
-
-@pytest.mark.parametrize(
-    ("method", "frame"),
-    cases(
-        SINGLE,
-        [SO3(), Stiefel(3, 1)],
-        quick=lambda method, frame: frame == SO3() or method in ("CG4a", "CF4", "DICG4"),
-    ),
-)
-def test_errors_between_equal_steps_are_those_at_the_steps(method, frame, truths):
-    f, y0 = generic(frame, seed=5)
-    for h in (1 / 4, 1 / 12):
-        solution = cg.solve_ivp(f, (0, 1), y0, frame=frame, method=method, h=h, dense_output=True)
-        t = np.add.outer(np.arange(round(1 / h)), np.linspace(0, 1, 6)) * h
-        errors = np.maximum(frame.distance(solution.sol(t), truths[frame](t)), 1e-14)
-        ends, between = errors[:, [0, -1]].max(axis=1), errors[:, 1:-1].max(axis=1)
-        assert (between[1:] < 3.0 * ends[1:]).all()
-        # The first step starts without an error, and may end with next to none: that of CF5a on
-        # SO(3) is a quarter of that within the step, and a seventieth of those in the middle.
-        assert between[0] < 3.0 * max(ends[0], np.median(ends))
-
-
 @pytest.mark.parametrize("method", ["auto", "DOP853", "CF4(3)"])
 def test_many_times_take_little_memory_beside_the_result(method):
     times = np.linspace(0, 5, 100_000)

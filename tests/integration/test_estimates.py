@@ -241,17 +241,6 @@ class TestTimeAlone:
         exact = SU(2).flow([0, 0, np.sin(46) / 20], np.eye(2))
         assert np.abs(run.y[-1] - exact).max() < 10 * tolerance
 
-    @pytest.mark.parametrize("frame", [SU(2), SPIN], ids=["SU(2)", "LinearAction"])
-    def test_a_peak(self, frame, tolerance):
-        y0 = np.eye(2) if frame is not SPIN else np.array([1.0, 0.0j])
-
-        def a(t):
-            return [1.0, 0.0, 3.0 / (1 + 25 * (t - 1) ** 2)]
-
-        run = cg.solve_linear(a, (0, 2), y0, frame=frame, rtol=tolerance, atol=tolerance)
-        exact = cg.solve_linear(a, (0, 2), y0, frame=frame, method="CFM8(4)", h=0.005)
-        assert np.abs(run.y[-1] - exact.y[-1]).max() < 10 * tolerance
-
 
 class TestLongSteps:
     METHODS = ("CF5(4)", "CF6(5)", "DOP853", "RKMK5(4)", "RKMK8(5,3)")

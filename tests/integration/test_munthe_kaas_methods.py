@@ -1,14 +1,12 @@
 """Munthe-Kaas methods of the catalogue: orders, coefficients, files, rejected input."""
 
-import pickle
-
 import numpy as np
 import pytest
 from frame_examples import generic
 from test_munthe_kaas import METHODS
 
 import cg
-from cg.catalogue import dumps, loads, resolve_method
+from cg.catalogue import dumps, loads
 from cg.frames import SO3
 from cg.method.low_storage import from_two_registers
 from cg.structure.points import MethodError
@@ -28,13 +26,6 @@ class TestMethods:
             "RadauIIA5": (5, 3, None, 4, 3),
         }  # fmt: skip
         assert all(m.pair_exponentials == m.exponentials for m in METHODS.values())
-
-    @pytest.mark.parametrize("key", METHODS)
-    def test_copies_are_equal(self, key):
-        method = METHODS[key]
-        again = pickle.loads(pickle.dumps(method))
-        assert (again, hash(again)) == (method, hash(method))
-        assert resolve_method(key) is method
 
     def test_one_of_a_user(self):
         method = cg.MuntheKaas(HEUN)

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from test_variational import STEPS, TIGHT, WEIGHTS, Wave
 
 import cg
@@ -19,33 +17,6 @@ def differences(end, count, step=2e-4):
     for e in np.eye(count):
         columns.append(WEIGHTS @ np.array([end(s * step * e) for s in STEPS]) / step)
     return np.transpose(columns)
-
-
-def fall(t, y, p):
-    return [y[1], -GRAVITY]
-
-
-@settings(max_examples=10)
-@given(
-    height=st.floats(0.5, 1.5), speed=st.floats(-2.0, 2.0), restitution=st.floats(0.5, 0.95),
-    method=st.sampled_from(["RKMK8(5,3)", "CF6(5)", "DOP853"]),
-)  # fmt: skip
-def test_a_bouncing_ball_is_the_closed_form(height, speed, restitution, method):
-    floor = cg.Event(
-        lambda t, y, p: y[0], direction=-1, jump=lambda t, y, p: [0.0, -p[0] * y[1]], terminal=2
-    )
-    solution = cg.solve_variational(
-        fall, (0, 50), [height, speed], frame=Euclidean(2), parameters=[restitution], events=floor,
-        method=method, max_step=0.5, rtol=1e-11, atol=1e-11,
-    )  # fmt: skip
-
-    # by the speed of impact w: t1 = (v + w) / g, t2 = t1 + 2 k w / g
-    impact = np.sqrt(speed**2 + 2 * GRAVITY * height)
-    by_start = np.array([GRAVITY, speed, 0.0]) / impact
-    first = (np.array([0.0, 1.0, 0.0]) + by_start) / GRAVITY
-    second = first + 2 * (restitution * by_start + impact * np.array([0.0, 0.0, 1.0])) / GRAVITY
-    np.testing.assert_allclose(solution.dt_events[0], [first, second], rtol=1e-8, atol=1e-8)
-    assert solution.dt_events[0].shape == (2, 3)
 
 
 def kick(t, y, p):
@@ -133,31 +104,6 @@ def test_times_of_events_without_jumps(terminal):
     np.testing.assert_allclose(
         np.concatenate(derivatives.dt_events), expected, rtol=1e-9, atol=1e-9
     )
-
-
-def test_breakpoints():
-    """A coefficient that jumps at a known time: derivatives are continuous there."""
-
-    def f(t, y, p):
-        return [np.sin(y[0, 1]) + p[0], 0.3, 0.0] if t < 0.4 else [0.0, y[0, 0] * p[0], 1.0]
-
-    p, options = np.array([0.6]), {"frame": SO3(), "breakpoints": [0.4], **TIGHT}
-    solution = cg.solve_variational(
-        f, (0, 1), np.eye(3), parameters=p, dense_output=True, **options
-    )
-    assert 0.4 in solution.t
-    reference = solution.y[-1]
-
-    def end(x):
-        moved = cg.solve_ivp(f, (0, 1), SO3().flow(x[:3], np.eye(3)), parameters=p + x[3:],
-                             **options)  # fmt: skip
-        return SO3().exp_coordinates(reference, moved.y[-1])
-
-    expected = differences(end, 4, step=1e-3)
-    np.testing.assert_allclose(solution.transition[-1], expected[:, :3], atol=1e-7)
-    np.testing.assert_allclose(solution.sensitivity[-1], expected[:, 3:], atol=1e-7)
-    gap = solution.sol.transition(0.4) - solution.sol.transition(np.nextafter(0.4, 0))
-    assert np.abs(gap).max() < 1e-14
 
 
 def test_backward_in_time():

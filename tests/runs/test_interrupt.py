@@ -160,13 +160,6 @@ class TestThreads:
 
         assert list(as_finished(work, range(4), 2)) == [MinimumNormStatus.SOLVED] * 4
 
-    def test_stoppable_raises_errors_of_call(self):
-        def call(_):
-            raise ArithmeticError("inside")
-
-        with pytest.raises(ArithmeticError, match="inside"):
-            stoppable(call)
-
 
 def workers():
     return [t for t in threading.enumerate() if t.name.startswith("ThreadPoolExecutor")]
