@@ -176,19 +176,6 @@ def _cases(*names):
     return cases(names)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
-def test_lielab_solves_supported_cases():
-    from benchmarks.lielab_rival import METHODS, LielabRival, expresses
-
-    assert [expresses(case) for case in _cases("heavy_top", "two_levels")] == [True, False]
-    (case,) = _cases("fast_torque")
-    for name in METHODS:
-        rival = LielabRival(case, name)
-        points = rival.integrate(1e-9)
-        assert case.error(points[-1]) < 1e-8
-        assert rival.evaluations > len(points)
-
-
 def test_times_give_medians_and_ratios_of_rounds():
     from benchmarks.timing import Times
 

@@ -64,18 +64,6 @@ def test_membership_by_known_distances():
     assert momentum.membership_error([0.0, 0.0, 0.0]) > 1.0
 
 
-def test_isospectral_orbits_keep_the_spectrum_of_a_matrix():
-    rng = np.random.default_rng(33)
-    matrix = rng.standard_normal((4, 4))
-    symmetric = matrix + matrix.T
-    frame = fr.IsospectralOrbit.through(symmetric)
-    moved = frame.flow(rng.standard_normal(6), symmetric)
-    np.testing.assert_allclose(np.linalg.eigvalsh(moved), np.linalg.eigvalsh(symmetric))
-    hermitian = fr.IsospectralOrbit.through(symmetric + 1j * (matrix - matrix.T))
-    assert hermitian.hermitian
-    assert hermitian.dim == 15
-
-
 def test_coadjoint_orbits_compute_their_casimirs():
     body = fr.CoadjointOrbit(fr.SO3(), (1.0, 2.0, 3.0))
     assert body.linear_casimirs.shape == (0, 3)

@@ -69,24 +69,6 @@ def test_pointers_and_callables_are_the_same(function, library):
     assert results[0][-1, 0] == pytest.approx(np.e, abs=1e-4)
 
 
-def test_numba(affine):
-    numba = pytest.importorskip("numba")
-    pointer = numba.types.CPointer(numba.types.float64)
-
-    @numba.cfunc(
-        numba.types.int32(numba.types.float64, pointer, pointer, numba.types.voidptr), cache=False
-    )
-    def growth(t, y, f, user_data):
-        f[0] = y[0]
-        return 0
-
-    options = {"frame": Euclidean(1), "method": "CG4a", "h": 0.125}
-    expected = integrate(lambda t, y: y, (0, 1), [1.0], **options).y
-    for f in (growth, LowLevelCallable(growth.ctypes)):
-        assert compiled_rhs(f) is not None
-        np.testing.assert_allclose(integrate(f, (0, 1), [1.0], **options).y, expected, atol=1e-15)
-
-
 class Meeting(ctypes.Structure):
     _fields_ = (("callers", ctypes.c_int), ("patience", ctypes.c_int))
 

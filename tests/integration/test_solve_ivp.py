@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.frames import SO3, CoadjointOrbit, Euclidean
+from cg.frames import SO3, Euclidean
 from cg.integration import Solution
 from cg.problems import StateDependentRotation
 
@@ -140,18 +140,3 @@ def test_too_many_steps_end_without_success_and_keep_accepted_steps(growth):
         together = cg.solve_ensemble(growth, span, [[1.0], [0.0]], **options)
         assert together.success is success
         assert np.isnan(together.y[-1, :, 0]).tolist() == [not success, False]
-
-
-@pytest.mark.parametrize("options", [{}, {"h": 0.25}])
-@pytest.mark.parametrize("compiled_frame", [True, False])
-@pytest.mark.parametrize("in_c", [True, False])
-def test_solutions_can_be_copied_and_pickled(options, compiled_frame, in_c, function):
-    frame = SO3() if compiled_frame else CoadjointOrbit(SO3(), (1.0, 0.0, 0.0))
-    y0 = np.eye(3) if compiled_frame else [1.0, 0.0, 0.0]
-    f = function("jump") if in_c else lambda t, y: [1.0, t, y.ravel()[1]]
-    solution = solve(f, y0=y0, frame=frame, dense_output=True, **options)
-    times = np.linspace(0, 1, 7)
-    for same in (copy.deepcopy(solution), pickle.loads(pickle.dumps(solution))):
-        assert not any(array.flags.writeable for array in (same.t, same.y, same.sol.ts))
-        np.testing.assert_array_equal(same.y, solution.y)
-        np.testing.assert_array_equal(same.sol(times), solution.sol(times))
