@@ -8,6 +8,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import leastsq
 
 import cg
+from cg import conditions
+from cg.construction.search import start as random_start
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.system import ConditionSystem
+from cg.structure.layout import Layout
+from cg.support import quads
 
 EPS = float(np.finfo(float).eps)
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
@@ -108,3 +114,95 @@ def test_norms_of_tiny_and_of_huge_residuals(power):
     bard, start = BY_NAME["bard"], BY_NAME["bard"].start(1)
     norm = cg.lmdif(lambda x: bard.residual(x) * unit, start).residual_norm
     assert_allclose(norm / unit, cg.lmdif(bard.residual, start).residual_norm, rtol=1e-10)
+
+
+def test_tolerances_of_the_papers_search(monkeypatch):
+    given = []
+    fit_lmdif = random_start.fit_lmdif
+
+    def recorded(order, layout, x, trees, tolerance, *rest):
+        given.append(tolerance)
+        return fit_lmdif(order, layout, x, trees, tolerance, *rest)
+
+    monkeypatch.setattr(random_start, "fit_lmdif", recorded)
+    result = cg.search(3, 3, 3, seed=0, algorithm="lmdif", workers=1, refine_below=1.0)
+    assert any(start.quad is not None for start in result.starts)
+    doubles = [tolerance for tolerance in given if tolerance.dtype == np.float64]
+    others = [tolerance for tolerance in given if tolerance.dtype != np.float64]
+    assert len(doubles) == 3
+    assert others
+    assert {float(tolerance[0]) for tolerance in doubles} == {1e-18}
+    assert {quads.to_float(tolerance.T)[0] for tolerance in others} == {1e-32}
+
+
+def test_search_status_is_that_of_solver():
+    settings = cg.search(3, 3, 6, seed=0, algorithm="lmdif").settings
+    layout = Layout.tableau(3)
+    trees = [t for t in conditions.table_rows(3) if t]
+    position = {t: k for k, t in enumerate(conditions.condition_trees(3))}
+
+    def residual(x):
+        rows = np.zeros(max(len(conditions.table_rows(3)), layout.size))
+        residuals = conditions.residuals(layout, x, 3)
+        for k, t in enumerate(conditions.table_rows(3)):
+            rows[k] = residuals[position[t]] if t in trees else 0
+        return rows
+
+    for index in range(6):
+        guess = random_start.random_start(0, index, layout.size, settings.width)
+        fit = cg.lmdif(residual, guess, ftol=1e-18, xtol=1e-18, maxfev=settings.maxfev)
+        start = random_start.run_start(settings, index)
+        assert (start.double.info, start.double.nfev) == (fit.info, fit.nfev)
+        assert_array_equal(start.double.f, fit.fvec @ fit.fvec)
+
+
+ORDER, STAGES = 4, 5
+PROBE, MAX_BEND = 0.1, 0.75
+LEAST = {False: 1e-17, True: 1e-22}
+
+
+def reference(x, layout, first_damping, iterations, accurate):
+    """Return x, f and the number of rejected steps after a number of iterations."""
+
+    def residual(x):
+        return conditions.residuals(layout, x, ORDER, independent=True)
+
+    def jacobian(x):
+        return conditions.jacobian(layout, x, ORDER, independent=True)
+
+    r, jac = residual(x), jacobian(x)
+    f, refused, growth = r @ r, 0, 2.0
+    damping = max(first_damping * (jac**2).sum(axis=1).max(), LEAST[accurate])
+    for _ in range(iterations):
+        matrix = jac @ jac.T + damping * np.eye(r.size)
+        y = np.linalg.solve(matrix, r)
+        step = -y @ jac
+        second = 2 / PROBE * ((residual(x + PROBE * step) - r) / PROBE - jac @ step)
+        acceleration = -np.linalg.solve(matrix, second) @ jac
+        if np.linalg.norm(acceleration) <= MAX_BEND * np.linalg.norm(step):
+            step = step + acceleration / 2
+        trial = residual(x + step)
+        if trial @ trial < f:
+            gain = (f - trial @ trial) / (f - damping**2 * (y @ y))
+            damping = max(damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), LEAST[accurate])
+            growth, x, r, f = 2.0, x + step, trial, trial @ trial
+            jac = jacobian(x)
+        else:
+            damping, growth, refused = damping * growth, 2 * growth, refused + 1
+    return x, f, refused
+
+
+@pytest.mark.parametrize("accurate", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_iterations_equal_reference_algorithm(seed, accurate):
+    layout = Layout.tableau(STAGES)
+    system = ConditionSystem(ORDER, layout)
+    start = np.random.default_rng(seed).uniform(-1, 1, layout.size)
+    for iterations in (0, 1, 2, 5, 9):
+        x, f, _ = reference(start, layout, 1e-2, iterations, accurate)
+        fit = fit_conditions(start, system, max_iterations=iterations, accurate=accurate)
+        assert fit.iterations == iterations
+        assert fit.evaluations == 1 + 2 * iterations
+        # Rounding is magnified by the condition numbers of the matrices.
+        np.testing.assert_allclose(fit.x, x, rtol=0, atol=1e-9)
+        assert fit.f == pytest.approx(f, rel=1e-8)

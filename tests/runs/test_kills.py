@@ -17,6 +17,7 @@ from contextlib import closing
 import pytest
 
 import cg
+from reproduce.main import main
 
 pytestmark = [
     pytest.mark.slow,
@@ -112,3 +113,29 @@ def test_searches_and_constructions(kind, tmp_path):
     assert kills == KILLS
     assert ended
     report(kind, kills, useful, ended)
+
+
+def test_reproduce(tmp_path):
+    whole, out = tmp_path / "whole", tmp_path / "out"
+
+    def run(folder):
+        assert main(["--only", "search4", "--out", str(folder)]) == 0
+
+    assert os.waitpid(child(lambda: run(whole)), 0)[1] == 0
+    expected = json.loads((whole / "results.json").read_text("utf-8"))["items"]
+
+    def restart():
+        for file in sorted(out.rglob("*"), reverse=True):
+            if file.is_dir():
+                file.rmdir()
+            else:
+                file.unlink()
+
+    ended = kills = useful = 0
+    stores = lambda: list(out.glob("checkpoints/*.db"))  # noqa: E731
+    for kills, useful in killed_at_random(lambda: run(out), stores, restart, 8):  # noqa: B007
+        item = json.loads((out / "results.json").read_text("utf-8"))["items"]
+        assert item == expected
+        ended += 1
+    assert kills == KILLS
+    report("reproduce", kills, useful, ended)
