@@ -31,14 +31,9 @@ _KINDS = {
 _SHOWN = {"pair": 4, "fixed": 4, "rkmk": 4, "rival": 4}
 _ERROR = 1e-8
 RC: dict[Any, Any] = {
-    "font.size": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e0e0e0",
-    "grid.linewidth": 0.5,
-    "legend.frameon": False,
-}
+    "font.size": 9.5, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "grid.color": "#e0e0e0", "grid.linewidth": 0.5, "legend.frameon": False,
+}  # fmt: skip
 
 
 def _plot(axes: Any, curve: Curve, quantity: str, style: dict[str, Any]) -> None:

@@ -25,7 +25,7 @@ def _importable():
 
 
 def test_jacobian_for_leastsq_agrees_with_differences():
-    from benchmarks.leastsq import PaddedResidual
+    from benchmarks.contest import PaddedResidual
 
     residual = PaddedResidual(4, 5)
     x = np.random.default_rng(2).uniform(-1, 1, 15)
