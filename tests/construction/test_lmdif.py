@@ -164,12 +164,8 @@ LEAST = {False: 1e-17, True: 1e-22}
 def reference(x, layout, first_damping, iterations, accurate):
     """Return x, f and the number of rejected steps after a number of iterations."""
 
-    def residual(x):
-        return conditions.residuals(layout, x, ORDER, independent=True)
-
-    def jacobian(x):
-        return conditions.jacobian(layout, x, ORDER, independent=True)
-
+    residual = lambda x: conditions.residuals(layout, x, ORDER, independent=True)
+    jacobian = lambda x: conditions.jacobian(layout, x, ORDER, independent=True)
     r, jac = residual(x), jacobian(x)
     f, refused, growth = r @ r, 0, 2.0
     damping = max(first_damping * (jac**2).sum(axis=1).max(), LEAST[accurate])

@@ -61,9 +61,7 @@ def test_exception_passes_through_nested_calls():
     def inner(y):
         raise error
 
-    def outer(x):
-        return cg.lmdif(inner, x).x
-
+    outer = lambda x: cg.lmdif(inner, x).x
     with pytest.raises(Interrupted) as caught:
         cg.lmdif(at_call(4, outer), START)
     assert caught.value is error
@@ -71,9 +69,7 @@ def test_exception_passes_through_nested_calls():
 
 
 def test_calls_from_several_threads():
-    def solve(start):
-        return cg.lmdif(rosenbrock, [start, 1.0])
-
+    solve = lambda start: cg.lmdif(rosenbrock, [start, 1.0])
     starts = np.linspace(-2, -1, 40)
     alone = [solve(start) for start in starts]
     with ThreadPoolExecutor(4) as pool:

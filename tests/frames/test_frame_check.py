@@ -59,9 +59,7 @@ def test_check_reports_inconsistencies(change, message):
 
 
 def test_check_reports_flows_off_the_manifold():
-    def off(v, y):
-        return Sphere(1).flow(v, y) * (1 + 1e-3 * v[0] ** 2)
-
+    off = lambda v, y: Sphere(1).flow(v, y) * (1 + 1e-3 * v[0] ** 2)
     circle = FieldFrame(
         [lambda y: np.array([-y[1], y[0]])], off, point_shape=2,
         membership_error=lambda y: abs(np.hypot(*y) - 1),

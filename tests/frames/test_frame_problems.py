@@ -21,12 +21,8 @@ def test_final_points_of_scaled_runs_are_points(scale):
     isospectral = IsospectralOrbit.through(scale * TODA)
     both = Product(orbit, SO3(), Euclidean(1))
 
-    def turn(t, m):
-        return m / (scale * INERTIA)
-
-    def toda(t, y):
-        return isospectral.group.coefficients(bracket(y / scale))
-
+    turn = lambda t, m: m / (scale * INERTIA)
+    toda = lambda t, y: isospectral.group.coefficients(bracket(y / scale))
     for frame, f, y0 in (
         (orbit, turn, scale * MOMENTUM),
         (isospectral, toda, scale * TODA),

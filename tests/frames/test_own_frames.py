@@ -53,9 +53,7 @@ def test_basis_of_wrong_shape_raises():
 def test_nonnumeric_flows_raise(value, good_until):
     """The flow fails at the first call or at a later one."""
 
-    def flow(v, y):
-        return y + v if y[0] + v[0] <= good_until else value * np.ones(1)
-
+    flow = lambda v, y: y + v if y[0] + v[0] <= good_until else value * np.ones(1)
     frame = FieldFrame([lambda y: np.ones(1)], flow, point_shape=1)
     solution = cg.solve_ivp(lambda t, y: np.ones(1), (0, 1), [0.0], frame=frame)
     assert not solution.success

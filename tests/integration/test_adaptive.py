@@ -219,9 +219,7 @@ def test_spans_below_the_resolution_of_steps(span, frame):
     """One step leads to the end, in compiled code and in Python."""
     y0 = frame.random_point(np.random.default_rng(1))
 
-    def f(t, y):
-        return [1.0]
-
+    f = lambda t, y: [1.0]
     assert is_compiled(frame) is (frame == Euclidean(1))
     solution = cg.solve_ivp(f, span, y0, frame=frame)
     assert (solution.status, solution.steps, solution.nrejected) == (0, 1, 0)

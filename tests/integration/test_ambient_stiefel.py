@@ -37,9 +37,7 @@ class Family:
     def exact(self, end):
         """Return the solution of the equation of the entries."""
 
-        def f(t, y):
-            return self(t, y.reshape(self.y0.shape)).ravel()
-
+        f = lambda t, y: self(t, y.reshape(self.y0.shape)).ravel()
         run = solve_ivp(f, (0, end), self.y0.ravel(), method="DOP853", rtol=1e-13, atol=1e-13)
         return run.y[:, -1].reshape(self.y0.shape)
 
@@ -136,9 +134,7 @@ def test_factors_get_derivatives_too(method):
     options = {"method": method, "rtol": 1e-9, "atol": 1e-9}
     alone = cg.solve_ivp(lambda t, y: skew @ y, (0, 1), y0, frame=single, **options).y[-1]
 
-    def each(t, y):
-        return np.concatenate([(skew @ part.reshape(5, 2)).ravel() for part in y])
-
+    each = lambda t, y: np.concatenate([(skew @ part.reshape(5, 2)).ravel() for part in y])
     for n in (1, 3):
         frame = cg.frames.Power(single, n)
         end = cg.solve_ivp(each, (0, 1), np.stack([y0] * n), frame=frame, **options).y[-1]
@@ -163,12 +159,8 @@ def test_powers_meet_events_breakpoints_ensembles_copies_and_backward_steps():
     y0 = np.stack([single.random_point(rng), single.random_point(rng)])
     options = {"frame": frame, "rtol": 1e-10, "atol": 1e-10}
 
-    def f(t, y):
-        return np.concatenate([(skew @ part).ravel() for part in y])
-
-    def exact(t, start=y0):
-        return expm(skew * t) @ start
-
+    f = lambda t, y: np.concatenate([(skew @ part).ravel() for part in y])
+    exact = lambda t, start=y0: expm(skew * t) @ start
     back = cg.solve_ivp(f, (0, -1), y0, **options).y[-1]
     np.testing.assert_allclose(back, exact(-1.0), rtol=0, atol=1e-8)
     level = exact(0.6)[0, 0, 0]

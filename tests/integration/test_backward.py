@@ -22,12 +22,8 @@ def problem(request):
     def f(t, y, factor):
         return factor * np.tensordot([1.0, np.sin(2 * t), y.ravel()[0]], amplitudes, 1)
 
-    def backward(t, y):
-        return f(t, y, 0.5 if t > 1.25 else 2.0 if t > 0.75 else 1.0)
-
-    def forward(s, y):
-        return -f(END - s, y, 0.5 if s < 0.75 else 2.0 if s < 1.25 else 1.0)
-
+    backward = lambda t, y: f(t, y, 0.5 if t > 1.25 else 2.0 if t > 0.75 else 1.0)
+    forward = lambda s, y: -f(END - s, y, 0.5 if s < 0.75 else 2.0 if s < 1.25 else 1.0)
     return frame, frame.random_point(rng, 2), backward, forward
 
 

@@ -84,9 +84,7 @@ def test_warning_for_kinks_without_breakpoints():
     times = np.linspace(0.0, 1.0, 1001)
     rates = np.random.default_rng(1).standard_normal((3, len(times)))
 
-    def f(t, y):
-        return [np.interp(t, times, row) for row in rates]
-
+    f = lambda t, y: [np.interp(t, times, row) for row in rates]
     options = {"frame": SO3(), "method": "RKMK8(5,3)", "rtol": 1e-11, "atol": 1e-11}
     with pytest.warns(UserWarning, match="name them as breakpoints") as caught:
         poor = cg.solve_ivp(f, (0, 1), np.eye(3), **options)

@@ -43,7 +43,7 @@ def test_every_kth_step_and_the_last_are_stored(every, compiled, affine):
 @pytest.mark.parametrize("every", [1, 2, 3, 6, 7, 30])
 def test_stored_steps_do_not_depend_on_pauses(every, monkeypatch):
     options = {"frame": SO3(), "method": "CG3", "h": 0.05, "save_every": every}
-    f = lambda t, y: [t, y[0, 0], 1.0]  # noqa: E731
+    f = lambda t, y: [t, y[0, 0], 1.0]
     expected = integrate(f, (0, 1), np.eye(3), **options)
     rng = np.random.default_rng(6)
     for most in range(1, 20):

@@ -81,9 +81,7 @@ def test_tolerances_of_entries():
     for key in ("DP5(4)", "CF4(3)", "DOP853"):
         options = {"frame": frame, "method": key, "rtol": 1e-13, "atol": atol}
 
-        def solve(options=options):
-            return cg.solve_ivp(f, (0, 1), y0, **options)
-
+        solve = lambda options=options: cg.solve_ivp(f, (0, 1), y0, **options)
         fast, slow = solve(), in_python(solve)
         assert (fast.steps, fast.nfev) == (slow.steps, slow.nfev)
         np.testing.assert_allclose(fast.t[1], slow.t[1], rtol=1e-9)  # chosen from the slopes

@@ -256,9 +256,7 @@ def test_many_times_take_little_memory_beside_the_result(method):
     times = np.linspace(0, 5, 100_000)
     options = {"frame": SO3(), "rtol": 1e-6, "method": method, "dense_output": True}
 
-    def f(t, y):
-        return [np.cos(t), 0.3, np.sin(2 * t)]
-
+    f = lambda t, y: [np.cos(t), 0.3, np.sin(2 * t)]
     run = cg.solve_ivp(f, (0, 5), np.eye(3), **options)
     tracemalloc.start()
     try:

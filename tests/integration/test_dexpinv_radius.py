@@ -110,9 +110,7 @@ def test_an_equal_step_that_is_too_long_is_named(frame, key):
     f, y0 = fast(frame)
     message = r"step from t = 0.5 .*too long.*smaller h"
 
-    def late(t, y):
-        return f(t, y) if t > 0.5 else 0.001 * f(t, y)
-
+    late = lambda t, y: f(t, y) if t > 0.5 else 0.001 * f(t, y)
     for same in (frame, uncompiled(frame)):
         with pytest.raises(cg.StepTooLongError, match=message):
             cg.integrate(late, (0, 4), y0, frame=same, method=key, h=0.5)
@@ -141,9 +139,7 @@ def test_a_chosen_step_that_is_too_long_is_rejected(frame):
 def test_steps_beyond_it_of_methods_with_flows_have_output_too(turns, coordinates):
     """Coordinates of a step of many turns may not exist if the axis moves."""
 
-    def f(t, y):
-        return [0.1 * np.sin(t), 0.1 * np.cos(t), turns]
-
+    f = lambda t, y: [0.1 * np.sin(t), 0.1 * np.cos(t), turns]
     solution = cg.integrate(f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0)
     interpolant = cg.solve_ivp(
         f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0, dense_output=True

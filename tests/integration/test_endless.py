@@ -60,7 +60,7 @@ class TestRelativeTolerances:
         def solve(rtol):
             frame = Euclidean(2)
             rates = np.array([1.0, 4.0])
-            f = lambda t, y: y * np.cos(rates * t)  # noqa: E731
+            f = lambda t, y: y * np.cos(rates * t)
             return cg.solve_ivp(f, (0, 9), [1, 1], frame=frame, rtol=rtol)
 
         loose = solve([1e-4, 1e9])

@@ -126,9 +126,7 @@ class TestCommonSteps:
         y0 = SO3().random_point(np.random.default_rng(1), 1)
         options = {"frame": SO3(), "rtol": 1e-6, "dense_output": True}
 
-        def f(t, y):
-            return np.stack([t, y[..., 0, 0], y[..., 1, 2]], axis=-1)
-
+        f = lambda t, y: np.stack([t, y[..., 0, 0], y[..., 1, 2]], axis=-1)
         apart = members_alone(f, (0, 1), y0, **options)
         check(
             cg.solve_ensemble(f, (0, 1), y0, vectorized=vectorized, common_steps=True, **options),

@@ -64,9 +64,7 @@ class TestRatios:
         """The ratio at one angle and power agrees with a step on SO(3)."""
         method, angle, j, size = cg.methods["CF5(4)"], 3.0, 2, 1e-6
 
-        def f(t, y):
-            return [size * t**j, 0.0, angle]
-
+        f = lambda t, y: [size * t**j, 0.0, angle]
         step = [
             cg.integrate(f, (0, 1), np.eye(3), frame=SO3(), method=each, h=1.0).y[-1]
             for each in (method, method.embedded)
@@ -197,10 +195,7 @@ class TestDiscontinuities:
         start = np.random.default_rng(3)
         y0 = np.zeros(3) if frame is HEISENBERG else frame.random_point(start)
         for place, a in list(self.cases(frame.dim, 2))[:count]:
-
-            def f(t, y, a=a):
-                return a(t) + 0.5 * np.tanh(np.resize(np.real(y), frame.dim))
-
+            f = lambda t, y, a=a: a(t) + 0.5 * np.tanh(np.resize(np.real(y), frame.dim))
             run = cg.solve_ivp(
                 f, (0, 2), y0, frame=frame, method=method, rtol=tolerance, atol=tolerance
             )

@@ -142,9 +142,7 @@ def test_bad_attributes_of_events_are_rejected(name, value, error):
     with pytest.raises(error, match=rf"^event\.{name} must be"):
         cg.Event(height, **{name: value})
 
-    def event(t, y):
-        return 1.0
-
+    event = lambda t, y: 1.0
     setattr(event, name, value)
     with pytest.raises(error, match=rf"^events\[0\]\.{name} must be"):
         solve(event)
@@ -156,9 +154,7 @@ OSCILLATOR = {"frame": Euclidean(2), "rtol": 1e-10, "atol": 1e-10}
 @pytest.mark.parametrize("method", ["CG4(3)", "CG5(4)", "CG6(5)"])
 @pytest.mark.parametrize(("unit", "start"), [(1.0, 0.0), (1e-12, 0.0), (1e12, 0.0), (1.0, 1.7e9)])
 def test_event_times_are_as_accurate_as_the_steps_in_any_unit_of_time(method, unit, start):
-    def f(t, y):
-        return np.array([y[1], -y[0]]) / unit
-
+    f = lambda t, y: np.array([y[1], -y[0]]) / unit
     solution = cg.solve_ivp(
         f, (start, start + 8 * unit), [1.0, 0.0], events=lambda t, y: y[0], method=method,
         **OSCILLATOR,
@@ -255,9 +251,7 @@ class TestManyZerosInOneStep:
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("method", ["auto", "CF5(4)"])
 def test_pairs_of_zeros_far_narrower_than_a_step(method, rtol):
-    def f(t, y):
-        return [math.cos(t), 0.5 * y[0, 0], 0.3 + math.sin(0.7 * t)]
-
+    f = lambda t, y: [math.cos(t), 0.5 * y[0, 0], 0.3 + math.sin(0.7 * t)]
     options = {"frame": SO3(), "rtol": rtol, "atol": rtol, "method": method}
     span, y0 = (0, 30), np.eye(3)
     run = cg.solve_ivp(f, span, y0, dense_output=True, **options)

@@ -72,9 +72,7 @@ def test_both_solvers_find_the_same_solution(frame, method):
     y0 = frame.random_point(rng)
     weights = rng.standard_normal((frame.dim, y0.size))
 
-    def f(t, y):
-        return np.sin(weights @ y.ravel() + t)
-
+    f = lambda t, y: np.sin(weights @ y.ravel() + t)
     newton, fixed = (
         cg.solve_ivp(f, (0, 2), y0, frame=frame, method=method, h=0.1, stage_solver=kind)
         for kind in KINDS
@@ -97,9 +95,7 @@ def test_newton_needs_fewer_evaluations_where_steps_are_large():
 def test_newton_takes_steps_that_are_too_large_for_fixed_points():
     """A stiff spring in the momentum: |h df/dy| is 50."""
 
-    def f(t, y):
-        return np.concatenate([[0.3, 0.1, y[9]], -1000.0 * (y[9:] - np.cos(t))])
-
+    f = lambda t, y: np.concatenate([[0.3, 0.1, y[9]], -1000.0 * (y[9:] - np.cos(t))])
     y0 = BODY.join(np.eye(3), [1.0, 1.0, 1.0])
     options = {"frame": BODY, "method": BACKWARD_EULER, "h": 0.1}
     solution = cg.integrate(f, (0, 2), y0, **options)
@@ -127,9 +123,7 @@ def test_implicit_pairs_choose_their_steps():
     """Stages that can't be found make a smaller step, not an error."""
     pair = Tableau(TRAPEZOIDAL.entries, ["1/2", "1/2"], b_embedded=["1", "0"])
 
-    def f(t, y):
-        return np.array([y[2, 0], np.cos(t), -3.0 * y[0, 1]]) * (1.0 if t < 1.0 else 30.0)
-
+    f = lambda t, y: np.array([y[2, 0], np.cos(t), -3.0 * y[0, 1]]) * (1.0 if t < 1.0 else 30.0)
     truth = cg.solve_ivp(f, (0, 2), np.eye(3), frame=SO3(), rtol=1e-7, atol=1e-7)
     for kind in KINDS:
         solution = cg.solve_ivp(

@@ -45,9 +45,7 @@ def classical_step(f, t, y, h, tableau):
 
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_flat_manifold_gives_the_classical_method(name):
-    def f(t, y):
-        return np.array([y[1] * np.cos(t), -y[0] * y[2], y[0] + t])
-
+    f = lambda t, y: np.array([y[1] * np.cos(t), -y[0] * y[2], y[0] + t])
     y = np.array([0.3, -0.5, 1.0])
     solution = integrate(f, (0.2, 1.2), y, frame=Euclidean(3), method=name, h=0.125)
     for k in range(8):

@@ -4,6 +4,7 @@ import gc
 import re
 import weakref
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from equal_grids import make_grid
 import cg
 from cg.catalogue import resolve_method
 from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
+from cg.integration.loop import step_budget
 from cg.integration.loop.run import Run
+from cg.integration.loop.step_budget import StepBudget
 from cg.integration.step.interpolant import extra_evaluations, node_count, result_flows
 
 EXTRA = {
@@ -160,3 +163,39 @@ def test_memory_for_steps_grows(monkeypatch):
     assert sizes == [64, 256, 1024, 2048, 2048]
     np.testing.assert_allclose(run.y[:, 0], run.t, rtol=0, atol=run.steps * np.spacing(10.0))
     assert len(run.t) == run.steps + 1
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(step_budget.time, "perf_counter", lambda: now[0])
+    return now
+
+
+@pytest.mark.parametrize("seconds_a_step", [1e-7, 1e-3, 1.0])
+def test_pauses_come_to_the_same_time(seconds_a_step, clock):
+    chosen = StepBudget()
+    sizes = []
+    for _ in range(12):
+        sizes.append(chosen.start())
+        clock[0] += sizes[-1] * seconds_a_step
+        chosen.stop(sizes[-1])
+    assert sizes[0] == 1
+    assert max(b / a for a, b in pairwise(sizes)) <= 8
+    assert sizes[-1] == pytest.approx(max(1, 0.03 / seconds_a_step), abs=1)
+
+
+def test_budget_after_short_runs(clock):
+    chosen = StepBudget()
+    for _ in range(100):  # trajectories of five steps
+        steps = min(chosen.start(), 5)
+        clock[0] += steps * 1e-4
+        chosen.stop(steps)
+    assert chosen.start() == pytest.approx(300, abs=1)
+
+
+def test_steps_that_take_no_time_are_counted_in_32_bits(clock):
+    chosen = StepBudget()
+    for _ in range(50):
+        chosen.stop(chosen.start())
+    assert chosen.start() == 2**30

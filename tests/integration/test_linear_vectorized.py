@@ -24,9 +24,7 @@ class TestVectorized:
         {"breakpoints": [0.3], "t_eval": [0.1, 0.3, 0.7]},
     ])  # fmt: skip
     def test_results_are_those_of_single_times(self, method, options):
-        def a(t):
-            return np.stack([np.sin(3 * t), np.abs(t - 0.3), t**0], axis=-1)
-
+        a = lambda t: np.stack([np.sin(3 * t), np.abs(t - 0.3), t**0], axis=-1)
         together, single = (
             self.solve(a, vectorized, method=method, **options) for vectorized in (True, False)
         )

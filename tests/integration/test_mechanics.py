@@ -72,9 +72,7 @@ def defect(problem, method, h):
     """Return by how much one step changes the Poisson brackets, by differences."""
     frame, d = problem.frame, 1e-4
 
-    def step(v):
-        return problem.run(method, (0.0, h), y0=frame.flow(v, problem.y0), h=h).y[-1]
-
+    step = lambda v: problem.run(method, (0.0, h), y0=frame.flow(v, problem.y0), h=h).y[-1]
     after = step(np.zeros(frame.dim))
     ends = [[frame.exp_coordinates(after, step(s * v)) for s in (d, -d)] for v in np.eye(frame.dim)]
     jacobian = np.array([(ahead - behind) / (2 * d) for ahead, behind in ends]).T
@@ -148,9 +146,7 @@ def test_momenta_on_spheres_are_tangential():
 def test_forces_may_depend_on_time():
     frame = PhaseSpace(Product(SO3(), Euclidean(1)), (INERTIA, 1.0))
 
-    def f(t, y):
-        return [np.cos(3 * t) * y[2], np.sin(t), t * y[0], -np.exp(-t) * y[9]]
-
+    f = lambda t, y: [np.cos(3 * t) * y[2], np.sin(t), t * y[0], -np.exp(-t) * y[9]]
     y0 = frame.join(np.concatenate([np.eye(3).ravel(), [1.0]]), [0.3, 0.5, 1.0, 0.2])
     exact = cg.solve_ivp(f, (0, 1), y0, frame=frame, method="DOP853", rtol=1e-13, atol=1e-13)
     for method in ("McLachlan2", "BlanesMoan4"):

@@ -57,9 +57,7 @@ class TestProgress:
         assert len(reports) == run.steps + 1  # each step, and the end
 
     def test_of_integrations_that_end_early(self, reports):
-        def event(t, y):
-            return t - 1.25
-
+        event = lambda t, y: t - 1.25
         event.terminal = True
         run = cg.solve_ivp(
             turn, (0, 3), np.eye(3), frame=FRAME, events=event, max_step=0.5, progress=reports
@@ -81,9 +79,7 @@ class TestProgress:
                 assert len(reports) >= 2
 
     def test_of_members_that_end_early(self, reports):
-        def event(t, y):
-            return t - 1.25
-
+        event = lambda t, y: t - 1.25
         run = cg.solve_ensemble(
             turn, (0, 3), np.broadcast_to(np.eye(3), (3, 3, 3)), frame=FRAME, progress=reports,
             events=cg.Event(event, terminal=True),

@@ -59,9 +59,7 @@ def test_integers_are_numbers():
     ("rotation", "6 real numbers, got 'rotation'"),
 ])  # fmt: skip
 def test_other_results_are_rejected(value, message, way):
-    def f(t, y):
-        return np.zeros(6) if t < 0.5 else value
-
+    f = lambda t, y: np.zeros(6) if t < 0.5 else value
     options = {"frame": FRAME} if way == "chosen steps" else OPTIONS
     if way == "implicit":
         options = OPTIONS | {"method": "ImplicitMidpoint", "h": 0.25}
@@ -265,9 +263,7 @@ class TestNotes:
 
     @pytest.mark.parametrize("workers", [None, 2])
     def test_member(self, workers):
-        def f(t, y, row):
-            return [0, 0, np.nan if row[0] == 3 and t > 0.5 else 1]
-
+        f = lambda t, y, row: [0, 0, np.nan if row[0] == 3 and t > 0.5 else 1]
         with pytest.raises(ValueError, match=r"finite numbers, got .* at t = 0") as caught:
             cg.solve_ensemble(f, (0, 1), np.eye(3), workers=workers, **NUMBERED)
         assert "in member 3; f is given" in caught.value.__notes__[0]

@@ -135,9 +135,7 @@ def test_many_points_at_a_time_have_the_derivatives_of_one():
     options = {"t_span": SPAN, "parameters": np.stack([P, 1.1 * P]), **GIVEN}
     one = cg.solve_variational_ensemble(top, y0=Y0, **options)
 
-    def many(t, y, p):
-        return np.array([top(*each) for each in zip(t, y, p, strict=True)])
-
+    many = lambda t, y, p: np.array([top(*each) for each in zip(t, y, p, strict=True)])
     both = cg.solve_variational_ensemble(many, y0=Y0, vectorized=True, **options)
     agree(both, one, 1e-9)
 

@@ -108,7 +108,7 @@ def test_times_of_events_without_jumps(terminal):
 
 def test_backward_in_time():
     """A ball is followed back to the floor and to its start."""
-    floor = lambda t, y: y[0]  # noqa: E731
+    floor = lambda t, y: y[0]
     solution = cg.solve_variational(
         lambda t, y: [y[1], -GRAVITY], (0, -1), [0.5, 2.0], frame=Euclidean(2), events=floor,
         jac=lambda t, y: [[0.0, 1.0], [0.0, 0.0]], **TIGHT,

@@ -105,12 +105,8 @@ def test_jumps_and_breakpoints():
     q = np.array([[0.3, 0.1], [0.1, 0.4]])
     floor = cg.Event(lambda t, y: y[0], direction=-1, jump=lambda t, y: [0.0, -0.7 * y[1]])
 
-    def fall(t, y):
-        return [y[1], -9.81 - y[1] * abs(y[1]) / 50 + (3.0 if t > 0.35 else 0.0)]
-
-    def noise(t, y):
-        return q * (1.0 + y[1] ** 2) * (2.0 if t > 0.35 else 1.0)
-
+    fall = lambda t, y: [y[1], -9.81 - y[1] * abs(y[1]) / 50 + (3.0 if t > 0.35 else 0.0)]
+    noise = lambda t, y: q * (1.0 + y[1] ** 2) * (2.0 if t > 0.35 else 1.0)
     options = {"frame": Euclidean(2), "breakpoints": [0.35], "events": floor, **TIGHT}
     run = cg.solve_variational(
         fall, (0, 1), [1.0, 0.2], noise=noise, dense_output=True, control_derivatives=True,

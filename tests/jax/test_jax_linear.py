@@ -16,9 +16,7 @@ STARTS = {SU(2): np.eye(2) + 0j, UnitQuaternion(): np.eye(4)[3], CHAIN: np.eye(3
 
 
 def drive(dim, xp=jnp):
-    def a(t, args):
-        return xp.stack([xp.cos((k + 1) * t * args) + 0.2 * k for k in range(dim)])
-
+    a = lambda t, args: xp.stack([xp.cos((k + 1) * t * args) + 0.2 * k for k in range(dim)])
     return a
 
 
@@ -70,9 +68,7 @@ def test_gradients_and_batches():
 
 
 def test_jumps_begin_anew():
-    def a(t, args):
-        return jnp.where(t < 1.0, 1.0, -3.0) * jnp.array([0.0, 0.3, 1.0])
-
+    a = lambda t, args: jnp.where(t < 1.0, 1.0, -3.0) * jnp.array([0.0, 0.3, 1.0])
     frame = SO3()
     controller = diffrax.ClipStepSizeController(
         cg.jax.controller(frame, 1e-8, 1e-8), jump_ts=jnp.array([1.0])

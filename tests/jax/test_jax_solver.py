@@ -140,9 +140,7 @@ class TestErrors:
         """At a time at which the difference of the results vanishes."""
         kink = 0.46525
 
-        def f(t, y, args=None):
-            return abs(t - kink) * np.ones(1)
-
+        f = lambda t, y, args=None: abs(t - kink) * np.ones(1)
         solver, y0 = cg.jax.Solver(name, dense="steps"), np.zeros(1)
         ours = cg.jax.FrameTerm(f, fr.Euclidean(1))
         _, error, *_ = solver.step(ours, 0.0, 1.0, jnp.asarray(y0), None, kink * y0 + kink, False)
@@ -154,9 +152,7 @@ class TestErrors:
         """Steps that lead to a sudden motion are rejected; after a rejection they don't grow."""
         frame = fr.Euclidean(1)
 
-        def f(xp, t):
-            return xp.where(t < 1.0, 0.0, xp.cos(50.0 * t)).reshape(1)
-
+        f = lambda xp, t: xp.where(t < 1.0, 0.0, xp.cos(50.0 * t)).reshape(1)
         ours = cg.jax.FrameTerm(lambda t, y, args: f(jnp, t), frame)
         solution = solve(
             ours, cg.jax.Solver("CF4(3)", dense="steps"), np.zeros(1), end=2.0, rtol=1e-6,

@@ -85,9 +85,7 @@ class TestTransforms:
         y0 = point(frame)
         solver = cg.jax.Solver("CF4(3)", dense="steps")
 
-        def step(y0, first):
-            return solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[:2]
-
+        step = lambda y0, first: solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[:2]
         text = str(jax.make_jaxpr(step)(y0, np.ones(3)))
         flows = sum(len(path.flows) for path in solver.steps.paths.paths)
         assert text.count("= optimization_barrier ") == flows

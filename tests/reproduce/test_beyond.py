@@ -136,9 +136,7 @@ def test_line_styles_are_distinct():
 
 
 def test_order_section_has_all_methods_from_order_six():
-    def method(order, explicit=True):
-        return SimpleNamespace(order=order, explicit=explicit)
-
+    method = lambda order, explicit=True: SimpleNamespace(order=order, explicit=explicit)
     listed = {"a": method(7), "b": method(5), "c": method(6), "d": method(8, explicit=False)}
     assert beyond_order.select(listed) == ["c", "a"]
 

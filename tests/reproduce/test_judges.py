@@ -54,16 +54,13 @@ def figures():
     errors = {"CG4": 1e-2, "CG4a": 1e-3, "CG5a": 1e-4, "CG6a": 1e-5}
     slopes = {"CG4": 4.0, "CG4a": 4.05, "CG5a": 4.95, "CG6a": 6.0}
 
-    def over_time(error):
-        return {name: [0.0, error / 2, error] for name in ("rotation", "momentum")}
+    over_time = lambda error: {name: [0.0, error / 2, error] for name in ("rotation", "momentum")}
 
     def in_double(slope):
         distances = {"distance": [0.0, 2e-16], "distance_flows": [0.0, 9e-16]}
         return {"slope": slope, "error": [1.0, 1e-8], **distances}
 
-    def in_quad(slope):
-        return {"slope": slope, "local": [3.0, 3.5, 4.0], "error": [1e-20]}
-
+    in_quad = lambda slope: {"slope": slope, "local": [3.0, 3.5, 4.0], "error": [1e-20]}
     readings = ("momentum", "velocity")
     quad = {name: in_quad(slopes[name]) for name in METHODS}
     return {

@@ -91,9 +91,7 @@ class TestFlag:
 
 class TestThreads:
     def test_closing_run_stops_workers(self):
-        def work(index):
-            return index if index == 0 else stoppable(fit_fast)
-
+        work = lambda index: index if index == 0 else stoppable(fit_fast)
         with closing(as_finished(work, range(10), 2)) as running:
             assert next(running) == 0
         assert not workers()
