@@ -16,7 +16,7 @@ from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
 from cg.integration.loop import step_budget
 from cg.integration.loop.run import Run
 from cg.integration.loop.step_budget import StepBudget
-from cg.integration.step.interpolant import extra_evaluations, node_count, result_flows
+from cg.integration.step.interpolant import extra_evaluations
 
 EXTRA = {
     **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},
@@ -72,33 +72,6 @@ def test_plans_of_many_frames_and_methods_are_not_kept():
     references = [made(k) for k in range(200)]
     gc.collect()
     assert sum(reference() is not None for reference in references) <= 64
-
-
-@pytest.mark.parametrize("method", ["CG3", "CG4a", "CF4(3)", "RKMK5(4)"])
-@pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 1)], ids=repr)
-def test_flows_of_output_between_steps(method, frame):
-    y0 = frame.random_point(np.random.default_rng(1))
-    options = {"frame": frame, "method": method, "h": 0.25}
-
-    def solve(**extra):
-        return cg.solve_ivp(lambda t, y: [t, 1.0, y[0, 0]], (0, 1), y0, **options, **extra)
-
-    without = solve()
-    assert solve(t_eval=[0.25, 0.75]).nexp == without.nexp
-    extra, flows = extra_evaluations(without.method), 1
-    if method.startswith("RKMK"):
-        flows_of_output = extra
-    elif frame == SO3():  # some iterations lead to the coordinates of the end
-        flows_of_output = solve(t_eval=[0.25, 0.6]).nexp - without.nexp - flows
-        assert extra + 2 <= flows_of_output <= extra + 4
-        return
-    else:
-        nodes, flows = node_count(without.method), len(result_flows(without.method)) + 1
-        # the interpolant with n nodes is closed at its end; that with one less leads to n - 2
-        flows_of_output = (nodes - 1) * flows + extra * flows
-    assert solve(t_eval=[0.25, 0.6]).nexp == without.nexp + flows_of_output + flows
-    assert solve(t_eval=[0.3, 0.55, 0.7]).nexp == without.nexp + 2 * flows_of_output + 3 * flows
-    assert solve(dense_output=True).nexp == without.nexp + 4 * flows_of_output
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
