@@ -55,6 +55,8 @@ def test_membership_by_known_distances():
     orbit = fr.IsospectralOrbit((1.0, 2.0))
     assert orbit.membership_error(np.diag([2.0, 1.03])) == pytest.approx(0.03)
     assert orbit.membership_error([[1.0, 0.01], [-0.01, 2.0]]) == pytest.approx(0.01, rel=1e-2)
+    hermitian = fr.IsospectralOrbit.through([[1.0, 1j], [-1j, 2.0]])
+    assert (hermitian.hermitian, hermitian.dim) == (True, 3)
     for lowest, error in ((0.5, 0.0), (-0.5, 0.5), (-3.0, 3.0)):
         symmetric = [[lowest + 1.0, 1.0], [1.0, lowest + 1.0]]
         assert fr.SPD(2).membership_error(symmetric) == pytest.approx(max(error, 0.0), abs=1e-15)

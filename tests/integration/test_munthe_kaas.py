@@ -52,6 +52,13 @@ def test_order_on_all_frames_with_brackets(frame):
     assert frame.distance(solution("CF5a", 3), fine).max() < 1e-6
 
 
+def test_reuse_of_the_last_stage():
+    f, y0 = generic(SO3())
+    for key, evaluations in {"RKMK3(2)": 3, "RKMK4": 4, "RKMK5(4)": 6, "RKMK8(5,3)": 12}.items():
+        run = cg.integrate(f, (0, 1), y0, frame=SO3(), method=key, h=0.1)
+        assert run.nfev == 10 * evaluations + (evaluations < MUNTHE_KAAS[key].stages)
+
+
 class TestEuclideanSpaceIsScipy:
     def f(self, t, y):
         return np.array([y[1], -np.sin(y[0]) + 0.1 * t, y[0] * y[2] - 0.2])

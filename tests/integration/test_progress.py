@@ -124,6 +124,9 @@ class TestDatasets:
             lambda t, y, p: [0.0, p[0], p[1]], (0, 1), np.stack([np.eye(3)] * 2), **options
         )
         axes = {"transition": "initial_coordinate", "sensitivity": "parameter"}
+        assert run.to_xarray().y.dims == ("t", "member", "row", "column")
+        points = cg.solve_ivp(lambda t, y: y, (0, 1), [1.0, 2.0], frame=cg.frames.Euclidean(2))
+        assert points.to_xarray().y.dims == ("t", "component")
         for name, last in (axes | {"covariance": "other_coordinate"}).items():
             for result, members in ((run, ("member",)), (run[1], ())):
                 variable = result.to_xarray()[name]
