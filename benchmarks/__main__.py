@@ -18,20 +18,9 @@ HERE = Path(__file__).parent
 DOCS = HERE.parent / "docs"
 
 NAMES = (
-    "rivals",
-    "bodies",
-    "jax",
-    "steps",
-    "calls",
-    "ensemble",
-    "large",
-    "variational",
-    "stiff",
-    "estimates",
-    "search",
-    "linear",
-    "long_times",
-)
+    "rivals", "bodies", "jax", "steps", "calls", "ensemble", "large", "variational", "stiff",
+    "estimates", "search", "linear", "long_times",
+)  # fmt: skip
 """All benchmarks in the order of the page, each a module with ``run(quick, figures)``."""
 
 
@@ -43,12 +32,9 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="fewer measurements; writes no files")
     parser.add_argument(
-        "--case",
-        action="append",
-        choices=CASES,
-        default=[],
+        "--case", action="append", choices=CASES, default=[],
         help="run rivals on this problem only (may be repeated); writes no files",
-    )
+    )  # fmt: skip
     parsed = parser.parse_args(arguments)
     if parsed.case and parsed.names != ["rivals"]:
         parser.error(f"--case needs the benchmark rivals alone, got {parsed.names}")

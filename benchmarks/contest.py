@@ -7,16 +7,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import leastsq
 
-from cg.conditions import unknowns
+from cg import _core_r64
+from cg.conditions import table_rows, unknowns
 from cg.construction.search.random_search import search
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.start import EXACT, random_start, run_start
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
+from cg.structure.layout import Layout
 from cg.support import quads
-
-from .leastsq import PaddedResidual, solve
 
 SEED = 1
 """Seed of all random starts."""
@@ -46,6 +48,46 @@ class Contestant:
         return 60.0 * len(self.exact) / self.seconds
 
 
+class PaddedResidual:
+    """Residuals with rows of zeros for trees that can be discarded, as the paper has them.
+
+    MINPACK refuses fewer residuals than unknowns; more zeros are appended where needed.
+
+    Parameters
+    ----------
+    order, stages : int
+    """
+
+    def __init__(self, order: int, stages: int) -> None:
+        self.shape = order, Layout.tableau(stages).code
+        rows = np.array(table_rows(order), dtype=np.intc)
+        self.trees = np.pad(rows, (0, max(0, unknowns(stages) - len(rows))))
+        self.trees_alone = rows[rows > 0]
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the residuals, shape ``(rows,)``."""
+        residuals: NDArray[np.float64] = _core_r64.residuals(*self.shape, x, self.trees)
+        return residuals
+
+    def jacobian(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives, shape ``(rows, unknowns)``."""
+        derivatives = np.zeros((len(self.trees), x.size))
+        nonzero = np.flatnonzero(self.trees)
+        derivatives[nonzero] = _core_r64.jacobian(*self.shape, x, self.trees_alone)
+        return derivatives
+
+
+def _leastsq(
+    residual: PaddedResidual, guess: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Run ``leastsq`` with the paper's tolerances; return where it ended and the sum of squares."""
+    x, _, info, _, _ = leastsq(
+        residual, guess, full_output=True, xtol=1e-18, ftol=1e-18, gtol=0.0,
+        maxfev=200 * (guess.size + 1),
+    )  # fmt: skip
+    return x, float(np.sum(info["fvec"] ** 2))
+
+
 def compete(contest: dict[str, Contestant], budget: float, turns: int) -> str:
     """Let contestants run in turns until each has used its time; return a summary."""
     for turn in range(1, turns + 1):
@@ -59,23 +101,15 @@ def compete(contest: dict[str, Contestant], budget: float, turns: int) -> str:
 def contestants(order: int, stages: int) -> dict[str, Contestant]:
     """Return the fast solver, the paper's, and SciPy's."""
     fast = search(order, stages, 1, SEED, workers=1).settings
-    settings = {
-        "minimum-norm": fast,
-        "lmdif": search(
-            order, stages, 1, SEED, algorithm="lmdif", width=fast.width, maxfev=1, workers=1
-        ).settings,
-    }
-    settings["lmdif"] = _with_default_budget(settings["lmdif"])
+    slow = search(order, stages, 1, SEED, algorithm="lmdif", width=fast.width, maxfev=1, workers=1)
+    settings = {"minimum-norm": fast, "lmdif": _with_default_budget(slow.settings)}
     contest = {name: Contestant(_searcher(setting)) for name, setting in settings.items()}
     contest["leastsq"] = Contestant(_scipy(order, stages, fast.width))
     return contest
 
 
 def _with_default_budget(settings: SearchSettings) -> SearchSettings:
-    """Return settings with MINPACK's default limit of evaluations.
-
-    `contestants` gets its settings from a search whose limit is one evaluation.
-    """
+    """Return settings with MINPACK's default limit of evaluations."""
     evaluations = 200 * (unknowns(settings.stages, settings.rows) + 1)
     return SearchSettings(**{**vars(settings), "maxfev": evaluations})
 
@@ -89,7 +123,7 @@ def _scipy(order: int, stages: int, width: float) -> Callable[[int], bool]:
     size = unknowns(stages)
 
     def solve_start(index: int) -> bool:
-        x, f = solve(residual, random_start(SEED, index, size, width))
+        x, f = _leastsq(residual, random_start(SEED, index, size, width))
         if not f <= 1e-15:
             return False
         refined = refine(quads.from_float(x), ConditionSystem.tableau(order, stages))

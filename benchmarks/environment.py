@@ -14,12 +14,10 @@ _PACKAGES = ("numpy", "scipy", "lielab", "jax", "diffrax", "qutip")
 def describe() -> dict[str, str]:
     """Return the processor, the system, and the versions of compilers and packages."""
     environment = {
-        "processor": _processor(),
-        "system": f"{platform.system()} {platform.machine()}",
-        "python": platform.python_version(),
-        "gfortran": _version("gfortran"),
+        "processor": _processor(), "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(), "gfortran": _version("gfortran"),
         "gcc": _version("gcc"),
-    }
+    }  # fmt: skip
     for package in _PACKAGES:
         try:
             environment[package] = importlib.metadata.version(package)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import tempfile
 import time
@@ -20,7 +21,13 @@ from .cases import Case
 from .record import Aim, Result, Row
 from .timing import measure
 
+with contextlib.suppress(ImportError):  # without them nothing is measured
+    import diffrax
+    import jax
+    import jax.numpy as jnp
+
 _INERTIA = np.array([1.0, 2.0, 2.5])
+_START = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 2.0, -0.5])
 _METHODS = ("CF5(4)", "RKMK5(4)", "RKMK8(5,3)", "CF7(6)")
 _RIVALS = ("Dopri8", "Tsit5")
 _DEFAULT = "RKMK8(5,3)"
@@ -45,6 +52,7 @@ METHOD = (
 )
 
 Solve = Callable[..., Any]
+Functions = dict[str, Callable[[float], Any]]
 
 
 def run(quick: bool, figures: Path | None) -> Result:
@@ -56,13 +64,9 @@ def run(quick: bool, figures: Path | None) -> Result:
     else:
         rounds = 3 if quick else 5
         rows = (
-            *_ends(rounds),
-            _gradients(rounds),
-            *_batches(rounds),
-            *_ensembles(3, quick),
-            *_memory(),
-            *_compiling(3),
-        )
+            *_ends(rounds), _gradients(rounds), *_batches(rounds), *_ensembles(3, quick),
+            *_memory(), *_compiling(3),
+        )  # fmt: skip
         try:
             rows = (*rows, *_against_georax(rounds))
         except ImportError as error:
@@ -72,10 +76,6 @@ def run(quick: bool, figures: Path | None) -> Result:
 
 def _solvers(unroll: bool = False, torque: float = 0.0) -> dict[str, tuple[Solve, bool]]:
     """Return functions of tolerance, start, inertia and end, each with whether it uses `cg.jax`."""
-    import diffrax
-    import jax
-    import jax.numpy as jnp
-
     jax.config.update("jax_enable_x64", True)
     frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
     generators = cg.frames.UnitQuaternion().field(np.eye(3), np.eye(4)[:, None])
@@ -112,18 +112,11 @@ def _solvers(unroll: bool = False, torque: float = 0.0) -> dict[str, tuple[Solve
     return solvers
 
 
-def _start() -> np.ndarray[Any, Any]:
-    return np.array([0.0, 0.0, 0.0, 1.0, 1.0, 2.0, -0.5])
-
-
-def _at_error(
-    functions: dict[str, Callable[[float], Any]], exact: Any, error: float
-) -> dict[str, float]:
+def _at_error(functions: Functions, exact: Any, error: float) -> dict[str, float]:
     """Return for each function the largest tolerance, of 10^(-k/4), at which the error is small."""
     tolerances = {}
     for name, function in functions.items():
-        for k in np.arange(2.0, 13.0, 0.25):
-            tolerance = 10.0**-k
+        for tolerance in 10.0 ** -np.arange(2.0, 13.0, 0.25):
             if np.abs(np.asarray(function(tolerance)) - exact).max() <= error:
                 tolerances[name] = tolerance
                 break
@@ -131,15 +124,9 @@ def _at_error(
 
 
 def _compare(
-    title: str,
-    functions: dict[str, Callable[[float], Any]],
-    exact: Any,
-    rounds: int,
-    *,
-    error: float = _ERROR,
-    pieces: int = 1,
-    aim: float = 1.0,
-) -> Row:
+    title: str, functions: Functions, exact: Any, rounds: int, *, error: float = _ERROR,
+    pieces: int = 1, aim: float = 1.0,
+) -> Row:  # fmt: skip
     """Compare the fastest method of `cg.jax` with the fastest of others, for the same error."""
     tolerances = _at_error(functions, exact, error)
     calls = {
@@ -158,38 +145,27 @@ def _compare(
 
 def _ends(rounds: int) -> list[Row]:
     """Compare times at equal errors, also with torques that depend on the attitude and on time."""
-    import diffrax
-    import jax
-
     rows = []
     for title, end, torque in (("tumbling body", 50.0, 0.0), ("with torques", 10.0, 0.1)):
         functions = {
             name: jax.jit(lambda tolerance, solve=solve, end=end: solve(
-                tolerance, _start(), _INERTIA, end, diffrax.ForwardMode()
+                tolerance, _START, _INERTIA, end, diffrax.ForwardMode()
             ))
             for name, (solve, _) in _solvers(unroll=bool(torque), torque=torque).items()
         }  # fmt: skip
         exact = np.asarray(functions["Dopri8"](1e-14))
         rows += [
             _compare(
-                f"{title}, to t = {end:g}",
-                functions,
-                exact,
-                rounds,
-                error=error,
+                f"{title}, to t = {end:g}", functions, exact, rounds, error=error,
                 aim=1.0 if torque else aim,
             )
             for error, aim in _AIMS.items()
             if error == 1e-8 or not torque
-        ]
+        ]  # fmt: skip
     return rows
 
 
 def _gradients(rounds: int) -> Row:
-    import diffrax
-    import jax
-    import jax.numpy as jnp
-
     def gradient(solve: Solve) -> Callable[[float], Any]:
         adjoint = diffrax.RecursiveCheckpointAdjoint(checkpoints=4096)
 
@@ -199,22 +175,17 @@ def _gradients(rounds: int) -> Row:
         both = jax.jit(jax.grad(cost, argnums=(0, 1)))
 
         def along(tolerance: float) -> Any:
-            by_inertia, by_start = both(jnp.asarray(_INERTIA), jnp.asarray(_start()), tolerance)
+            by_inertia, by_start = both(jnp.asarray(_INERTIA), jnp.asarray(_START), tolerance)
             return np.concatenate([by_inertia, by_start[4:]])
 
         return along
 
-    functions = {
-        name: gradient(solve) for name, (solve, _) in _solvers().items() if name != "Tsit5"
-    }
+    functions = {n: gradient(f) for n, (f, _) in _solvers().items() if n != "Tsit5"}
     exact = functions["RKMK8(5,3)"](1e-13)
     return _compare("gradient of an attitude at t = 10", functions, exact, rounds)
 
 
 def _batches(rounds: int) -> list[Row]:
-    import diffrax
-    import jax
-
     inertias = _INERTIA * np.random.default_rng(0).uniform(0.8, 1.2, (_MEMBERS, 3))
 
     def batch(solve: Solve, derivative: bool) -> Callable[[float], Any]:
@@ -222,7 +193,7 @@ def _batches(rounds: int) -> list[Row]:
 
         def end(inertia: Any, tolerance: Any) -> Any:
             adjoint = kept if derivative else diffrax.ForwardMode()
-            y = solve(tolerance, _start(), inertia, 10.0, adjoint)
+            y = solve(tolerance, _START, inertia, 10.0, adjoint)
             return y[0] if derivative else y
 
         together = jax.jit(jax.vmap(jax.grad(end) if derivative else end, (0, None)))
@@ -231,9 +202,7 @@ def _batches(rounds: int) -> list[Row]:
     rows = []
     for title, derivative in (("one", False), ("gradient of one", True)):
         functions = {
-            name: batch(solve, derivative)
-            for name, (solve, _) in _solvers().items()
-            if name != "Tsit5"
+            name: batch(f, derivative) for name, (f, _) in _solvers().items() if name != "Tsit5"
         }
         exact = np.asarray(functions["RKMK8(5,3)"](1e-12))
         batch_title = f"{title} of {_MEMBERS} members, to t = 10"
@@ -243,14 +212,11 @@ def _batches(rounds: int) -> list[Row]:
 
 def _memory() -> list[Row]:
     """Compare the memory that compiled gradients allocate for the steps they keep."""
-    import diffrax
-    import jax
-
     solvers = _solvers()
 
     def megabytes(name: str, adjoint: Any) -> float:
         def end(inertia: Any) -> Any:
-            return solvers[name][0](1e-6, _start(), inertia, 10.0, adjoint)[0]
+            return solvers[name][0](1e-6, _START, inertia, 10.0, adjoint)[0]
 
         compiled = jax.jit(jax.grad(end)).lower(_INERTIA).compile()
         return float(compiled.memory_analysis().temp_size_in_bytes) / 1e6
@@ -268,16 +234,10 @@ def _memory() -> list[Row]:
 
 def _ensembles(rounds: int, quick: bool) -> list[Row]:
     """Compare `jax.vmap` with `cg.solve_ensemble` in compiled code, with the same method."""
-    import diffrax
-    import jax
-
     solve, _ = _solvers()[_DEFAULT]
     together = jax.jit(jax.vmap(
         lambda y0: solve(_ERROR, y0, _INERTIA, 10.0, diffrax.ForwardMode())
     ))  # fmt: skip
-
-    def by_vmap(points: Any) -> Any:
-        return np.asarray(together(points))
 
     def compiled(case: Case, points: Any) -> Any:
         return cg.solve_ensemble(
@@ -290,12 +250,11 @@ def _ensembles(rounds: int, quick: bool) -> list[Row]:
         case = tumbling(Path(folder))
         for members in _SIZES[:1] if quick else _SIZES:
             velocities = np.random.default_rng(0).standard_normal((members, 3))
-            points = np.concatenate([np.tile(_start()[:4], (members, 1)), velocities], axis=1)
+            points = np.concatenate([np.tile(_START[:4], (members, 1)), velocities], axis=1)
             momenta = points * np.concatenate([np.ones(4), _INERTIA])
-            times = measure(
-                {"vmap": partial(by_vmap, points), "compiled": partial(compiled, case, momenta)},
-                rounds=rounds,
-            )
+            vmap = partial(lambda y: np.asarray(together(y)), points)
+            calls = {"vmap": vmap, "compiled": partial(compiled, case, momenta)}
+            times = measure(calls, rounds=rounds)
             rows.append(times.row(
                 f"one of {members} members by vmap, to t = 10, {_DEFAULT}", "vmap", "µs",
                 "`cg.solve_ensemble`, `f` in C", "compiled", pieces=(members, members),
@@ -304,9 +263,6 @@ def _ensembles(rounds: int, quick: bool) -> list[Row]:
 
 
 def _compiling(rounds: int) -> list[Row]:
-    import diffrax
-    import jax
-
     unrolled = f"{_DEFAULT}, unroll=True"
     solvers = _solvers()
     solvers[unrolled] = _solvers(unroll=True)[_DEFAULT]
@@ -317,7 +273,7 @@ def _compiling(rounds: int) -> list[Row]:
             jax.clear_caches()
             begin = time.process_time()
             jax.jit(lambda tolerance, solve=solve: solve(
-                tolerance, _start(), _INERTIA, 10.0, diffrax.ForwardMode()
+                tolerance, _START, _INERTIA, 10.0, diffrax.ForwardMode()
             )).lower(1e-6).compile()  # fmt: skip
             times.append(time.process_time() - begin)
     medians = {name: 1e3 * median(times) for name, times in seconds.items()}
@@ -329,19 +285,14 @@ def _compiling(rounds: int) -> list[Row]:
     ]  # fmt: skip
 
 
-# A driven attitude, as a matrix of SO(3)
-
-
 def _against_georax(rounds: int) -> list[Row]:
-    import jax
-    import jax.numpy as jnp
-
+    """Compare times of a driven attitude, as a matrix of SO(3), and of its gradient."""
     jax.config.update("jax_enable_x64", True)
     rates = jnp.array([1.0, 0.7, 0.4])
     ends = _attitudes()
     rows = []
     for title, transform in (("end", jax.jit), ("gradient of the end", jax.grad)):
-        functions: dict[str, Callable[[float], Any]] = {
+        functions: Functions = {
             name: partial(jax.jit(transform(end)), rates) for name, end in ends.items()
         }
         exact = np.asarray(functions[_DEFAULT](1e-13))
@@ -357,9 +308,7 @@ def _attitudes() -> dict[str, Solve]:
 
     Methods without an error estimate take steps of (tolerance)^(1 / order).
     """
-    import diffrax
     import georax
-    import jax.numpy as jnp
 
     frame = cg.frames.SO3()
 
@@ -374,22 +323,17 @@ def _attitudes() -> dict[str, Solve]:
     def solving(term: Any, solver: Any, control: Any) -> Solve:
         def end(rates: Any, tolerance: Any) -> Any:
             first = None if control else tolerance ** (1.0 / solver.order(term))
+            chosen = control(tolerance, tolerance) if control else diffrax.ConstantStepSize()
             return diffrax.diffeqsolve(
-                term, solver, 0.0, 10.0, first, jnp.eye(3), rates,
-                stepsize_controller=control(tolerance) if control else diffrax.ConstantStepSize(),
+                term, solver, 0.0, 10.0, first, jnp.eye(3), rates, stepsize_controller=chosen,
                 max_steps=100_000, adjoint=diffrax.RecursiveCheckpointAdjoint(checkpoints=4096),
             ).ys[-1][0, 1]  # fmt: skip
 
         return end
 
-    def ours(tolerance: Any) -> Any:
-        return cg.jax.controller(frame, tolerance, tolerance)
-
-    def theirs(tolerance: Any) -> Any:
-        return diffrax.PIDController(rtol=tolerance, atol=tolerance)
-
+    own = cg.jax.FrameTerm(velocity, frame)
     ends = {
-        name: solving(cg.jax.FrameTerm(velocity, frame), cg.jax.Solver(name, dense="steps"), ours)
+        name: solving(own, cg.jax.Solver(name, dense="steps"), partial(cg.jax.controller, frame))
         for name in _METHODS
     }
     term = georax.GeometricTerm(entries, georax.SO(3))
@@ -400,5 +344,5 @@ def _attitudes() -> dict[str, Solve]:
         for tableau in (diffrax.Bosh3(), diffrax.Tsit5(), diffrax.Dopri8()):
             chosen[f"RKMK({type(tableau).__name__})"] = georax.RKMK(tableau)
     for name, solver in chosen.items():
-        ends[f"georax {name}, chosen steps"] = solving(term, solver, theirs)
+        ends[f"georax {name}, chosen steps"] = solving(term, solver, diffrax.PIDController)
     return ends

@@ -145,11 +145,5 @@ def _moved(v: NDArray[np.float64], y: Points) -> Points:
 
 def _half_product(v: NDArray[np.float64], y: Points) -> Points:
     (a, b, c), (x, z, w, s) = (0.5 * v).tolist(), y.tolist()
-    return np.array(
-        [
-            s * a + z * c - w * b,
-            s * b + w * a - x * c,
-            s * c + x * b - z * a,
-            -x * a - z * b - w * c,
-        ]
-    )
+    last = -x * a - z * b - w * c
+    return np.array([s * a + z * c - w * b, s * b + w * a - x * c, s * c + x * b - z * a, last])

@@ -21,30 +21,19 @@ from .work_curves import QUANTITIES, Curve
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "*", "X", "<", ">")
 _DASHES: dict[str, Any] = {
-    "pair": "-",
-    "fixed": (0, (5, 1.5)),
-    "rkmk": (0, (1, 1.2)),
-    "rival": (0, (3, 1, 1, 1)),
+    "pair": "-", "fixed": (0, (5, 1.5)), "rkmk": (0, (1, 1.2)), "rival": (0, (3, 1, 1, 1)),
     "default": "-",
-}
+}  # fmt: skip
 _KINDS = {
-    "pair": "pairs",
-    "fixed": "fixed steps",
-    "rkmk": "Munthe-Kaas",
-    "rival": "others",
+    "pair": "pairs", "fixed": "fixed steps", "rkmk": "Munthe-Kaas", "rival": "others",
     "default": "pairs",
-}
+}  # fmt: skip
 _SHOWN = {"pair": 4, "fixed": 4, "rkmk": 4, "rival": 4}
 _ERROR = 1e-8
 RC: dict[Any, Any] = {
-    "font.size": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e0e0e0",
-    "grid.linewidth": 0.5,
-    "legend.frameon": False,
-}
+    "font.size": 9.5, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "grid.color": "#e0e0e0", "grid.linewidth": 0.5, "legend.frameon": False,
+}  # fmt: skip
 
 
 def _plot(axes: Any, curve: Curve, quantity: str, style: dict[str, Any]) -> None:
@@ -109,14 +98,11 @@ def _styles(curves: list[Curve]) -> dict[str, dict[str, Any]]:
         of_kind.sort(key=_height)
         for curve, colour, marker in zip(of_kind[:most], _COLOURS, _MARKERS, strict=False):
             styles[curve.name] = {
-                "color": "black" if kind == "rival" else colour,
-                "linestyle": _DASHES[kind],
-                "marker": marker,
-                "markersize": 4.5,
-                "markerfacecolor": "white" if kind in ("fixed", "rkmk") else None,
-                "linewidth": 1.4,
+                "color": "black" if kind == "rival" else colour, "linestyle": _DASHES[kind],
+                "marker": marker, "markersize": 4.5,
+                "markerfacecolor": "white" if kind in ("fixed", "rkmk") else None, "linewidth": 1.4,
                 "zorder": 3,
-            }
+            }  # fmt: skip
     return styles
 
 

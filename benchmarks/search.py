@@ -36,17 +36,12 @@ def run(quick: bool, figures: Path | None) -> Result:
             ("leastsq", "SciPy's leastsq with the compiled residual"),
         ):
             other = contest[name]
-            rows.append(
-                Row(
-                    f"exact methods of order {order}, {stages} stages",
-                    ours.per_minute,
-                    "per core-minute",
-                    against,
-                    other.per_minute if other.exact else None,
-                    ours.per_minute / max(other.per_minute, 60.0 / other.seconds),
-                    ratio_is_bound=not other.exact,
-                    aim=Aim(60.0 * aim, above=True, of="value") if name == "lmdif" else None,
-                )
-            )
+            rows.append(Row(
+                f"exact methods of order {order}, {stages} stages", ours.per_minute,
+                "per core-minute", against, other.per_minute if other.exact else None,
+                ours.per_minute / max(other.per_minute, 60.0 / other.seconds),
+                ratio_is_bound=not other.exact,
+                aim=Aim(60.0 * aim, above=True, of="value") if name == "lmdif" else None,
+            ))  # fmt: skip
         notes.append(f"- Order {order}, exact methods of all starts: {counts}.")
     return Result(TITLE, method_text(budget, rounds), tuple(rows), ("\n".join(notes),))

@@ -97,28 +97,15 @@ def _rows(times: Times, name: str, title: str, n: int, jac: bool = False) -> lis
         if way == "exact" and not jac:
             continue
         key = f"{name}, {way}"
-        aim = (
-            Aim(2.0 + n / 3.0, above=False)
-            if name == "compiled" and jac and way == "exact"
-            else None
-        )
+        bounded = name == "compiled" and way == "exact"
+        aim = Aim(2.0 + n / 3.0, above=False) if bounded else None
+        by_differences = f"{name}, differences"
         for other, against, ratio in (
             (name, "the solution", times.ratio(key, name)),
-            (
-                f"{name}, differences",
-                f"{n + 1} solutions",
-                times.ratio(f"{name}, differences", key),
-            ),
+            (by_differences, f"{n + 1} solutions", times.ratio(by_differences, key)),
         ):
-            rows.append(
-                Row(
-                    f"{title}, {text}",
-                    1e3 * times.median(key),
-                    "ms",
-                    against,
-                    1e3 * times.median(other),
-                    ratio,
-                    aim=aim if other == name else None,
-                )
-            )
+            rows.append(Row(
+                f"{title}, {text}", 1e3 * times.median(key), "ms", against,
+                1e3 * times.median(other), ratio, aim=aim if other == name else None,
+            ))  # fmt: skip
     return rows

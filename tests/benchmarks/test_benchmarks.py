@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import cg
+from benchmarks.linear import linear_solver
+from benchmarks.linear_cases import dop853, linear_cases, qutip_solver
 from cg.analysis.convergence import observed_order
 from cg.problems import FreeRigidBody, HeavyTop
-
-pytestmark = pytest.mark.no_core
 
 ROOT = Path(__file__).parents[2]
 
@@ -25,7 +25,7 @@ def _importable():
 
 
 def test_jacobian_for_leastsq_agrees_with_differences():
-    from benchmarks.leastsq import PaddedResidual
+    from benchmarks.contest import PaddedResidual
 
     residual = PaddedResidual(4, 5)
     x = np.random.default_rng(2).uniform(-1, 1, 15)
@@ -178,19 +178,6 @@ def _cases(*names):
     return cases(names)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
-def test_lielab_solves_supported_cases():
-    from benchmarks.lielab_rival import METHODS, LielabRival, expresses
-
-    assert [expresses(case) for case in _cases("heavy_top", "two_levels")] == [True, False]
-    (case,) = _cases("fast_torque")
-    for name in METHODS:
-        rival = LielabRival(case, name)
-        points = rival.integrate(1e-9)
-        assert case.error(points[-1]) < 1e-8
-        assert rival.evaluations > len(points)
-
-
 def test_times_give_medians_and_ratios_of_rounds():
     from benchmarks.timing import Times
 
@@ -262,3 +249,29 @@ def test_rejects_unknown_names(capsys):
     with pytest.raises(SystemExit):
         main(["nothing"])
     assert "NAME must be one of rivals" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def problems():
+    return list(linear_cases(quick=False))
+
+
+def test_solutions_agree_with_those_of_scipy(problems):
+    for problem in problems:
+        run = dop853(problem)(1e-8)
+        assert problem.case.error(run.points[-1]) < 1e-6
+        assert run.evaluations > 0
+
+
+def test_solutions_agree_with_those_of_qutip(problems):
+    pytest.importorskip("qutip")
+    solved = [problem for problem in problems if problem.hamiltonians is not None]
+    assert len(solved) == 3
+    for problem in solved:
+        assert problem.case.error(qutip_solver(problem)(1e-9).points[-1]) < 1e-6
+
+
+def test_magnus_methods_are_counted(problems):
+    run = linear_solver(problems[0], "CFM8(4)")(1e-6)
+    assert run.flows > run.evaluations > 0
+    assert problems[0].case.error(run.points[-1]) < 1e-5

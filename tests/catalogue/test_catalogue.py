@@ -12,26 +12,13 @@ from cg.catalogue import Catalogue, dumps, load, loads, methods, save
 from cg.method.tableau import Tableau, TableauError
 from cg.structure.points import MethodError
 
-pytestmark = pytest.mark.no_core
-
 # order, stages, exponentials
 KNOWN = {
-    "LieEuler": (1, 1, 1),
-    "CG2": (2, 2, 2),
-    "CG3": (3, 3, 6),
-    "CG2(3)": (3, 3, 6),
-    "CG4": (4, 5, 14),
-    "CG4a": (4, 5, 15),
-    "CG5a": (5, 9, 43),
-    "CG6a": (6, 16, 136),
-    "CG6f": (6, 13, 89),
-    "CG6g": (6, 12, 76),
-    "CF3": (3, 3, 3),
-    "CF3b": (3, 3, 3),
-    "CF4": (4, 4, 5),
-    "CF4b": (4, 5, 5),
-    "CF5r": (5, 11, 11),
-}
+    "LieEuler": (1, 1, 1), "CG2": (2, 2, 2), "CG3": (3, 3, 6), "CG2(3)": (3, 3, 6),
+    "CG4": (4, 5, 14), "CG4a": (4, 5, 15), "CG5a": (5, 9, 43), "CG6a": (6, 16, 136),
+    "CG6f": (6, 13, 89), "CG6g": (6, 12, 76), "CF3": (3, 3, 3), "CF3b": (3, 3, 3), "CF4": (4, 4, 5),
+    "CF4b": (4, 5, 5), "CF5r": (5, 11, 11),
+}  # fmt: skip
 EXACT = [name for name in FROZEN if not methods[name].approximate]
 
 ENTRY = 'name = "x"\nsource = "here"\na = [[], ["1/2"]]\nb = [0, 1.0]\n'
@@ -145,21 +132,18 @@ class TestFiles:
         text = ENTRY.replace('"1/2"', "0.123456789012345678901234567890123456")
         assert loads(text).exact[0][1][0] == Fraction("0.123456789012345678901234567890123456")
 
-    @pytest.mark.parametrize(
-        ("old", "new", "message"),
-        [
-            ("b = [0, 1.0]", "", "the entry lacks b"),
-            ("b = ", "order = 2\nb = ", "the entry has unknown keys: order"),
-            ("b = ", "b == ", "not a TOML file"),
-            ("1.0]", "nan]", "b_2: expected a finite real number, got 'nan'"),
-            ("1.0]", "true]\n", "b_2: expected a finite real number, got True"),
-            ('"1/2"', '"1/2", 0, 0', "a must have 2 rows"),
-            ('"x"', "5", "name must be a str, got 5"),
-            ("1.0]", "1.0]\nnominal = 3", "nominal must be a table, got 3"),
-            ("1.0]", "1.0]\n[nominal]\norder = 2", "nominal lacks residual"),
-            ("1.0]", '1.0]\n[nominal]\norder = 3\nresidual = "0.1"', "nominal_order 3 reach"),
-        ],
-    )
+    @pytest.mark.parametrize(("old", "new", "message"), [
+        ("b = [0, 1.0]", "", "the entry lacks b"),
+        ("b = ", "order = 2\nb = ", "the entry has unknown keys: order"),
+        ("b = ", "b == ", "not a TOML file"),
+        ("1.0]", "nan]", "b_2: expected a finite real number, got 'nan'"),
+        ("1.0]", "true]\n", "b_2: expected a finite real number, got True"),
+        ('"1/2"', '"1/2", 0, 0', "a must have 2 rows"),
+        ('"x"', "5", "name must be a str, got 5"),
+        ("1.0]", "1.0]\nnominal = 3", "nominal must be a table, got 3"),
+        ("1.0]", "1.0]\n[nominal]\norder = 2", "nominal lacks residual"),
+        ("1.0]", '1.0]\n[nominal]\norder = 3\nresidual = "0.1"', "nominal_order 3 reach"),
+    ])  # fmt: skip
     def test_bad_files(self, old, new, message, tmp_path):
         path = tmp_path / "bad.toml"
         path.write_text(ENTRY.replace(old, new))

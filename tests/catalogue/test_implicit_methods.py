@@ -6,24 +6,17 @@ import numpy as np
 import pytest
 
 import cg
-from cg.analysis.convergence import final_errors, observed_order
 from cg.catalogue import methods
 from cg.conditions import Rows
 from cg.construction.search.random_search import search
-from cg.frames import SO3, Euclidean, Product
-from cg.method.tableau import Tableau
+from cg.frames import SO3
 from cg.problems import StateDependentRotation
 
 # order, stages, exponentials
 KNOWN = {
-    "ImplicitMidpoint": (2, 1, 2),
-    "DICG3": (3, 3, 9),
-    "DICG3(2)": (3, 4, 14),
-    "DICG4": (4, 3, 9),
-    "DICG4b": (4, 5, 20),
-    "DICG4c": (4, 5, 20),
-    "DICG6": (6, 7, 35),
-}
+    "ImplicitMidpoint": (2, 1, 2), "DICG3": (3, 3, 9), "DICG3(2)": (3, 4, 14), "DICG4": (4, 3, 9),
+    "DICG4b": (4, 5, 20), "DICG4c": (4, 5, 20), "DICG6": (6, 7, 35),
+}  # fmt: skip
 SELF_ADJOINT = ["ImplicitMidpoint", "DICG4", "DICG4b", "DICG4c", "DICG6"]
 
 
@@ -42,15 +35,6 @@ def problem(request):
     return equation, equation.reference([1], bits=128).y[0, :9].reshape(3, 3)
 
 
-def slope(problem, method, steps):
-    equation, exact = problem
-    h = 1 / np.array(steps)
-    errors = final_errors(
-        equation.f, (0, 1), equation.y0, exact, frame=equation.frame, method=method, h=h
-    )
-    return observed_order(h, errors, floor=1e-13)
-
-
 class TestCatalogue:
     @pytest.mark.parametrize("name", KNOWN)
     def test_order_and_size(self, name):
@@ -58,12 +42,6 @@ class TestCatalogue:
         assert (method.order, method.stages, method.exponentials) == KNOWN[name]
         assert method.rows is Rows.DIAGONAL
         assert 0.006 < method.principal_error < 0.22
-
-    @pytest.mark.parametrize("name", ["DICG3", "DICG4", "DICG4b"])
-    def test_reversed_rows_lose_the_order(self, problem, name):
-        method = methods[name]
-        reverse = Tableau([row[::-1] for row in method.a[::-1].tolist()], method.b[::-1].tolist())
-        assert slope(problem, reverse, (32, 64)) < 2.5
 
     def test_dicg3_is_l_stable_where_flows_commute(self):
         a, b = methods["DICG3"].a, methods["DICG3"].b
@@ -100,32 +78,6 @@ def stability(a, b, z):
     return 1 + z * np.array(b) @ np.linalg.solve(np.eye(stages) - z * np.array(a), np.ones(stages))
 
 
-PULLED = Product(SO3(), Euclidean(3))
-
-
-def pulled(damping):
-    """Return an attitude whose velocities relax to cos t, and its solution at time 1."""
-
-    def f(t, y):
-        return np.concatenate([[0.3, 0.1 * np.sin(t), y[9]], -damping * (y[9:] - np.cos(t))])
-
-    start = np.array([2.0, 1.0, 0.0])
-
-    def velocities(t):
-        square = damping**2 + 1.0
-        slow = (damping**2 * np.cos(t) + damping * np.sin(t)) / square
-        return slow + (start - damping**2 / square) * np.exp(-damping * t)
-
-    def turning(t, y):
-        return np.array([0.3, 0.1 * np.sin(t), velocities(t)[0]])
-
-    exact = cg.solve_ivp(
-        turning, (0, 1), np.eye(3), frame=SO3(), method="CG5(4)", first_step=1e-3 / damping,
-        rtol=1e-11, atol=1e-11,
-    )  # fmt: skip
-    return f, PULLED.join(np.eye(3), start), PULLED.join(exact.y[-1], velocities(1.0))
-
-
 class TestDampedPair:
     def test_it_is_stiffly_accurate_with_one_diagonal_entry(self):
         a, b = methods["DICG3(2)"].exact
@@ -149,21 +101,23 @@ class TestDampedPair:
             method = methods[name]
             assert abs(stability(method.a, method.b, -1e9)) == pytest.approx(1.0, abs=1e-6)
 
-    def test_the_second_weights_have_order_two_on_so3(self, problem):
-        pair = methods["DICG3(2)"]
-        second = Tableau(pair.entries, pair.embedded_weights)
-        assert slope(problem, second, (64, 128, 256)) == pytest.approx(2.0, abs=0.15)
-
     @pytest.mark.parametrize("damping", [1e2, 1e4, 1e6])
     @pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
     def test_it_damps_within_the_tolerance(self, damping, tolerance):
-        f, y0, exact = pulled(damping)
-        solution = cg.solve_ivp(
-            f, (0, 1), y0, frame=PULLED, method="DICG3(2)", rtol=tolerance, atol=tolerance
+        frame = cg.frames.Product(SO3(), cg.frames.Euclidean(3))
+
+        def f(t, y):
+            pull = damping * (y[9:] - np.cos(t))
+            return np.concatenate([[0.3, 0.1 * np.sin(t), y[9]], -pull])
+
+        problem = f, (0, 1), frame.join(np.eye(3), [2.0, 1.0, 0.0])
+        exact, run = (
+            cg.solve_ivp(*problem, frame=frame, method=method, rtol=tol, atol=tol)
+            for method, tol in (("RadauIIA5", 1e-9), ("DICG3(2)", tolerance))
         )
-        assert PULLED.distance(solution.y[-1], exact) < tolerance
+        assert frame.distance(run.y[-1], exact.y[-1]) < tolerance
         # An explicit method takes more than damping / 5 of them.
-        assert len(solution.t) < 200
+        assert len(run.t) < 200
 
 
 class TestFewStages:

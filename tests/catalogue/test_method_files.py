@@ -2,8 +2,12 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Callable
+from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +16,10 @@ from refusals import refuses
 
 import cg
 from cg.analysis.diagnosis.files import diagnose_file
+from cg.catalogue import loads, save
 from cg.formats.notebooks import to_formula, to_html
-from cg.proofs import CertificationError, check
+from cg.proofs import CertificationError, certify, check
 from cg.structure.points import MethodError
-
-pytestmark = pytest.mark.no_core
 
 MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
 
@@ -48,19 +51,16 @@ class TestFiles:
         assert method.coefficients[0].text == "0.30000000000000000004"
         assert json.loads(cg.export(method, "json"))["a"][1] == ["0.30000000000000000004"]
 
-    @pytest.mark.parametrize(
-        ("text", "message"),
-        [
-            ("{", "not a JSON file"),
-            ('{"name": "x"}', "lacks a, b"),
-            ('{"name": "x", "name": "y"}', "'name' is there twice"),
-            ('{"a": NaN}', "NaN isn't a finite number"),
-            ('{"a": 1' + "0" * 5000 + "}", "not a file of this kind"),
-            ('{"a": ' + "[" * 50 + "]" * 50 + "}", "nested too deeply"),
-            ('{"a": ' + "[" * 100000 + "]" * 100000 + "}", "nested too deeply"),
-            ('{"name": 1, "source": "", "a": [[]], "b": [1]}', "name must be a str"),
-        ],
-    )
+    @pytest.mark.parametrize(("text", "message"), [
+        ("{", "not a JSON file"),
+        ('{"name": "x"}', "lacks a, b"),
+        ('{"name": "x", "name": "y"}', "'name' is there twice"),
+        ('{"a": NaN}', "NaN isn't a finite number"),
+        ('{"a": 1' + "0" * 5000 + "}", "not a file of this kind"),
+        ('{"a": ' + "[" * 50 + "]" * 50 + "}", "nested too deeply"),
+        ('{"a": ' + "[" * 100000 + "]" * 100000 + "}", "nested too deeply"),
+        ('{"name": 1, "source": "", "a": [[]], "b": [1]}', "name must be a str"),
+    ])  # fmt: skip
     def test_bad_json(self, text, message):
         refuses(MethodError, message, cg.catalogue.loads, text)
 
@@ -72,13 +72,9 @@ class TestPaths:
         cg.save(MIDPOINT, path)
         for method in (path, str(path)):
             run = cg.integrate(
-                lambda t, y: [0, 0, t],
-                (0, 1),
-                np.eye(3),
-                frame=cg.frames.SO3(),
-                method=method,
+                lambda t, y: [0, 0, t], (0, 1), np.eye(3), frame=cg.frames.SO3(), method=method,
                 h=0.1,
-            )
+            )  # fmt: skip
             assert run.method == MIDPOINT
             assert cg.export(method, "c").startswith("// mine: order 2")
 
@@ -152,3 +148,67 @@ def test_certificate_of_a_munthe_kaas_method_is_refused():
 def test_residual_of_a_method_without_order():
     still = cg.Tableau([[], ["1/2"]], [0, 0])
     assert still.largest_residual() == 1.0
+
+
+METHOD = cg.Tableau(cg.methods["CG3(2)"].entries, cg.methods["CG3(2)"].weights, name="Mine")
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(params=["mine.certificate.toml", "certificates/mine.toml"])
+def proof(request, tmp_path):
+    path = tmp_path / str(request.param)
+    path.parent.mkdir(exist_ok=True)
+    certify(METHOD).save(path)
+    return path
+
+
+def certificate_line(run_command, file):
+    """Return what ``show`` writes about the certificate."""
+    text = run_command("show", str(file))[1]
+    (line,) = re.findall("^  certificate +(.*)$", text, re.MULTILINE)
+    return str(line)
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_show_and_export_find_it(suffix, proof, run_command, tmp_path):
+    file = tmp_path / f"mine{suffix}"
+    save(METHOD, file)
+    assert str(certify(METHOD)) in run_command("show", str(file))[1]
+    assert json.loads(run_command("show", str(file), "--json")[1])["certificate"] == str(
+        certify(METHOD)
+    )
+    code, output, _ = run_command("export", str(file), "json", "--digits", "60")
+    assert code == 0
+    residuals = cg.conditions.residuals(loads(output), 3, arithmetic="exact")
+    assert max(map(abs, residuals)) < 1e-58
+    assert proof.is_file()
+
+
+def test_certificate_is_proved_again(proof, run_command, tmp_path):
+    file = tmp_path / "mine.toml"
+    save(METHOD, file)
+    text = proof.read_text(encoding="utf-8")
+    proof.write_text(text.replace("order = 3", "order = 4", 1), encoding="utf-8")
+    assert certificate_line(run_command, file).startswith("proves nothing: ")
+    assert run_command("export", str(file), "json", "--digits", "60")[0] == 2
+    assert run_command("export", str(file), "json", "--digits", "20")[0] == 0
+    proof.write_text("nothing", encoding="utf-8")
+    assert certificate_line(run_command, file).startswith(
+        f"proves nothing: {proof}: not a TOML file"
+    )
+    assert str(proof) in run_command("export", str(file), "json", "--digits", "60")[2]
+    proof.write_bytes(b"\xff")
+    assert certificate_line(run_command, file).startswith(f"proves nothing: {proof}: not UTF-8")
+    proof.unlink()
+    assert certificate_line(run_command, file) == "none"
+
+
+def test_certificate_with_another_radius(run_command, tmp_path):
+    file = tmp_path / "CG4a.toml"
+    save(cg.methods["CG4a"], file)
+    certificate = certify("CG4a")
+    path = tmp_path / "CG4a.certificate.toml"
+    certificate.save(path)
+    assert certificate_line(run_command, file) == str(certificate)
+    replace(certificate, box=replace(certificate.box, radius=Decimal("1e-60"))).save(path)
+    assert certificate_line(run_command, file).startswith("proves nothing: ")

@@ -91,13 +91,10 @@ def test_cg4_is_its_closed_form():
         theta = (t1 + (105 + 88 * root + 71 * root**2).sqrt()) / 18
         last = 10 + 8 * root + 7 * root**2
         expected = {
-            (3, 2): t4 / 18,
-            (4, 2): t1 * theta - t4 / 18,
-            (4, 3): (3 + t2 - 9 * t1 * theta) / (4 + t3),
-            (5, 2): theta,
-            (5, 3): (3 + 2 * t2 - 9 * t1 * theta) / last,
-            (5, 4): -t2 / (4 + t3),
-        }
+            (3, 2): t4 / 18, (4, 2): t1 * theta - t4 / 18,
+            (4, 3): (3 + t2 - 9 * t1 * theta) / (4 + t3), (5, 2): theta,
+            (5, 3): (3 + 2 * t2 - 9 * t1 * theta) / last, (5, 4): -t2 / (4 + t3),
+        }  # fmt: skip
         weights = [t1 / (2 * t2), 0, -(1 + t3) / (6 * (2 + t2)), -1 / (2 * t2), t1 / (2 * t2)]
         c3 = root / 3 + root**2 / 6 + Decimal(2) / 3
         abscissae = [0, Decimal(3) / 2, c3, 1 - c3, 1]

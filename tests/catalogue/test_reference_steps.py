@@ -11,8 +11,6 @@ import cg
 from cg.problems import StateDependentRotation
 from cg.problems import rotation as problem_module
 
-pytestmark = pytest.mark.no_core
-
 FILE = Path(cg.catalogue.__file__).parent / "reference_steps.json"
 REFERENCE = json.loads(FILE.read_text(encoding="utf-8"))
 METHODS = {**FROZEN, **MUNTHE_KAAS}

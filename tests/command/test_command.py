@@ -13,8 +13,6 @@ import cg
 from cg.catalogue import dumps, loads
 from cg.command import proving, searching
 
-pytestmark = pytest.mark.no_core
-
 COMMANDS = [
     "list", "show", "check", "search", "construct", "certify", "export", "plot", "runs",
     "reproduce", "completion"
@@ -137,24 +135,21 @@ class TestPlot:
         assert (code, "nonsense" in error) == (2, True)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["show", "CG44a"], "NAME|FILE"),
-        (["check", "cf5"], "similar names are CF5(4), CF5r, CF5e"),
-        (["list", "--order", "0"], "--order"),
-        (["list", "--kind", "x"], "--kind"),
-        (["list", "--nonsense"], "--nonsense"),
-        (["nonsense"], "nonsense"),
-        (["search", "--order", "3"], "--stages"),
-        (["search", "--order", "6", "--stages", "3"], "pass --force"),
-        (["export", "CG3", "cobol"], "FORMAT"),
-        (["export", "DICG4", "c"], "format"),
-        (["certify", "CG3", "-o", "/"], "--output"),
-        (["certify", "CG3", "-o", "missing/x.toml"], "must be in an existing folder"),
-        (["search", "--order", "2", "--stages", "2", "-o", "missing/x"], "existing folder"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "named"), [
+    (["show", "CG44a"], "NAME|FILE"),
+    (["check", "cf5"], "similar names are CF5(4), CF5r, CF5e"),
+    (["list", "--order", "0"], "--order"),
+    (["list", "--kind", "x"], "--kind"),
+    (["list", "--nonsense"], "--nonsense"),
+    (["nonsense"], "nonsense"),
+    (["search", "--order", "3"], "--stages"),
+    (["search", "--order", "6", "--stages", "3"], "pass --force"),
+    (["export", "CG3", "cobol"], "FORMAT"),
+    (["export", "DICG4", "c"], "format"),
+    (["certify", "CG3", "-o", "/"], "--output"),
+    (["certify", "CG3", "-o", "missing/x.toml"], "must be in an existing folder"),
+    (["search", "--order", "2", "--stages", "2", "-o", "missing/x"], "existing folder"),
+])  # fmt: skip
 def test_bad_input_names_the_argument(run, arguments, named):
     code, output, error = run(*arguments)
     assert (code, output) == (2, "")
@@ -173,14 +168,11 @@ def test_broken_files_are_named(run, tmp_path):
     assert run("check", str(file))[0] == 2
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("certify", "CF3", "-o", "{}/x.toml"),
-        ("search", "--order", "2", "--stages", "2", "--starts", "2", "-o", "{}/x.toml"),
-        ("construct", "--order", "2", "--stages", "2", "-o", "{}/x.toml"),
-    ],
-)
+@pytest.mark.parametrize("arguments", [
+    ("certify", "CF3", "-o", "{}/x.toml"),
+    ("search", "--order", "2", "--stages", "2", "--starts", "2", "-o", "{}/x.toml"),
+    ("construct", "--order", "2", "--stages", "2", "-o", "{}/x.toml"),
+])  # fmt: skip
 def test_output_is_checked_first(run, arguments, tmp_path, monkeypatch):
     """No user can write to a folder of the kernel."""
 

@@ -11,8 +11,6 @@ import cg
 from cg.catalogue import dumps, loads
 from cg.catalogue.summary import compute_summary, summary_of
 
-pytestmark = pytest.mark.no_core
-
 SLIP = dumps(cg.methods["CG4a"]).replace(
     "-1.1092979392113465105841772499254356", "-1.1092979392113565"
 )

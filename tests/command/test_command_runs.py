@@ -8,8 +8,6 @@ import pytest
 import cg
 from cg.runs import Failure, Store
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):

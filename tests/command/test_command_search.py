@@ -13,8 +13,6 @@ from cg.command.searching import construct_command, search_command
 from cg.construction.solvers.system import Structure
 from cg.structure.layout import Layout, Rows
 
-pytestmark = pytest.mark.no_core
-
 COMMANDS = {"search": (cg.search, search_command), "construct": (cg.construct, construct_command)}
 OF_COMMANDS_ALONE = {"processes", "dask", "mpi", "quiet", "output", "in_json"}
 OF_FUNCTIONS_ALONE = {"executor", "progress"}  # which the options above stand for
@@ -130,25 +128,22 @@ def test_solutions_beyond_a_bound_are_counted(run_command):
     assert "required to have abscissae from 0.0 to 1.0 and a small principal error>" in repr(result)
 
 
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
-        ("search --order 4", "Missing option '--stages', or '--tree'"),
-        ("search --order 4 --tree CF44", "Invalid value for '--tree': no method is named 'CF44'"),
-        ("search --order 4 --tree DICG4", "isn't an explicit method with a tree of points"),
-        ("search --order 4 --tree CF4 --stages 5", "--stages must be those of the tree, 4, got 5"),
-        ("search --order 4 --tree CF4 --flows 5", "--flows and --tree exclude each other"),
-        ("search --order 4 --stages 4 --flows 4", "--flows = 4 is too few for order 4, which"),
-        ("search --order 4 --stages 5 --width x", "'x' is not a valid number."),
-        ("search --order 4 --tree CF4 --first-same-as-last", "--tree exclude each other"),
-        ("search --order 4 --tree CF4 --embedded", "--embedded can't be used, as --tree has no"),
-        ("search --order 4 --stages 5 --width -1", "Invalid value for '--width'"),
-        ("search --order 4 --stages 5 --embedded", "--embedded needs --flows; "),
-        ("search --order 4 --stages 5 --first-same-as-last", "--first-same-as-last needs"),
-        ("construct --order 5 --stages 9 --structure middle --full-rank", "--structure must be"),
-        ("construct --order 5 --stages 9 --first-stages 3", "--first-stages must be at least 9"),
-    ],
-)
+@pytest.mark.parametrize(("command", "message"), [
+    ("search --order 4", "Missing option '--stages', or '--tree'"),
+    ("search --order 4 --tree CF44", "Invalid value for '--tree': no method is named 'CF44'"),
+    ("search --order 4 --tree DICG4", "isn't an explicit method with a tree of points"),
+    ("search --order 4 --tree CF4 --stages 5", "--stages must be those of the tree, 4, got 5"),
+    ("search --order 4 --tree CF4 --flows 5", "--flows and --tree exclude each other"),
+    ("search --order 4 --stages 4 --flows 4", "--flows = 4 is too few for order 4, which"),
+    ("search --order 4 --stages 5 --width x", "'x' is not a valid number."),
+    ("search --order 4 --tree CF4 --first-same-as-last", "--tree exclude each other"),
+    ("search --order 4 --tree CF4 --embedded", "--embedded can't be used, as --tree has no"),
+    ("search --order 4 --stages 5 --width -1", "Invalid value for '--width'"),
+    ("search --order 4 --stages 5 --embedded", "--embedded needs --flows; "),
+    ("search --order 4 --stages 5 --first-same-as-last", "--first-same-as-last needs"),
+    ("construct --order 5 --stages 9 --structure middle --full-rank", "--structure must be"),
+    ("construct --order 5 --stages 9 --first-stages 3", "--first-stages must be at least 9"),
+])  # fmt: skip
 def test_errors_name_the_option(command, message, capsys):
     assert main(command.split()) == 2
     captured = capsys.readouterr()

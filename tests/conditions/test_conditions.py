@@ -15,8 +15,6 @@ from cg.conditions import Rows
 from cg.trees.ordered import OrderedTree, forest
 from cg.trees.tables import fortran_tables, main
 
-pytestmark = pytest.mark.sanitize
-
 exactly = partial(conditions.residuals, arithmetic="exact")
 FLOATS = {"dtype": np.float64}
 
@@ -147,20 +145,17 @@ COMPILED = [conditions.residuals, conditions.weights, conditions.jacobian]
 
 class TestBadInput:
     @pytest.mark.parametrize("function", COMPILED)
-    @pytest.mark.parametrize(
-        ("a", "b", "message"),
-        [
-            ([[0]], [], "b must have shape (s,) with s at least 1, got (0,)"),
-            ([[0]], 1.0, "b must have shape (s,) with s at least 1, got ()"),
-            ([[0]], [1, 2], "a must have shape (2, 2) to match b, got (1, 1)"),
-            ([0, 0], [1, 2], "a must have shape (2, 2) to match b, got (2,)"),
-            ([[0], [1, 0]], [1, 2], "a must be an array of real numbers"),
-            ([["x"]], [1], "a must be an array of real numbers"),
-            ([[0]], [1j], "b must be an array of real numbers"),
-            ([[np.nan]], [1], "a must be finite"),
-            ([[0]], [np.inf], "b must be finite"),
-        ],
-    )
+    @pytest.mark.parametrize(("a", "b", "message"), [
+        ([[0]], [], "b must have shape (s,) with s at least 1, got (0,)"),
+        ([[0]], 1.0, "b must have shape (s,) with s at least 1, got ()"),
+        ([[0]], [1, 2], "a must have shape (2, 2) to match b, got (1, 1)"),
+        ([0, 0], [1, 2], "a must have shape (2, 2) to match b, got (2,)"),
+        ([[0], [1, 0]], [1, 2], "a must be an array of real numbers"),
+        ([["x"]], [1], "a must be an array of real numbers"),
+        ([[0]], [1j], "b must be an array of real numbers"),
+        ([[np.nan]], [1], "a must be finite"),
+        ([[0]], [np.inf], "b must be finite"),
+    ])  # fmt: skip
     def test_tableau(self, function, a, b, message):
         refuses(ValueError, re.escape(message), function, a, b, 2)
 

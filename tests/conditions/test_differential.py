@@ -11,8 +11,6 @@ from cg import conditions
 from cg.structure.layout import Layout, Rows
 from cg.structure.points import START, Point, PointTree
 
-pytestmark = pytest.mark.sanitize
-
 HIGHEST = 7
 # Each weight has at most eight factors, each of them rounded once; what is added up is positive
 # in `sizes`, and no sum has more than some ten terms.

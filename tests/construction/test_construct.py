@@ -22,7 +22,6 @@ from cg.construction import (
     eliminate_stage,
     fewer_exponentials,
     optimise,
-    pack_method,
     refinable,
     solved,
     to_method,
@@ -51,15 +50,6 @@ def a_candidate(order, stages, *, embedded=False, seed=0, bound=3.0):
 
 
 class TestSystem:
-    def test_second_weights_have_their_own_conditions(self):
-        pair = cg.methods["CG2(3)"]
-        candidate = pack_method(pair)
-        assert candidate.system == ConditionSystem.tableau(3, 3, embedded=True)
-        assert np.abs(candidate.system.residual(candidate.x)).max() < 1e-15
-        worse = candidate.x.copy()
-        worse[candidate.system.movable[-4]] += 0.1  # the last of the second weights
-        assert np.abs(candidate.system.residual(worse)).max() > 1e-3
-
     def test_fixed_zeros_are_kept(self):
         candidate = a_candidate(3, 3, embedded=True)
         fixed = np.setdiff1d(np.arange(candidate.system.size), candidate.system.movable)

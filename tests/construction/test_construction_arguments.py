@@ -19,53 +19,26 @@ def never(x):
 
 
 BOTH = {
-    "order": [0, 99],
-    "stages": [0, HUGE],
-    "seed": [-1],
-    "workers": [0],
-    "progress": ["yes"],
-    "executor": ["fast", 3, ThreadPoolExecutor],
-    "tree": ["x", ((-1,),), (3, (-1,))],
-    "flows": [5, True],
-    "embedded": [True],
-    "first_same_as_last": [True],
-}
+    "order": [0, 99], "stages": [0, HUGE], "seed": [-1], "workers": [0], "progress": ["yes"],
+    "executor": ["fast", 3, ThreadPoolExecutor], "tree": ["x", ((-1,),), (3, (-1,))],
+    "flows": [5, True], "embedded": [True], "first_same_as_last": [True],
+}  # fmt: skip
 SEARCH = {
-    "starts": [0, HUGE],
-    "maxfev": [0, HUGE],
-    "refine_maxfev": [0, HUGE],
-    "algorithm": ["newton"],
-    "rows": ["lower"],
-    "width": [-0.5, NAN, 1e308],
-    "refine_below": [-1],
-    "abscissae": [(1, 0), 1.0, (0, np.inf), "01"],
-    "bound": [0],
-    "minimise": ["flows"],
-}
+    "starts": [0, HUGE], "maxfev": [0, HUGE], "refine_maxfev": [0, HUGE], "algorithm": ["newton"],
+    "rows": ["lower"], "width": [-0.5, NAN, 1e308], "refine_below": [-1],
+    "abscissae": [(1, 0), 1.0, (0, np.inf), "01"], "bound": [0], "minimise": ["flows"],
+}  # fmt: skip
 CONSTRUCT = {"tries": [0, HUGE], "iterations": [HUGE], "largest": [0], "first_stages": [2]}
 LIFT = {
-    "tableau": [cg.methods["CF3"], cg.methods["ImplicitMidpoint"]],
-    "order": [0, 5],
-    "embedded_order": [3],
-    "chains": [[1, 1], [1, 1, 0, 1]],
-    "flows": [3],
-    "tries": [0],
-    "hits": [0],
-    "seed": [-1],
-    "reduce": ["no"],
-    "max_iterations": [0],
-}
+    "tableau": [cg.methods["CF3"], cg.methods["ImplicitMidpoint"]], "order": [0, 5],
+    "embedded_order": [3], "chains": [[1, 1], [1, 1, 0, 1]], "flows": [3], "tries": [0],
+    "hits": [0], "seed": [-1], "reduce": ["no"], "max_iterations": [0],
+}  # fmt: skip
 LMDIF = {
-    "f": [3],
-    "x0": [[[1.0, 2.0]], 1.0, [1.0, NAN], ["a", "b"], [[1.0], [1.0, 2.0]]],
-    "ftol": [-1e-8],
-    "xtol": [-1e-8],
-    "gtol": [-1e-8, "small"],
-    "epsfcn": [-1e-8],
-    "factor": [0.0],
-    "maxfev": [0, 2**31, 10.0],
-    "diag": [[1.0], [1.0, 0.0]],
-}
+    "f": [3], "x0": [[[1.0, 2.0]], 1.0, [1.0, NAN], ["a", "b"], [[1.0], [1.0, 2.0]]],
+    "ftol": [-1e-8], "xtol": [-1e-8], "gtol": [-1e-8, "small"], "epsfcn": [-1e-8], "factor": [0.0],
+    "maxfev": [0, 2**31, 10.0], "diag": [[1.0], [1.0, 0.0]],
+}  # fmt: skip
 SHAPES = [
     {"tree": CHAIN, "first_same_as_last": True},
     {"tree": CHAIN, "stages": 7},
@@ -84,19 +57,16 @@ def cases(function, good, table, *others):
 GOOD = {"order": 5, "stages": 6, "seed": 1, "force": True}
 
 
-@pytest.mark.parametrize(
-    ("function", "arguments", "name"),
-    [
-        *cases(cg.search, GOOD | {"starts": 1}, BOTH | SEARCH, *SHAPES),
-        *cases(cg.search, GOOD | {"starts": 1}, {}, {"minimise": "principal_error"}
-               | {"order": MAX_ORDER}),
-        *cases(cg.construct, GOOD, BOTH | CONSTRUCT, *SHAPES),
-        *cases(cg.lift, {"tableau": CLASSICAL}, LIFT, {"chains": [1, 1, 1, 2], "flows": 5}),
-        *cases(cg.lmdif, {"f": never, "x0": [-1.2, 1.0]}, LMDIF),
-        *cases(cg.lmdif, {}, {}, {"x0": [1.0, 1.0, 1.0], "f": lambda x: x[:2]},
-               {"x0": [1.0, 1.0], "f": lambda x: np.where(x > 1, 1e308, -1e307)}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("function", "arguments", "name"), [
+    *cases(cg.search, GOOD | {"starts": 1}, BOTH | SEARCH, *SHAPES),
+    *cases(cg.search, GOOD | {"starts": 1}, {}, {"minimise": "principal_error"}
+           | {"order": MAX_ORDER}),
+    *cases(cg.construct, GOOD, BOTH | CONSTRUCT, *SHAPES),
+    *cases(cg.lift, {"tableau": CLASSICAL}, LIFT, {"chains": [1, 1, 1, 2], "flows": 5}),
+    *cases(cg.lmdif, {"f": never, "x0": [-1.2, 1.0]}, LMDIF),
+    *cases(cg.lmdif, {}, {}, {"x0": [1.0, 1.0, 1.0], "f": lambda x: x[:2]},
+           {"x0": [1.0, 1.0], "f": lambda x: np.where(x > 1, 1e308, -1e307)}),
+])  # fmt: skip
 def test_bad_arguments_are_named(function, arguments, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     stored = {"store": "runs.db"} if "force" in arguments else {}

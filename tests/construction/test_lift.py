@@ -2,15 +2,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from python_steps import Step
 from refusals import refuses
-from scipy.integrate import DOP853, RK23, RK45
 from scipy.integrate._ivp import dop853_coefficients
 
 import cg
 from cg.catalogue import methods
 from cg.construction.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
-from cg.integration.step.plan import error_exponent
 from cg.method.flat import flat_order, stage_orders
 from cg.structure.layout import Layout
 
@@ -30,16 +27,11 @@ FEHLBERG = cg.Tableau(
     ["16/135", 0, "6656/12825", "28561/56430", "-9/50", "2/55"],
     b_embedded=["25/216", 0, "1408/2565", "2197/4104", "-1/5", 0],
 )
-SCIPY = {"BS3(2)": RK23, "DP5(4)": RK45, "DOP853": DOP853}
-LIFTED = [name for name in SCIPY if name in methods]
 # flat orders of the tool's methods, and of their second weights
 ORDERS = {
-    "DVERK6(5)": (6, 5),
-    "Verner7(6)": (7, 6),
-    "DOP853": (8, 5),
-    "CooperVerner8": (8, None),
+    "DVERK6(5)": (6, 5), "Verner7(6)": (7, 6), "DOP853": (8, 5), "CooperVerner8": (8, None),
     "Verner8(7)": (8, 7),
-}
+}  # fmt: skip
 
 
 def pair(name):
@@ -175,30 +167,6 @@ class TestLift:
         with pytest.raises(cg.LiftError, match="none of 3 starts led to a method of order 4") as e:
             cg.lift(CLASSICAL, chains=[1, 1, 1, 1], tries=3)
         assert e.value.best > 1e-6
-
-
-def field(t, y):
-    return np.array([y[1] * y[2] - np.sin(t), -y[0] * y[2], -0.51 * y[0] * y[1] + t * y[2]])
-
-
-@pytest.mark.parametrize("name", LIFTED)
-class TestAgainstSciPy:
-    def test_estimates(self, name):
-        """Estimates equal those of SciPy's steps, as do the exponents of step size control."""
-        y0, frame = np.array([0.3, 1.0, 0.7]), cg.frames.Euclidean(3)
-        theirs = SCIPY[name](field, 0.0, y0, 2.0, rtol=1e-6, atol=1e-8)  # before it grows
-        step = Step(field, frame, methods[name])
-        # that of the points, in tolerances, where these are compared
-        rounding = 1e-12 if methods[name].error_weights else 4 * np.finfo(float).eps / 1e-6
-        while theirs.status == "running":
-            theirs.step()
-            h = theirs.t - theirs.t_old
-            y, error = step.trial(theirs.t_old, theirs.y_old, h, 1e-6, 1e-8)
-            np.testing.assert_allclose(y, theirs.y, rtol=1e-14, atol=1e-15)
-            scale = 1e-8 + 1e-6 * np.maximum(np.abs(theirs.y_old), np.abs(theirs.y))
-            expected = theirs._estimate_error_norm(theirs.K, h, scale)
-            assert error == pytest.approx(expected, rel=1e-6, abs=rounding)
-        assert error_exponent(methods[name]) == -theirs.error_exponent
 
 
 @pytest.fixture

@@ -10,8 +10,6 @@ from refusals import refuses
 import cg
 from cg.support.shared_numbers import Status
 
-pytestmark = pytest.mark.sanitize
-
 START = [-1.2, 1.0]
 
 
@@ -33,18 +31,15 @@ def at_call(number, then):
 
 # Calls 2 and 3 are differences, call 4 is the first step.
 @pytest.mark.parametrize("call", [1, 2, 3, 4, 20])
-@pytest.mark.parametrize(
-    ("returned", "error", "message"),
-    [
-        (None, TypeError, "f must return real numbers, got None"),
-        ([1j, 2j], TypeError, "f must return real numbers"),
-        (3.0, ValueError, r"f must return an array of shape \(m,\), got shape \(\)"),
-        (np.ones((2, 1)), ValueError, r"f must return an array of shape .* got shape \(2, 1\)"),
-        ([[1.0], [1.0, 2.0]], ValueError, "f must return an array"),
-        ([1.0, np.nan], ValueError, r"f must return finite residuals, got f\[1\] = nan at x"),
-        ([-np.inf, 1.0], ValueError, r"f must return finite residuals, got f\[0\] = -inf at x"),
-    ],
-)
+@pytest.mark.parametrize(("returned", "error", "message"), [
+    (None, TypeError, "f must return real numbers, got None"),
+    ([1j, 2j], TypeError, "f must return real numbers"),
+    (3.0, ValueError, r"f must return an array of shape \(m,\), got shape \(\)"),
+    (np.ones((2, 1)), ValueError, r"f must return an array of shape .* got shape \(2, 1\)"),
+    ([[1.0], [1.0, 2.0]], ValueError, "f must return an array"),
+    ([1.0, np.nan], ValueError, r"f must return finite residuals, got f\[1\] = nan at x"),
+    ([-np.inf, 1.0], ValueError, r"f must return finite residuals, got f\[0\] = -inf at x"),
+])  # fmt: skip
 def test_rejects_bad_residuals(call, returned, error, message):
     refuses(error, message, cg.lmdif, at_call(call, lambda x: returned), START)
 
@@ -66,9 +61,7 @@ def test_exception_passes_through_nested_calls():
     def inner(y):
         raise error
 
-    def outer(x):
-        return cg.lmdif(inner, x).x
-
+    outer = lambda x: cg.lmdif(inner, x).x
     with pytest.raises(Interrupted) as caught:
         cg.lmdif(at_call(4, outer), START)
     assert caught.value is error
@@ -76,9 +69,7 @@ def test_exception_passes_through_nested_calls():
 
 
 def test_calls_from_several_threads():
-    def solve(start):
-        return cg.lmdif(rosenbrock, [start, 1.0])
-
+    solve = lambda start: cg.lmdif(rosenbrock, [start, 1.0])
     starts = np.linspace(-2, -1, 40)
     alone = [solve(start) for start in starts]
     with ThreadPoolExecutor(4) as pool:

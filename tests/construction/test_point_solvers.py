@@ -14,8 +14,7 @@ from strategies import point_trees
 import cg
 from cg import CommutatorFree, conditions
 from cg.catalogue import dumps, methods
-from cg.construction import Candidate, Goals, Structure, optimise, pack_method, solved, to_method
-from cg.construction.drop import solve_start
+from cg.construction import Candidate, Structure, to_method
 from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
@@ -55,11 +54,9 @@ class TestSolvers:
 
     # the points of CF4 with weights wherever there can be some
     LAYOUT = Layout(
-        parents=(-1, -1, 0, -1, 3),
-        weights=((0,), (0, 1), (0, 1, 2), (0, 1, 2, 3), (0, 1, 2, 3)),
-        stage_points=(-1, 0, 1, 2),
-        results=(4,),
-    )
+        parents=(-1, -1, 0, -1, 3), weights=((0,), (0, 1), (0, 1, 2), (0, 1, 2, 3), (0, 1, 2, 3)),
+        stage_points=(-1, 0, 1, 2), results=(4,),
+    )  # fmt: skip
 
     def test_solvers_reach_exact_method(self):
         system = ConditionSystem(4, self.LAYOUT)
@@ -107,21 +104,6 @@ class TestSolvers:
             slopes = (ahead - behind) / 2e-6
             bound = 1e-7 * (1 + np.abs(jacobian).max()) * float(scale)
             np.testing.assert_allclose(column, slopes, rtol=0, atol=bound)
-
-    def test_candidates_become_methods(self):
-        system = ConditionSystem(4, self.LAYOUT)
-        starts = (np.random.default_rng(k).uniform(-1, 1, system.size) for k in range(60))
-        ends = (solve_start(Candidate(system, x0), 300, promising=1e-10) for x0 in starts)
-        actual = next(end for end in ends if solved(end) and end.largest < 5)
-        method = to_method(actual, name="x", source="y")
-        assert isinstance(method, CommutatorFree)
-        assert method.order == 4
-        packed = pack_method(method)
-        assert packed.system == system
-        np.testing.assert_allclose(packed.x, actual.x, rtol=0, atol=1e-12)
-        assert packed.principal_error == pytest.approx(method.principal_error, rel=1e-10)
-        better = optimise(packed, Goals(), max_iterations=5)
-        assert better.principal_error < packed.principal_error
 
     def test_rejects_structure_for_points(self):
         with pytest.raises(ValueError, match="is for explicit tableaux"):

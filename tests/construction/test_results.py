@@ -5,7 +5,6 @@ import sqlite3
 import sys
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +18,6 @@ from cg.construction.results.solutions import OBJECTIVES, connected
 from cg.construction.solvers.singular import decompose, retract
 from cg.proofs.files import certificate_beside
 from cg.runs import Store
-
-pytestmark = pytest.mark.no_core
 
 
 @pytest.fixture(scope="module")
@@ -161,20 +158,6 @@ class TestFromAStoreToTheCatalogue:
         assert catalogue["CF4z"] == publication.method
         cg.proofs.check(cg.proofs.Certificate.load(publication.files[1]), publication.method)
 
-    @pytest.mark.slow
-    def test_its_page(self, store, tmp_path, monkeypatch):
-        pytest.importorskip("matplotlib").use("Agg")
-        monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs"))
-        import method_pages
-
-        monkeypatch.setattr(method_pages, "FOLDER", tmp_path / "methods")
-        publication = publish(store.run(2), "CF4z", tmp_path)
-        text = method_pages.page(publication.method)
-        assert text.startswith("# CF4z\n")
-        assert publication.method.source in text
-        for form in ("toml", "json", "c", "julia"):
-            assert list((tmp_path / "methods" / "files" / form).iterdir())
-
     def test_publish_with_partial_certificate(self, store, tmp_path, monkeypatch):
         module = sys.modules["cg.construction.results.publishing"]
         partial = cg.proofs.certificate_of(cg.methods["CG5a"])
@@ -191,13 +174,10 @@ class TestFromAStoreToTheCatalogue:
         assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        "UPDATE starts SET solved = 1",
-        "UPDATE starts SET coefficients = zeroblob(length(coefficients)) WHERE solved",
-    ],
-)
+@pytest.mark.parametrize("change", [
+    "UPDATE starts SET solved = 1",
+    "UPDATE starts SET coefficients = zeroblob(length(coefficients)) WHERE solved",
+])  # fmt: skip
 def test_rejects_records_that_are_no_solutions(change, tmp_path):
     path = tmp_path / "runs.db"
     cg.search(order=4, stages=5, starts=12, seed=0, algorithm="lmdif", store=path)

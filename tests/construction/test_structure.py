@@ -11,8 +11,6 @@ from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.structure.layout import Rows
 from cg.support import quads
 
-pytestmark = pytest.mark.sanitize
-
 
 def random_x(system, seed=0):
     x = np.random.default_rng(seed).uniform(-1, 1, system.size)
@@ -69,16 +67,13 @@ def test_zeros_of_structures_are_not_movable():
     assert np.setdiff1d(general.movable, two.movable).tolist() == [weights, weights + 1]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"structure": 7}, "structure must be one of GENERAL, .*got 7"),
-        ({"structure": 2, "rows": Rows.FULL}, "structure = MIDDLE is for explicit"),
-        ({"structure": 1, "order": 3}, "order 4 or more"),
-        ({"structure": 1, "stages": 2}, "stages must be at least 3"),
-        ({"structure": 2, "order": 9, "stages": 100}, "order must be at most 8 with a structure"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"structure": 7}, "structure must be one of GENERAL, .*got 7"),
+    ({"structure": 2, "rows": Rows.FULL}, "structure = MIDDLE is for explicit"),
+    ({"structure": 1, "order": 3}, "order 4 or more"),
+    ({"structure": 1, "stages": 2}, "stages must be at least 3"),
+    ({"structure": 2, "order": 9, "stages": 100}, "order must be at most 8 with a structure"),
+])  # fmt: skip
 def test_bad_input(arguments, message):
     refuses(ValueError, message, ConditionSystem.tableau, **{"order": 5, "stages": 6} | arguments)
 

@@ -17,7 +17,7 @@ from cg.construction import (
     solved,
 )
 from cg.construction.search.shapes import draw_layout, layout_of
-from cg.construction.search.start import run_start, start_layout
+from cg.construction.search.start import start_layout
 from cg.construction.solvers.singular import decompose, finish, retract
 from cg.runs import Store
 from cg.structure.layout import Layout
@@ -38,11 +38,6 @@ def test_drawn_trees_lead_to_methods_of_the_order(drawn):
     for method in drawn.methods:
         assert isinstance(method, cg.CommutatorFree)
         assert (method.order, method.stages, method.exponentials) == (5, 6, 9)
-
-
-def test_start_reruns_alone(drawn):
-    for start in [s for s in drawn.starts if s.exact][:2]:
-        assert run_start(drawn.settings, start.index) == start
 
 
 def test_first_weight_is_held_while_solving():
@@ -127,19 +122,16 @@ def test_drawn_layout_depends_on_seed_and_index_alone(drawn):
     assert shapes != [start_layout(replace(settings, seed=2), index) for index in range(20)]
 
 
-@pytest.mark.parametrize(
-    ("tree", "message"),
-    [
-        (((-1, 1), (-1, 0)), "the parent of point 1 must come before it"),
-        (((-1, 0), (-1, 7)), "the point of stage 1 must be a point from -1 to 1, got 7"),
-        (((-1, 0), (0, -1)), "the first stage must be at the initial point"),
-        (((-1, 0, 1), (-1, 2, 1)), "stage 1 must depend on earlier stages, but its point 2"),
-        (((-1, 0), (-1, 0), -1), "result must depend on a stage"),
-        (((-1, 0.5), (-1, 0)), "the parent of point 1 must be a point from -1 to 1, got 0.5"),
-        (Layout((-1, -1), ((1,), (0,)), (-1, 0), (1,)), "point 0 must have weights on earlier"),
-        (Layout.tableau(2), "tree must be one of points, got the layout of a tableau"),
-    ],
-)
+@pytest.mark.parametrize(("tree", "message"), [
+    (((-1, 1), (-1, 0)), "the parent of point 1 must come before it"),
+    (((-1, 0), (-1, 7)), "the point of stage 1 must be a point from -1 to 1, got 7"),
+    (((-1, 0), (0, -1)), "the first stage must be at the initial point"),
+    (((-1, 0, 1), (-1, 2, 1)), "stage 1 must depend on earlier stages, but its point 2"),
+    (((-1, 0), (-1, 0), -1), "result must depend on a stage"),
+    (((-1, 0.5), (-1, 0)), "the parent of point 1 must be a point from -1 to 1, got 0.5"),
+    (Layout((-1, -1), ((1,), (0,)), (-1, 0), (1,)), "point 0 must have weights on earlier"),
+    (Layout.tableau(2), "tree must be one of points, got the layout of a tableau"),
+])  # fmt: skip
 @pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
 def test_rejects_invalid_trees(look, tree, message):
     refuses(MethodError, message, look, order=2, stages=2, seed=0, tree=tree)
@@ -152,11 +144,9 @@ def test_rejects_too_few_stages_or_unknowns(look):
     thin = ((-1, -1), (-1, 0))
     with pytest.raises(ValueError, match="3 unknowns for 4 conditions of order 3"):
         look(
-            order=3,
-            stages=3,
-            seed=0,
+            order=3, stages=3, seed=0,
             tree=Layout((-1, -1, -1), ((0,), (1,), (2,)), (-1, 0, 1), (2,)),
-        )
+        )  # fmt: skip
     assert layout_of(thin).size == 3
 
 

@@ -1,19 +1,19 @@
 """The code blocks of the start, how-to and mathematics pages run in order."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 from kinds import FROZEN
-from tests_of_pages import blocks_of, compiler_command, run, source_in
+from tests_of_pages import ROOT, blocks_of, compiler_command, run, source_in
 
 import cg
 from cg.integration.default_method import choose_method
-
-pytestmark = pytest.mark.no_core
 
 DOCS = Path(__file__).parents[2] / "docs"
 IN_JAX = {"howto/batch", "howto/densities", "howto/jax", "howto/jaxlie", "howto/neural_ode"}
@@ -75,13 +75,9 @@ def test_right_hand_sides_in_numba():
     names = run("docs/howto/compiled.md", "numba")
     assert names["by_numba"].success
     expected = cg.solve_ivp(
-        lambda t, y: [0.0, np.sin(t), y[0, 0]],
-        (0, 5),
-        np.eye(3),
-        frame=cg.frames.SO3(),
-        rtol=1e-9,
+        lambda t, y: [0.0, np.sin(t), y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(), rtol=1e-9,
         atol=1e-9,
-    )
+    )  # fmt: skip
     np.testing.assert_allclose(names["by_numba"].y[-1], expected.y[-1], atol=1e-12)
 
 
@@ -110,3 +106,43 @@ def test_methods_with_stages_outside_the_step_are_listed():
     assert set(re.findall(r"`(C[FG].*?)`", row)) == beyond
     for frame in (cg.frames.SO3(), cg.frames.Stiefel(3, 1), cg.frames.Sphere(3)):
         assert not {choose_method(frame, rtol) for rtol in (1e-3, 1e-8)} & beyond
+
+
+MARKDOWN = [page for page in ROOT.glob("docs/**/*.md") if page.parent.name != "methods"]
+
+
+def test_export_page():
+    names = run("docs/export.md")
+    assert names["difference"] < 1e-14
+    assert names["header"] == cg.export("CF4", "c")
+    assert "booktabs" in names["table"]
+    assert names["solution"].method.name == "Ralston"
+
+
+def test_c_program_of_export_page(tmp_path):
+    (tmp_path / "program.c").write_text(source_in("docs/export.md", "c"), encoding="utf-8")
+    (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
+    subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=tmp_path)
+    process = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)
+    assert float(process.stdout) == pytest.approx(0.5, abs=1e-14)
+
+
+def test_plots_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    names = run("docs/plots.md")
+    assert (tmp_path / "cf4.png").stat().st_size > 1000
+    assert names["ax"].get_ylabel() == "Euler angles (°)"
+    plt.close("all")
+    page = (ROOT / "docs/plots.md").read_text(encoding="utf-8")
+    assert all(f"`{name}(" in page for name in cg.plot.__all__)
+
+
+def test_pages_show_the_pictures_that_are_drawn():
+    drawn = runpy.run_path(str(ROOT / "docs/pictures.py"))["PICTURES"]
+    pages = [page.read_text(encoding="utf-8") for page in MARKDOWN]
+    shown = re.findall(r"\((?:\.\./)?pictures/(\w+)\.png\)", "".join(pages))
+    assert set(shown) == set(drawn)

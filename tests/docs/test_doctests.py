@@ -14,8 +14,6 @@ import pytest
 
 import cg
 
-pytestmark = pytest.mark.no_core
-
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 SKIPPED = ("cg.reproduce", "cg.catalogue.certificates")
 OPTIONAL = {"cg.jax": "diffrax", "cg.qutip": "qutip", "cg.conditions.symbolic": "sympy"}

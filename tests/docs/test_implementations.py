@@ -4,8 +4,6 @@ import pytest
 
 from cg.method.tableau import Tableau
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.fixture(scope="module")
 def tool(load_script):
@@ -33,28 +31,6 @@ def test_page_matches_the_computed_table(tool, checked):
     rows = rows[: rows.index("")]
     computed = tool.table(list(checked.values())).splitlines()[2:]
     assert [*map(without_slope, rows)] == [*map(without_slope, computed[: computed.index("")])]
-
-
-def test_orders(checked):
-    orders = {key: c.diagnosis.order for key, c in checked.items()}
-    julia, manifold = "OrdinaryDiffEq.jl", "ManifoldDiffEq.jl"
-    assert [orders[julia, name] for name in ("CG2", "CG3", "CG4a")] == [2, 2, 2]
-    assert [orders[manifold, name] for name in ("CG2", "CG3", "CG4a")] == [2, 3, 4]
-    assert [orders["DiffMan", name] for name in ("CG23", "CG43", "CG4a", "CG5a")] == [2, 4, 4, 5]
-    assert [orders["Lielab", name] for name in ("CG23", "CG4a", "CG5a")] == [2, 4, 5]
-
-
-def test_mistakes(checked):
-    mistakes = {key: [f.kind for f in c.diagnosis.mistakes] for key, c in checked.items()}
-    wrong = {key: kinds for key, kinds in mistakes.items() if kinds}
-    assert wrong == {
-        ("OrdinaryDiffEq.jl", "CG3"): ["reversed"],
-        ("OrdinaryDiffEq.jl", "CG4a"): ["reversed"],
-        ("DiffMan", "CG43"): ["equal weights"],
-        ("DiffMan", "CG34"): ["equal weights"],
-        ("DiffMan", "CG4test"): ["abscissae", "abscissae"],
-        ("georax", "CG4"): ["abscissae", "slip"],
-    }
 
 
 @pytest.mark.slow

@@ -18,8 +18,6 @@ from cg.proofs import certificate_of, proved
 from cg.reproduce import evidence
 from cg.reproduce.appendix_a import nearest_exact
 
-pytestmark = pytest.mark.no_core
-
 ROOT = Path(__file__).parents[2]
 
 

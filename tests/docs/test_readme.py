@@ -3,10 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from tests_of_pages import blocks_of, run
-
-pytestmark = pytest.mark.no_core
 
 HERE = Path(__file__).parents[2]
 

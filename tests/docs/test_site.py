@@ -10,8 +10,6 @@ from tests_of_pages import run, source_in
 
 import cg
 
-pytestmark = pytest.mark.no_core
-
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 GALLERY = sorted(path.stem for path in (DOCS / "gallery").glob("plot_*.py"))

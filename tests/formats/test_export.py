@@ -17,8 +17,6 @@ import cg
 from cg.catalogue import resolve_method
 from cg.formats.program import identifier
 
-pytestmark = pytest.mark.no_core
-
 ALL = [name for name, method in {**FROZEN, **MUNTHE_KAAS}.items() if method.explicit]
 SOME = [
     "LieEuler", "CG2(3)", "CG4a", "CG4(3)b", "CF4", "CF5(4)", "CF5r", "DP5(4)", "BS3(2)",
@@ -68,13 +66,11 @@ def python_program(names):
     lines += [
         "def field(t, y):",
         "    return [0.3 + y[1] * y[2] - 0.5 * t, y[0] * y[0] - 0.2 * y[2], t * y[0] + y[1]]",
-        "def flow(v, y):",
-        "    turn = 0.5 * (y[0] * v[1] - y[1] * v[0])",
-        "    return y + np.array([v[0], v[1], v[2] + turn])",
-        "def dexpinv(u, v):",
+        "def flow(v, y):", "    turn = 0.5 * (y[0] * v[1] - y[1] * v[0])",
+        "    return y + np.array([v[0], v[1], v[2] + turn])", "def dexpinv(u, v):",
         "    return np.array([v[0], v[1], v[2] - 0.5 * (u[1] * v[0] - u[0] * v[1])])",
         f"y = np.array({START})",
-    ]
+    ]  # fmt: skip
     for name in names:
         method = resolve_method(name)
         functions = "field, flow, dexpinv" if on_algebra(method) else "field, flow"
@@ -118,16 +114,13 @@ def c_program(names):
         rows = len(sums_of(method)) or int(method.embedded_order is not None)
         second = "second, " if rows else ""
         lines += [
-            "    {",
-            f"        double y[3] = {{{START[0]}, {START[1]}, {START[2]}}};",
+            "    {", f"        double y[3] = {{{START[0]}, {START[1]}, {START[2]}}};",
             f"        double second[6], work[{prefix.upper()}_WORK(3, 3)];",
             f"        if ({prefix}_step({functions}, 0, 3, 3, {TIME}, {STEP}, y, {second}work))",
-            "            return 1;",
-            "        hexes(y);",
-            *(f"        hexes(second + {3 * k});" for k in range(rows)),
-            "        (void)second;",
+            "            return 1;", "        hexes(y);",
+            *(f"        hexes(second + {3 * k});" for k in range(rows)), "        (void)second;",
             "    }",
-        ]
+        ]  # fmt: skip
     return "\n".join([*lines, "    return 0;", "}"])
 
 
@@ -170,13 +163,10 @@ def fortran_program(names):
             lines.append("  call show(other)")
     lines += ["contains", heisenberg.FORTRAN]
     lines += [
-        "  subroutine show(x)",
-        "    use, intrinsic :: iso_fortran_env, only: int64",
-        "    real(wp), intent(in) :: x(3)",
-        "    print '(3(z16.16, 1x))', transfer(x, 0_int64, 3)",
-        "  end subroutine show",
-        "end program main",
-    ]
+        "  subroutine show(x)", "    use, intrinsic :: iso_fortran_env, only: int64",
+        "    real(wp), intent(in) :: x(3)", "    print '(3(z16.16, 1x))', transfer(x, 0_int64, 3)",
+        "  end subroutine show", "end program main",
+    ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 

@@ -18,8 +18,6 @@ from cg.formats.notebooks import to_formula
 from cg.formats.program import identifier
 from cg.support.quads import to_decimal
 
-pytestmark = pytest.mark.no_core
-
 ALL = [*FROZEN, *MUNTHE_KAAS]
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
 CODE = ["python", "c", "fortran", "julia", "matlab"]
@@ -196,10 +194,9 @@ class TestRounded:
         assert re.search(r"\b1\.00000\b", text)
 
 
-@pytest.mark.parametrize(
-    ("digits", "zeros", "text"),
-    [(3, True, "1.00"), (3, False, "1"), (4, True, "0.9996"), (1, True, "1"), (2, True, "1.0")],
-)
+@pytest.mark.parametrize(("digits", "zeros", "text"), [
+    (3, True, "1.00"), (3, False, "1"), (4, True, "0.9996"), (1, True, "1"), (2, True, "1.0")
+])  # fmt: skip
 def test_zeros_of_decimals(digits, zeros, text):
     assert to_decimal(Fraction("0.9996"), digits, zeros=zeros) == text
     tiny = to_decimal(Fraction("0.9996e-200"), digits, zeros=zeros)

@@ -10,8 +10,6 @@ from refusals import refuses
 import cg
 from cg.formats import to_diffrax, to_nodepy
 
-pytestmark = pytest.mark.no_core
-
 
 def module(name):
     with warnings.catch_warnings():

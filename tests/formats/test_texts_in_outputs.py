@@ -36,9 +36,7 @@ def method_of(what):
 
 @pytest.mark.parametrize("what", TEXTS)
 def test_python_reads_code_and_comments(what):
-    def parsed(method):
-        return ast.dump(ast.parse(cg.export(method, "python").encode()))
-
+    parsed = lambda method: ast.dump(ast.parse(cg.export(method, "python").encode()))
     assert parsed(method_of(what)) == parsed(cg.Tableau([[], ["1/2"]], [0, 1]))
 
 
@@ -50,9 +48,7 @@ def test_texts_stay_in_comments(what, format):
     text = cg.export(method, format)
     mark = {"c": "// ", "fortran": "! ", "matlab": "% "}.get(format, "# ")
 
-    def rest(text):
-        return [line for line in text.split("\n") if not f"{line} ".startswith(mark)]
-
+    rest = lambda text: [line for line in text.split("\n") if not f"{line} ".startswith(mark)]
     assert rest(text) == rest(cg.export(other, format))
     assert text.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
     comments = [line for line in text.split("\n") if line.startswith(mark)]

@@ -9,8 +9,6 @@ from refusals import refuses
 from cg.frames import SO, SO3, SU, FieldFrame, MatrixFrame, Product, Semidirect, Sphere
 from cg.frames.dexpinv import bernoulli_terms, series_dexpinv
 
-pytestmark = pytest.mark.no_core
-
 # Flows of the fields of HEISENBERG don't keep to their span.
 OPEN = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]])
 over_frames = pytest.mark.parametrize("frame", WITH, ids=name)
@@ -82,14 +80,11 @@ def test_bracket_and_dexpinv_error_messages():
         FieldFrame([lambda y: y], lambda v, y: y, point_shape=1, bracket=3)
 
 
-@pytest.mark.parametrize(
-    ("bracket", "message"),
-    [
-        (lambda u, v: np.array([u[1] * v[2], 0.0, 0.0]), "must change its sign"),
-        (lambda u, v: np.array([u[1] * v[2] - u[2] * v[1], u[0] * v[1] - u[1] * v[0],
-                                u[0] * v[1] - u[1] * v[0]]), "must satisfy Jacobi's identity"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("bracket", "message"), [
+    (lambda u, v: np.array([u[1] * v[2], 0.0, 0.0]), "must change its sign"),
+    (lambda u, v: np.array([u[1] * v[2] - u[2] * v[1], u[0] * v[1] - u[1] * v[0],
+                            u[0] * v[1] - u[1] * v[0]]), "must satisfy Jacobi's identity"),
+])  # fmt: skip
 def test_field_frame_rejects_invalid_brackets(bracket, message):
     fields = [lambda y, k=k: np.eye(3)[k] for k in range(3)]
     with pytest.raises(ValueError, match=message):

@@ -27,12 +27,10 @@ def shortest_length(angles):
 @pytest.mark.parametrize(
     ("n", "turns", "convention"),
     cases(
-        [3, 12, 13, 25, 26, 27, 33, 40],
-        [1, -1, 2, 5, -12],
-        ["body", "space"],
+        [3, 12, 13, 25, 26, 27, 33, 40], [1, -1, 2, 5, -12], ["body", "space"],
         quick=lambda n, turns, convention: n < 13 or (n < 33 and turns == 1),
     ),
-)
+)  # fmt: skip
 def test_angles_of_special_unitary_matrices_add_up_to_zero(n, turns, convention):
     frame, rng = SU(n, convention), np.random.default_rng(211)
     angles = rng.normal(scale=0.02, size=n)

@@ -37,35 +37,29 @@ def test_check_passes_for_a_correct_user_frame():
     check(FieldFrame(**RIGHT), points=[[0.3, 1.2], [0.0, 2.0]])
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"flow": lambda v, y: shear(-v, y)}, r"flow has the wrong sign: .* -field\(v, y\)"),
-        ({"flow": lambda v, y: shear(v, y) + 0.01}, r"flow\(0, y\) isn't y"),
-        ({"flow": lambda v, y: np.array([y[0] + v[0] * y[0] + v[1], y[1] + v[0] * y[1]])},
-         r"flow\(a v, flow\(b v, y\)\) isn't flow\(\(a \+ b\) v, y\) \(by"),
-        ({"flow": lambda v, y: shear(1.1 * v, y)}, r"field\(v, y\) isn't the derivative of flow"),
-        ({"bracket": lambda u, v: np.array([0.0, u[1] * v[0] - u[0] * v[1]])},
-         "bracket has the wrong sign"),
-        ({"bracket": lambda u, v: np.array([0.0, 2 * (u[0] * v[1] - u[1] * v[0])])},
-         r"field\(bracket\(u, v\), y\) isn't the commutator"),
-        ({"exp_coordinates": lambda x, y: np.array([0.1, 0.2])},
-         r"flow\(exp_coordinates\(y0, y1\), y0\) isn't y1"),
-        ({"membership_error": lambda y: abs(y[0])}, "points aren't on the manifold"),
-        ({"project": lambda y: y + 1.0}, "project moves points of the manifold"),
-        ({"distance": lambda x, y: 1.0}, r"distance\(y, y\) isn't 0"),
-    ],
-    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "message"), [
+    ({"flow": lambda v, y: shear(-v, y)}, r"flow has the wrong sign: .* -field\(v, y\)"),
+    ({"flow": lambda v, y: shear(v, y) + 0.01}, r"flow\(0, y\) isn't y"),
+    ({"flow": lambda v, y: np.array([y[0] + v[0] * y[0] + v[1], y[1] + v[0] * y[1]])},
+     r"flow\(a v, flow\(b v, y\)\) isn't flow\(\(a \+ b\) v, y\) \(by"),
+    ({"flow": lambda v, y: shear(1.1 * v, y)}, r"field\(v, y\) isn't the derivative of flow"),
+    ({"bracket": lambda u, v: np.array([0.0, u[1] * v[0] - u[0] * v[1]])},
+     "bracket has the wrong sign"),
+    ({"bracket": lambda u, v: np.array([0.0, 2 * (u[0] * v[1] - u[1] * v[0])])},
+     r"field\(bracket\(u, v\), y\) isn't the commutator"),
+    ({"exp_coordinates": lambda x, y: np.array([0.1, 0.2])},
+     r"flow\(exp_coordinates\(y0, y1\), y0\) isn't y1"),
+    ({"membership_error": lambda y: abs(y[0])}, "points aren't on the manifold"),
+    ({"project": lambda y: y + 1.0}, "project moves points of the manifold"),
+    ({"distance": lambda x, y: 1.0}, r"distance\(y, y\) isn't 0"),
+], ids=lambda value: next(iter(value)) if isinstance(value, dict) else "")  # fmt: skip
 def test_check_reports_inconsistencies(change, message):
     with pytest.raises(ValueError, match=f"^frame is inconsistent: .*{message}"):
         check(FieldFrame(**(RIGHT | change)))
 
 
 def test_check_reports_flows_off_the_manifold():
-    def off(v, y):
-        return Sphere(1).flow(v, y) * (1 + 1e-3 * v[0] ** 2)
-
+    off = lambda v, y: Sphere(1).flow(v, y) * (1 + 1e-3 * v[0] ** 2)
     circle = FieldFrame(
         [lambda y: np.array([-y[1], y[0]])], off, point_shape=2,
         membership_error=lambda y: abs(np.hypot(*y) - 1),

@@ -5,24 +5,7 @@ import pytest
 from frame_examples import FRAMES, MAX_SCALE, name
 from refusals import refuses
 
-from cg.frames import (
-    SE3,
-    SO,
-    SO3,
-    SU,
-    CoadjointOrbit,
-    Euclidean,
-    FieldFrame,
-    Hyperbolic,
-    IsospectralOrbit,
-    Product,
-    Semidirect,
-    Sphere,
-    Stiefel,
-    UnitQuaternion,
-)
-
-pytestmark = pytest.mark.no_core
+from cg import frames as fr
 
 every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
 BATCHES = [(), (5,), (2, 3)]
@@ -82,13 +65,15 @@ def test_nonfinite_points_do_not_affect_the_batch(frame):
 
 def test_local_coordinates_of_unreachable_points_are_nan():
     """The field vanishes at zero, so that no flow leaves it."""
-    frame = FieldFrame([lambda y: y], lambda v, y: np.exp(v[0]) * y, point_shape=1)
+    frame = fr.FieldFrame([lambda y: y], lambda v, y: np.exp(v[0]) * y, point_shape=1)
     coordinates = frame.local_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
     assert np.isnan(coordinates[0]).all()
     np.testing.assert_allclose(coordinates[1], np.log(1.5), rtol=1e-14)
 
 
-@pytest.mark.parametrize("frame", [Stiefel(50, 5), IsospectralOrbit(tuple(range(12)))], ids=name)
+@pytest.mark.parametrize(
+    "frame", [fr.Stiefel(50, 5), fr.IsospectralOrbit(tuple(range(12)))], ids=name
+)
 def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
     """For the 1225 coefficients of Stiefel(50, 5) a dense solver would take seconds."""
     rng = np.random.default_rng(75)
@@ -101,17 +86,11 @@ def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
     )
 
 
-@pytest.mark.parametrize(
-    "frame",
-    [
-        Stiefel(4, 2),
-        Stiefel(3, 3),
-        IsospectralOrbit((-1.0, 0.25, 1.5)),
-        IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
-        CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)),
-    ],
-    ids=name,
-)
+@pytest.mark.parametrize("frame", [
+    fr.Stiefel(4, 2), fr.Stiefel(3, 3), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
+    fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)),
+], ids=name)  # fmt: skip
 def test_coefficients_of_tangents_have_minimum_norm(frame):
     rng = np.random.default_rng(76)
     y = frame.random_point(rng, (3,))
@@ -127,7 +106,7 @@ def test_coefficients_of_tangents_have_minimum_norm(frame):
 
 
 def test_coordinate_sizes():
-    frame = Product(SO3(), Euclidean(2), Semidirect(SO3(), 2), SE3(), SU(2))
+    frame = fr.Product(fr.SO3(), fr.Euclidean(2), fr.Semidirect(fr.SO3(), 2), fr.SE3(), fr.SU(2))
     point = np.eye(5)
     point[:3, 3], point[:3, 4] = [3.0, 0.0, 4.0], [0.0, -7.0, 0.0]
     y = frame.join(np.eye(3), [-2.0, 0.5], point, point[:4, :4], np.eye(2))
@@ -140,20 +119,20 @@ def test_coordinate_sizes():
     assert many.shape == (2, frame.dim)
     np.testing.assert_array_equal(many[1, 3:5], [4.0, 1.0])
     # a dilation, whose size is one, and translations
-    np.testing.assert_array_equal(Hyperbolic(3).coordinate_sizes([6.0, 0.0, 8.0]), [1, 10, 10])
+    np.testing.assert_array_equal(fr.Hyperbolic(3).coordinate_sizes([6.0, 0.0, 8.0]), [1, 10, 10])
 
 
-COMPILED = [Euclidean, SO3, SO, UnitQuaternion, SE3, Sphere, SU]
+COMPILED = [fr.Euclidean, fr.SO3, fr.SO, fr.UnitQuaternion, fr.SE3, fr.Sphere, fr.SU]
 
 
 @pytest.mark.parametrize("kind", COMPILED)
 def test_subclasses_are_not_compiled(kind):
     """A subclass may have other flows."""
-    arguments = {Euclidean: (2,), SO: (3,), Sphere: (2,), SU: (2,)}.get(kind, ())
+    arguments = {fr.Euclidean: (2,), fr.SO: (3,), fr.Sphere: (2,), fr.SU: (2,)}.get(kind, ())
     assert kind(*arguments).compiled_blocks() is not None
     child = type("Child", (kind,), {})(*arguments)
     assert child.compiled_blocks() is None
-    assert Product(Euclidean(1), child).compiled_blocks() is None
+    assert fr.Product(fr.Euclidean(1), child).compiled_blocks() is None
 
 
 @every_frame

@@ -10,31 +10,10 @@ from frame_examples import COMPACT_GROUPS, SMALL_EXPONENTS
 from refusals import refuses
 
 import cg
-from cg.frames import (
-    GL,
-    SE3,
-    SL,
-    SO,
-    SO3,
-    SU,
-    CoadjointOrbit,
-    FlowOverflowError,
-    IsospectralOrbit,
-    MatrixFrame,
-    MatrixGroup,
-    Product,
-    Semidirect,
-    Sp,
-    Sphere,
-    Stiefel,
-    U,
-    UnitQuaternion,
-)
+from cg import frames as fr
 
-pytestmark = pytest.mark.no_core
-
-UNITARY = [SO3(), SO(6), *COMPACT_GROUPS]
-OTHERS = [*(frame for frame in SMALL_EXPONENTS if isinstance(frame, MatrixGroup)), SE3()]
+UNITARY = [fr.SO3(), fr.SO(6), *COMPACT_GROUPS]
+OTHERS = [*(frame for frame in SMALL_EXPONENTS if isinstance(frame, fr.MatrixGroup)), fr.SE3()]
 GROUPS = UNITARY + OTHERS
 EPSILON = np.finfo(float).eps
 SMALL = [1e-300, 1e-160, 1e-20, 1e-16, 1e-12, 1e-9, 1e-6, 1e-3, 0.03]
@@ -153,7 +132,12 @@ def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
     """To first order they are the difference of the points in the axes of the coefficients."""
     rng = np.random.default_rng(65)
     for frame in (
-        *(UnitQuaternion(), UnitQuaternion("space", scalar_first=True), Sphere(2), Sphere(4)),
+        *(
+            fr.UnitQuaternion(),
+            fr.UnitQuaternion("space", scalar_first=True),
+            fr.Sphere(2),
+            fr.Sphere(4),
+        ),
     ):
         y0 = frame.random_point(rng)
         y1 = frame.flow(size * frame.random_vector(rng), y0)
@@ -165,21 +149,12 @@ def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
 
 
 @pytest.mark.parametrize("size", [1e4, 1e6, 1e9, 1e12, 1e15, 1e50, 1e150])
-@pytest.mark.parametrize(
-    "frame",
-    [
-        *UNITARY,
-        UnitQuaternion(),
-        Sphere(2),
-        Sphere(4),
-        Stiefel(5, 2),
-        IsospectralOrbit((-1.0, 0.25, 1.5)),
-        IsospectralOrbit((0.0, 0.5, 1.0), hermitian=True),
-        CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)),
-        Product(SO(4), U(2)),
-    ],
-    ids=repr,
-)
+@pytest.mark.parametrize("frame", [
+    *UNITARY, fr.UnitQuaternion(), fr.Sphere(2), fr.Sphere(4), fr.Stiefel(5, 2),
+    fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    fr.IsospectralOrbit((0.0, 0.5, 1.0), hermitian=True),
+    fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)), fr.Product(fr.SO(4), fr.U(2)),
+], ids=repr)  # fmt: skip
 def test_large_angles_stay_on_compact_manifolds(frame, size):
     rng = np.random.default_rng(66)
     y = frame.random_point(rng, (3,))
@@ -194,14 +169,11 @@ def test_large_angles_stay_on_compact_manifolds(frame, size):
 
 
 NOT_COMPACT = [
-    *OTHERS[:7],
-    Semidirect(SL(2)),
-    CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
-    CoadjointOrbit(SU(3), (0.5, -0.25, 1.0, 0.0, 0.75, 0.0, -0.5, 0.25)),
-    MatrixFrame([[[0.0, 1.0], [-1.0, 0.0]]]),
-    MatrixFrame([[[0.0, 1j], [1j, 0.0]]], 2),
-    Product(SO3(), Sp(2)),
-]
+    *OTHERS[:7], fr.Semidirect(fr.SL(2)), fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
+    fr.CoadjointOrbit(fr.SU(3), (0.5, -0.25, 1.0, 0.0, 0.75, 0.0, -0.5, 0.25)),
+    fr.MatrixFrame([[[0.0, 1.0], [-1.0, 0.0]]]), fr.MatrixFrame([[[0.0, 1j], [1j, 0.0]]], 2),
+    fr.Product(fr.SO3(), fr.Sp(2)),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("frame", NOT_COMPACT, ids=repr)
@@ -209,7 +181,7 @@ def test_flows_of_too_large_coefficients_raise(frame):
     rng = np.random.default_rng(68)
     y, v = frame.random_point(rng, (2,)), frame.random_vector(rng, (2,))
     v[1] *= 1e14 / np.linalg.norm(v[1])
-    refuses(FlowOverflowError, "v with", frame.flow, v, y)
+    refuses(fr.FlowOverflowError, "v with", frame.flow, v, y)
     with pytest.raises(OverflowError):
         frame.flow(v[1], y)
     v[1] = np.nan
@@ -217,16 +189,12 @@ def test_flows_of_too_large_coefficients_raise(frame):
 
 
 @pytest.mark.parametrize("size", [1e3, 1e6, 1e9])
-@pytest.mark.parametrize(
-    ("group", "omega"),
-    [
-        (SL(2), [[0.0, 1.0], [-1.0, 0.0]]),
-        (SL(3), [[0.0, 1.0, 0.0], [-1.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
-        (Sp(2), [[0.0, 1.0], [-2.0, 0.0]]),
-        (Sp(4), [[0, 0, 1, 0], [0, 0, 0, 2], [-3, 0, 0, 0], [0, -1, 0, 0]]),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("group", "omega"), [
+    (fr.SL(2), [[0.0, 1.0], [-1.0, 0.0]]),
+    (fr.SL(3), [[0.0, 1.0, 0.0], [-1.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+    (fr.Sp(2), [[0.0, 1.0], [-2.0, 0.0]]),
+    (fr.Sp(4), [[0, 0, 1, 0], [0, 0, 0, 2], [-3, 0, 0, 0], [0, -1, 0, 0]]),
+], ids=str)  # fmt: skip
 def test_largest_allowed_flows_stay_on_the_manifold(group, omega, size):
     """The flows are bounded oscillations."""
     v = group.coefficients(size * np.array(omega))
@@ -239,16 +207,16 @@ def test_largest_allowed_flows_stay_on_the_manifold(group, omega, size):
 
 def test_local_coordinates_are_nan_without_convergence():
     """Corrections that are far too long raise no exception."""
-    frame = CoadjointOrbit(SL(2), (0.5, 0.25, 0.75))
+    frame = fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75))
     y0 = frame.random_point(np.random.default_rng(69))
     coordinates = frame.local_coordinates(y0, 1e12 * y0)
     assert np.isnan(coordinates).all()
     assert cg.frames.GL(1).local_coordinates([[1.0]], [[-1.0]]).shape == (1,)
 
 
-@pytest.mark.parametrize(
-    ("group", "growth"), [(SL(2), 1e6), (Sp(2), 1e6), (Sp(4), 1e4), (GL(2), 1e6)], ids=str
-)
+@pytest.mark.parametrize(("group", "growth"), [
+    (fr.SL(2), 1e6), (fr.Sp(2), 1e6), (fr.Sp(4), 1e4), (fr.GL(2), 1e6)
+], ids=str)  # fmt: skip
 def test_local_coordinates_of_large_points(group, growth):
     stretch = np.eye(group.size)
     stretch[0, 0], stretch[group.size // 2, group.size // 2] = growth, 1.0 / growth

@@ -5,31 +5,13 @@ import pytest
 from frame_examples import CIRCLE, ELLIPSE, HEISENBERG
 from refusals import refuses
 
-from cg.frames import (
-    GL,
-    SE3,
-    SL,
-    SO,
-    SO3,
-    SPD,
-    SU,
-    CoadjointOrbit,
-    Euclidean,
-    FieldFrame,
-    IsospectralOrbit,
-    MatrixFrame,
-    Product,
-    Semidirect,
-    Sp,
-    Sphere,
-    Stiefel,
-    U,
-)
+from cg import frames as fr
 from cg.frames.u import gell_mann
 
-pytestmark = pytest.mark.no_core
-
-GROUPS = [SO(4), U(2), SU(2), SU(3), GL(2), SL(3), Sp(4), SE3(), Semidirect(SL(2), 2)]
+GROUPS = [
+    fr.SO(4), fr.U(2), fr.SU(2), fr.SU(3), fr.GL(2), fr.SL(3), fr.Sp(4), fr.SE3(),
+    fr.Semidirect(fr.SL(2), 2),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=repr)
@@ -54,85 +36,63 @@ def test_gell_mann_matrices():
 
 def test_membership_by_known_distances():
     phase = np.exp(0.3j) * np.eye(3)
-    assert U(3).membership_error(phase) == pytest.approx(0.0, abs=1e-15)
-    assert SU(3).membership_error(phase) == pytest.approx(2 * np.sin(0.15))
-    assert U(3).membership_error(1.01 * phase) == pytest.approx(0.01)
-    assert SO(4).membership_error(np.diag([1.0, 1.0, 1.0, -1.0])) == pytest.approx(2.0)
+    assert fr.U(3).membership_error(phase) == pytest.approx(0.0, abs=1e-15)
+    assert fr.SU(3).membership_error(phase) == pytest.approx(2 * np.sin(0.15))
+    assert fr.U(3).membership_error(1.01 * phase) == pytest.approx(0.01)
+    assert fr.SO(4).membership_error(np.diag([1.0, 1.0, 1.0, -1.0])) == pytest.approx(2.0)
     for factor, error in ((1.001, 1e-3), (-1.0, 2.0), (0.0, 1.0)):
-        assert SO3().membership_error(factor * np.eye(3)) == pytest.approx(error, rel=1e-10)
+        assert fr.SO3().membership_error(factor * np.eye(3)) == pytest.approx(error, rel=1e-10)
     sheared = np.eye(3) + 1e-6 * np.eye(3, k=1)
-    assert SO3().membership_error(sheared) == pytest.approx(np.sqrt(0.5) * 1e-6, rel=1e-5)
-    assert SL(2).membership_error(np.diag([1.0, 1.02])) == pytest.approx(0.01)
-    assert Sp(2).membership_error(np.diag([1.0, 1.02])) == pytest.approx(0.01)
-    assert Stiefel(3, 2).membership_error(1.01 * np.eye(3, 2)) == pytest.approx(0.01)
-    assert Sphere(3).membership_error([0.0, 0.98, 0.0, 0.0]) == pytest.approx(0.02)
-    assert GL(2).membership_error(np.ones((2, 2))) == np.inf
+    assert fr.SO3().membership_error(sheared) == pytest.approx(np.sqrt(0.5) * 1e-6, rel=1e-5)
+    assert fr.SL(2).membership_error(np.diag([1.0, 1.02])) == pytest.approx(0.01)
+    assert fr.Sp(2).membership_error(np.diag([1.0, 1.02])) == pytest.approx(0.01)
+    assert fr.Stiefel(3, 2).membership_error(1.01 * np.eye(3, 2)) == pytest.approx(0.01)
+    assert fr.Sphere(3).membership_error([0.0, 0.98, 0.0, 0.0]) == pytest.approx(0.02)
+    assert fr.GL(2).membership_error(np.ones((2, 2))) == np.inf
     bent = np.eye(4)
     bent[3, 0] = 0.01
-    assert SE3().membership_error(bent) == pytest.approx(0.01)
-    orbit = IsospectralOrbit((1.0, 2.0))
+    assert fr.SE3().membership_error(bent) == pytest.approx(0.01)
+    orbit = fr.IsospectralOrbit((1.0, 2.0))
     assert orbit.membership_error(np.diag([2.0, 1.03])) == pytest.approx(0.03)
     assert orbit.membership_error([[1.0, 0.01], [-0.01, 2.0]]) == pytest.approx(0.01, rel=1e-2)
+    hermitian = fr.IsospectralOrbit.through([[1.0, 1j], [-1j, 2.0]])
+    assert (hermitian.hermitian, hermitian.dim) == (True, 3)
     for lowest, error in ((0.5, 0.0), (-0.5, 0.5), (-3.0, 3.0)):
         symmetric = [[lowest + 1.0, 1.0], [1.0, lowest + 1.0]]
-        assert SPD(2).membership_error(symmetric) == pytest.approx(max(error, 0.0), abs=1e-15)
-    refuses(ValueError, "must be a point of SPD", SPD(2).check_point, [[1.0, 2.0], [2.0, 1.0]])
-    momentum = CoadjointOrbit(SO3(), (3.0, 0.0, 4.0))
+        assert fr.SPD(2).membership_error(symmetric) == pytest.approx(max(error, 0.0), abs=1e-15)
+    refuses(ValueError, "must be a point of SPD", fr.SPD(2).check_point, [[1.0, 2.0], [2.0, 1.0]])
+    momentum = fr.CoadjointOrbit(fr.SO3(), (3.0, 0.0, 4.0))
     assert momentum.membership_error([0.0, 5.05, 0.0]) == pytest.approx(0.05, rel=1e-2)
     assert momentum.membership_error([0.0, 0.0, 0.0]) > 1.0
 
 
-def test_isospectral_orbits_keep_the_spectrum_of_a_matrix():
-    rng = np.random.default_rng(33)
-    matrix = rng.standard_normal((4, 4))
-    symmetric = matrix + matrix.T
-    frame = IsospectralOrbit.through(symmetric)
-    moved = frame.flow(rng.standard_normal(6), symmetric)
-    np.testing.assert_allclose(np.linalg.eigvalsh(moved), np.linalg.eigvalsh(symmetric))
-    hermitian = IsospectralOrbit.through(symmetric + 1j * (matrix - matrix.T))
-    assert hermitian.hermitian
-    assert hermitian.dim == 15
-
-
 def test_coadjoint_orbits_compute_their_casimirs():
-    body = CoadjointOrbit(SO3(), (1.0, 2.0, 3.0))
+    body = fr.CoadjointOrbit(fr.SO3(), (1.0, 2.0, 3.0))
     assert body.linear_casimirs.shape == (0, 3)
     np.testing.assert_allclose(abs(body.quadratic_casimirs), [np.eye(3) / np.sqrt(3)], atol=1e-15)
-    assert len(CoadjointOrbit(SE3(), (1.0,) * 6).quadratic_casimirs) == 2
-    assert len(CoadjointOrbit(SU(3), (1.0,) * 8).quadratic_casimirs) == 1
+    assert len(fr.CoadjointOrbit(fr.SE3(), (1.0,) * 6).quadratic_casimirs) == 2
+    assert len(fr.CoadjointOrbit(fr.SU(3), (1.0,) * 8).quadratic_casimirs) == 1
     m, v = np.random.default_rng(34).standard_normal((2, 3))
     np.testing.assert_allclose(body.field(v, m), np.cross(m, v), rtol=0, atol=1e-15)
-    space = CoadjointOrbit(SO3(), (1.0, 2.0, 3.0), "space")
+    space = fr.CoadjointOrbit(fr.SO3(), (1.0, 2.0, 3.0), "space")
     np.testing.assert_allclose(space.field(v, m), np.cross(v, m), rtol=0, atol=1e-15)
-    constants = tuple(tuple(map(tuple, block)) for block in SO(3).structure_constants.tolist())
-    same = CoadjointOrbit(constants, (1.0, 2.0, 3.0))
+    constants = tuple(tuple(map(tuple, block)) for block in fr.SO(3).structure_constants.tolist())
+    same = fr.CoadjointOrbit(constants, (1.0, 2.0, 3.0))
     np.testing.assert_allclose(same.flow(v, m), body.flow(v, m), rtol=0, atol=1e-14)
-
-
-def test_matrix_frame_of_rotation_generators_matches_sphere():
-    rng = np.random.default_rng(36)
-    frame = MatrixFrame(SO(4).basis)
-    y, v = Sphere(3).random_point(rng), rng.standard_normal(6)
-    np.testing.assert_allclose(frame.flow(v, y), Sphere(3).flow(v, y), rtol=0, atol=1e-14)
-    columns = MatrixFrame(SO(4).basis, 2)
-    y = Stiefel(4, 2).random_point(rng)
-    np.testing.assert_allclose(columns.flow(v, y), Stiefel(4, 2).flow(v, y), rtol=0, atol=1e-14)
-    with pytest.raises(ValueError, match="read-only"):
-        frame.matrices[0] = 0.0
 
 
 def test_user_functions_are_used():
     assert HEISENBERG.membership_error([1.0, 2.0, 3.0]) == 0.0
     assert ELLIPSE.membership_error([1.01, 0.0]) == pytest.approx(0.01)
     assert CIRCLE.distance([1.0 + 0j], [1j]) == pytest.approx(np.pi / 2)
-    without = MatrixFrame([[[0.0]]], membership_error=lambda y: 0.0)
+    without = fr.MatrixFrame([[[0.0]]], membership_error=lambda y: 0.0)
     refuses(NotImplementedError, "no random_point", without.random_point, np.random.default_rng(37))
 
 
 def test_results_of_user_functions_are_checked():
     def frame(**changes):
         functions = {"fields": [lambda y: y], "flow": lambda v, y: y, "point_shape": 2, **changes}
-        return FieldFrame(functions.pop("fields"), functions.pop("flow"), **functions)
+        return fr.FieldFrame(functions.pop("fields"), functions.pop("flow"), **functions)
 
     y = [1.0, 2.0]
     refuses(ValueError, r"fields\[0\] must", frame(fields=[lambda y: np.ones(3)]).field, [1.0], y)
@@ -144,22 +104,22 @@ def test_results_of_user_functions_are_checked():
 
 
 def test_product_errors_and_distances():
-    frame = Product(SO3(), Euclidean(2))
+    frame = fr.Product(fr.SO3(), fr.Euclidean(2))
     x = frame.join(np.eye(3), [0.0, 0.0])
-    y = frame.join(SO3().flow([0.3, 0, 0], np.eye(3)), [0.0, 0.4])
+    y = frame.join(fr.SO3().flow([0.3, 0, 0], np.eye(3)), [0.0, 0.4])
     assert frame.distance(x, y) == pytest.approx(0.5)
     assert frame.membership_error(frame.join(2 * np.eye(3), [0.0, 0.4])) == pytest.approx(1.0)
 
 
 def test_check_point_of_complex_frames():
-    point = U(2).check_point(np.eye(2), name="start")
+    point = fr.U(2).check_point(np.eye(2), name="start")
     assert point.dtype == np.complex128
-    refuses(ValueError, "start must", U(2).check_point, "phase", name="start")
+    refuses(ValueError, "start must", fr.U(2).check_point, "phase", name="start")
     with pytest.raises(ValueError, match=r"its distance from the manifold is 0\.765"):
-        SU(2).check_point(1j**0.5 * np.eye(2))
+        fr.SU(2).check_point(1j**0.5 * np.eye(2))
 
 
-ALGEBRAS = [SO3(), SO(2), *GROUPS[:4], SU(2, "body"), *GROUPS[5:], U(1)]
+ALGEBRAS = [fr.SO3(), fr.SO(2), *GROUPS[:4], fr.SU(2, "body"), *GROUPS[5:], fr.U(1)]
 
 
 @pytest.mark.parametrize("group", ALGEBRAS, ids=repr)
@@ -180,21 +140,17 @@ def test_coefficients_reject_matrices_outside_the_algebra(group, size):
     np.testing.assert_allclose(group.coefficients(off[0]), v[0], rtol=0, atol=1e-14 * size)
 
 
-@pytest.mark.parametrize(
-    ("group", "matrix", "hint"),
-    [
-        (SU(2), [[0.0, 1.0], [1.0, 0.0]], r"it is Hermitian, .* Hamiltonian H .* factor: -1j \* H"),
-        (U(3), np.diag([1.0, 2.0, 3.0]), r"needs the factor: -1j \* H"),
-        (SU(3), 1j * np.diag([1.0, 2.0, 3.0]), r"its trace 0\+6j must be zero; .* need U\(3\)"),
-        (SU(3), np.diag([1.0, 2.0], 1), "1e-08"),
-        (SO(4), np.ones((4, 4)), "1e-08"),
-        (SO3(), np.eye(3), "1e-08"),
-        (SL(2), np.eye(2), r"its trace 2 must be zero; other matrices need GL\(2\)"),
-        (Sp(2), np.eye(2), "1e-08"),
-        (SE3(), np.eye(4), "1e-08"),
-    ],
-    ids=lambda value: repr(value) if hasattr(value, "dim") else "",
-)
+@pytest.mark.parametrize(("group", "matrix", "hint"), [
+    (fr.SU(2), [[0.0, 1.0], [1.0, 0.0]], r"it is Hermitian, .* Hamiltonian H .* factor: -1j \* H"),
+    (fr.U(3), np.diag([1.0, 2.0, 3.0]), r"needs the factor: -1j \* H"),
+    (fr.SU(3), 1j * np.diag([1.0, 2.0, 3.0]), r"its trace 0\+6j must be zero; .* need U\(3\)"),
+    (fr.SU(3), np.diag([1.0, 2.0], 1), "1e-08"),
+    (fr.SO(4), np.ones((4, 4)), "1e-08"),
+    (fr.SO3(), np.eye(3), "1e-08"),
+    (fr.SL(2), np.eye(2), r"its trace 2 must be zero; other matrices need GL\(2\)"),
+    (fr.Sp(2), np.eye(2), "1e-08"),
+    (fr.SE3(), np.eye(4), "1e-08"),
+], ids=lambda value: repr(value) if hasattr(value, "dim") else "")  # fmt: skip
 def test_coefficients_reject_specific_matrices(group, matrix, hint):
     message = rf"matrix must be in the Lie algebra of .* its distance .*{hint}$"
     refuses(ValueError, message, group.coefficients, matrix)
@@ -203,7 +159,7 @@ def test_coefficients_reject_specific_matrices(group, matrix, hint):
 
 def test_coefficients_accept_rounding_errors():
     """At an equilibrium the tangent is rounding errors only."""
-    group = SO(3)
+    group = fr.SO(3)
     rounding = 1e-15 * np.random.default_rng(39).standard_normal((3, 3))
     assert np.abs(group.coefficients(rounding)).max() < 1e-14
     np.testing.assert_array_equal(group.coefficients(np.zeros((3, 3))), np.zeros(3))
@@ -211,5 +167,5 @@ def test_coefficients_accept_rounding_errors():
 
 
 def test_check_point_accepts_integers_and_tolerance():
-    assert SO3().check_point(np.eye(3, dtype=int)).dtype == np.float64
-    assert SO3().check_point(1.1 * np.eye(3), tolerance=0.2)[0, 0] == 1.1
+    assert fr.SO3().check_point(np.eye(3, dtype=int)).dtype == np.float64
+    assert fr.SO3().check_point(1.1 * np.eye(3), tolerance=0.2)[0, 0] == 1.1

@@ -32,24 +32,19 @@ from cg.frames import (
 from cg.frames.matrix_group import MatrixGroup
 from cg.problems import AffineField
 
-pytestmark = pytest.mark.no_core
-
 MASKED = np.ma.masked_array([1.0, 2.0, 3.0], mask=[1, 0, 0])
 
 
-@pytest.mark.parametrize(
-    "v",
-    [
-        ["1", "0", "0"],
-        [True, False, False],
-        [1j, 0, 0],
-        MASKED,
-        np.array(["2020-01-01"] * 3, dtype="M8[D]"),
-        [10**400, 0, 0],
-        {1, 2, 3},
-        "abc",
-    ],
-)
+@pytest.mark.parametrize("v", [
+    ["1", "0", "0"],
+    [True, False, False],
+    [1j, 0, 0],
+    MASKED,
+    np.array(["2020-01-01"] * 3, dtype="M8[D]"),
+    [10**400, 0, 0],
+    {1, 2, 3},
+    "abc",
+])  # fmt: skip
 @pytest.mark.parametrize("method", ["flow", "field"])
 def test_rejects_nonnumeric_coefficients(v, method):
     for frame, y in [(SO3(), np.eye(3)), (Sphere(2), [0, 0, 1]), (SU(2), np.eye(2))]:
@@ -72,10 +67,9 @@ def test_accepts_unusual_array_types():
     assert frame.flow(np.zeros((0, 3)), y).shape == (0, 3, 3)
 
 
-@pytest.mark.parametrize(
-    "make",
-    [SO, SU, U, GL, SL, Sp, Sphere, Euclidean, lambda n: Stiefel(n, n), lambda n: Stiefel(4, n)],
-)
+@pytest.mark.parametrize("make", [
+    SO, SU, U, GL, SL, Sp, Sphere, Euclidean, lambda n: Stiefel(n, n), lambda n: Stiefel(4, n)
+])  # fmt: skip
 def test_sizes_accept_numpy_integers(make):
     assert make(np.int64(2)) == make(2)
     assert repr(make(np.int64(2))) == repr(make(2))
@@ -93,65 +87,56 @@ for i in range(3):
     NO_ALGEBRA[i, (i + 1) % 3, i], NO_ALGEBRA[(i + 1) % 3, i, i] = 1.0, -1.0
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "message"),
-    [
-        (lambda: SO(1), ValueError, "n must be at least 2, got 1"),
-        (lambda: SO(3, "left"), ValueError, "convention must be"),
-        (lambda: UnitQuaternion(scalar_first=1), ValueError, "scalar_first must be True or"),
-        (lambda: Sp(3), ValueError, "n must be even, got 3"),
-        (lambda: SU(1), ValueError, "n must be at least 2"),
-        (lambda: Stiefel(2, 3), ValueError, "k must be at most 2, got 3"),
-        (lambda: Semidirect(SO3), TypeError, "group must be a MatrixGroup"),
-        (lambda: Semidirect(SU(2)), ValueError, "group must be real"),
-        (lambda: IsospectralOrbit((1.0,)), ValueError, "spectrum must be at least two"),
-        (lambda: IsospectralOrbit((1, 2), hermitian=2), ValueError, "hermitian must be True or"),
-        (lambda: CoadjointOrbit(SO3(), (1.0, 2.0)), ValueError, "point must be 3 finite"),
-        (lambda: CoadjointOrbit(np.eye(3), (1.0,)), ValueError, r"shape \(m, m, m\), got shape"),
-        (lambda: CoadjointOrbit(np.ones((2, 2, 2)), (1, 2)), ValueError, "antisymmetric"),
-        (lambda: CoadjointOrbit(NO_ALGEBRA, (1, 2, 3)), ValueError, "the Jacobi identity"),
-        (lambda: MatrixFrame(np.eye(2)), ValueError, r"matrices must have shape \(m, n, n\)"),
-        (lambda: MatrixFrame([[[np.inf]]]), ValueError, "matrices must be finite"),
-        (lambda: MatrixFrame([[[1.0]]], restore=1), TypeError, "restore must be a function or"),
-        (lambda: FieldFrame([1], abs, point_shape=1), TypeError, r"fields\[0\] must be a function"),
-        (lambda: FieldFrame([abs], 1, point_shape=1), TypeError, "flow must be a function"),
-        (lambda: FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
-        (lambda: FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
-        (lambda: FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
-        (lambda: Euclidean(0), ValueError, "n must be at least 1, got 0"),
-        (Product, ValueError, "at least one frame"),
-        (lambda: Product(SO3(), SO3), TypeError, r"factors\[1\] must be a Frame"),
-        (lambda: field_frame(fields=abs), TypeError, "fields must be a sequence of functions"),
-        *(
-            (lambda n=n: field_frame(point_shape=n), TypeError, "point_shape must be an integer")
-            for n in (None, 1.0, np.nan)
-        ),
-        (lambda: UnitQuaternion(np.array(["body"])), ValueError, "convention must be .* got array"),
-        (
-            lambda: CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)),
-            ValueError,
-            "algebra must be finite",
-        ),
-        (lambda: CoadjointOrbit(SO3(), MASKED), ValueError, "point must be an array of real"),
-        (lambda: Product(SO3(), SO3()).join(np.eye(3)), ValueError, "parts must be 2 points, got"),
-        (lambda: Product(SO3(), SO3()).join(np.eye(3), [1, 2]), ValueError, "must have shape"),
-        (
-            lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))),
-            ValueError,
-            r"parts must have leading axes that broadcast, got \[\(2,\), \(3,\)\]",
-        ),
-        *(
-            (lambda m=m: IsospectralOrbit.through(m), ValueError, "y0 must be symmetric, or Herm")
-            for m in ([[1.0, 2.0], [3.0, 4.0]], [[1.0, 1j], [1j, 1.0]], [[1e9, 1e3], [0, 1e9]])
-        ),
-        (lambda: IsospectralOrbit.through(np.ones((2, 3))), ValueError, "finite square matrix"),
-        (lambda: LinearAction([]), ValueError, "at least one matrix"),
-        (lambda: LinearAction([np.ones((2, 3))]), ValueError, r"generators\[0\] must be square"),
-        (lambda: LinearAction([np.eye(2), np.eye(3)]), ValueError, "one shape"),
-        (lambda: LinearAction(7), ValueError, "must be a sequence of matrices"),
-        (lambda: AffineField(3, [1.0]), TypeError, r"frame must be a Frame such as SO3\(\), got 3"),
-    ],
-)
+@pytest.mark.parametrize(("make", "error", "message"), [
+    (lambda: SO(1), ValueError, "n must be at least 2, got 1"),
+    (lambda: SO(3, "left"), ValueError, "convention must be"),
+    (lambda: UnitQuaternion(scalar_first=1), ValueError, "scalar_first must be True or"),
+    (lambda: Sp(3), ValueError, "n must be even, got 3"),
+    (lambda: SU(1), ValueError, "n must be at least 2"),
+    (lambda: Stiefel(2, 3), ValueError, "k must be at most 2, got 3"),
+    (lambda: Semidirect(SO3), TypeError, "group must be a MatrixGroup"),
+    (lambda: Semidirect(SU(2)), ValueError, "group must be real"),
+    (lambda: IsospectralOrbit((1.0,)), ValueError, "spectrum must be at least two"),
+    (lambda: IsospectralOrbit((1, 2), hermitian=2), ValueError, "hermitian must be True or"),
+    (lambda: CoadjointOrbit(SO3(), (1.0, 2.0)), ValueError, "point must be 3 finite"),
+    (lambda: CoadjointOrbit(np.eye(3), (1.0,)), ValueError, r"shape \(m, m, m\), got shape"),
+    (lambda: CoadjointOrbit(np.ones((2, 2, 2)), (1, 2)), ValueError, "antisymmetric"),
+    (lambda: CoadjointOrbit(NO_ALGEBRA, (1, 2, 3)), ValueError, "the Jacobi identity"),
+    (lambda: MatrixFrame(np.eye(2)), ValueError, r"matrices must have shape \(m, n, n\)"),
+    (lambda: MatrixFrame([[[np.inf]]]), ValueError, "matrices must be finite"),
+    (lambda: MatrixFrame([[[1.0]]], restore=1), TypeError, "restore must be a function or"),
+    (lambda: FieldFrame([1], abs, point_shape=1), TypeError, r"fields\[0\] must be a function"),
+    (lambda: FieldFrame([abs], 1, point_shape=1), TypeError, "flow must be a function"),
+    (lambda: FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
+    (lambda: FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
+    (lambda: FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
+    (lambda: Euclidean(0), ValueError, "n must be at least 1, got 0"),
+    (Product, ValueError, "at least one frame"),
+    (lambda: Product(SO3(), SO3), TypeError, r"factors\[1\] must be a Frame"),
+    (lambda: field_frame(fields=abs), TypeError, "fields must be a sequence of functions"),
+    *(
+        (lambda n=n: field_frame(point_shape=n), TypeError, "point_shape must be an integer")
+        for n in (None, 1.0, np.nan)
+    ),
+    (lambda: UnitQuaternion(np.array(["body"])), ValueError, "convention must be .* got array"),
+    (lambda: CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)), ValueError,
+     "algebra must be finite"),
+    (lambda: CoadjointOrbit(SO3(), MASKED), ValueError, "point must be an array of real"),
+    (lambda: Product(SO3(), SO3()).join(np.eye(3)), ValueError, "parts must be 2 points, got"),
+    (lambda: Product(SO3(), SO3()).join(np.eye(3), [1, 2]), ValueError, "must have shape"),
+    (lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))), ValueError,
+     r"parts must have leading axes that broadcast, got \[\(2,\), \(3,\)\]"),
+    *(
+        (lambda m=m: IsospectralOrbit.through(m), ValueError, "y0 must be symmetric, or Herm")
+        for m in ([[1.0, 2.0], [3.0, 4.0]], [[1.0, 1j], [1j, 1.0]], [[1e9, 1e3], [0, 1e9]])
+    ),
+    (lambda: IsospectralOrbit.through(np.ones((2, 3))), ValueError, "finite square matrix"),
+    (lambda: LinearAction([]), ValueError, "at least one matrix"),
+    (lambda: LinearAction([np.ones((2, 3))]), ValueError, r"generators\[0\] must be square"),
+    (lambda: LinearAction([np.eye(2), np.eye(3)]), ValueError, "one shape"),
+    (lambda: LinearAction(7), ValueError, "must be a sequence of matrices"),
+    (lambda: AffineField(3, [1.0]), TypeError, r"frame must be a Frame such as SO3\(\), got 3"),
+])  # fmt: skip
 def test_constructors_reject_bad_arguments(make, error, message):
     refuses(error, message, make)
 
@@ -173,21 +158,17 @@ def test_random_points_and_vectors(frame, method):
     assert len(draw(rng(0), 0)) == 0
 
 
-@pytest.mark.parametrize(
-    ("frame", "dim"),
-    [
-        (SO(10**6), 499999500000),
-        (Sphere(10**6), 500000500000),
-        (Stiefel(10**6, 2), 499999500000),
-        (SU(10**6), 999999999999),
-        (U(10**6), 10**12),
-        (GL(10**6), 10**12),
-        (SL(10**6), 999999999999),
-        (Sp(10**6), 500000500000),
-        (Semidirect(SO(10**6)), 500000500000),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("frame", "dim"), [
+    (SO(10**6), 499999500000),
+    (Sphere(10**6), 500000500000),
+    (Stiefel(10**6, 2), 499999500000),
+    (SU(10**6), 999999999999),
+    (U(10**6), 10**12),
+    (GL(10**6), 10**12),
+    (SL(10**6), 999999999999),
+    (Sp(10**6), 500000500000),
+    (Semidirect(SO(10**6)), 500000500000),
+], ids=str)  # fmt: skip
 def test_basis_larger_than_memory_raises(frame, dim):
     assert frame.dim == dim
     assert repr(frame)
@@ -235,36 +216,30 @@ QUATERNIONS = "; quaternions are points of cg.frames.UnitQuaternion()"
 MATRICES = "; rotation matrices are points of cg.frames.SO3()"
 
 
-@pytest.mark.parametrize(
-    ("frame", "shape", "hint"),
-    [
-        (SO3(), (4,), QUATERNIONS),
-        (SO(3), (4,), QUATERNIONS),
-        (SU(2), (4,), QUATERNIONS),
-        (UnitQuaternion(), (3, 3), MATRICES),
-        (SU(2), (3, 3), MATRICES),
-        (SO3(), (3,), ""),
-        (SE3(), (4,), ""),  # nor rotations alone
-        (SO(4), (3, 3), ""),
-        (Sphere(3), (3, 3), ""),
-    ],
-)
+@pytest.mark.parametrize(("frame", "shape", "hint"), [
+    (SO3(), (4,), QUATERNIONS),
+    (SO(3), (4,), QUATERNIONS),
+    (SU(2), (4,), QUATERNIONS),
+    (UnitQuaternion(), (3, 3), MATRICES),
+    (SU(2), (3, 3), MATRICES),
+    (SO3(), (3,), ""),
+    (SE3(), (4,), ""),  # nor rotations alone
+    (SO(4), (3, 3), ""),
+    (Sphere(3), (3, 3), ""),
+])  # fmt: skip
 def test_hints_at_the_frame_of_a_representation(frame, shape, hint):
     message = f"y0 must have shape {frame.point_shape}, got {shape}{hint}"
     refuses(ValueError, f"^{re.escape(message)}$", frame.check_point, np.ones(shape), name="y0")
 
 
-@pytest.mark.parametrize(
-    ("frame", "y", "projects"),
-    [
-        (SO3(), 2.0 * np.eye(3), True),
-        (UnitQuaternion(), [2.0, 0.0, 0.0, 0.0], True),
-        (SO3(), np.diag([1.0, 1.0, -1.0]), False),  # several rotations are as near
-        (SO(4), np.diag([1.0, 1.0, 1.0, -1.0]), False),
-        (SE3(), np.diag([1.0, 1.0, -1.0, 1.0]), False),
-        (UnitQuaternion(), np.zeros(4), False),
-    ],
-)
+@pytest.mark.parametrize(("frame", "y", "projects"), [
+    (SO3(), 2.0 * np.eye(3), True),
+    (UnitQuaternion(), [2.0, 0.0, 0.0, 0.0], True),
+    (SO3(), np.diag([1.0, 1.0, -1.0]), False),  # several rotations are as near
+    (SO(4), np.diag([1.0, 1.0, 1.0, -1.0]), False),
+    (SE3(), np.diag([1.0, 1.0, -1.0, 1.0]), False),
+    (UnitQuaternion(), np.zeros(4), False),
+])  # fmt: skip
 def test_projection_is_advised_where_there_is_one(frame, y, projects):
     with pytest.raises(ValueError, match="y0 must be a point of") as error:
         frame.check_point(y, name="y0")

@@ -4,16 +4,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.frames import (
-    GL,
-    SO3,
-    SU,
-    CoadjointOrbit,
-    Euclidean,
-    IsospectralOrbit,
-    Product,
-    Stiefel,
-)
+from cg.frames import GL, SO3, SU, CoadjointOrbit, Euclidean, IsospectralOrbit, Product, Stiefel
 
 INERTIA = np.array([1.0, 2.0, 2.5])
 MOMENTUM = np.array([0.3, 0.1, 0.9])
@@ -30,12 +21,8 @@ def test_final_points_of_scaled_runs_are_points(scale):
     isospectral = IsospectralOrbit.through(scale * TODA)
     both = Product(orbit, SO3(), Euclidean(1))
 
-    def turn(t, m):
-        return m / (scale * INERTIA)
-
-    def toda(t, y):
-        return isospectral.group.coefficients(bracket(y / scale))
-
+    turn = lambda t, m: m / (scale * INERTIA)
+    toda = lambda t, y: isospectral.group.coefficients(bracket(y / scale))
     for frame, f, y0 in (
         (orbit, turn, scale * MOMENTUM),
         (isospectral, toda, scale * TODA),
@@ -51,16 +38,13 @@ def test_final_points_of_scaled_runs_are_points(scale):
             cg.solve_ensemble(f, (0, 3), np.stack([y0, wrong]), **options)
 
 
-@pytest.mark.parametrize(
-    ("frame", "matrix", "name"),
-    [
-        (IsospectralOrbit.through(TODA), bracket(TODA), "frame.group.coefficients"),
-        (Stiefel(4, 2), bracket(TODA), "frame.group.coefficients"),
-        (GL(4), TODA, "frame.coefficients"),
-        (SO3(), np.zeros((3, 3)), "frame.coefficients"),
-        (SU(2), np.zeros((2, 2)), "frame.coefficients"),
-    ],
-)
+@pytest.mark.parametrize(("frame", "matrix", "name"), [
+    (IsospectralOrbit.through(TODA), bracket(TODA), "frame.group.coefficients"),
+    (Stiefel(4, 2), bracket(TODA), "frame.group.coefficients"),
+    (GL(4), TODA, "frame.coefficients"),
+    (SO3(), np.zeros((3, 3)), "frame.coefficients"),
+    (SU(2), np.zeros((2, 2)), "frame.coefficients"),
+])  # fmt: skip
 def test_matrix_instead_of_coefficients_error_message(frame, matrix, name):
     y0 = TODA if isinstance(frame, IsospectralOrbit) else np.eye(*frame.point_shape)
     with pytest.raises(ValueError, match=rf"got shape .*{name}\(matrix\) are those of a matrix"):

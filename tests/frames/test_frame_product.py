@@ -8,8 +8,6 @@ from refusals import refuses
 
 from cg.frames import SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
 
-pytestmark = pytest.mark.sanitize
-
 REAL = Product(SO3(), Euclidean(3), Product(Sphere(2), SO3("space")))
 COMPLEX = Product(SU(2), Euclidean(1), U(1))
 BATCHES = [(), (4,), (2, 3), (0,)]

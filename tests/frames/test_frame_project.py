@@ -6,25 +6,10 @@ from frame_examples import CIRCLE, ELLIPSE, FRAMES, HEISENBERG_CONSTANTS, OPEN, 
 from refusals import refuses
 from test_frames import condition
 
-from cg.frames import (
-    GL,
-    SL,
-    SO,
-    SO3,
-    SU,
-    CoadjointOrbit,
-    FieldFrame,
-    IsospectralOrbit,
-    MatrixFrame,
-    Sp,
-    Sphere,
-    Stiefel,
-    U,
-    UnitQuaternion,
-)
+from cg import frames as fr
 
 every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
-PLANE = CoadjointOrbit(HEISENBERG_CONSTANTS, (0.5, 0.25, 1.5), "space")
+PLANE = fr.CoadjointOrbit(HEISENBERG_CONSTANTS, (0.5, 0.25, 1.5), "space")
 BATCHES = [(), (4,), (2, 3), (0,)]
 
 
@@ -64,15 +49,14 @@ def test_off_manifold_errors_suggest_project(frame):
     assert frame.relative_error(frame.check_point(frame.project(off))) < 1e-14
 
 
-@pytest.mark.parametrize(
-    "frame",
-    [
-        *(SU(2), SU(3), SL(2), SL(3), Sp(2), Sp(4), IsospectralOrbit((-1.0, 0.25, 1.5))),
-        *(SO3(), SO(4), U(3), UnitQuaternion(), Sphere(4), Stiefel(4, 2)),
-        CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
-    ],
-    ids=repr,
-)
+@pytest.mark.parametrize("frame", [
+    *(
+        fr.SU(2), fr.SU(3), fr.SL(2), fr.SL(3), fr.Sp(2), fr.Sp(4),
+        fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    ),
+    *(fr.SO3(), fr.SO(4), fr.U(3), fr.UnitQuaternion(), fr.Sphere(4), fr.Stiefel(4, 2)),
+    fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
+], ids=repr)  # fmt: skip
 def test_projection_residual_is_normal_to_the_fields(frame):
     """This holds to first order, as after a few corrections of a nearby point."""
     rng = np.random.default_rng(95)
@@ -86,7 +70,7 @@ def test_projection_residual_is_normal_to_the_fields(frame):
 
 
 def test_reflections_are_projected_to_rotations():
-    for frame in (SO3(), SO(4)):
+    for frame in (fr.SO3(), fr.SO(4)):
         n = frame.n
         projected = frame.project(np.diag([1.0] * (n - 1) + [-0.5]))
         assert frame.membership_error(projected) < 1e-15
@@ -117,32 +101,28 @@ def test_projection_of_zero_is_nan_or_a_point(frame):
     np.testing.assert_allclose(projected[1], y[1], rtol=0, atol=4e-15 * condition(y[1]))
 
 
-@pytest.mark.parametrize(
-    ("frame", "y"),
-    [
-        (SO3(), np.diag([1.0, 0.0, 0.0])),
-        (SO3(), np.diag([1.0, 0.5, -0.5])),
-        (SO(4), np.diag([1.0, 1.0, 0.0, 0.0])),
-        (SU(3), np.diag([1.0, 1.0, 0.0])),
-        (U(2), np.ones((2, 2))),
-        (Stiefel(4, 2), np.ones((4, 2))),
-        (IsospectralOrbit((-1.0, 0.25, 1.5)), np.diag([1.0, 0.25, 0.25])),
-        (GL(2), np.ones((2, 2))),
-    ],
-    ids=repr,
-)
+@pytest.mark.parametrize(("frame", "y"), [
+    (fr.SO3(), np.diag([1.0, 0.0, 0.0])),
+    (fr.SO3(), np.diag([1.0, 0.5, -0.5])),
+    (fr.SO(4), np.diag([1.0, 1.0, 0.0, 0.0])),
+    (fr.SU(3), np.diag([1.0, 1.0, 0.0])),
+    (fr.U(2), np.ones((2, 2))),
+    (fr.Stiefel(4, 2), np.ones((4, 2))),
+    (fr.IsospectralOrbit((-1.0, 0.25, 1.5)), np.diag([1.0, 0.25, 0.25])),
+    (fr.GL(2), np.ones((2, 2))),
+], ids=repr)  # fmt: skip
 def test_projection_is_nan_where_not_unique(frame, y):
     assert np.isnan(frame.project(y)).all()
 
 
 def test_projection_of_distant_arrays():
-    np.testing.assert_allclose(SO3().project(np.diag([1.0, 2.0, 0.0])), np.eye(3), atol=1e-15)
-    orbit = IsospectralOrbit((0.0, 0.0, 1.0))
+    np.testing.assert_allclose(fr.SO3().project(np.diag([1.0, 2.0, 0.0])), np.eye(3), atol=1e-15)
+    orbit = fr.IsospectralOrbit((0.0, 0.0, 1.0))
     np.testing.assert_allclose(orbit.project(np.diag([0.0, 0.0, 9.0])), np.diag([0, 0, 1.0]))
 
 
 def test_user_projections():
-    frame = MatrixFrame(
+    frame = fr.MatrixFrame(
         ELLIPSE.matrices, membership_error=lambda y: abs(np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0) - 1.0)
     )
     with pytest.raises(NotImplementedError, match="has a membership_error, but no project"):
@@ -151,7 +131,7 @@ def test_user_projections():
         frame.check_point([1.1, 0.0])
     np.testing.assert_allclose(ELLIPSE.project([1.1, 0.0]), [1.0, 0.0])
     np.testing.assert_allclose(CIRCLE.project([[2.0], [3j]]), [[1.0], [1j]])
-    np.testing.assert_array_equal(MatrixFrame([[[1.0]]]).project([[3.0]]), [[3.0]])
-    refuses(TypeError, "project must", MatrixFrame, [[[1.0]]], project=1)
-    wrong = FieldFrame([abs], abs, point_shape=2, project=lambda y: y[0])
+    np.testing.assert_array_equal(fr.MatrixFrame([[[1.0]]]).project([[3.0]]), [[3.0]])
+    refuses(TypeError, "project must", fr.MatrixFrame, [[[1.0]]], project=1)
+    wrong = fr.FieldFrame([abs], abs, point_shape=2, project=lambda y: y[0])
     refuses(ValueError, "project must", wrong.project, [1.0, 2.0])

@@ -8,29 +8,22 @@ import cg
 from cg.frames import SO, FieldFrame, Frame, HomogeneousSpace, MatrixGroup
 
 FRAME = {
-    "dim": 1,
-    "point_shape": (2,),
-    "field": lambda self, v, y: y,
-    "flow": lambda self, v, y: y,
+    "dim": 1, "point_shape": (2,), "field": lambda self, v, y: y, "flow": lambda self, v, y: y,
     "membership_error": lambda self, y: 0.0,
     "random_point": lambda self, rng, size=(): rng.standard_normal((*size, 2)),
-}
+}  # fmt: skip
 SPACE = {
-    "group": SO(2, "space"),
-    "point_shape": (2,),
-    "restore": lambda self, y: y,
+    "group": SO(2, "space"), "point_shape": (2,), "restore": lambda self, y: y,
     "membership_error": lambda self, y: 0.0,
     "random_point": lambda self, rng, size=(): rng.standard_normal((*size, 2)),
     "_act": lambda self, x, y: (x @ y[..., None])[..., 0],
     "_act_infinitesimally": lambda self, omega, y: (omega @ y[..., None])[..., 0],
-}
+}  # fmt: skip
 GROUP = {
-    "dim": 1,
-    "size": 2,
-    "convention": "space",
+    "dim": 1, "size": 2, "convention": "space",
     "_make_basis": lambda self: [[[0.0, -1.0], [1.0, 0.0]]],
     "membership_error": lambda self, y: 0.0,
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -60,9 +53,7 @@ def test_basis_of_wrong_shape_raises():
 def test_nonnumeric_flows_raise(value, good_until):
     """The flow fails at the first call or at a later one."""
 
-    def flow(v, y):
-        return y + v if y[0] + v[0] <= good_until else value * np.ones(1)
-
+    flow = lambda v, y: y + v if y[0] + v[0] <= good_until else value * np.ones(1)
     frame = FieldFrame([lambda y: np.ones(1)], flow, point_shape=1)
     solution = cg.solve_ivp(lambda t, y: np.ones(1), (0, 1), [0.0], frame=frame)
     assert not solution.success

@@ -23,12 +23,9 @@ from tests.helpers.mechanics import INERTIA, MATRIX
 
 BODIES = Power(Product(Euclidean(3), UnitQuaternion()), 2)
 FRAMES = [
-    PhaseSpace(SO3(), INERTIA),
-    PhaseSpace(SU(3)),
-    PhaseSpace(Euclidean(3), MATRIX),
-    PhaseSpace(BODIES, (2.0, MATRIX)),
-    PhaseSpace(Product(Sphere(2), SO(4)), (3.0, None)),
-]
+    PhaseSpace(SO3(), INERTIA), PhaseSpace(SU(3)), PhaseSpace(Euclidean(3), MATRIX),
+    PhaseSpace(BODIES, (2.0, MATRIX)), PhaseSpace(Product(Sphere(2), SO(4)), (3.0, None)),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
@@ -70,26 +67,23 @@ def test_inertia_of_equal_and_of_different_factors():
     assert PhaseSpace(SO3(), INERTIA) != PhaseSpace(SO3())
 
 
-@pytest.mark.parametrize(
-    ("frame", "inertia", "message"),
-    [
-        (SO3("space"), INERTIA, 'in space axes .* take convention="body"'),
-        (UnitQuaternion("space"), MATRIX, "must be a multiple of the identity"),
-        (SU(3), np.arange(1.0, 9.0), "invariant on both sides"),
-        (SO(4), [1.0] * 5 + [2.0], "invariant on both sides"),
-        (Sphere(2), INERTIA, "must be a multiple of the identity"),
-        (SE3(), None, r"frame must be one whose free motion .* Product\(Euclidean\(3\), SO3\(\)\)"),
-        (Stiefel(3, 2), None, "frame must be one whose free motion is known"),
-        (PhaseSpace(SO3()), None, "frame must be one whose free motion is known"),
-        (Sphere(3), None, "frame must be compiled"),
-        (SO3(), [1.0, 2.0], r"inertia must have shape \(3,\) or \(3, 3\), got \(2,\)"),
-        (SO3(), [1.0, -2.0, 1.0], "inertia must be positive definite"),
-        (SO3(), [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "inertia must be symmetric"),
-        (Euclidean(1), np.nan, "inertia must be finite"),
-        (BODIES, INERTIA, "inertia must be a tuple of 2, one of each factor"),
-        (BODIES, (1.0, [1.0, 2.0]), r"inertia\[1\] must have shape"),
-    ],
-)
+@pytest.mark.parametrize(("frame", "inertia", "message"), [
+    (SO3("space"), INERTIA, 'in space axes .* take convention="body"'),
+    (UnitQuaternion("space"), MATRIX, "must be a multiple of the identity"),
+    (SU(3), np.arange(1.0, 9.0), "invariant on both sides"),
+    (SO(4), [1.0] * 5 + [2.0], "invariant on both sides"),
+    (Sphere(2), INERTIA, "must be a multiple of the identity"),
+    (SE3(), None, r"frame must be one whose free motion .* Product\(Euclidean\(3\), SO3\(\)\)"),
+    (Stiefel(3, 2), None, "frame must be one whose free motion is known"),
+    (PhaseSpace(SO3()), None, "frame must be one whose free motion is known"),
+    (Sphere(3), None, "frame must be compiled"),
+    (SO3(), [1.0, 2.0], r"inertia must have shape \(3,\) or \(3, 3\), got \(2,\)"),
+    (SO3(), [1.0, -2.0, 1.0], "inertia must be positive definite"),
+    (SO3(), [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "inertia must be symmetric"),
+    (Euclidean(1), np.nan, "inertia must be finite"),
+    (BODIES, INERTIA, "inertia must be a tuple of 2, one of each factor"),
+    (BODIES, (1.0, [1.0, 2.0]), r"inertia\[1\] must have shape"),
+])  # fmt: skip
 def test_what_is_refused(frame, inertia, message):
     with pytest.raises(ValueError, match=message):
         PhaseSpace(frame, inertia)

@@ -50,11 +50,9 @@ def test_quaternions_agree_with_scipy_and_with_so3(convention, scalar_first, see
     moved = frame.flow(v, y)
     rounding = 2e-15 * (1 + np.linalg.norm(v))
     np.testing.assert_allclose(
-        Rotation.from_quat(moved, scalar_first=scalar_first).as_matrix(),
-        after.as_matrix(),
-        rtol=0,
+        Rotation.from_quat(moved, scalar_first=scalar_first).as_matrix(), after.as_matrix(), rtol=0,
         atol=rounding,
-    )
+    )  # fmt: skip
     np.testing.assert_allclose(
         SO3(convention).flow(v, before.as_matrix()), after.as_matrix(), rtol=0, atol=rounding
     )
@@ -143,14 +141,6 @@ def test_scipy_rotations_are_accepted_as_points(frame, batch):
     np.testing.assert_allclose(frame.distance(rotation, points), 0.0, rtol=0, atol=1e-15)
     if not batch:
         np.testing.assert_array_equal(frame.check_point(rotation), points)
-
-
-def test_scipy_rotations_in_products():
-    rotation = rotations_of_scipy(np.random.default_rng(26))
-    frame = Product(SO3(), UnitQuaternion(scalar_first=True), Euclidean(1))
-    attitude, q, _ = frame.split(frame.join(rotation, rotation, [2.0]))
-    np.testing.assert_array_equal(attitude, rotation.as_matrix())
-    np.testing.assert_array_equal(q, rotation.as_quat(scalar_first=True))
 
 
 @pytest.mark.parametrize("frame", [SO(4), Sphere(2), SU(2), SE3(), Euclidean(4)], ids=repr)

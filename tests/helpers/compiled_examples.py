@@ -6,20 +6,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from cg.frames import (
-    SE3,
-    SO,
-    SO3,
-    SU,
-    Euclidean,
-    Grassmann,
-    IsospectralOrbit,
-    Power,
-    Product,
-    Semidirect,
-    Sphere,
-    UnitQuaternion,
-)
+from cg import frames as fr
 from cg.integration.step.plan import Plan
 from cg.problems.affine import AffineField
 
@@ -29,40 +16,38 @@ UNIT = [0.0, 0.0, 0.0, 1.0]
 SU2_POINT = [0.6, 0.8, 0.0, 0.0, 0.0, 0.0, 0.6, -0.8]
 
 FRAMES = {
-    "SO3 body": (SO3(), np.eye(3)),
-    "SO3 space": (SO3("space"), np.eye(3)),
-    "SO(3)": (SO(3), np.eye(3)),
-    "quaternion body": (UnitQuaternion(), UNIT),
-    "quaternion space": (UnitQuaternion("space"), UNIT),
-    "quaternion body, scalar first": (UnitQuaternion(scalar_first=True), ONE),
-    "quaternion space, scalar first": (UnitQuaternion("space", scalar_first=True), ONE),
-    "SE3 body": (SE3(), np.eye(4)),
-    "SE3 space": (SE3("space"), np.eye(4)),
-    "SE3 with two translations": (Semidirect(SO3(), 2), np.eye(5)),
-    "SE3 space with three translations": (Semidirect(SO(3, "space"), 3), np.eye(6)),
-    "sphere": (Sphere(2), [0.0, 0.6, 0.8]),
-    "SU2 space": (Product(SU(2)), SU2_POINT),
-    "SU2 body": (Product(SU(2, "body")), SU2_POINT),
-    "Euclidean": (Euclidean(5), np.arange(5.0)),
+    "SO3 body": (fr.SO3(), np.eye(3)),
+    "SO3 space": (fr.SO3("space"), np.eye(3)),
+    "SO(3)": (fr.SO(3), np.eye(3)),
+    "quaternion body": (fr.UnitQuaternion(), UNIT),
+    "quaternion space": (fr.UnitQuaternion("space"), UNIT),
+    "quaternion body, scalar first": (fr.UnitQuaternion(scalar_first=True), ONE),
+    "quaternion space, scalar first": (fr.UnitQuaternion("space", scalar_first=True), ONE),
+    "SE3 body": (fr.SE3(), np.eye(4)),
+    "SE3 space": (fr.SE3("space"), np.eye(4)),
+    "SE3 with two translations": (fr.Semidirect(fr.SO3(), 2), np.eye(5)),
+    "SE3 space with three translations": (fr.Semidirect(fr.SO(3, "space"), 3), np.eye(6)),
+    "sphere": (fr.Sphere(2), [0.0, 0.6, 0.8]),
+    "SU2 space": (fr.Product(fr.SU(2)), SU2_POINT),
+    "SU2 body": (fr.Product(fr.SU(2, "body")), SU2_POINT),
+    "Euclidean": (fr.Euclidean(5), np.arange(5.0)),
     "product": (
-        Product(SE3("space"), Product(Sphere(2), Euclidean(2)), UnitQuaternion(), SU(2), SO3()),
+        fr.Product(
+            fr.SE3("space"), fr.Product(fr.Sphere(2), fr.Euclidean(2)), fr.UnitQuaternion(),
+            fr.SU(2), fr.SO3(),
+        ),
         np.concatenate([np.eye(4).ravel(), [0, 0, 1, 3, -2], UNIT, SU2_POINT, np.eye(3).ravel()]),
     ),
-}
+}  # fmt: skip
 # symmetric matrices with given eigenvalues, and products of these
 ORBITS = [
-    IsospectralOrbit((0.0, 1.0)),
-    IsospectralOrbit((-1.0, 0.25, 1.5)),
-    IsospectralOrbit((1.0, 2.0, 4.0, 7.0)),
-    IsospectralOrbit((0.0, 0.0, 1.0, 1.0, 1.0)),
-    IsospectralOrbit((-2.0, 0.0, 1e-9, 2e-9, 1.0, 3.0)),
-    IsospectralOrbit(tuple(range(12))),
-    Power(IsospectralOrbit((-1.0, 0.5, 2.0, 2.5)), 3),
-    Product(IsospectralOrbit((0.0, 3.0)), IsospectralOrbit((-1.0, 0.25, 1.5))),
-    IsospectralOrbit(tuple(np.arange(14) / 7)),
-    Grassmann(4, 1),
-    Grassmann(13, 5),
-]
+    fr.IsospectralOrbit((0.0, 1.0)), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    fr.IsospectralOrbit((1.0, 2.0, 4.0, 7.0)), fr.IsospectralOrbit((0.0, 0.0, 1.0, 1.0, 1.0)),
+    fr.IsospectralOrbit((-2.0, 0.0, 1e-9, 2e-9, 1.0, 3.0)), fr.IsospectralOrbit(tuple(range(12))),
+    fr.Power(fr.IsospectralOrbit((-1.0, 0.5, 2.0, 2.5)), 3),
+    fr.Product(fr.IsospectralOrbit((0.0, 3.0)), fr.IsospectralOrbit((-1.0, 0.25, 1.5))),
+    fr.IsospectralOrbit(tuple(np.arange(14) / 7)), fr.Grassmann(4, 1), fr.Grassmann(13, 5),
+]  # fmt: skip
 PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
 
 

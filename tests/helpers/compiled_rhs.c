@@ -231,3 +231,13 @@ int slope_is_input(double t, const double *y, double *f, void *user_data)
     f[0] = *(double *)user_data;
     return 0;
 }
+
+// It stops with code 3 at one half where the rate is large.
+int limited(double t, const double *y, double *f, void *user_data)
+{
+    const double *rate = user_data;
+    f[0] = rate[0];
+    f[1] = y[0] - t;
+    f[2] = rate[1] * y[4];
+    return rate[0] > 100.0 && t > 0.5 ? 3 : 0;
+}

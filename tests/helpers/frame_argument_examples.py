@@ -11,31 +11,19 @@ from cg import frames, problems
 from cg.frames import FlowOverflowError
 
 FRAMES = {
-    "SO3": SO3,
-    "SO": frames.SO(4),
-    "U": frames.U(2),
-    "SU": frames.SU(2),
-    "GL": frames.GL(2),
-    "SL": frames.SL(2),
-    "Sp": frames.Sp(2),
-    "SE3": frames.SE3(),
-    "Semidirect": frames.Semidirect(frames.SO(2), 2),
-    "Sphere": frames.Sphere(2),
-    "Stiefel": frames.Stiefel(3, 2),
-    "AmbientStiefel": frames.AmbientStiefel(3, 2),
-    "Grassmann": frames.Grassmann(3, 2),
-    "Hyperbolic": frames.Hyperbolic(2),
-    "SPD": frames.SPD(2),
-    "UnitQuaternion": frames.UnitQuaternion(),
-    "Euclidean": frames.Euclidean(3),
+    "SO3": SO3, "SO": frames.SO(4), "U": frames.U(2), "SU": frames.SU(2), "GL": frames.GL(2),
+    "SL": frames.SL(2), "Sp": frames.Sp(2), "SE3": frames.SE3(),
+    "Semidirect": frames.Semidirect(frames.SO(2), 2), "Sphere": frames.Sphere(2),
+    "Stiefel": frames.Stiefel(3, 2), "AmbientStiefel": frames.AmbientStiefel(3, 2),
+    "Grassmann": frames.Grassmann(3, 2), "Hyperbolic": frames.Hyperbolic(2), "SPD": frames.SPD(2),
+    "UnitQuaternion": frames.UnitQuaternion(), "Euclidean": frames.Euclidean(3),
     "IsospectralOrbit": frames.IsospectralOrbit((-1.0, 0.25, 1.5)),
     "CoadjointOrbit": frames.CoadjointOrbit(SO3, (0.6, 0.0, -0.8)),
     "Product": frames.Product(frames.Sphere(2), frames.Euclidean(2)),
-    "Power": frames.Power(frames.Sphere(2), 2),
-    "PhaseSpace": frames.PhaseSpace(frames.Sphere(2)),
+    "Power": frames.Power(frames.Sphere(2), 2), "PhaseSpace": frames.PhaseSpace(frames.Sphere(2)),
     "FieldFrame": HEISENBERG,
     "MatrixFrame": frames.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
-}
+}  # fmt: skip
 
 
 def of_frame(name, frame):
@@ -46,25 +34,15 @@ def of_frame(name, frame):
     v = 0.1 * np.arange(1.0, frame.dim + 1)
     near = frame.flow(v, y)
     arguments = {
-        "field": {"v": v, "y": y},
-        "flow": {"v": v, "y": y},
-        "without_isotropy": {"v": v, "y": y},
-        "membership_error": {"y": y},
-        "relative_error": {"y": y},
-        "project": {"y": y},
-        "random_point": {"rng": RNG, "size": (2,)},
-        "random_vector": {"rng": RNG, "size": (2,)},
-        "distance": {"x": y, "y": near},
-        "exp_coordinates": {"y0": y, "y1": near},
-        "local_coordinates": {"y0": y, "y1": near},
-        "coordinate_sizes": {"y": y},
-        "check_point": {"y": y, "tolerance": 1e-8, "name": "y"},
-        "bracket": {"u": v, "v": 2 * v},
-        "dexpinv": {"u": v, "v": v[::-1], "order": 4},
-        "algebra": {"v": v},
-        "exponential": {"v": v},
+        "field": {"v": v, "y": y}, "flow": {"v": v, "y": y}, "without_isotropy": {"v": v, "y": y},
+        "membership_error": {"y": y}, "relative_error": {"y": y}, "project": {"y": y},
+        "random_point": {"rng": RNG, "size": (2,)}, "random_vector": {"rng": RNG, "size": (2,)},
+        "distance": {"x": y, "y": near}, "exp_coordinates": {"y0": y, "y1": near},
+        "local_coordinates": {"y0": y, "y1": near}, "coordinate_sizes": {"y": y},
+        "check_point": {"y": y, "tolerance": 1e-8, "name": "y"}, "bracket": {"u": v, "v": 2 * v},
+        "dexpinv": {"u": v, "v": v[::-1], "order": 4}, "algebra": {"v": v}, "exponential": {"v": v},
         "inverse": {"x": near},
-    }
+    }  # fmt: skip
     if name in ("FieldFrame", "AmbientStiefel"):  # there is no bracket
         del arguments["bracket"], arguments["dexpinv"]
     for method, values in arguments.items():
@@ -77,31 +55,29 @@ def of_frame(name, frame):
 
 GROUPS = [frames.GL, frames.SL, frames.SO, frames.SU, frames.U, frames.Sp]
 _COLUMNS = frames.Stiefel, frames.AmbientStiefel, frames.Grassmann
-FRAME_EXAMPLES = by_name(
-    [
-        *(call(group, n=2, convention="space") for group in GROUPS),
-        *(call(group, convention="space") for group in (frames.SO3, frames.SE3)),
-        call(frames.UnitQuaternion, convention="space", scalar_first=True),
-        *(call(space, n=2) for space in (frames.Sphere, frames.Euclidean, frames.SPD)),
-        *(call(space, n=3, k=2) for space in _COLUMNS),
-        call(frames.Hyperbolic, n=3),
-        call(frames.IsospectralOrbit, spectrum=(0.0, 1.0)),
-        call(frames.IsospectralOrbit.through, y0=[[1.0, 0.5], [0.5, 2.0]]),
-        call(frames.CoadjointOrbit, algebra=SO3, point=(0.6, 0.0, 0.8)),
-        call(frames.Power, factor=SO3, n=2),
-        call(frames.PhaseSpace, frame=SO3, inertia=[1.0, 2.0, 2.5]),
-        *(
-            call(getattr(FRAMES["PhaseSpace"], name), y=np.array([0.6, 0.0, 0.8, 0.3, 0.5, 0.2]))
-            for name in ("split", "velocity", "kinetic_energy")
-        ),
-        call(lambda factor: frames.Product(SO3, factor), factor=SO3),
-        call(FRAMES["Product"].split, y=np.zeros(5)),
-        call(frames.Semidirect, group=SO3, copies=2),
-        call(frames.LinearAction, generators=[[[0.0, 1.0], [-1.0, 0.0]]]),
-        call(frames.MatrixFrame, matrices=[[[0.0, 1.0], [0.0, 0.0]]], columns=2),
-        call(frames.FieldFrame, fields=[np.ones_like], flow=np.add, point_shape=2),
-    ]
-)
+FRAME_EXAMPLES = by_name([
+    *(call(group, n=2, convention="space") for group in GROUPS),
+    *(call(group, convention="space") for group in (frames.SO3, frames.SE3)),
+    call(frames.UnitQuaternion, convention="space", scalar_first=True),
+    *(call(space, n=2) for space in (frames.Sphere, frames.Euclidean, frames.SPD)),
+    *(call(space, n=3, k=2) for space in _COLUMNS),
+    call(frames.Hyperbolic, n=3),
+    call(frames.IsospectralOrbit, spectrum=(0.0, 1.0)),
+    call(frames.IsospectralOrbit.through, y0=[[1.0, 0.5], [0.5, 2.0]]),
+    call(frames.CoadjointOrbit, algebra=SO3, point=(0.6, 0.0, 0.8)),
+    call(frames.Power, factor=SO3, n=2),
+    call(frames.PhaseSpace, frame=SO3, inertia=[1.0, 2.0, 2.5]),
+    *(
+        call(getattr(FRAMES["PhaseSpace"], name), y=np.array([0.6, 0.0, 0.8, 0.3, 0.5, 0.2]))
+        for name in ("split", "velocity", "kinetic_energy")
+    ),
+    call(lambda factor: frames.Product(SO3, factor), factor=SO3),
+    call(FRAMES["Product"].split, y=np.zeros(5)),
+    call(frames.Semidirect, group=SO3, copies=2),
+    call(frames.LinearAction, generators=[[[0.0, 1.0], [-1.0, 0.0]]]),
+    call(frames.MatrixFrame, matrices=[[[0.0, 1.0], [0.0, 0.0]]], columns=2),
+    call(frames.FieldFrame, fields=[np.ones_like], flow=np.add, point_shape=2),
+])  # fmt: skip
 
 
 def of_problem(problem):

@@ -2,59 +2,32 @@
 
 import numpy as np
 
-from cg.frames import (
-    GL,
-    SE3,
-    SL,
-    SO,
-    SO3,
-    SPD,
-    SU,
-    CoadjointOrbit,
-    Euclidean,
-    FieldFrame,
-    Grassmann,
-    Hyperbolic,
-    IsospectralOrbit,
-    MatrixFrame,
-    Power,
-    Product,
-    Semidirect,
-    Sp,
-    Sphere,
-    Stiefel,
-    U,
-    UnitQuaternion,
-)
+from cg import frames as fr
 
 # y0' = v0, y1' = v1, y2' = y0 v1 - y1 v0: the Heisenberg group acts on space.
-HEISENBERG = FieldFrame(
+HEISENBERG = fr.FieldFrame(
     [lambda y: np.array([1.0, 0.0, -y[1]]), lambda y: np.array([0.0, 1.0, y[0]])],
     lambda v, y: y + np.array([v[0], v[1], y[0] * v[1] - y[1] * v[0]]),
     point_shape=3,
 )
 
 # A phase on the unit circle of the complex plane.
-CIRCLE = FieldFrame(
-    [lambda z: 1j * z],
-    lambda v, z: z * np.exp(1j * v[0]),
-    point_shape=(1,),
-    dtype=complex,
+CIRCLE = fr.FieldFrame(
+    [lambda z: 1j * z], lambda v, z: z * np.exp(1j * v[0]), point_shape=(1,), dtype=complex,
     membership_error=lambda z: abs(abs(z[0]) - 1.0),
-    restore=lambda z: z * (1.5 - 0.5 * abs(z) ** 2),
-    project=lambda z: z / abs(z),
+    restore=lambda z: z * (1.5 - 0.5 * abs(z) ** 2), project=lambda z: z / abs(z),
     distance=lambda x, z: abs(np.angle(z[0] * x[0].conj())),
     exp_coordinates=lambda x, z: [np.angle(z[0] * x[0].conj())],
     random_point=lambda rng: np.exp([2j * np.pi * rng.random()]),
-)
+)  # fmt: skip
 
 # The ellipse 4 x^2 + y^2 = 4, traversed with a period of pi.
-ELLIPSE = MatrixFrame(
+ELLIPSE = fr.MatrixFrame(
     [[[0.0, -1.0], [4.0, 0.0]]],
     membership_error=lambda y: abs(np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0) - 1.0),
     restore=lambda y: y / np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0),
     project=lambda y: y / np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0),
-    random_point=lambda rng: np.array([1.0, 2.0]) * Sphere(1).random_point(rng),
+    random_point=lambda rng: np.array([1.0, 2.0]) * fr.Sphere(1).random_point(rng),
 )
 
 HEISENBERG_CONSTANTS = (
@@ -63,92 +36,59 @@ HEISENBERG_CONSTANTS = (
     ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
 )
 
-ROTATIONS = [SO3(), SO3("space")]
+ROTATIONS = [fr.SO3(), fr.SO3("space")]
 QUATERNIONS = [
-    *(UnitQuaternion(), UnitQuaternion("space"), UnitQuaternion(scalar_first=True)),
-    UnitQuaternion("space", scalar_first=True),
+    *(fr.UnitQuaternion(), fr.UnitQuaternion("space"), fr.UnitQuaternion(scalar_first=True)),
+    fr.UnitQuaternion("space", scalar_first=True),
 ]
-POSES = [SE3(), SE3("space")]
+POSES = [fr.SE3(), fr.SE3("space")]
 COMPACT_GROUPS = [
-    *(SO(2), SO(3, "space"), SO(4), SO(5, "space"), U(1), U(2, "body"), U(3), SU(2)),
-    *(SU(2, "body"), SU(3), SU(4, "body")),
-]
+    *(
+        fr.SO(2), fr.SO(3, "space"), fr.SO(4), fr.SO(5, "space"), fr.U(1), fr.U(2, "body"), fr.U(3),
+        fr.SU(2),
+    ),
+    *(fr.SU(2, "body"), fr.SU(3), fr.SU(4, "body")),
+]  # fmt: skip
 COMPACT_SPACES = [
-    Sphere(1),
-    Sphere(2),
-    Sphere(4),
-    Stiefel(4, 2),
-    Stiefel(3, 3),
-    Grassmann(3, 1),
-    Grassmann(4, 2),
-    IsospectralOrbit((-1.0, 0.25, 1.5)),
-    IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
-    CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)),
-    CoadjointOrbit(SO3(), (0.3, 0.4, 1.2), "space"),
-    CoadjointOrbit(SU(3), (0.5, -0.25, 1.0, 0.0, 0.75, 0.0, -0.5, 0.25)),
-    CIRCLE,
-    ELLIPSE,
-]
+    fr.Sphere(1), fr.Sphere(2), fr.Sphere(4), fr.Stiefel(4, 2), fr.Stiefel(3, 3),
+    fr.Grassmann(3, 1), fr.Grassmann(4, 2), fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
+    fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, -0.8)),
+    fr.CoadjointOrbit(fr.SO3(), (0.3, 0.4, 1.2), "space"),
+    fr.CoadjointOrbit(fr.SU(3), (0.5, -0.25, 1.0, 0.0, 0.75, 0.0, -0.5, 0.25)), CIRCLE, ELLIPSE,
+]  # fmt: skip
 SMALL_EXPONENTS = [
-    GL(1),
-    GL(2),
-    GL(3, "body"),
-    SL(2),
-    SL(3, "body"),
-    Sp(2),
-    Sp(4, "body"),
-    Semidirect(SL(2)),
-    Semidirect(SO(2, "space"), 2),
-    Semidirect(SO3(), 2),
-    CoadjointOrbit(SE3(), (0.5, 0.25, -0.5, 0.3, 0.2, 0.1)),
-    CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
-    CoadjointOrbit(HEISENBERG_CONSTANTS, (0.5, 0.25, 1.5), "space"),
-    SPD(1),
-    SPD(3),
-    Hyperbolic(2),
-    Hyperbolic(4),
-    HEISENBERG,
-    MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
-    MatrixFrame([[[0.0, 1j], [1j, 0.0]], [[0.5, 0.0], [0.0, 1j]]], 2),
-    Product(GL(2), Sphere(2), Sp(2)),
-]
-FLAT = [Euclidean(1), Euclidean(4)]
+    fr.GL(1), fr.GL(2), fr.GL(3, "body"), fr.SL(2), fr.SL(3, "body"), fr.Sp(2), fr.Sp(4, "body"),
+    fr.Semidirect(fr.SL(2)), fr.Semidirect(fr.SO(2, "space"), 2), fr.Semidirect(fr.SO3(), 2),
+    fr.CoadjointOrbit(fr.SE3(), (0.5, 0.25, -0.5, 0.3, 0.2, 0.1)),
+    fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
+    fr.CoadjointOrbit(HEISENBERG_CONSTANTS, (0.5, 0.25, 1.5), "space"), fr.SPD(1), fr.SPD(3),
+    fr.Hyperbolic(2), fr.Hyperbolic(4), HEISENBERG,
+    fr.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
+    fr.MatrixFrame([[[0.0, 1j], [1j, 0.0]], [[0.5, 0.0], [0.0, 1j]]], 2),
+    fr.Product(fr.GL(2), fr.Sphere(2), fr.Sp(2)),
+]  # fmt: skip
+FLAT = [fr.Euclidean(1), fr.Euclidean(4)]
 PRODUCTS = [
-    Product(SO3()),
-    Product(SO3(), Euclidean(3)),
-    Product(Euclidean(2), Product(SO3("space"), SO3()), Euclidean(1)),
-    Product(SU(2), UnitQuaternion(), U(1)),
-    Power(SO3(), 1),
-    Power(Sphere(2), 3),
-    Power(SU(3), 2),
-    Power(Product(SO3(), Euclidean(1)), 2),
-    Product(Power(UnitQuaternion(), 2), Euclidean(2)),
-]
+    fr.Product(fr.SO3()), fr.Product(fr.SO3(), fr.Euclidean(3)),
+    fr.Product(fr.Euclidean(2), fr.Product(fr.SO3("space"), fr.SO3()), fr.Euclidean(1)),
+    fr.Product(fr.SU(2), fr.UnitQuaternion(), fr.U(1)), fr.Power(fr.SO3(), 1),
+    fr.Power(fr.Sphere(2), 3), fr.Power(fr.SU(3), 2),
+    fr.Power(fr.Product(fr.SO3(), fr.Euclidean(1)), 2),
+    fr.Product(fr.Power(fr.UnitQuaternion(), 2), fr.Euclidean(2)),
+]  # fmt: skip
 FRAMES = [
-    *ROTATIONS,
-    *FLAT,
-    *PRODUCTS,
-    *QUATERNIONS,
-    *POSES,
-    *COMPACT_GROUPS,
-    *COMPACT_SPACES,
+    *ROTATIONS, *FLAT, *PRODUCTS, *QUATERNIONS, *POSES, *COMPACT_GROUPS, *COMPACT_SPACES,
     *SMALL_EXPONENTS,
-]
+]  # fmt: skip
 # Where flows grow exponentially, or like the square of time, far means not so far.
 MAX_SCALE = dict.fromkeys(SMALL_EXPONENTS, 0.3)
 
 # All of the array space, up to a set without interior.
 OPEN = [
-    *FLAT,
-    GL(1),
-    GL(2),
-    GL(3, "body"),
-    SPD(1),
-    Hyperbolic(2),
-    Hyperbolic(4),
-    HEISENBERG,
-    *SMALL_EXPONENTS[-3:-1],
-]
+    *FLAT, fr.GL(1), fr.GL(2), fr.GL(3, "body"), fr.SPD(1), fr.Hyperbolic(2), fr.Hyperbolic(4),
+    HEISENBERG, *SMALL_EXPONENTS[-3:-1],
+]  # fmt: skip
 
 
 def name(frame):

@@ -45,19 +45,7 @@ class DebianMinpack:
         self._library = library
         library.enorm_.restype = ctypes.c_double
 
-    def lmdif(
-        self,
-        f,
-        x0,
-        m,
-        *,
-        ftol,
-        xtol,
-        gtol,
-        maxfev,
-        epsfcn,
-        factor,
-    ):
+    def lmdif(self, f, x0, m, *, ftol, xtol, gtol, maxfev, epsfcn, factor):
         n = x0.size
         x, fvec, fjac = x0.copy(), np.empty(m), np.empty((m, n), order="F")
         diag, qtf, ipvt = np.ones(n), np.empty(n), np.empty(n, np.intc)
@@ -79,11 +67,6 @@ class DebianMinpack:
             *(pointer(array) for array in work),
         )
         return {
-            "x": x,
-            "fvec": fvec,
-            "info": info.value,
-            "nfev": nfev.value,
-            "fjac": fjac,
-            "ipvt": ipvt - 1,
-            "qtf": qtf,
-        }
+            "x": x, "fvec": fvec, "info": info.value, "nfev": nfev.value, "fjac": fjac,
+            "ipvt": ipvt - 1, "qtf": qtf,
+        }  # fmt: skip

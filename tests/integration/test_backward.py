@@ -22,12 +22,8 @@ def problem(request):
     def f(t, y, factor):
         return factor * np.tensordot([1.0, np.sin(2 * t), y.ravel()[0]], amplitudes, 1)
 
-    def backward(t, y):
-        return f(t, y, 0.5 if t > 1.25 else 2.0 if t > 0.75 else 1.0)
-
-    def forward(s, y):
-        return -f(END - s, y, 0.5 if s < 0.75 else 2.0 if s < 1.25 else 1.0)
-
+    backward = lambda t, y: f(t, y, 0.5 if t > 1.25 else 2.0 if t > 0.75 else 1.0)
+    forward = lambda s, y: -f(END - s, y, 0.5 if s < 0.75 else 2.0 if s < 1.25 else 1.0)
     return frame, frame.random_point(rng, 2), backward, forward
 
 
@@ -68,42 +64,3 @@ def test_output_and_events(problem, way):
     for i in range(3):
         agree(run.t_events[i], END - reverse.t_events[i])
         agree(run.y_events[i], reverse.y_events[i])
-
-
-@pytest.mark.parametrize("common_steps", [False, True])
-@pytest.mark.parametrize("way", WAYS, ids=str)
-def test_ensembles(problem, way, common_steps):
-    way = way | {"common_steps": common_steps}
-    events = [(lambda t, y: y.ravel()[0] - 0.1, {}), (lambda t, y: t - 0.4, {"terminal": True})]
-    if common_steps:
-        events.pop()
-    run, reverse = both(cg.solve_ensemble, problem, problem[1], way, events)
-    agree(run.y, reverse.y)
-    agree(run.t_end, END - reverse.t_end)
-    for member in range(2):
-        agree(run[member].t, END - reverse[member].t)
-        grid = np.linspace(END, run.t_end[member] + 1e-9, 50)
-        agree(run.sol[member](grid), reverse.sol[member](END - grid))
-        agree(run.t_events[0][member], END - reverse.t_events[0][member])
-
-
-@pytest.mark.parametrize("way", WAYS, ids=str)
-def test_steppers(problem, way):
-    frame, (y0, _), backward, forward = problem
-    last = np.nextafter(POINTS[0], END)  # on the side of the interval
-
-    def inside(t, y):
-        return backward(max(t, last), y)
-
-    stepper = cg.Stepper(inside, END, y0, POINTS[0], frame=frame, **way)
-    reverse = cg.solve_ivp(
-        forward, (0, END), y0, frame=frame, dense_output=True,
-        breakpoints=[END - POINTS[0]], **way,
-    )  # fmt: skip
-    while stepper.status == "running":
-        stepper.step()
-        assert stepper.t < stepper.t_old
-        middle = (stepper.t + stepper.t_old) / 2
-        agree(stepper.y, reverse.sol(END - stepper.t))
-        agree(stepper.dense_output()(middle), reverse.sol(END - middle))
-    assert stepper.t == POINTS[0]

@@ -67,18 +67,6 @@ def test_steps_end_at_breakpoints_and_use_one_side(way, backward, in_c, side):
     assert solution.nrejected == 0
 
 
-@pytest.mark.parametrize("way", WAYS[:3], ids=str)
-def test_output_across_them(way):
-    times = np.sort(np.concatenate([np.linspace(0, 1, 14), POINTS]))
-    options = {"breakpoints": POINTS, **LINE, **way}
-    dense = cg.solve_ivp(stairs, (0, 1), [0.0], dense_output=True, **options)
-    some = cg.solve_ivp(stairs, (0, 1), [0.0], t_eval=times, **options)
-    np.testing.assert_array_equal(some.y, dense.sol(times))
-    np.testing.assert_allclose(some.y[:, 0], height(times), rtol=0, atol=1e-13)
-    event = cg.solve_ivp(stairs, (0, 1), [0.0], events=lambda t, y: y[0] - height(0.5), **options)
-    np.testing.assert_allclose(event.t_events[0], [0.5], rtol=0, atol=1e-13)
-
-
 def test_those_at_the_ends_change_nothing_and_those_beyond_are_refused():
     without = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], **LINE)
     solution = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=[0.0, 0.2], **LINE)
@@ -96,9 +84,7 @@ def test_warning_for_kinks_without_breakpoints():
     times = np.linspace(0.0, 1.0, 1001)
     rates = np.random.default_rng(1).standard_normal((3, len(times)))
 
-    def f(t, y):
-        return [np.interp(t, times, row) for row in rates]
-
+    f = lambda t, y: [np.interp(t, times, row) for row in rates]
     options = {"frame": SO3(), "method": "RKMK8(5,3)", "rtol": 1e-11, "atol": 1e-11}
     with pytest.warns(UserWarning, match="name them as breakpoints") as caught:
         poor = cg.solve_ivp(f, (0, 1), np.eye(3), **options)

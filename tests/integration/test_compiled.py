@@ -14,8 +14,6 @@ from cg.integration import integrate
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
 
-pytestmark = pytest.mark.sanitize
-
 
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])
 def test_rounding_off_the_manifold_does_not_add_up(name, affine):
@@ -45,7 +43,7 @@ def test_every_kth_step_and_the_last_are_stored(every, compiled, affine):
 @pytest.mark.parametrize("every", [1, 2, 3, 6, 7, 30])
 def test_stored_steps_do_not_depend_on_pauses(every, monkeypatch):
     options = {"frame": SO3(), "method": "CG3", "h": 0.05, "save_every": every}
-    f = lambda t, y: [t, y[0, 0], 1.0]  # noqa: E731
+    f = lambda t, y: [t, y[0, 0], 1.0]
     expected = integrate(f, (0, 1), np.eye(3), **options)
     rng = np.random.default_rng(6)
     for most in range(1, 20):
@@ -69,24 +67,6 @@ def test_pointers_and_callables_are_the_same(function, library):
     for actual in results:
         np.testing.assert_array_equal(actual, results[0])
     assert results[0][-1, 0] == pytest.approx(np.e, abs=1e-4)
-
-
-def test_numba(affine):
-    numba = pytest.importorskip("numba")
-    pointer = numba.types.CPointer(numba.types.float64)
-
-    @numba.cfunc(
-        numba.types.int32(numba.types.float64, pointer, pointer, numba.types.voidptr), cache=False
-    )
-    def growth(t, y, f, user_data):
-        f[0] = y[0]
-        return 0
-
-    options = {"frame": Euclidean(1), "method": "CG4a", "h": 0.125}
-    expected = integrate(lambda t, y: y, (0, 1), [1.0], **options).y
-    for f in (growth, LowLevelCallable(growth.ctypes)):
-        assert compiled_rhs(f) is not None
-        np.testing.assert_allclose(integrate(f, (0, 1), [1.0], **options).y, expected, atol=1e-15)
 
 
 class Meeting(ctypes.Structure):
@@ -135,27 +115,21 @@ def test_ensembles_and_complex_points_from_python(function):
         compiled_rhs(function("stops")).on(Euclidean(1), None).at_member(0, 1.0, np.zeros(1))
 
 
-@pytest.mark.parametrize(
-    ("method", "message"),
-    [
-        ("LieEuler", "the solution is no longer finite at t = 10000000000"),
-        ("CG2", "a stage is no longer finite at t = 5000000000"),
-        ("RKMK4", "a stage is no longer finite at t = 5000000000"),
-    ],
-)
+@pytest.mark.parametrize(("method", "message"), [
+    ("LieEuler", "the solution is no longer finite at t = 10000000000"),
+    ("CG2", "a stage is no longer finite at t = 5000000000"),
+    ("RKMK4", "a stage is no longer finite at t = 5000000000"),
+])  # fmt: skip
 def test_solutions_that_overflow(method, message, function):
     with pytest.raises(OverflowError, match=message):
         integrate(function("growth"), (0, 1e10), [1e300], frame=Euclidean(1), method=method, h=1e10)
 
 
-@pytest.mark.parametrize(
-    ("frame", "y0"),
-    [
-        (Sphere(3), [0.0, 0.0, 0.0, 1.0]),
-        (SL(3), np.eye(3)),
-        (Product(SO3(), GL(2)), np.concatenate([np.eye(3).ravel(), np.eye(2).ravel()])),
-    ],
-)
+@pytest.mark.parametrize(("frame", "y0"), [
+    (Sphere(3), [0.0, 0.0, 0.0, 1.0]),
+    (SL(3), np.eye(3)),
+    (Product(SO3(), GL(2)), np.concatenate([np.eye(3).ravel(), np.eye(2).ravel()])),
+])  # fmt: skip
 def test_on_frames_that_are_not_compiled_it_is_called_from_python(frame, y0, function):
     with pytest.raises(ValueError, match="f must return finite numbers"):  # it sets one only
         integrate(function("growth"), (0, 1), y0, frame=frame, method="CG3", h=0.1)
@@ -175,13 +149,11 @@ def requires_data(library):
     )(ctypes.cast(ctypes.pythonapi.PyCapsule_New, ctypes.c_void_p).value)
     text = b"int (double, double const *, double *, double const *)"
     return {
-        "pointer": pointer,
-        "prototype": prototype(address),
-        "callable": LowLevelCallable(pointer),
+        "pointer": pointer, "prototype": prototype(address), "callable": LowLevelCallable(pointer),
         "capsule": LowLevelCallable(capsule(address, text, None)),
         "cfunc": type("CFunc", (), {"address": address, "ctypes": prototype(address)})(),
         "text": text,
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", ["pointer", "prototype", "callable", "capsule", "cfunc"])
@@ -218,15 +190,12 @@ def test_other_signatures_are_refused(library):
         integrate(LowLevelCallable(bare), (0, 1), [1.0], **OPTIONS)
 
 
-@pytest.mark.parametrize(
-    ("name", "y0", "error", "message"),
-    [
-        ("stops", [0.0], RuntimeError, r"^f returned the error code 7 at t = 0\.[5-9]"),
-        ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.[5-9]"),
-        ("writes_nothing", [0.0], ValueError, "f must return finite numbers, and all"),
-        ("square", [1e160], ValueError, "f must return finite numbers"),
-    ],
-)
+@pytest.mark.parametrize(("name", "y0", "error", "message"), [
+    ("stops", [0.0], RuntimeError, r"^f returned the error code 7 at t = 0\.[5-9]"),
+    ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.[5-9]"),
+    ("writes_nothing", [0.0], ValueError, "f must return finite numbers, and all"),
+    ("square", [1e160], ValueError, "f must return finite numbers"),
+])  # fmt: skip
 @pytest.mark.parametrize("output", [{}, {"dense_output": True}, {"t_eval": [0.1, 0.9]}])
 @pytest.mark.parametrize("steps", [{"method": "CG2", "h": 0.25}, {}, {"max_step": 0.01}], ids=str)
 def test_failures_of_f(name, y0, error, message, output, steps, function):

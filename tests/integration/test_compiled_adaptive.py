@@ -5,11 +5,9 @@ import pytest
 from compiled_examples import PROBLEMS, frames_in_python
 
 import cg
-from cg.frames import SU, Euclidean
+from cg.frames import Euclidean
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
-
-pytestmark = pytest.mark.sanitize
 
 TOLERANCE = 1e-13
 
@@ -76,22 +74,6 @@ def test_motion_without_error(function):
         fast, slow = both(function("rests"), span, y0, Euclidean(1))
         assert_same_steps(fast, slow)
         assert fast.t[-1] == span[1]
-
-
-def test_complex_points(affine):
-    problem = PROBLEMS["SU2 space"]
-    f, _keep = affine(problem)
-    y0 = problem.y0.view(complex).reshape(2, 2)
-    options = {"rtol": 1e-6, "atol": 1e-6, "t_eval": [0.0, 0.4, 1.0], "dense_output": True}
-    solution = cg.solve_ivp(f, (0, 1), y0, frame=SU(2), **options)
-    flat = cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **options)
-    assert (solution.y.dtype, solution.y.shape) == (complex, (3, 2, 2))
-    np.testing.assert_array_equal(solution.y.reshape(3, 4).view(float), flat.y)
-    assert SU(2).membership_error(solution.sol(np.linspace(0, 1, 7))).max() < 1e-14
-    fixed = cg.integrate(f, (0, 1), y0, frame=SU(2), method="CG4a", h=0.1)
-    slow = cg.integrate(from_python(f, SU(2)), (0, 1), y0, frame=SU(2), method="CG4a", h=0.1)
-    assert fixed.y.dtype == complex
-    np.testing.assert_allclose(fixed.y, slow.y, rtol=0, atol=1e-14)
 
 
 def test_points_between_where_the_step_has_no_logarithm(affine):

@@ -8,8 +8,6 @@ from frame_examples import name
 from cg.frames import SO, SU, IsospectralOrbit, Sphere, Stiefel, U
 from cg.integration.step.flows import Flows, _CompiledFlows, _GroupFlows, dexpinv_of, flows_of
 
-pytestmark = pytest.mark.sanitize
-
 GROUPS = [
     *(SO(2), SO(4), SO(5), SO(6), SO(8, "space"), SO(12), SU(3), SU(4), U(2), U(3), U(3, "body")),
     *(SO(13), SO(20, "space"), SU(14, "body"), U(13)),  # by BLAS

@@ -13,8 +13,6 @@ from cg.integration.step.blocks import block_constants, is_compiled
 from cg.integration.step.flows import Flows, flows_of
 from cg.support.shared_numbers import BlockKind
 
-pytestmark = pytest.mark.sanitize
-
 
 def in_python(call):
     with frames_in_python(
@@ -83,9 +81,7 @@ def test_tolerances_of_entries():
     for key in ("DP5(4)", "CF4(3)", "DOP853"):
         options = {"frame": frame, "method": key, "rtol": 1e-13, "atol": atol}
 
-        def solve(options=options):
-            return cg.solve_ivp(f, (0, 1), y0, **options)
-
+        solve = lambda options=options: cg.solve_ivp(f, (0, 1), y0, **options)
         fast, slow = solve(), in_python(solve)
         assert (fast.steps, fast.nfev) == (slow.steps, slow.nfev)
         np.testing.assert_allclose(fast.t[1], slow.t[1], rtol=1e-9)  # chosen from the slopes

@@ -11,8 +11,6 @@ from test_events import CIRCLE, circle, height, solve
 import cg
 from cg.frames import SU, Euclidean
 
-pytestmark = pytest.mark.sanitize
-
 PAIR = {"rtol": 1e-5, "atol": 1e-5}
 FIXED = {"method": "CG4a", "h": 0.07}
 

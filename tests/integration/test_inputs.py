@@ -89,7 +89,7 @@ def test_held_values_are_exact_on_both_sides_of_their_times(span, way, in_c, fun
     times = np.arange(3.0)
     held = cg.Samples(times, [1.0, -2.0, 4.0])
     f = function("slope_is_input") if in_c else (lambda t, y, u: [u])
-    integral = lambda t: np.interp(t, [0, 1, 2, 3], [0, 1, -1, 3])  # noqa: E731
+    integral = lambda t: np.interp(t, [0, 1, 2, 3], [0, 1, -1, 3])
     run = cg.solve_ivp(f, span, [0.0], frame=LINE, inputs=held, t_eval=span, **way)
     expected = integral(span[1]) - integral(span[0])
     np.testing.assert_allclose(run.y[-1], expected, rtol=0, atol=4e-15)
@@ -155,7 +155,7 @@ def spin(t, u):
 @pytest.mark.parametrize("method", ["auto", "CF4"])
 def test_linear_equations(vectorized, method):
     pulse = cg.Samples(np.linspace(0, 1, 20), RNG.standard_normal((20, 2)))
-    rows = lambda t, u: np.stack([u[:, 0], u[:, 1], np.ones(len(t))], axis=1)  # noqa: E731
+    rows = lambda t, u: np.stack([u[:, 0], u[:, 1], np.ones(len(t))], axis=1)
     options = {"frame": SO3(), "method": method, **(TIGHT if method == "auto" else {"h": 0.05})}
     run = cg.solve_linear(
         rows if vectorized else spin, (0, 1.2), np.eye(3), inputs=pulse, vectorized=vectorized,
@@ -190,7 +190,7 @@ def test_derivatives(in_c, given, function):
     mixed = function("blown_df_dp") if in_c else driven_df_dp
     derivatives = {"jac": driven_jac, "df_dp": mixed} if given else {}
     options = {"frame": FRAME, "parameters": GAIN, **TIGHT, "control_derivatives": True}
-    event = lambda t, y, *_: y[9] - 0.3  # noqa: E731
+    event = lambda t, y, *_: y[9] - 0.3
     run = cg.solve_variational(
         function("blown") if in_c else driven, (0, 2), START, inputs=(curve, GUST), events=event,
         **derivatives, **options,
@@ -219,7 +219,7 @@ def test_stiff_equations_with_a_jacobian(kind):
         "differences": None,
     }[kind]
     many = kind == "vectorized"
-    f = lambda t, y, u: (  # noqa: E731
+    f = lambda t, y, u: (
         u[:, None] ** 2 * (y @ matrix.T) + u[:, None] if many else u**2 * (matrix @ y) + u
     )
     solve = cg.solve_ensemble if many else cg.solve_ivp

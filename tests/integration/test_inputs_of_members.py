@@ -48,7 +48,7 @@ def test_members_have_inputs_of_their_own(workers, kind, library):
 
 def test_members_without_parameters_and_those_that_fail():
     held = cg.Samples([0.0, 1.0], [[0.5, 0.5], [0.5, -1.0], [0.5, 9.0]], members=True)
-    f = lambda t, y, u: [u * y[0] ** 2]  # noqa: E731
+    f = lambda t, y, u: [u * y[0] ** 2]
     with pytest.warns(UserWarning, match="1 of 3 trajectories"):
         run = cg.solve_ensemble(
             f, (0, 1.5), np.ones((3, 1)), frame=LINE, inputs=held, t_eval=[1.0, 1.5], **TIGHT
@@ -56,7 +56,7 @@ def test_members_without_parameters_and_those_that_fail():
     assert run.status.tolist() == [0, 0, -1]
     np.testing.assert_allclose(run.y[0], 2.0, rtol=1e-7)
     np.testing.assert_allclose(run.y[1, :2, 0], [4.0, 1.0], rtol=1e-7)
-    events = lambda t, y, u: u  # noqa: E731
+    events = lambda t, y, u: u
     signs = cg.solve_ensemble(
         f, (0, 1.5), np.ones((2, 1)), frame=LINE, events=events, workers=2,
         inputs=cg.Samples([0.0, 1.0], [[0.1, 0.2], [0.1, -1.0]], members=True),

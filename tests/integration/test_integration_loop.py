@@ -4,6 +4,7 @@ import gc
 import re
 import weakref
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,10 +13,10 @@ from equal_grids import make_grid
 import cg
 from cg.catalogue import resolve_method
 from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
+from cg.integration.loop import step_budget
 from cg.integration.loop.run import Run
-from cg.integration.step.interpolant import extra_evaluations, node_count, result_flows
-
-pytestmark = pytest.mark.sanitize
+from cg.integration.loop.step_budget import StepBudget
+from cg.integration.step.interpolant import extra_evaluations
 
 EXTRA = {
     **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},
@@ -23,15 +24,6 @@ EXTRA = {
     **{"RKMK3(2)": 0, "RKMK4": 1, "RKMK5(4)": 2, "RKMK8(5,3)": 8},
 }
 RATES, NEVER = np.array([-1.0, -2.0]), 1e9
-
-
-def decay(function, ends=(NEVER, NEVER)):
-    """Return a compiled right-hand side of two members, and their numbers."""
-    return function("decays"), np.stack([RATES, ends], axis=-1)
-
-
-def half(t, y, *parameters):
-    return y[0] - 0.5
 
 
 @pytest.mark.parametrize(("units", "steps"), [(0, 1600), (1, 1600), (2, 1601)])
@@ -82,33 +74,6 @@ def test_plans_of_many_frames_and_methods_are_not_kept():
     assert sum(reference() is not None for reference in references) <= 64
 
 
-@pytest.mark.parametrize("method", ["CG3", "CG4a", "CF4(3)", "RKMK5(4)"])
-@pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 1)], ids=repr)
-def test_flows_of_output_between_steps(method, frame):
-    y0 = frame.random_point(np.random.default_rng(1))
-    options = {"frame": frame, "method": method, "h": 0.25}
-
-    def solve(**extra):
-        return cg.solve_ivp(lambda t, y: [t, 1.0, y[0, 0]], (0, 1), y0, **options, **extra)
-
-    without = solve()
-    assert solve(t_eval=[0.25, 0.75]).nexp == without.nexp
-    extra, flows = extra_evaluations(without.method), 1
-    if method.startswith("RKMK"):
-        flows_of_output = extra
-    elif frame == SO3():  # some iterations lead to the coordinates of the end
-        flows_of_output = solve(t_eval=[0.25, 0.6]).nexp - without.nexp - flows
-        assert extra + 2 <= flows_of_output <= extra + 4
-        return
-    else:
-        nodes, flows = node_count(without.method), len(result_flows(without.method)) + 1
-        # the interpolant with n nodes is closed at its end; that with one less leads to n - 2
-        flows_of_output = (nodes - 1) * flows + extra * flows
-    assert solve(t_eval=[0.25, 0.6]).nexp == without.nexp + flows_of_output + flows
-    assert solve(t_eval=[0.3, 0.55, 0.7]).nexp == without.nexp + 2 * flows_of_output + 3 * flows
-    assert solve(dense_output=True).nexp == without.nexp + 4 * flows_of_output
-
-
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
 @pytest.mark.filterwarnings("ignore:invalid:RuntimeWarning")
 @pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 1)], ids=repr)
@@ -138,26 +103,6 @@ def test_coordinates_of_zero_need_an_absolute_tolerance():
     with pytest.raises(ValueError, match=message):
         cg.solve_ivp(lambda t, y: [1.0, 1.0], (0, 1), [0.0, 0.0], **options)
     assert cg.solve_ivp(lambda t, y: [1.0, 0.0], (0, 1), [0.0, 0.0], **options).success
-
-
-@pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 1 / 32}])
-@pytest.mark.parametrize("in_c", [True, False], ids=["C", "Python"])
-def test_a_member_s_solution_reaches_the_event_that_ends_it(options, in_c, function):
-    f, parameters = decay(function)
-    if not in_c:
-        f = lambda t, y, own: own[0] * y  # noqa: E731
-    for span in ((0.0, 2.0), (0.25, 2.25)):
-        solution = cg.solve_ensemble(
-            f, span, np.ones((2, 1)), frame=Euclidean(1), events=cg.Event(half, terminal=True),
-            dense_output=True, parameters=parameters, **options,
-        )  # fmt: skip
-        for i in range(2):
-            end, point = solution.t_events[0][i][0], solution.y_events[0][i][0]
-            assert solution.t_end[i] == end
-            np.testing.assert_array_equal(solution.sol(end)[i], point)
-            assert np.isnan(solution.sol(min(np.nextafter(end, 9), solution.sol.t_max))[i]) == (
-                i == 1
-            )
 
 
 def test_events_at_the_end_of_a_step():
@@ -191,3 +136,39 @@ def test_memory_for_steps_grows(monkeypatch):
     assert sizes == [64, 256, 1024, 2048, 2048]
     np.testing.assert_allclose(run.y[:, 0], run.t, rtol=0, atol=run.steps * np.spacing(10.0))
     assert len(run.t) == run.steps + 1
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(step_budget.time, "perf_counter", lambda: now[0])
+    return now
+
+
+@pytest.mark.parametrize("seconds_a_step", [1e-7, 1e-3, 1.0])
+def test_pauses_come_to_the_same_time(seconds_a_step, clock):
+    chosen = StepBudget()
+    sizes = []
+    for _ in range(12):
+        sizes.append(chosen.start())
+        clock[0] += sizes[-1] * seconds_a_step
+        chosen.stop(sizes[-1])
+    assert sizes[0] == 1
+    assert max(b / a for a, b in pairwise(sizes)) <= 8
+    assert sizes[-1] == pytest.approx(max(1, 0.03 / seconds_a_step), abs=1)
+
+
+def test_budget_after_short_runs(clock):
+    chosen = StepBudget()
+    for _ in range(100):  # trajectories of five steps
+        steps = min(chosen.start(), 5)
+        clock[0] += steps * 1e-4
+        chosen.stop(steps)
+    assert chosen.start() == pytest.approx(300, abs=1)
+
+
+def test_steps_that_take_no_time_are_counted_in_32_bits(clock):
+    chosen = StepBudget()
+    for _ in range(50):
+        chosen.stop(chosen.start())
+    assert chosen.start() == 2**30

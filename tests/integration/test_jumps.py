@@ -6,8 +6,6 @@ import pytest
 import cg
 from cg.frames import SO3, Euclidean, Product
 
-pytestmark = pytest.mark.sanitize
-
 GRAVITY, KEPT = 9.81, 0.9
 BODY = Product(SO3(), Euclidean(3))
 
@@ -92,9 +90,7 @@ def test_an_event_does_not_happen_again_where_it_jumped(backward, shift):
     """The jump leaves the function at its zero, or a rounding to either side."""
     sign = -1.0 if backward else 1.0
 
-    def jump(t, y):
-        return [y[0], y[1] + 1.0]
-
+    jump = lambda t, y: [y[0], y[1] + 1.0]
     solution = cg.solve_ivp(
         lambda t, y: [1.0, 0.0], (0, 6 * sign), [0.0, 0.0], frame=Euclidean(2), max_step=0.4,
         events=cg.Event(lambda t, y: np.sin(np.pi * (t - 0.5 * sign)) + shift, jump=jump),
@@ -204,9 +200,7 @@ def test_bounces_end_where_a_ball_returns_to_the_rounding_of_its_height(method):
 def test_noise_of_a_function_after_a_jump_is_no_event(start, options):
     """The ball rests on the floor; a function of numbers of 1e6 is exact to 1e-10 only."""
 
-    def noise(t):
-        return 1e-10 * np.sin(1e12 * t)
-
+    noise = lambda t: 1e-10 * np.sin(1e12 * t)
     floor = cg.Event(
         lambda t, y: y[0] + noise(t), direction=-1, jump=lambda t, y: [-noise(t), 0.0, y[2]]
     )
@@ -243,9 +237,7 @@ def test_a_jump_may_leave_a_solution_that_passes_slowly():
 def test_events_at_the_same_time_happen_in_any_order(order, spread):
     """Two balls, a count of the impacts of the first, and an event that ends at the third."""
 
-    def bounce_of(k):
-        return lambda t, y: [*y[:k], 0.0, -KEPT * y[k + 1], *y[k + 2 :]]
-
+    bounce_of = lambda k: lambda t, y: [*y[:k], 0.0, -KEPT * y[k + 1], *y[k + 2 :]]
     events = [
         cg.Event(lambda t, y: y[0], direction=-1, jump=bounce_of(0)),
         # with rounding errors of its own
@@ -283,14 +275,9 @@ def test_other_events_in_the_step_of_a_jump():
         cg.Event(lambda t, y: y[0] - 0.6),
     ]
     solution = cg.solve_ivp(
-        lambda t, y: [1.0],
-        (0, 1.95),
-        [0.0],
-        frame=Euclidean(1),
-        method="CG4a",
-        h=2.0,
+        lambda t, y: [1.0], (0, 1.95), [0.0], frame=Euclidean(1), method="CG4a", h=2.0,
         events=events,
-    )
+    )  # fmt: skip
     np.testing.assert_allclose(solution.t_events[0], [0.4, 0.9, 1.4, 1.9], rtol=0, atol=1e-14)
     np.testing.assert_allclose(solution.t_events[1], [0.5, 1.0, 1.5], rtol=0, atol=1e-14)
     assert len(solution.t_events[2]) == 0
@@ -298,16 +285,13 @@ def test_other_events_in_the_step_of_a_jump():
         np.testing.assert_array_equal(before, after)
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ([0.0], r"events\[1\]\.jump\(t, y\) must have shape \(2,\), got \(1,\).*at t = 0.45"),
-        ([0.0, np.nan], r"events\[1\]\.jump\(t, y\) must be finite.*at t = 0.45"),
-        (None, r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
-        ("up", r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
-        ([1j, 0.0], r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
-    ],
-)
+@pytest.mark.parametrize(("value", "message"), [
+    ([0.0], r"events\[1\]\.jump\(t, y\) must have shape \(2,\), got \(1,\).*at t = 0.45"),
+    ([0.0, np.nan], r"events\[1\]\.jump\(t, y\) must be finite.*at t = 0.45"),
+    (None, r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
+    ("up", r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
+    ([1j, 0.0], r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
+])  # fmt: skip
 def test_a_wrong_point_after_a_jump_is_named(value, message):
     events = [lambda t, y: 1.0, cg.Event(height, direction=-1, jump=lambda t, y: value)]
     for options in ({}, {"h": 0.1}):
@@ -322,12 +306,8 @@ def test_a_point_off_the_manifold_after_a_jump_is_refused():
 
 
 def test_functions_with_attributes_jump_as_events_do():
-    def floor(t, y):
-        return y[0] - 0.5
-
-    def double(t, y):
-        return 2.0 * y
-
+    floor = lambda t, y: y[0] - 0.5
+    double = lambda t, y: 2.0 * y
     attached = cg.Event(floor, direction=-1, jump=double)
     floor.direction, floor.jump = -1, double
     options = {"frame": Euclidean(1), "rtol": 1e-8, "atol": 1e-8}

@@ -126,10 +126,6 @@ class TestLinearAction:
             assert len(set(frames)) == len({hash(frame) for frame in frames}) == len(frames)
         assert first != LinearAction(list(self.DENSE[:2]))
 
-    def test_a_flow_beyond_double_precision_is_refused(self):
-        with pytest.raises(cg.frames.FlowOverflowError):
-            LinearAction([np.eye(2)]).flow([1e12], [1.0, 0.0])
-
 
 class TestPolynomialFlows:
     """One flow per step of `LinearAction`, along the polynomial that interpolates a."""
@@ -178,9 +174,7 @@ class TestPolynomialFlows:
     @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
     def test_errors_are_below_the_tolerances(self, phase, tolerance):
         # coefficients of Legendre's polynomials of one parity vanish at some phases
-        def a(t):
-            return [1.0, np.cos(3 * t + phase)]
-
+        a = lambda t: [1.0, np.cos(3 * t + phase)]
         frame, y0 = LinearAction(self.DENSE - self.DENSE.mT), np.eye(5)[0]
         exact = cg.solve_linear(a, (0, 5), y0, frame=frame, h=0.05).y[-1]
         run = cg.solve_linear(a, (0, 5), y0, frame=frame, rtol=tolerance, atol=tolerance)
@@ -232,8 +226,7 @@ class TestPolynomialFlows:
             generators = generators - generators.conj().mT
         y0 = self.RNG.standard_normal(5).astype(generators.dtype)
 
-        def a(t):
-            return [scale * (1 - 3 * t + t**4), scale * (t - 0.5) ** 3]
+        a = lambda t: [scale * (1 - 3 * t + t**4), scale * (t - 0.5) ** 3]
 
         def solve(n):
             frame = LinearAction(list(generators))

@@ -18,18 +18,13 @@ class TestVectorized:
     @pytest.mark.parametrize(
         "method", ["CFM6(4)", "CFM8(4)", "CF5(4)", "RKMK8(5,3)", "CG4(3)", "RadauIIA5"]
     )
-    @pytest.mark.parametrize(
-        "options",
-        [
-            {},
-            {"h": None, "rtol": 1e-8, "dense_output": True},
-            {"breakpoints": [0.3], "t_eval": [0.1, 0.3, 0.7]},
-        ],
-    )
+    @pytest.mark.parametrize("options", [
+        {},
+        {"h": None, "rtol": 1e-8, "dense_output": True},
+        {"breakpoints": [0.3], "t_eval": [0.1, 0.3, 0.7]},
+    ])  # fmt: skip
     def test_results_are_those_of_single_times(self, method, options):
-        def a(t):
-            return np.stack([np.sin(3 * t), np.abs(t - 0.3), t**0], axis=-1)
-
+        a = lambda t: np.stack([np.sin(3 * t), np.abs(t - 0.3), t**0], axis=-1)
         together, single = (
             self.solve(a, vectorized, method=method, **options) for vectorized in (True, False)
         )
@@ -69,17 +64,14 @@ class TestVectorized:
         single = self.solve(lambda t: [2 * t, 0.5, 0.25], False, method="CFM6(4)")
         np.testing.assert_allclose(together.y, single.y, rtol=0, atol=1e-14)
 
-    @pytest.mark.parametrize(
-        ("a", "message"),
-        [
-            (lambda t: np.ones(3), r"a must return an array of shape \(1, 3\), a row for each "
-             r"time, since vectorized=True, got shape \(3,\)"),
-            (lambda t: np.ones((3, len(t))), r"shape \(1, 3\), .* got shape \(3, 1\)"),
-            (lambda t: np.ones((1, 3)), r"shape \(4, 3\), .* got shape \(1, 3\) at t = 0.069"),
-            (lambda t: np.stack([np.where(t > 0, np.nan, 1)] * 3, axis=-1),
-             "a must return finite numbers"),
-        ],
-    )  # fmt: skip
+    @pytest.mark.parametrize(("a", "message"), [
+        (lambda t: np.ones(3), r"a must return an array of shape \(1, 3\), a row for each "
+         r"time, since vectorized=True, got shape \(3,\)"),
+        (lambda t: np.ones((3, len(t))), r"shape \(1, 3\), .* got shape \(3, 1\)"),
+        (lambda t: np.ones((1, 3)), r"shape \(4, 3\), .* got shape \(1, 3\) at t = 0.069"),
+        (lambda t: np.stack([np.where(t > 0, np.nan, 1)] * 3, axis=-1),
+         "a must return finite numbers"),
+    ])  # fmt: skip
     def test_wrong_results_are_refused(self, a, message):
         refuses(ValueError, message, self.solve, a, True, method="CFM6(4)")
 

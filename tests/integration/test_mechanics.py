@@ -12,27 +12,16 @@ from cg.frames import SO, SO3, SU, Euclidean, PhaseSpace, Power, Product, Sphere
 from cg.integration.step.interpolant import extra_evaluations
 from tests.helpers.mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, system
 
-pytestmark = pytest.mark.sanitize
-
 TOP = system(SO3(), INERTIA)
 LATTICE = system(SU(3))
 SYSTEMS = [
-    TOP,
-    LATTICE,
-    system(SO3(), MATRIX),
-    system(SO3("space"), 2.0),
-    system(SO(3), [3.0, 2.0, 1.0]),
-    system(UnitQuaternion(scalar_first=True), MATRIX),
-    system(UnitQuaternion("space")),
-    system(SU(2, "body"), INERTIA),
-    system(SU(3, "body"), 3.0),
-    system(U(2)),
-    system(SO(4)),
-    system(Sphere(2), 2.0),
-    system(Product(Euclidean(3), SO3()), (2.0, INERTIA)),
+    TOP, LATTICE, system(SO3(), MATRIX), system(SO3("space"), 2.0), system(SO(3), [3.0, 2.0, 1.0]),
+    system(UnitQuaternion(scalar_first=True), MATRIX), system(UnitQuaternion("space")),
+    system(SU(2, "body"), INERTIA), system(SU(3, "body"), 3.0), system(U(2)), system(SO(4)),
+    system(Sphere(2), 2.0), system(Product(Euclidean(3), SO3()), (2.0, INERTIA)),
     system(Power(Product(Euclidean(3), UnitQuaternion()), 3), (MATRIX, INERTIA)),
     system(Product(Sphere(2), SU(3), Power(SO3(), 2))),
-]
+]  # fmt: skip
 NAMES = [repr(each.frame.configuration) for each in SYSTEMS]
 DRIFT_FIRST = [name for name in SPLITTINGS if cg.methods[name].drifts[0]]
 
@@ -83,9 +72,7 @@ def defect(problem, method, h):
     """Return by how much one step changes the Poisson brackets, by differences."""
     frame, d = problem.frame, 1e-4
 
-    def step(v):
-        return problem.run(method, (0.0, h), y0=frame.flow(v, problem.y0), h=h).y[-1]
-
+    step = lambda v: problem.run(method, (0.0, h), y0=frame.flow(v, problem.y0), h=h).y[-1]
     after = step(np.zeros(frame.dim))
     ends = [[frame.exp_coordinates(after, step(s * v)) for s in (d, -d)] for v in np.eye(frame.dim)]
     jacobian = np.array([(ahead - behind) / (2 * d) for ahead, behind in ends]).T
@@ -159,9 +146,7 @@ def test_momenta_on_spheres_are_tangential():
 def test_forces_may_depend_on_time():
     frame = PhaseSpace(Product(SO3(), Euclidean(1)), (INERTIA, 1.0))
 
-    def f(t, y):
-        return [np.cos(3 * t) * y[2], np.sin(t), t * y[0], -np.exp(-t) * y[9]]
-
+    f = lambda t, y: [np.cos(3 * t) * y[2], np.sin(t), t * y[0], -np.exp(-t) * y[9]]
     y0 = frame.join(np.concatenate([np.eye(3).ravel(), [1.0]]), [0.3, 0.5, 1.0, 0.2])
     exact = cg.solve_ivp(f, (0, 1), y0, frame=frame, method="DOP853", rtol=1e-13, atol=1e-13)
     for method in ("McLachlan2", "BlanesMoan4"):

@@ -13,8 +13,6 @@ from cg.frames import SE3, SO, SO3, SU, Power, U, UnitQuaternion
 from cg.frames.dexpinv import series_dexpinv
 from cg.integration.step.flows import dexpinv_of
 
-pytestmark = pytest.mark.sanitize
-
 
 @pytest.mark.parametrize("key", [key for key, method in METHODS.items() if method.explicit])
 @pytest.mark.parametrize("problem", PROBLEMS)

@@ -9,8 +9,6 @@ import pytest
 import cg
 from cg.frames import SO3, SU, Euclidean, LinearAction
 
-pytestmark = pytest.mark.sanitize
-
 TIMES = np.linspace(0, 3, 7)
 SPIN = {"frame": SO3(), "rtol": 1e-6}
 POINTS = SO3().random_point(np.random.default_rng(2), 3)
@@ -88,11 +86,9 @@ def test_every_kth_step_and_compiled_functions():
     assert np.array_equal(only.observed, run.observed[:, 0])
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{}, {"vectorized": True}, {"vectorized": True, "common_steps": True}, {"workers": 2}],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [
+    {}, {"vectorized": True}, {"vectorized": True, "common_steps": True}, {"workers": 2}
+], ids=str)  # fmt: skip
 def test_ensembles(options):
     f = turn_all if "vectorized" in options else turn
     problem = (f, (0, 3), POINTS)
@@ -151,15 +147,12 @@ def test_results_can_be_pickled_and_labelled():
 
 
 class TestFailures:
-    @pytest.mark.parametrize(
-        ("value", "match"),
-        [
-            (np.nan, "observe must return finite numbers, got nan at t = 1"),
-            ([1.0, 2.0], r"observe must return an array of shape \(\), got shape \(2,\)"),
-            ("text", "observe must return a real number, got 'text'"),
-            (1j, "observe must return a real number"),
-        ],
-    )
+    @pytest.mark.parametrize(("value", "match"), [
+        (np.nan, "observe must return finite numbers, got nan at t = 1"),
+        ([1.0, 2.0], r"observe must return an array of shape \(\), got shape \(2,\)"),
+        ("text", "observe must return a real number, got 'text'"),
+        (1j, "observe must return a real number"),
+    ])  # fmt: skip
     @pytest.mark.parametrize("store", ["all", "observed"])
     def test_bad_values(self, value, match, store):
         options = {"observe": lambda t, y: value if t >= 1 else 0.0, "store": store}
@@ -184,16 +177,13 @@ class TestFailures:
         with pytest.raises(ValueError, match="observe must return finite numbers"):
             cg.solve_ivp(turn, (0, 3), np.eye(3), observe=bad, **SPIN)
 
-    @pytest.mark.parametrize(
-        ("options", "error", "match"),
-        [
-            ({"observe": 3}, TypeError, r"observe must be callable as observe\(t, y\)"),
-            ({"observe": [height]}, TypeError, "or a list of compiled functions"),
-            ({"observe": lambda t, y: []}, ValueError, "observe must return at least one number"),
-            ({"store": "observed"}, ValueError, "observe must be given with store='observed'"),
-            ({"observe": height, "store": "some"}, ValueError, "store must be 'all' or 'observed'"),
-        ],
-    )
+    @pytest.mark.parametrize(("options", "error", "match"), [
+        ({"observe": 3}, TypeError, r"observe must be callable as observe\(t, y\)"),
+        ({"observe": [height]}, TypeError, "or a list of compiled functions"),
+        ({"observe": lambda t, y: []}, ValueError, "observe must return at least one number"),
+        ({"store": "observed"}, ValueError, "observe must be given with store='observed'"),
+        ({"observe": height, "store": "some"}, ValueError, "store must be 'all' or 'observed'"),
+    ])  # fmt: skip
     def test_bad_arguments(self, options, error, match):
         with pytest.raises(error, match=match):
             cg.solve_ivp(turn, (0, 3), np.eye(3), **SPIN, **options)

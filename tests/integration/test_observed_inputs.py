@@ -23,9 +23,7 @@ def exact(t):
 def test_observables_get_the_inputs(store, vectorized):
     times = np.linspace(0.05, 1.45, 8)
 
-    def observe(t, y, u):
-        return [y[..., 0], u]
-
+    observe = lambda t, y, u: [y[..., 0], u]
     options = {"frame": LINE, "inputs": HELD, "t_eval": times, "observe": observe, "store": store}
     if vectorized:
         run = cg.solve_ensemble(

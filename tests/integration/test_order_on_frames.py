@@ -10,23 +10,9 @@ from kinds import FROZEN, MUNTHE_KAAS
 from reversed_flows import reverse_flows
 from slow_cases import slow
 
-from cg.frames import (
-    GL,
-    SE3,
-    SO3,
-    SU,
-    CoadjointOrbit,
-    FieldFrame,
-    IsospectralOrbit,
-    MatrixFrame,
-    Product,
-    Sphere,
-    UnitQuaternion,
-)
+from cg import frames as fr
 from cg.integration import integrate
 from cg.method.tableau import Tableau
-
-pytestmark = pytest.mark.no_core
 
 EXACT = {name: method for name, method in FROZEN.items() if not method.approximate}
 ALL = EXACT | MUNTHE_KAAS
@@ -46,20 +32,15 @@ def move(v, y):
 
 SIMILARITIES = [lambda y: np.array([1.0, 0.0]), lambda y: y, lambda y: np.array([-y[1], y[0]])]
 FRAMES = {
-    "SU2": SU(2),
-    "matrices": MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.5, 0.0], [1.0, -0.5]]]),
-    "functions": FieldFrame(SIMILARITIES, move, point_shape=2),
-    "functions without brackets": HEISENBERG,
-    "SO3": SO3(),
-    "SE3": SE3(),
-    "SE3 space": SE3("space"),
-    "quaternion": UnitQuaternion(),
-    "S2": Sphere(2),
-    "GL2": GL(2),
-    "isospectral": IsospectralOrbit((0.0, 1.0, 2.5)),
-    "coadjoint": CoadjointOrbit(SO3(), (0.6, 0.0, 0.8)),
-    "product": Product(SU(2), Sphere(2)),
-}
+    "SU2": fr.SU(2),
+    "matrices": fr.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.5, 0.0], [1.0, -0.5]]]),
+    "functions": fr.FieldFrame(SIMILARITIES, move, point_shape=2),
+    "functions without brackets": HEISENBERG, "SO3": fr.SO3(), "SE3": fr.SE3(),
+    "SE3 space": fr.SE3("space"), "quaternion": fr.UnitQuaternion(), "S2": fr.Sphere(2),
+    "GL2": fr.GL(2), "isospectral": fr.IsospectralOrbit((0.0, 1.0, 2.5)),
+    "coadjoint": fr.CoadjointOrbit(fr.SO3(), (0.6, 0.0, 0.8)),
+    "product": fr.Product(fr.SU(2), fr.Sphere(2)),
+}  # fmt: skip
 KINDS = {"CG3", "CG4a", "CG2(3), embedded", "CF5(4)", "DICG4"}
 
 

@@ -21,20 +21,17 @@ def run(f, y0=Y0, **options):
     return cg.integrate(f, (0.0, 1.0), y0, **{**OPTIONS, **options}).y
 
 
-@pytest.mark.parametrize(
-    "convert",
-    [
-        list,
-        tuple,
-        np.ndarray.tolist,
-        lambda v: tuple(v.tolist()),
-        lambda v: [*v[:3], *v[3:].tolist()],
-        lambda v: v[::-1][::-1],
-        lambda v: np.stack([v, v], axis=1)[:, 0],
-        lambda v: v.astype(object),
-        lambda v: [np.longdouble(x) for x in v],
-    ],
-)
+@pytest.mark.parametrize("convert", [
+    list,
+    tuple,
+    np.ndarray.tolist,
+    lambda v: tuple(v.tolist()),
+    lambda v: [*v[:3], *v[3:].tolist()],
+    lambda v: v[::-1][::-1],
+    lambda v: np.stack([v, v], axis=1)[:, 0],
+    lambda v: v.astype(object),
+    lambda v: [np.longdouble(x) for x in v],
+])  # fmt: skip
 def test_all_that_stands_for_numbers_is_the_same(convert):
     np.testing.assert_array_equal(run(lambda t, y: convert(rates(t, y))), run(rates))
 
@@ -46,28 +43,23 @@ def test_integers_are_numbers():
 
 
 @pytest.mark.parametrize("way", ["equal steps", "chosen steps", "implicit", "members"])
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ([1.0] * 5, r"array of shape \(6,\), got shape \(5,\) at t = 0.5"),
-        ((1.0,) * 7, r"array of shape \(6,\), got shape \(7,\)"),
-        ([[1.0]] * 6, r"array of shape \(6,\), got shape \(6, 1\)"),
-        (1.0, r"got shape \(\)"),
-        (None, "got None at t = 0.5"),
-        ([1.0] * 5 + [float("nan")], r"finite numbers, got \[.*nan.*\] at t = 0.5"),
-        ((1.0,) * 5 + (np.inf,), "finite numbers"),
-        ([True] * 6, "6 real numbers"),
-        ([1.0] * 5 + ["1"], "6 real numbers"),
-        ([1.0] * 5 + [1j], "6 real numbers"),
-        (np.array([1j] * 6), "6 real numbers"),
-        ([1.0] * 5 + [[2.0]], "6 real numbers"),
-        ("rotation", "6 real numbers, got 'rotation'"),
-    ],
-)
+@pytest.mark.parametrize(("value", "message"), [
+    ([1.0] * 5, r"array of shape \(6,\), got shape \(5,\) at t = 0.5"),
+    ((1.0,) * 7, r"array of shape \(6,\), got shape \(7,\)"),
+    ([[1.0]] * 6, r"array of shape \(6,\), got shape \(6, 1\)"),
+    (1.0, r"got shape \(\)"),
+    (None, "got None at t = 0.5"),
+    ([1.0] * 5 + [float("nan")], r"finite numbers, got \[.*nan.*\] at t = 0.5"),
+    ((1.0,) * 5 + (np.inf,), "finite numbers"),
+    ([True] * 6, "6 real numbers"),
+    ([1.0] * 5 + ["1"], "6 real numbers"),
+    ([1.0] * 5 + [1j], "6 real numbers"),
+    (np.array([1j] * 6), "6 real numbers"),
+    ([1.0] * 5 + [[2.0]], "6 real numbers"),
+    ("rotation", "6 real numbers, got 'rotation'"),
+])  # fmt: skip
 def test_other_results_are_rejected(value, message, way):
-    def f(t, y):
-        return np.zeros(6) if t < 0.5 else value
-
+    f = lambda t, y: np.zeros(6) if t < 0.5 else value
     options = {"frame": FRAME} if way == "chosen steps" else OPTIONS
     if way == "implicit":
         options = OPTIONS | {"method": "ImplicitMidpoint", "h": 0.25}
@@ -189,19 +181,14 @@ def test_any_number_of_further_arguments(frame, method, count):
     np.testing.assert_allclose(solution.y[-1], point, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("frame", "y0", "value", "hint"),
-    [
-        (SO3(), np.eye(3), np.zeros(9), r"got shape \(9,\).*frame.coefficients\(matrix\)"),
-        (FRAME, Y0, (np.zeros(3), np.zeros(3)), r"got shape \(2, 3\).*np.concatenate"),
-        (
-            Product(SO3(), Euclidean(1)),
-            [*np.eye(3).ravel(), 0],
-            (np.zeros(3), [0.0]),
-            "concatenate",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("frame", "y0", "value", "hint"), [
+    (SO3(), np.eye(3), np.zeros(9), r"got shape \(9,\).*frame.coefficients\(matrix\)"),
+    (FRAME, Y0, (np.zeros(3), np.zeros(3)), r"got shape \(2, 3\).*np.concatenate"),
+    (
+        Product(SO3(), Euclidean(1)), [*np.eye(3).ravel(), 0], (np.zeros(3), [0.0]),
+        "concatenate",
+    ),
+])  # fmt: skip
 def test_hints(frame, y0, value, hint):
     with pytest.raises(ValueError, match=hint):
         cg.solve_ivp(lambda t, y: value, (0, 1), y0, frame=frame)
@@ -233,14 +220,11 @@ NUMBERED = {"frame": SO3(), "parameters": np.arange(5.0)[:, None]}
 class TestNotes:
     """Notes to exceptions of f say when they happened, and how f is called."""
 
-    @pytest.mark.parametrize(
-        ("f", "hint"),
-        [
-            (lambda t: 0, "; for an f of time alone see cg.solve_linear"),
-            (lambda y, t: [y[0], 0, 0], ""),
-            (lambda t, y=None: [t[0], 0, 0], ""),
-        ],
-    )
+    @pytest.mark.parametrize(("f", "hint"), [
+        (lambda t: 0, "; for an f of time alone see cg.solve_linear"),
+        (lambda y, t: [y[0], 0, 0], ""),
+        (lambda t, y=None: [t[0], 0, 0], ""),
+    ])  # fmt: skip
     def test_how_it_is_called(self, f, hint):
         with pytest.raises(TypeError) as caught:
             cg.solve_ivp(f, (0, 1), np.eye(3), frame=SO3())
@@ -279,9 +263,7 @@ class TestNotes:
 
     @pytest.mark.parametrize("workers", [None, 2])
     def test_member(self, workers):
-        def f(t, y, row):
-            return [0, 0, np.nan if row[0] == 3 and t > 0.5 else 1]
-
+        f = lambda t, y, row: [0, 0, np.nan if row[0] == 3 and t > 0.5 else 1]
         with pytest.raises(ValueError, match=r"finite numbers, got .* at t = 0") as caught:
             cg.solve_ensemble(f, (0, 1), np.eye(3), workers=workers, **NUMBERED)
         assert "in member 3; f is given" in caught.value.__notes__[0]

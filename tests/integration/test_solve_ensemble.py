@@ -15,8 +15,6 @@ from cg.integration.loop import run as run_module
 from cg.integration.loop import step_budget
 from cg.integration.step.plan import plan_of
 
-pytestmark = pytest.mark.sanitize
-
 COUNTS = ("steps", "nrejected", "nfev", "nexp", "njev", "nlu", "status", "success")
 FRAMES = {
     "SO3": SO3(), "SU2": SU(2), "Euclidean": Euclidean(3), "Stiefel": Stiefel(4, 2), "GL": GL(2),
@@ -254,11 +252,8 @@ def test_results_do_not_depend_on_lanes(monkeypatch):
         return rates * y
 
     options = {
-        "parameters": np.linspace(-3, 3, 7)[:, None],
-        "vectorized": True,
-        "rtol": 1e-7,
-        **LINE,
-    }
+        "parameters": np.linspace(-3, 3, 7)[:, None], "vectorized": True, "rtol": 1e-7, **LINE,
+    }  # fmt: skip
     whole = cg.solve_ensemble(f, (0, 1), [1.0], **options)
     assert max(sizes) == 7
     sizes.clear()

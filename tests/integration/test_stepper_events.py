@@ -9,8 +9,6 @@ import pytest
 import cg
 from cg.frames import SO3, Euclidean
 
-pytestmark = pytest.mark.sanitize
-
 OPTIONS = {"frame": Euclidean(2), "rtol": 1e-9, "atol": 1e-9}
 UP = [1.0, 0.5]
 

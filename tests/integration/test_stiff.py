@@ -1,5 +1,7 @@
 """The collocation method RadauIIA5."""
 
+import warnings
+
 import numpy as np
 import pytest
 from refusals import refuses
@@ -138,15 +140,6 @@ class TestLikeScipy:
         here, there = (np.abs(y - exact).max() for y in (run.y[-1], other.y[:, -1]))
         assert here <= 10 * there + 1e-10
 
-    def test_l_stability(self):
-        def fast(t, y):
-            return [-1e8 * (y[0] - np.cos(t))]
-
-        run = solve(fast, 10.0, [2.0], Euclidean(1))
-        other = solve_ivp(fast, (0, 10), [2.0], method="Radau", rtol=1e-6, atol=1e-6)
-        assert abs(run.y[-1, 0] - np.cos(10.0)) < 1e-6
-        assert run.steps <= 1.3 * len(other.t)
-
     def test_stages_of_a_linear_equation_take_one_correction(self):
         """With matrices of size 12 whose factors need pivots."""
         rng = np.random.default_rng(3)
@@ -174,9 +167,7 @@ class TestLoop:
         np.testing.assert_allclose(run.t_events[0], other.t_events[0], rtol=1e-6)
 
     def test_jumps_and_breakpoints(self):
-        def f(t, y):
-            return [-1e4 * (y[0] - (1.0 if t < 0.5 else 2.0))]
-
+        f = lambda t, y: [-1e4 * (y[0] - (1.0 if t < 0.5 else 2.0))]
         back = cg.Event(lambda t, y: t - 0.75, jump=lambda t, y: [5.0])
         run = solve(
             f, 1.0, [0.0], Euclidean(1), breakpoints=[0.5], events=back, t_eval=[0.4, 0.75, 1.0]
@@ -208,8 +199,7 @@ class TestLoop:
         def f(t, y, p):
             return np.stack([y[:, 1], p[:, 0] * (1 - y[:, 0] ** 2) * y[:, 1] - y[:, 0]], -1)
 
-        def alone(t, y, p):
-            return f(t, y[None], p[None])[0]
+        alone = lambda t, y, p: f(t, y[None], p[None])[0]
 
         def jac(t, y, p):
             matrix = np.array([[0, 1], [-2 * p[0] * y[0] * y[1] - 1, p[0] * (1 - y[0] ** 2)]])
@@ -249,9 +239,7 @@ class TestLoop:
         assert run.y[-1, 0] == pytest.approx(np.exp(-1.0), rel=1e-3)
 
     def test_jacobians_that_overflow(self):
-        def f(t, y):
-            return 1e305 * np.tanh(1e8 * (y - 1.0))
-
+        f = lambda t, y: 1e305 * np.tanh(1e8 * (y - 1.0))
         options = {"frame": Euclidean(1), "method": RADAU}
         with pytest.raises(cg.ConvergenceError, match="did not converge"):
             cg.integrate(f, (0, 1), [1.0], h=0.125, **options)
@@ -271,3 +259,61 @@ class TestTableau:
             [["1/4", "-0.0386751345948128823"], ["0.538675134594812882", "1/4"]], ["1/2", "1/2"]
         )
         refuses(cg.MethodError, "tableau must", cg.MuntheKaas, gauss)
+
+
+@pytest.mark.parametrize("method", ["auto", "RKMK5(4)", "BS3(2)"])
+@pytest.mark.parametrize("rtol", [1e-3, 1e-8])
+def test_stiff(method, rtol):
+    run = solve(method=method, rtol=rtol, max_steps=500, t1=2000.0)
+    assert not run.success
+    assert "stiff" in run.message
+    assert "RadauIIA5" in run.message
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-8])
+@pytest.mark.parametrize("f", [lambda t, y: [y[1], -1e4 * y[0]], pendulum])
+def test_not_stiff(f, rtol):
+    run = solve(f, 1e4, method="auto", rtol=rtol, max_steps=50)
+    assert "max_steps = 50" in run.message
+    assert "stiff" not in run.message
+
+
+def test_warning_while_it_runs():
+    with pytest.warns(UserWarning, match="many steps, since .* stiff.*RadauIIA5") as caught:
+        run = solve(method="auto", max_steps=12_000, t1=2000.0)
+    assert len(caught) == 1
+    assert run.steps + run.nrejected == 12_000
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-8])
+def test_no_warning_if_it_is_not_stiff(rtol, recwarn):
+    run = solve(pendulum, 1e5, method="auto", rtol=rtol, max_steps=12_000)
+    assert run.steps + run.nrejected == 12_000
+    assert not recwarn
+
+
+@pytest.mark.parametrize("workers", [None, 2])
+def test_one_warning_for_an_ensemble(workers):
+    starts = [START, [1.0, 0.0]]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        cg.solve_ensemble(
+            van_der_pol, (0, 2000), starts, frame=PLANE, max_steps=25_000, workers=workers
+        )
+    assert sum("many steps, since" in str(w.message) for w in caught) == 1
+
+
+@pytest.mark.parametrize("force", [0.5, 0.2])
+def test_a_discontinuity_that_the_solution_stays_at(force):
+    friction = lambda t, y: [y[1], force * np.sin(t) - np.sign(y[1])]
+    with pytest.warns(UserWarning, match="many steps, since f is discontinuous"):
+        run = solve(friction, 20.0, [0.0, 1.0], method="auto", max_steps=12_000)
+    assert f"{run.nrejected} of them were rejected; f is discontinuous" in run.message
+    assert "event" in run.message
+    assert "stiff" not in run.message
+
+
+@pytest.mark.filterwarnings("ignore:Failure of")
+def test_in_ensembles():
+    run = cg.solve_ensemble(van_der_pol, (0, 2000), [START, [1.0, 0.0]], frame=PLANE, max_steps=500)
+    assert "stiff" in run.message

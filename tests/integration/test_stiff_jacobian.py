@@ -39,11 +39,7 @@ def test_differences_of_small_coordinates(unit, rtol, atol):
 
 def test_differences_where_a_coordinate_vanishes():
     def f(t, y):
-        return [
-            -1e3 * y[0],
-            1e3 * y[0] - 1e6 * (y[1] - np.cos(t)) * (1 + y[1] ** 2),
-            y[1] - y[2],
-        ]
+        return [-1e3 * y[0], 1e3 * y[0] - 1e6 * (y[1] - np.cos(t)) * (1 + y[1] ** 2), y[1] - y[2]]
 
     options = {"frame": Euclidean(3), "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-9}
     run = cg.solve_variational(f, (0, 2), [1.0, 0.0, 0.0], **options)
@@ -90,21 +86,18 @@ def test_compiled_functions(function):
     np.testing.assert_array_equal(both.y[-1, 1], run.y[-1])
 
 
-@pytest.mark.parametrize(
-    ("jac", "error", "message"),
-    [
-        (3, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
-        (lambda t, y: [[1.0]], ValueError, r"jac must return .*\(2, 2\), got shape \(1, 1\)"),
-        (lambda t, y: sparse.eye_array(3), ValueError, r"jac must return .*\(2, 2\)"),
-        (lambda t, y: np.full((2, 2), np.nan), ValueError, "jac must return finite numbers"),
-        (lambda t, y: jacobian(t, y) * (1.0 if t < 1 else np.nan), ValueError, "finite"),
-        (lambda t, y: sparse_jacobian(t, y) * (1.0 if t < 1 else np.inf), ValueError, "finite"),
-        (lambda t, y: (jacobian if t > 1 else sparse_jacobian)(t, y), ValueError, "a sparse m"),
-        (lambda t, y: (sparse_jacobian if t > 1 else jacobian)(t, y), ValueError, "an array"),
-        (lambda t, y: (1j if t > 1 else 1) * sparse_jacobian(t, y), ValueError, "real numbers"),
-        (lambda t, y: jacobian(t, y) / (0 if t > 1 else 1.0) // 0, ValueError, "finite"),
-    ],
-)
+@pytest.mark.parametrize(("jac", "error", "message"), [
+    (3, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
+    (lambda t, y: [[1.0]], ValueError, r"jac must return .*\(2, 2\), got shape \(1, 1\)"),
+    (lambda t, y: sparse.eye_array(3), ValueError, r"jac must return .*\(2, 2\)"),
+    (lambda t, y: np.full((2, 2), np.nan), ValueError, "jac must return finite numbers"),
+    (lambda t, y: jacobian(t, y) * (1.0 if t < 1 else np.nan), ValueError, "finite"),
+    (lambda t, y: sparse_jacobian(t, y) * (1.0 if t < 1 else np.inf), ValueError, "finite"),
+    (lambda t, y: (jacobian if t > 1 else sparse_jacobian)(t, y), ValueError, "a sparse m"),
+    (lambda t, y: (sparse_jacobian if t > 1 else jacobian)(t, y), ValueError, "an array"),
+    (lambda t, y: (1j if t > 1 else 1) * sparse_jacobian(t, y), ValueError, "real numbers"),
+    (lambda t, y: jacobian(t, y) / (0 if t > 1 else 1.0) // 0, ValueError, "finite"),
+])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_bad_values(jac, error, message):
     refuses(error, message, solve, jac=jac)

@@ -135,22 +135,17 @@ def test_many_points_at_a_time_have_the_derivatives_of_one():
     options = {"t_span": SPAN, "parameters": np.stack([P, 1.1 * P]), **GIVEN}
     one = cg.solve_variational_ensemble(top, y0=Y0, **options)
 
-    def many(t, y, p):
-        return np.array([top(*each) for each in zip(t, y, p, strict=True)])
-
+    many = lambda t, y, p: np.array([top(*each) for each in zip(t, y, p, strict=True)])
     both = cg.solve_variational_ensemble(many, y0=Y0, vectorized=True, **options)
     agree(both, one, 1e-9)
 
 
 class TestFailures:
     @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
-    @pytest.mark.parametrize(
-        ("wrong", "error", "message"),
-        [
-            ("stops", RuntimeError, "returned the error code 7 at t ="),
-            ("writes_nothing", ValueError, "must return finite numbers"),
-        ],
-    )
+    @pytest.mark.parametrize(("wrong", "error", "message"), [
+        ("stops", RuntimeError, "returned the error code 7 at t ="),
+        ("writes_nothing", ValueError, "must return finite numbers"),
+    ])  # fmt: skip
     def test_the_function_is_named(self, functions, function, name, wrong, error, message):
         with pytest.raises(error, match=f"^{name} {message}"):
             solve(functions | {name: function(wrong)}, y0=BODY.join(np.eye(3), np.zeros(3)))

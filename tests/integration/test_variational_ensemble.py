@@ -126,9 +126,7 @@ def test_executors(executor):
 
 @pytest.mark.filterwarnings("ignore:Failure of")
 def test_members_that_fail_are_nan():
-    def f(t, y, p):
-        return [p[0] * y[0] ** 2]
-
+    f = lambda t, y, p: [p[0] * y[0] ** 2]
     solution = cg.solve_variational_ensemble(
         f, (0, 2), [1.0], frame=Euclidean(1), parameters=[[0.25], [1.0]], t_eval=[0.5, 2.0]
     )

@@ -1,11 +1,7 @@
 """Derivatives of solutions with breakpoints, events and jumps, and of event times."""
 
-import ctypes
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from test_variational import STEPS, TIGHT, WEIGHTS, Wave
 
 import cg
@@ -13,9 +9,6 @@ from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, Sphere
 
 GRAVITY = 9.81
 BODY = Product(SO3(), Euclidean(2))
-EVENT = ctypes.CFUNCTYPE(
-    ctypes.c_double, ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
-)
 
 
 def differences(end, count, step=2e-4):
@@ -24,35 +17,6 @@ def differences(end, count, step=2e-4):
     for e in np.eye(count):
         columns.append(WEIGHTS @ np.array([end(s * step * e) for s in STEPS]) / step)
     return np.transpose(columns)
-
-
-def fall(t, y, p):
-    return [y[1], -GRAVITY]
-
-
-@settings(max_examples=10)
-@given(
-    height=st.floats(0.5, 1.5),
-    speed=st.floats(-2.0, 2.0),
-    restitution=st.floats(0.5, 0.95),
-    method=st.sampled_from(["RKMK8(5,3)", "CF6(5)", "DOP853"]),
-)
-def test_a_bouncing_ball_is_the_closed_form(height, speed, restitution, method):
-    floor = cg.Event(
-        lambda t, y, p: y[0], direction=-1, jump=lambda t, y, p: [0.0, -p[0] * y[1]], terminal=2
-    )
-    solution = cg.solve_variational(
-        fall, (0, 50), [height, speed], frame=Euclidean(2), parameters=[restitution], events=floor,
-        method=method, max_step=0.5, rtol=1e-11, atol=1e-11,
-    )  # fmt: skip
-
-    # by the speed of impact w: t1 = (v + w) / g, t2 = t1 + 2 k w / g
-    impact = np.sqrt(speed**2 + 2 * GRAVITY * height)
-    by_start = np.array([GRAVITY, speed, 0.0]) / impact
-    first = (np.array([0.0, 1.0, 0.0]) + by_start) / GRAVITY
-    second = first + 2 * (restitution * by_start + impact * np.array([0.0, 0.0, 1.0])) / GRAVITY
-    np.testing.assert_allclose(solution.dt_events[0], [first, second], rtol=1e-8, atol=1e-8)
-    assert solution.dt_events[0].shape == (2, 3)
 
 
 def kick(t, y, p):
@@ -142,34 +106,9 @@ def test_times_of_events_without_jumps(terminal):
     )
 
 
-def test_breakpoints():
-    """A coefficient that jumps at a known time: derivatives are continuous there."""
-
-    def f(t, y, p):
-        return [np.sin(y[0, 1]) + p[0], 0.3, 0.0] if t < 0.4 else [0.0, y[0, 0] * p[0], 1.0]
-
-    p, options = np.array([0.6]), {"frame": SO3(), "breakpoints": [0.4], **TIGHT}
-    solution = cg.solve_variational(
-        f, (0, 1), np.eye(3), parameters=p, dense_output=True, **options
-    )
-    assert 0.4 in solution.t
-    reference = solution.y[-1]
-
-    def end(x):
-        moved = cg.solve_ivp(f, (0, 1), SO3().flow(x[:3], np.eye(3)), parameters=p + x[3:],
-                             **options)  # fmt: skip
-        return SO3().exp_coordinates(reference, moved.y[-1])
-
-    expected = differences(end, 4, step=1e-3)
-    np.testing.assert_allclose(solution.transition[-1], expected[:, :3], atol=1e-7)
-    np.testing.assert_allclose(solution.sensitivity[-1], expected[:, 3:], atol=1e-7)
-    gap = solution.sol.transition(0.4) - solution.sol.transition(np.nextafter(0.4, 0))
-    assert np.abs(gap).max() < 1e-14
-
-
 def test_backward_in_time():
     """A ball is followed back to the floor and to its start."""
-    floor = lambda t, y: y[0]  # noqa: E731
+    floor = lambda t, y: y[0]
     solution = cg.solve_variational(
         lambda t, y: [y[1], -GRAVITY], (0, -1), [0.5, 2.0], frame=Euclidean(2), events=floor,
         jac=lambda t, y: [[0.0, 1.0], [0.0, 0.0]], **TIGHT,
@@ -178,35 +117,6 @@ def test_backward_in_time():
     expected = [-1 / impact, 1 / GRAVITY - 2 / (impact * GRAVITY)]
     np.testing.assert_allclose(solution.dt_events[0], [expected], atol=1e-9)
     np.testing.assert_allclose(solution.transition[-1], [[1.0, -1.0], [0.0, 1.0]], atol=1e-12)
-
-
-def test_compiled_events_have_derivatives():
-    level = EVENT(lambda t, y, data: y[0] - 0.25 * t)
-    options = {"frame": Euclidean(2), "t_span": (0, 1), "y0": [1.0, 0.0], **TIGHT}
-
-    def f(t, y):
-        return [y[1], -GRAVITY]
-
-    solution = cg.solve_variational(f, events=level, **options)
-    expected = cg.solve_variational(f, events=lambda t, y: y[0] - 0.25 * t, **options)
-    np.testing.assert_allclose(solution.t_events[0], expected.t_events[0], rtol=1e-14)
-    np.testing.assert_allclose(solution.dt_events[0], expected.dt_events[0], rtol=1e-12)
-
-
-def test_differences_follow_the_size_of_coordinates():
-    """Steps of order one would be lost in the rounding of a height of 1e10."""
-    size = 1e10
-    half = cg.Event(
-        lambda t, y, p: y[0] - size / 2, direction=-1, jump=lambda t, y, p: [y[0], -p[0] * y[1]]
-    )
-    solution = cg.solve_variational(
-        lambda t, y, p: [y[1], -GRAVITY * size], (0, 0.4), [size, 0.0], frame=Euclidean(2),
-        parameters=[0.5], events=half, **TIGHT,
-    )  # fmt: skip
-    time, speed = 1.0 / np.sqrt(GRAVITY), np.sqrt(GRAVITY) * size
-    np.testing.assert_allclose(solution.dt_events[0] * speed, [[1.0, time, 0.0]], atol=1e-9)
-    # the last speed is half of that of impact, minus what gravity takes in the rest of the time
-    assert solution.transition[-1, 1, 0] == pytest.approx(1.5 * np.sqrt(GRAVITY), rel=1e-9)
 
 
 def test_an_event_that_only_touches_has_no_derivative():

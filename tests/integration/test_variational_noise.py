@@ -105,12 +105,8 @@ def test_jumps_and_breakpoints():
     q = np.array([[0.3, 0.1], [0.1, 0.4]])
     floor = cg.Event(lambda t, y: y[0], direction=-1, jump=lambda t, y: [0.0, -0.7 * y[1]])
 
-    def fall(t, y):
-        return [y[1], -9.81 - y[1] * abs(y[1]) / 50 + (3.0 if t > 0.35 else 0.0)]
-
-    def noise(t, y):
-        return q * (1.0 + y[1] ** 2) * (2.0 if t > 0.35 else 1.0)
-
+    fall = lambda t, y: [y[1], -9.81 - y[1] * abs(y[1]) / 50 + (3.0 if t > 0.35 else 0.0)]
+    noise = lambda t, y: q * (1.0 + y[1] ** 2) * (2.0 if t > 0.35 else 1.0)
     options = {"frame": Euclidean(2), "breakpoints": [0.35], "events": floor, **TIGHT}
     run = cg.solve_variational(
         fall, (0, 1), [1.0, 0.2], noise=noise, dense_output=True, control_derivatives=True,
@@ -149,22 +145,17 @@ def test_a_compiled_density(affine):
         solve(wrong)
 
 
-@pytest.mark.parametrize(
-    ("noise", "message"),
-    [
-        (np.eye(2), r"noise must have shape \(3, 3\), got \(2, 2\)"),
-        (-np.eye(3), "noise must be positive semidefinite, got one with the eigenvalue -1"),
-        (np.triu(np.ones((3, 3))), "noise must be symmetric"),
-        (lambda t, y: np.eye(2), r"noise must return an array of shape \(3, 3\), got shape \(2, 2"),
-        (
-            lambda t, y: (0.5 - t) * np.eye(3),
-            r"noise must be positive semidefinite, .* at t = 0\.[5-9]",
-        ),
-        (lambda t, y: np.tri(3), "noise must be symmetric, .* at t = 0"),
-        (lambda t, y: np.full((3, 3), np.nan), "noise must return finite numbers"),
-        ("x", "noise must be an array of real numbers, got 'x'"),
-    ],
-)
+@pytest.mark.parametrize(("noise", "message"), [
+    (np.eye(2), r"noise must have shape \(3, 3\), got \(2, 2\)"),
+    (-np.eye(3), "noise must be positive semidefinite, got one with the eigenvalue -1"),
+    (np.triu(np.ones((3, 3))), "noise must be symmetric"),
+    (lambda t, y: np.eye(2), r"noise must return an array of shape \(3, 3\), got shape \(2, 2"),
+    (lambda t, y: (0.5 - t) * np.eye(3),
+     r"noise must be positive semidefinite, .* at t = 0\.[5-9]"),
+    (lambda t, y: np.tri(3), "noise must be symmetric, .* at t = 0"),
+    (lambda t, y: np.full((3, 3), np.nan), "noise must return finite numbers"),
+    ("x", "noise must be an array of real numbers, got 'x'"),
+])  # fmt: skip
 def test_bad_noise_is_refused(noise, message):
     with pytest.raises(ValueError, match=message):
         cg.solve_variational(

@@ -49,9 +49,7 @@ def test_estimates_have_the_divergence_as_mean(frame):
     y = jnp.asarray(frame.random_point(np.random.default_rng(4)))
     exact = float(cg.jax.divergence(f, frame)(0.2, y, 0.5))
 
-    def estimate(key):
-        return cg.jax.divergence(f, frame, key=key)(0.2, y, 0.5)
-
+    estimate = lambda key: cg.jax.divergence(f, frame, key=key)(0.2, y, 0.5)
     estimates = np.asarray(jax.vmap(estimate)(jax.random.split(jax.random.key(1), 4000)))
     assert abs(estimates.mean() - exact) < 4 * estimates.std() / 4000**0.5 + 1e-6
 

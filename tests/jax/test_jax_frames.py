@@ -234,12 +234,8 @@ class TestDerivatives:
         y, v, _ = example
         rules = rules_of(frame)
 
-        def twice(s):
-            return rules.flow(-s * v, rules.flow(s * v, y))
-
-        def part(s):
-            return jnp.vdot(y, twice(s)).real
-
+        twice = lambda s: rules.flow(-s * v, rules.flow(s * v, y))
+        part = lambda s: jnp.vdot(y, twice(s)).real
         first, slope = jax.jacfwd(twice), jax.grad(part)
         compute = jax.jit(lambda s: (first(s), jax.jacfwd(first)(s), slope(s), jax.grad(slope)(s)))
         for derivative in compute(0.0):
@@ -251,9 +247,7 @@ class TestDerivatives:
         if rules.log is None:
             pytest.skip("no coordinates")
 
-        def back(v):
-            return rules.log(y, rules.flow(v, y))
-
+        back = lambda v: rules.log(y, rules.flow(v, y))
         shortest = jax.jit(lambda v: rules.coefficients(y, rules.field(v, y)))(v)
         first, second = jax.jit(
             lambda u, w: (jax.jvp(back, (u,), (w,))[1], jax.jvp(jax.jacrev(back), (u,), (w,))[1])

@@ -21,9 +21,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax
 def test_points_off_the_manifold():
     frame = fr.SO3()
 
-    def end(y0):
-        return solve(term(frame)[0], cg.jax.Solver("CF3", dense="steps"), y0, h=0.5).ys[-1]
-
+    end = lambda y0: solve(term(frame)[0], cg.jax.Solver("CF3", dense="steps"), y0, h=0.5).ys[-1]
     for wrong in (
         2.0 * jnp.eye(3),
         jnp.eye(3).at[0, 1].set(1e-7),
@@ -34,9 +32,7 @@ def test_points_off_the_manifold():
 
 
 def test_functions_of_numpy():
-    def f(t, y, args):
-        return np.array([np.sin(t), 0.0, 0.0])
-
+    f = lambda t, y, args: np.array([np.sin(t), 0.0, 0.0])
     with pytest.raises(jax.errors.TracerArrayConversionError) as error:
         solve(cg.jax.FrameTerm(f, fr.SO3()), cg.jax.Solver("CF4"), jnp.eye(3), h=0.1)
     assert "f must be written in jax.numpy" in error.value.__notes__[0]
@@ -93,9 +89,7 @@ class TestRefusals:
         frame = fr.UnitQuaternion()
         y0 = point(frame)
 
-        def run(f=None, y0=y0):
-            return solve(term(frame, f)[0], cg.jax.Solver("CF4"), y0, h=0.1)
-
+        run = lambda f=None, y0=y0: solve(term(frame, f)[0], cg.jax.Solver("CF4"), y0, h=0.1)
         expected = r"f must return 3 real numbers, shape \(3,\), got "
         refuses(ValueError, expected + r"shape \(4,\)", run, lambda t, y, args: y)
         refuses(ValueError, expected + "complex128", run, lambda t, y, args: 1j * y[:3])

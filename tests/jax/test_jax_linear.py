@@ -16,9 +16,7 @@ STARTS = {SU(2): np.eye(2) + 0j, UnitQuaternion(): np.eye(4)[3], CHAIN: np.eye(3
 
 
 def drive(dim, xp=jnp):
-    def a(t, args):
-        return xp.stack([xp.cos((k + 1) * t * args) + 0.2 * k for k in range(dim)])
-
+    a = lambda t, args: xp.stack([xp.cos((k + 1) * t * args) + 0.2 * k for k in range(dim)])
     return a
 
 
@@ -30,11 +28,9 @@ def solve(frame, name, y0, *, args=1.0, t1=2.0, tol=None, h=None, **options):
     return diffrax.diffeqsolve(term, solver, 0.0, t1, h, jnp.asarray(y0), args, **options)
 
 
-@pytest.mark.parametrize(
-    ("frame", "name"),
-    [*((SU(2), name) for name in PAIRS), (UnitQuaternion(), "CFM6(4)b")],
-    ids=repr,
-)
+@pytest.mark.parametrize(("frame", "name"), [
+    *((SU(2), name) for name in PAIRS), (UnitQuaternion(), "CFM6(4)b")
+], ids=repr)  # fmt: skip
 def test_steps_are_those_of_compiled_code(frame, name):
     a = drive(frame.dim, np)
     here = solve(frame, name, STARTS[frame], tol=1e-7)
@@ -45,11 +41,9 @@ def test_steps_are_those_of_compiled_code(frame, name):
     np.testing.assert_allclose(here.ys[-1], there.y[-1], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("frame", "name", "bound"),
-    [(SU(2), "CFM4", 1e-6), (SU(2), "CFM8(4)", 1e-10), (CHAIN, "CFM6(4)", 1e-8)],
-    ids=repr,
-)
+@pytest.mark.parametrize(("frame", "name", "bound"), [
+    (SU(2), "CFM4", 1e-6), (SU(2), "CFM8(4)", 1e-10), (CHAIN, "CFM6(4)", 1e-8)
+], ids=repr)  # fmt: skip
 def test_output_between_steps(frame, name, bound):
     """Also on a LinearAction, whose generators are dense in JAX."""
     times, y0 = jnp.linspace(0.1, 1.9, 7), STARTS[frame]
@@ -74,9 +68,7 @@ def test_gradients_and_batches():
 
 
 def test_jumps_begin_anew():
-    def a(t, args):
-        return jnp.where(t < 1.0, 1.0, -3.0) * jnp.array([0.0, 0.3, 1.0])
-
+    a = lambda t, args: jnp.where(t < 1.0, 1.0, -3.0) * jnp.array([0.0, 0.3, 1.0])
     frame = SO3()
     controller = diffrax.ClipStepSizeController(
         cg.jax.controller(frame, 1e-8, 1e-8), jump_ts=jnp.array([1.0])

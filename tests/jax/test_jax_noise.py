@@ -57,9 +57,7 @@ def test_rotational_diffusion_has_its_law():
 
 @pytest.mark.parametrize("frame", [Sphere(2), SE3()], ids=repr)
 def test_points_stay_on_the_manifold(frame):
-    def g(t, y, args):
-        return jnp.stack([jnp.ones(frame.dim), y.reshape(-1)[: frame.dim]], axis=1)
-
+    g = lambda t, y, args: jnp.stack([jnp.ones(frame.dim), y.reshape(-1)[: frame.dim]], axis=1)
     y = batch(3, 16, g, 2, frame)
     assert np.asarray(frame.membership_error(np.asarray(y))).max() < 1e-13
 

@@ -15,8 +15,10 @@ from strategies import point_trees, rationals
 import cg
 from cg import CommutatorFree, MethodError, Tableau, conditions
 from cg.catalogue import dumps, loads, methods
+from cg.method.packed import make_method
 from cg.method.warnings import check_order, check_pair
 from cg.proofs import certify
+from cg.structure.layout import Layout
 from cg.structure.points import Point
 
 
@@ -60,26 +62,6 @@ class TestMethods:
             np.testing.assert_array_equal(same.c, tableau.c)
             residuals = conditions.residuals(same, 4)
             np.testing.assert_allclose(residuals, 0, atol=1e-14)
-
-    def test_shared_flows_count_once(self):
-        # rows (x), (x, y), (x, y) and b = (x, y, z): three flows, and one for b's second weights
-        a = [[], ["1/3"], ["1/3", "1/4"], ["1/3", "1/4", 0]]
-        method = Tableau(a, ["1/3", "1/4", "1/5", 0], b_embedded=["1/3", "1/2", 0, 0])
-        assert len(method.points) == 4
-        assert method.stage_points == (-1, 0, 1, 1)
-        assert (method.result, method.embedded_result) == (2, 3)
-        assert (method.exponentials, method.pair_exponentials) == (3, 4)
-
-    def test_repeated_points_count_once(self):
-        once = CommutatorFree(CF3, [-1, 0, 1])
-        points = [CF3[0], (0, {0: "0"}), CF3[1], (-1, {0: "1/3"}), (3, {0: "-1/12", 2: "3/4"})]
-        again = CommutatorFree(points, [-1, 1, 2])
-        assert (once.exponentials, again.exponentials) == (3, 3)
-        assert again.order == 3
-
-    def test_unused_points_do_not_count(self):
-        method = CommutatorFree([*CF3, (2, {0: 1})], [-1, 0, 1], result=2)
-        assert method.exponentials == method.pair_exponentials == 3
 
     def test_pairs(self):
         points = [*CF3, (-1, {0: "1/4", 2: "3/4"})]
@@ -145,45 +127,39 @@ class TestMethods:
 
 
 class TestBadInput:
-    @pytest.mark.parametrize(
-        ("points", "stages", "options", "message"),
-        [
-            ([(0, {0: 1})], [-1], {}, "the parent of point 0 must come before it, or"),
-            ([(5, {0: 1})], [-1], {}, "the parent of point 0 must be a point from -1 to 0,"),
-            ([(-1, {0: 1})], [-1, 4], {}, "the point of stage 1 must be a point from -1 to 0"),
-            ([(-1, {0: 1})], [0], {}, "the first stage must be at the initial point, -1, got 0"),
-            ([(-1, {0: 1})], [], {}, "stage_points must have at least one entry"),
-            ([(-1, {0: 1})], 3, {}, "stage_points must be a sequence, got 3"),
-            ([(-1, {1: 1})], [-1], {}, "point 0 must have weights on stages 0 to 0, got 1"),
-            ([(-1, {1: 1})], [-1, 0], {}, "point 0 must have weights on earlier stages"),
-            ([(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})], [-1, 1, 0], {}, "stage 1 must depend on"),
-            ([(-1, {0: 0})], [-1], {}, "result must depend on a stage: no weights lead to point 0"),
-            ([(-1, {0: 1})], [-1], {"result": 1}, "result must be a point from -1 to 0, got 1"),
-            ([(-1, {0: 1})], [-1], {"embedded_result": 0}, "embedded_result must dif"),
-            ([(-1, {0: 1}), (-1, {0: 1})], [-1], {"embedded_result": 0}, "embedded_result must"),
-            ([(-1, {0: "x"})], [-1], {}, "weight of point 0 on stage 0: expected a finite real"),
-            ([(-1, {0: "1e999"})], [-1], {}, "weight of point 0 on stage 0: 1e999 is beyond"),
-            ([-1], [-1], {}, "point 0 must be a parent and a mapping from stages"),
-            ([], [-1], {}, "points must have at least one entry, got none"),
-            ({}, [-1], {}, "points must be a sequence, got {}"),
-            ([(-1, {0: 1})], [-1], {"name": 5}, "name must be a str, got 5"),
-            ([(-1, {0: 1})], [-1], {"nominal_order": 2, "nominal_residual": "0.1"}, "residuals"),
-        ],
-    )
+    @pytest.mark.parametrize(("points", "stages", "options", "message"), [
+        ([(0, {0: 1})], [-1], {}, "the parent of point 0 must come before it, or"),
+        ([(5, {0: 1})], [-1], {}, "the parent of point 0 must be a point from -1 to 0,"),
+        ([(-1, {0: 1})], [-1, 4], {}, "the point of stage 1 must be a point from -1 to 0"),
+        ([(-1, {0: 1})], [0], {}, "the first stage must be at the initial point, -1, got 0"),
+        ([(-1, {0: 1})], [], {}, "stage_points must have at least one entry"),
+        ([(-1, {0: 1})], 3, {}, "stage_points must be a sequence, got 3"),
+        ([(-1, {1: 1})], [-1], {}, "point 0 must have weights on stages 0 to 0, got 1"),
+        ([(-1, {1: 1})], [-1, 0], {}, "point 0 must have weights on earlier stages"),
+        ([(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})], [-1, 1, 0], {}, "stage 1 must depend on"),
+        ([(-1, {0: 0})], [-1], {}, "result must depend on a stage: no weights lead to point 0"),
+        ([(-1, {0: 1})], [-1], {"result": 1}, "result must be a point from -1 to 0, got 1"),
+        ([(-1, {0: 1})], [-1], {"embedded_result": 0}, "embedded_result must dif"),
+        ([(-1, {0: 1}), (-1, {0: 1})], [-1], {"embedded_result": 0}, "embedded_result must"),
+        ([(-1, {0: "x"})], [-1], {}, "weight of point 0 on stage 0: expected a finite real"),
+        ([(-1, {0: "1e999"})], [-1], {}, "weight of point 0 on stage 0: 1e999 is beyond"),
+        ([-1], [-1], {}, "point 0 must be a parent and a mapping from stages"),
+        ([], [-1], {}, "points must have at least one entry, got none"),
+        ({}, [-1], {}, "points must be a sequence, got {}"),
+        ([(-1, {0: 1})], [-1], {"name": 5}, "name must be a str, got 5"),
+        ([(-1, {0: 1})], [-1], {"nominal_order": 2, "nominal_residual": "0.1"}, "residuals"),
+    ])  # fmt: skip
     def test_message_names_the_argument(self, points, stages, options, message):
         refuses(MethodError, f"^{message}", CommutatorFree, points, stages, **options)
 
-    @pytest.mark.parametrize(
-        ("old", "new", "message"),
-        [
-            ("parent = -1, ", "", "point 0 lacks parent"),
-            ("0 = ", "x = ", "weights of point 0 must be on stages, got one on 'x'"),
-            ("result = 0", "", "the entry lacks result"),
-            ("result = 0", "result = 0\nb = [1]", "the entry has unknown keys: b"),
-            ("{parent", "5, {parent", "point 0 must be a table with one of weights, got 5"),
-            ('{0 = "1"}', "4", "point 0 must be a table with one of weights"),
-        ],
-    )
+    @pytest.mark.parametrize(("old", "new", "message"), [
+        ("parent = -1, ", "", "point 0 lacks parent"),
+        ("0 = ", "x = ", "weights of point 0 must be on stages, got one on 'x'"),
+        ("result = 0", "", "the entry lacks result"),
+        ("result = 0", "result = 0\nb = [1]", "the entry has unknown keys: b"),
+        ("{parent", "5, {parent", "point 0 must be a table with one of weights, got 5"),
+        ('{0 = "1"}', "4", "point 0 must be a table with one of weights"),
+    ])  # fmt: skip
     def test_files(self, old, new, message):
         text = (
             'name = "x"\nsource = "y"\npoints = [\n  {parent = -1, weights = {0 = "1"}},\n]\n'
@@ -263,14 +239,53 @@ class TestThirdWeights:
         assert again.third_weights == pair.third_weights
         assert methods["CF6(5)"].third_order is None
 
-    @pytest.mark.parametrize(
-        ("third", "options", "message"),
-        [
-            (["1"], {}, "third must have 9 entries, got 1"),
-            ("1234567", {}, "third must be a sequence"),
-            ([*[1] * 8, "x"], {}, "third_9"),
-            ([1] * 9, {"embedded_result": None}, "third must be None unless"),
-        ],
-    )
+    @pytest.mark.parametrize(("third", "options", "message"), [
+        (["1"], {}, "third must have 9 entries, got 1"),
+        ("1234567", {}, "third must be a sequence"),
+        ([*[1] * 8, "x"], {}, "third_9"),
+        ([1] * 9, {"embedded_result": None}, "third must be None unless"),
+    ])  # fmt: skip
     def test_bad_input(self, third, options, message):
         refuses(MethodError, message, self.make, third, **options)
+
+
+METHODS = [
+    *map(cg.methods.get, ("CG3(2)", "DICG3", "CF4(3)", "CG4a")),
+    cg.methods["DOP853"],
+    cg.methods["RKMK8(5,3)"],
+]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+def test_with_coefficients_gives_the_same_method_back(method):
+    third = getattr(method, "third_weights", None)
+    fields = {} if third is None else {"third": third}
+    again = method.with_coefficients(method.coefficients, **fields)
+    assert type(again) is type(method)
+    assert again == method
+    assert (again.name, again.source) == (method.name, method.source)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+def test_with_coefficients_refuses_a_wrong_length(method):
+    for wrong in (method.coefficients[1:], [*method.coefficients, 0], [], "1/2"):
+        refuses(ValueError, "x must", method.with_coefficients, wrong)
+
+
+def test_with_coefficients_takes_fields_of_the_class():
+    method = cg.methods["CG2"].with_coefficients(
+        ["0.5", "1e-9", 1], name="near", nominal_order=2, nominal_residual="1e-8"
+    )
+    assert (method.name, method.order, method.approximate) == ("near", 2, True)
+
+
+def test_make_method_chooses_the_class_by_the_layout():
+    points = cg.methods["CF3"]
+    assert make_method(points.layout, points.coefficients) == points
+    assert isinstance(make_method(Layout.tableau(1), [1]), cg.Tableau)
+
+
+def test_make_method_rounds_to_digits():
+    method = make_method(Layout.tableau(1), [Fraction(2, 3)], digits=5)
+    assert method.weights[0].text == "0.66667"
+    assert make_method(Layout.tableau(1), [Fraction(2, 3)]).weights[0].text == "2/3"

@@ -21,10 +21,9 @@ def classical(order):
     return cg.methods[{1: "LieEuler", 2: "CG2", 3: "CG3"}[order]]
 
 
-@pytest.mark.parametrize(
-    ("order", "real", "imaginary"),
-    [(1, 2, 0), (2, 2, 0), (3, 2.5127453266, math.sqrt(3)), (4, 2.7852935634, math.sqrt(8))],
-)
+@pytest.mark.parametrize(("order", "real", "imaginary"), [
+    (1, 2, 0), (2, 2, 0), (3, 2.5127453266, math.sqrt(3)), (4, 2.7852935634, math.sqrt(8))
+])  # fmt: skip
 def test_taylor_polynomials(order, real, imaginary):
     numerator, denominator = stability_function(classical(order))
     assert numerator == tuple(Fraction(1, math.factorial(k)) for k in range(order + 1))
@@ -122,21 +121,6 @@ def test_chebyshev_methods_with_rounded_coefficients(stages):
     rounded = cg.Tableau([rows[i * size : i * size + i] for i in range(size)], b)
     assert max(c.unit for c in rounded.coefficients) > 0
     assert stability_limits(rounded).real == pytest.approx(float(end), rel=1e-12)
-
-
-def test_literature():
-    """The stability function of Dormand and Prince is Taylor's polynomial with one more term."""
-    dormand_prince = stability_limits(cg.methods["DP5(4)"])
-    polynomial = [1 / 600, *(1 / math.factorial(k) for k in range(5, -1, -1))]
-    ends = [*np.roots([*polynomial[:-1], 0.0]), *np.roots([*polynomial[:-1], 2.0])]
-    real = min(-z.real for z in ends if abs(z.imag) < 1e-9 and z.real < -0.1)
-    assert dormand_prince.real == pytest.approx(real, abs=1e-9)
-    assert dormand_prince.real == pytest.approx(3.3066, abs=1e-4)
-    assert dormand_prince.imaginary == pytest.approx(0.9972, abs=1e-4)
-    long = stability_limits(cg.methods["DOP853"])
-    assert long.real == pytest.approx(6.39, abs=0.01)
-    # its stability function on the imaginary axis is Taylor's but for the residuals' noise
-    assert stability_limits(cg.methods["CG4c"]).imaginary == pytest.approx(math.sqrt(8), rel=1e-14)
 
 
 def test_methods_too_large_for_limits():

@@ -14,8 +14,6 @@ from cg.conditions import Rows
 from cg.method.coefficients import Coefficient
 from cg.method.tableau import Tableau, TableauError
 
-pytestmark = pytest.mark.no_core
-
 MIDPOINT = Tableau([[], ["1/2"]], [0, 1], name="midpoint")
 
 
@@ -24,28 +22,25 @@ def decimal_euler(b):
 
 
 class TestCoefficient:
-    @pytest.mark.parametrize(
-        ("number", "value", "unit"),
-        [
-            ("119/216", Fraction(119, 216), 0),
-            ("-3", Fraction(-3), 0),
-            (7, Fraction(7), 0),
-            (np.int64(7), Fraction(7), 0),
-            (Fraction(1, 3), Fraction(1, 3), 0),
-            ("0.25", Fraction(1, 4), 0),
-            ("-.5", Fraction(-1, 2), 0),
-            ("2.", Fraction(2), 0),
-            ("0.0000000000", Fraction(0), 0),
-            ("1e40", Fraction(10**40), 0),
-            ("0.10465447", Fraction(10465447, 10**8), Fraction(1, 10**8)),
-            ("-0.00388100", Fraction(-388100, 10**8), Fraction(1, 10**8)),
-            ("1.5e-9", Fraction(15, 10**10), Fraction(1, 10**10)),
-            (Decimal("0.123456789"), Fraction(123456789, 10**9), Fraction(1, 10**9)),
-            (0.1, Fraction(0.1), Fraction(0.1) / 2**53),
-            (np.float32(0.1), Fraction(float(np.float32(0.1))), None),
-            (0.0, Fraction(0), 0),
-        ],
-    )
+    @pytest.mark.parametrize(("number", "value", "unit"), [
+        ("119/216", Fraction(119, 216), 0),
+        ("-3", Fraction(-3), 0),
+        (7, Fraction(7), 0),
+        (np.int64(7), Fraction(7), 0),
+        (Fraction(1, 3), Fraction(1, 3), 0),
+        ("0.25", Fraction(1, 4), 0),
+        ("-.5", Fraction(-1, 2), 0),
+        ("2.", Fraction(2), 0),
+        ("0.0000000000", Fraction(0), 0),
+        ("1e40", Fraction(10**40), 0),
+        ("0.10465447", Fraction(10465447, 10**8), Fraction(1, 10**8)),
+        ("-0.00388100", Fraction(-388100, 10**8), Fraction(1, 10**8)),
+        ("1.5e-9", Fraction(15, 10**10), Fraction(1, 10**10)),
+        (Decimal("0.123456789"), Fraction(123456789, 10**9), Fraction(1, 10**9)),
+        (0.1, Fraction(0.1), Fraction(0.1) / 2**53),
+        (np.float32(0.1), Fraction(float(np.float32(0.1))), None),
+        (0.0, Fraction(0), 0),
+    ])  # fmt: skip
     def test_value_and_unit(self, number, value, unit):
         read = Coefficient.read(number)
         assert read.value == value
@@ -226,31 +221,25 @@ class TestImmutability:
 
 
 class TestBadInput:
-    @pytest.mark.parametrize(
-        ("a", "b", "message"),
-        [
-            ([[]], [], "b must have at least one entry"),
-            ([[0]], 1, "b must be a sequence of numbers, got 1"),
-            (0, [1], "a must be a sequence of numbers, got 0"),
-            ([0], [1], "row 1 of a must be a sequence of numbers, got 0"),
-            ([[], "1"], [0, 1], "row 2 of a must be a sequence of numbers, got '1'"),
-            ([], [1], "a must have 1 rows to match b"),
-            ([[], [1], [1]], [1, 2, 3], "got lengths [0, 1, 1]"),
-            ([[0, 0]], [1, 2], "a must have 2 rows to match b"),
-            ([[], [1], [1, np.nan]], [1, 2, 3], "a_32: expected a finite real number, got nan"),
-            ([[]], ["1e400"], "b_1: 1e400 is beyond the range of doubles"),
-        ],
-    )
+    @pytest.mark.parametrize(("a", "b", "message"), [
+        ([[]], [], "b must have at least one entry"),
+        ([[0]], 1, "b must be a sequence of numbers, got 1"),
+        (0, [1], "a must be a sequence of numbers, got 0"),
+        ([0], [1], "row 1 of a must be a sequence of numbers, got 0"),
+        ([[], "1"], [0, 1], "row 2 of a must be a sequence of numbers, got '1'"),
+        ([], [1], "a must have 1 rows to match b"),
+        ([[], [1], [1]], [1, 2, 3], "got lengths [0, 1, 1]"),
+        ([[0, 0]], [1, 2], "a must have 2 rows to match b"),
+        ([[], [1], [1, np.nan]], [1, 2, 3], "a_32: expected a finite real number, got nan"),
+        ([[]], ["1e400"], "b_1: 1e400 is beyond the range of doubles"),
+    ])  # fmt: skip
     def test_tableau(self, a, b, message):
         refuses(TableauError, re.escape(message), Tableau, a, b)
 
-    @pytest.mark.parametrize(
-        ("a", "message"),
-        [
-            ([[0, 0], [1, "1/7"]], "explicit tableau, but a_22 = 1/7"),
-            ([[0, 0.5], [1, 0]], "explicit tableau, but a_12 = 0x1"),
-        ],
-    )
+    @pytest.mark.parametrize(("a", "message"), [
+        ([[0, 0], [1, "1/7"]], "explicit tableau, but a_22 = 1/7"),
+        ([[0, 0.5], [1, 0]], "explicit tableau, but a_12 = 0x1"),
+    ])  # fmt: skip
     def test_explicit_argument(self, a, message):
         refuses(TableauError, re.escape(message), Tableau, a, [0, 1], explicit=True)
         assert not Tableau(a, [0, 1]).explicit

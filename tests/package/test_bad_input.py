@@ -40,9 +40,7 @@ SMALL = ConditionSystem.tableau(3, 3)
 HALF, EULER = [[], ["1/2"]], [[0, 0], [1, 0]]
 
 
-OF_THE_ORDER = [
-    *(count, conditions.condition_trees, conditions.table_rows, conditions.right_sides),
-]
+OF_THE_ORDER = [*(count, conditions.condition_trees, conditions.table_rows, conditions.right_sides)]
 
 
 def search(**changes):
@@ -61,107 +59,95 @@ def masked(x):
     return np.ma.masked_array([1.0], mask=[1])
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda: search(rows=True), ValueError, "rows must be one of explicit, diagonal, full"),
-        (lambda: search(force="no"), TypeError, "force must be True or False, got 'no'"),
-        (lambda: search(stages=1001), ValueError, "stages must be at most 1000, got 1001"),
-        (lambda: construct(width=1e308), ValueError, r"width must be at most 1e\+300"),
-        (lambda: construct(full_rank="no"), TypeError, "full_rank must be True or False, got 'no'"),
-        (lambda: construct(force=None), TypeError, "force must be True or False, got None"),
-        (lambda: construct(first_stages=10**6), ValueError, "first_stages must be at most 1000"),
-        (lambda: lmdif(x0=[True]), TypeError, r"x0 must hold real numbers, got \[True\]"),
-        (lambda: lmdif(masked), TypeError, "f must return real numbers, got masked"),
-        (lambda: cg.certify("CG9z"), ValueError, r"got 'CG9z'; similar names are CG4"),
-        (
-            lambda: cg.certify(cg.Tableau([[0]], [2])),
-            cg.CertificationError,
-            "^the method: the coefficients satisfy no",
-        ),
-        (lambda: resolve_method("CF54"), ValueError, r"got 'CF54'; similar names are CF5\(4\)$"),
-        (lambda: resolve_method("rkmk853"), ValueError, r"names are RKMK8\(5,3\)$"),
-        (lambda: resolve_method("CF44"), ValueError, r"similar names are (?!.*CFM)"),
-        (lambda: resolve_method("CFM5"), ValueError, r"similar names are CFM"),
-        (lambda: conditions.residuals(CF4.a, CF4.b, 4), ValueError, "residuals.method"),
-        (lambda: conditions.pack(CF4.a[:3, :3], [1, 0, 0]), ValueError, "residuals.method"),
-        (lambda: exactly(CF4.a, CF4.b, 4), ValueError, "residuals.method"),
-        (lambda: count(99), ValueError, "order must be at most 13, got 99"),
-        (lambda: exactly([[0]], [1], 99), ValueError, "order must be at most 13"),
-        (lambda: CG3.largest_residual(99), ValueError, "order must be at most 13, got 99"),
-        (lambda: exactly(MASKED, [0, 1], 2), ValueError, "row 2 of a must hold finite"),
-        (lambda: exactly([[0]], [np.inf], 2), ValueError, "b must hold finite real numb"),
-        (lambda: exactly([[1j]], [1], 2), ValueError, "row 1 of a must hold finite real"),
-        (lambda: exactly([[0]], ["x"], 2), ValueError, "b must hold finite .* got 'x'"),
-        (lambda: exactly([["1/0"]], [1], 2), ValueError, "row 1 of a must .* got '1/0'"),
-        (lambda: exactly([[0]], 1, 2), ValueError, "b must be a sequence of numbers"),
-        (lambda: cg.Tableau(EULER, {0, 1}), cg.TableauError, "b must be a sequence of numbers"),
-        (lambda: cg.Tableau(HALF, [0, 1], explicit="no"), cg.TableauError, "explicit must be True"),
-        (
-            lambda: cg.Tableau(HALF, [0, 1], nominal_order=True, nominal_residual=1),
-            cg.TableauError,
-            "order must be an integer, got True",
-        ),
-        *(
-            (lambda x=x: make_method(Layout.tableau(1), x), ValueError, "x must")
-            for x in ("1", 5, None)
-        ),
-        (lambda: make_method(Layout.tableau(1), [1], digits=1.5), TypeError, "digits must be"),
-        *((lambda s=s: unknowns(s), TypeError, "stages must be an integer") for s in (True, 1.0)),
-        (lambda: cg.digits(CG5A, 20, certificate="x"), TypeError, "must be a Certificate"),
-        (lambda: cg.digits(CG5A, 20, embedded="no"), TypeError, "embedded must be True or False"),
-        # also for rational coefficients, which need no certificate for their digits
-        (
-            lambda: cg.digits(CG5A, 20, certificate=cg.certify("CG3")),
-            cg.CertificationError,
-            "it is for 'CG3', not for 'CG5a'",
-        ),
-        *((lambda v=v: loads(v), TypeError, "text must be a str, got") for v in (1, None, b"x")),
-        *((lambda v=v: load(v), TypeError, "path must be a path, got") for v in (1, None, b"x")),
-        *((lambda v=v: save(CG3, v), TypeError, "path must be a path") for v in (1, None, b"x")),
-        *((lambda v=v: dumps(v), TypeError, "method must be a Tableau,") for v in (1, None, b"x")),
-        (lambda: save(1, "method.toml"), TypeError, "method must be a Tableau,"),
-        (lambda: pack_method(CG3, 2.5), TypeError, r"order must be an integer, got 2\.5"),
-        (lambda: ConditionSystem.tableau(True, 3), TypeError, "order must be an integer, got True"),
-        (lambda: ConditionSystem.tableau(3, 3, "half"), ValueError, "rows must be one of explicit"),
-        (lambda: Goals(bound="x"), ValueError, "bound must be a finite number, not negative"),
-        (lambda: Goals(interval=(1, 0)), ValueError, "interval must be two increasing finite"),
-        (lambda: Goals(abscissae=True), ValueError, "abscissae must be a finite number"),
-        (lambda: optimise(None, Goals()), TypeError, "candidate must be a Candidate, got None"),
-        (lambda: optimise(POINT, 3), TypeError, "goals must be Goals, got 3"),
-        (lambda: optimise(POINT, Goals(), max_iterations=1.5), TypeError, "max_iterations must be"),
-        (lambda: optimise(POINT, Goals(), tolerance=np.nan), ValueError, "tolerance must be a fin"),
-        (lambda: optimise(POINT, Goals(), frozen=["a"]), ValueError, r"frozen must be .*\['a'\]"),
-        (lambda: fit_conditions([0.3] * 6, SMALL, movable=[0, 6]), ValueError, "movable must"),
-        (lambda: fit_conditions([np.nan] * 6, SMALL), ValueError, "finite"),
-        (lambda: fit_conditions([0.3] * 10, SMALL), ValueError, "must have"),
-        (lambda: fit_conditions([0.3] * 6, SMALL, ftol=-1.0), ValueError, "ftol must"),
-        (lambda: refine(encode([0.3] * 6), SMALL, movable=[-1]), ValueError, "movable must"),
-        (lambda: refine(encode([0.3] * 5), SMALL), ValueError, "must have"),
-        (lambda: polish([1] * 5, SMALL), ValueError, "x must"),
-        (lambda: polish([1] * 6, SMALL, directions=np.ones(6)), ValueError, "directions must"),
-        (lambda: fewer_exponentials(CG3), TypeError, "candidate must be a Candidate, got <Tableau"),
-        (lambda: correct(POINT, [99]), ValueError, r"integers from 0 to 5, got \[99\]"),
-        (lambda: correct(POINT, [1.5]), ValueError, r"frozen must be .*, got \[1\.5\]"),
-        (lambda: to_method(POINT, name="", source="", frozen=3), ValueError, "frozen must be a"),
-        (lambda: eliminate_stage(POINT, 3), ValueError, "stage must be at most 2, got 3"),
-        (lambda: encode([1j]), ValueError, "values must be finite real numbers, got 1j"),
-        (lambda: decode(np.zeros(16)), TypeError, "quads must be an array of int8, got float64"),
-        (lambda: decode(np.int8([1])), ValueError, r"must have shape \(n, 16\), got \(1,\)"),
-        (lambda: to_float([1.0]), TypeError, r"quads must be an array of int8, got \[1\.0\]"),
-        (lambda: to_float(np.int8([[1]])), ValueError, r"16\), got \(1, 1\)"),
-        (lambda: from_float("x"), ValueError, "values must be an array of real numbers, got 'x'"),
-        *((lambda i=i: forest(3).tree(i), TypeError, "index must be an int") for i in (1.0, "1")),
-        (lambda: forest(3).is_independent(None), TypeError, "index must be an integer, got None"),
-        (lambda: forest(3).index([]), TypeError, r"tree must be an OrderedTree, got \[\]"),
-        (lambda: forest(40), ValueError, "max_nodes must be between 1 and 14, got 40"),
-        (lambda: forest(3).with_nodes(1.5), TypeError, r"nodes must be an integer, got 1\.5"),
-        (lambda: prove("x", CG3), TypeError, "certificate must be a Certificate, got 'x'"),
-        (lambda: prove(certificate_of(CG3), "CG3"), TypeError, "method must be a Method"),
-        (lambda: certificate_of("CG3"), TypeError, "method must be a Method, got 'CG3'"),
-        (lambda: FreeRigidBody().reference([1], bits=1.5), TypeError, "bits must be an integer"),
-    ],
-)
+@pytest.mark.parametrize(("call", "error", "message"), [
+    (lambda: search(rows=True), ValueError, "rows must be one of explicit, diagonal, full"),
+    (lambda: search(force="no"), TypeError, "force must be True or False, got 'no'"),
+    (lambda: search(stages=1001), ValueError, "stages must be at most 1000, got 1001"),
+    (lambda: construct(width=1e308), ValueError, r"width must be at most 1e\+300"),
+    (lambda: construct(full_rank="no"), TypeError, "full_rank must be True or False, got 'no'"),
+    (lambda: construct(force=None), TypeError, "force must be True or False, got None"),
+    (lambda: construct(first_stages=10**6), ValueError, "first_stages must be at most 1000"),
+    (lambda: lmdif(x0=[True]), TypeError, r"x0 must hold real numbers, got \[True\]"),
+    (lambda: lmdif(masked), TypeError, "f must return real numbers, got masked"),
+    (lambda: cg.certify("CG9z"), ValueError, r"got 'CG9z'; similar names are CG4"),
+    (lambda: cg.certify(cg.Tableau([[0]], [2])), cg.CertificationError,
+     "^the method: the coefficients satisfy no"),
+    (lambda: resolve_method("CF54"), ValueError, r"got 'CF54'; similar names are CF5\(4\)$"),
+    (lambda: resolve_method("rkmk853"), ValueError, r"names are RKMK8\(5,3\)$"),
+    (lambda: resolve_method("CF44"), ValueError, r"similar names are (?!.*CFM)"),
+    (lambda: resolve_method("CFM5"), ValueError, r"similar names are CFM"),
+    (lambda: conditions.residuals(CF4.a, CF4.b, 4), ValueError, "residuals.method"),
+    (lambda: conditions.pack(CF4.a[:3, :3], [1, 0, 0]), ValueError, "residuals.method"),
+    (lambda: exactly(CF4.a, CF4.b, 4), ValueError, "residuals.method"),
+    (lambda: count(99), ValueError, "order must be at most 13, got 99"),
+    (lambda: exactly([[0]], [1], 99), ValueError, "order must be at most 13"),
+    (lambda: CG3.largest_residual(99), ValueError, "order must be at most 13, got 99"),
+    (lambda: exactly(MASKED, [0, 1], 2), ValueError, "row 2 of a must hold finite"),
+    (lambda: exactly([[0]], [np.inf], 2), ValueError, "b must hold finite real numb"),
+    (lambda: exactly([[1j]], [1], 2), ValueError, "row 1 of a must hold finite real"),
+    (lambda: exactly([[0]], ["x"], 2), ValueError, "b must hold finite .* got 'x'"),
+    (lambda: exactly([["1/0"]], [1], 2), ValueError, "row 1 of a must .* got '1/0'"),
+    (lambda: exactly([[0]], 1, 2), ValueError, "b must be a sequence of numbers"),
+    (lambda: cg.Tableau(EULER, {0, 1}), cg.TableauError, "b must be a sequence of numbers"),
+    (lambda: cg.Tableau(HALF, [0, 1], explicit="no"), cg.TableauError, "explicit must be True"),
+    (lambda: cg.Tableau(HALF, [0, 1], nominal_order=True, nominal_residual=1), cg.TableauError,
+     "order must be an integer, got True"),
+    *(
+        (lambda x=x: make_method(Layout.tableau(1), x), ValueError, "x must")
+        for x in ("1", 5, None)
+    ),
+    (lambda: make_method(Layout.tableau(1), [1], digits=1.5), TypeError, "digits must be"),
+    *((lambda s=s: unknowns(s), TypeError, "stages must be an integer") for s in (True, 1.0)),
+    (lambda: cg.digits(CG5A, 20, certificate="x"), TypeError, "must be a Certificate"),
+    (lambda: cg.digits(CG5A, 20, embedded="no"), TypeError, "embedded must be True or False"),
+    # also for rational coefficients, which need no certificate for their digits
+    (lambda: cg.digits(CG5A, 20, certificate=cg.certify("CG3")), cg.CertificationError,
+     "it is for 'CG3', not for 'CG5a'"),
+    *((lambda v=v: loads(v), TypeError, "text must be a str, got") for v in (1, None, b"x")),
+    *((lambda v=v: load(v), TypeError, "path must be a path, got") for v in (1, None, b"x")),
+    *((lambda v=v: save(CG3, v), TypeError, "path must be a path") for v in (1, None, b"x")),
+    *((lambda v=v: dumps(v), TypeError, "method must be a Tableau,") for v in (1, None, b"x")),
+    (lambda: save(1, "method.toml"), TypeError, "method must be a Tableau,"),
+    (lambda: pack_method(CG3, 2.5), TypeError, r"order must be an integer, got 2\.5"),
+    (lambda: ConditionSystem.tableau(True, 3), TypeError, "order must be an integer, got True"),
+    (lambda: ConditionSystem.tableau(3, 3, "half"), ValueError, "rows must be one of explicit"),
+    (lambda: Goals(bound="x"), ValueError, "bound must be a finite number, not negative"),
+    (lambda: Goals(interval=(1, 0)), ValueError, "interval must be two increasing finite"),
+    (lambda: Goals(abscissae=True), ValueError, "abscissae must be a finite number"),
+    (lambda: optimise(None, Goals()), TypeError, "candidate must be a Candidate, got None"),
+    (lambda: optimise(POINT, 3), TypeError, "goals must be Goals, got 3"),
+    (lambda: optimise(POINT, Goals(), max_iterations=1.5), TypeError, "max_iterations must be"),
+    (lambda: optimise(POINT, Goals(), tolerance=np.nan), ValueError, "tolerance must be a fin"),
+    (lambda: optimise(POINT, Goals(), frozen=["a"]), ValueError, r"frozen must be .*\['a'\]"),
+    (lambda: fit_conditions([0.3] * 6, SMALL, movable=[0, 6]), ValueError, "movable must"),
+    (lambda: fit_conditions([np.nan] * 6, SMALL), ValueError, "finite"),
+    (lambda: fit_conditions([0.3] * 10, SMALL), ValueError, "must have"),
+    (lambda: fit_conditions([0.3] * 6, SMALL, ftol=-1.0), ValueError, "ftol must"),
+    (lambda: refine(encode([0.3] * 6), SMALL, movable=[-1]), ValueError, "movable must"),
+    (lambda: refine(encode([0.3] * 5), SMALL), ValueError, "must have"),
+    (lambda: polish([1] * 5, SMALL), ValueError, "x must"),
+    (lambda: polish([1] * 6, SMALL, directions=np.ones(6)), ValueError, "directions must"),
+    (lambda: fewer_exponentials(CG3), TypeError, "candidate must be a Candidate, got <Tableau"),
+    (lambda: correct(POINT, [99]), ValueError, r"integers from 0 to 5, got \[99\]"),
+    (lambda: correct(POINT, [1.5]), ValueError, r"frozen must be .*, got \[1\.5\]"),
+    (lambda: to_method(POINT, name="", source="", frozen=3), ValueError, "frozen must be a"),
+    (lambda: eliminate_stage(POINT, 3), ValueError, "stage must be at most 2, got 3"),
+    (lambda: encode([1j]), ValueError, "values must be finite real numbers, got 1j"),
+    (lambda: decode(np.zeros(16)), TypeError, "quads must be an array of int8, got float64"),
+    (lambda: decode(np.int8([1])), ValueError, r"must have shape \(n, 16\), got \(1,\)"),
+    (lambda: to_float([1.0]), TypeError, r"quads must be an array of int8, got \[1\.0\]"),
+    (lambda: to_float(np.int8([[1]])), ValueError, r"16\), got \(1, 1\)"),
+    (lambda: from_float("x"), ValueError, "values must be an array of real numbers, got 'x'"),
+    *((lambda i=i: forest(3).tree(i), TypeError, "index must be an int") for i in (1.0, "1")),
+    (lambda: forest(3).is_independent(None), TypeError, "index must be an integer, got None"),
+    (lambda: forest(3).index([]), TypeError, r"tree must be an OrderedTree, got \[\]"),
+    (lambda: forest(40), ValueError, "max_nodes must be between 1 and 14, got 40"),
+    (lambda: forest(3).with_nodes(1.5), TypeError, r"nodes must be an integer, got 1\.5"),
+    (lambda: prove("x", CG3), TypeError, "certificate must be a Certificate, got 'x'"),
+    (lambda: prove(certificate_of(CG3), "CG3"), TypeError, "method must be a Method"),
+    (lambda: certificate_of("CG3"), TypeError, "method must be a Method, got 'CG3'"),
+    (lambda: FreeRigidBody().reference([1], bits=1.5), TypeError, "bits must be an integer"),
+])  # fmt: skip
 def test_bad_arguments_are_rejected(call, error, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     refuses(error, message, call)
@@ -177,15 +163,12 @@ def test_method_names_must_be_strings(name):
     assert cg.methods.get(1) is None
 
 
-@pytest.mark.parametrize(
-    "function",
-    [
-        *OF_THE_ORDER,
-        lambda order: conditions.residuals([[0]], [1], order),
-        lambda order: exactly([[0]], [1], order),
-        CG3.largest_residual,
-    ],
-)
+@pytest.mark.parametrize("function", [
+    *OF_THE_ORDER,
+    lambda order: conditions.residuals([[0]], [1], order),
+    lambda order: exactly([[0]], [1], order),
+    CG3.largest_residual,
+])  # fmt: skip
 def test_orders_must_be_integers(function):
     function(1)  # the cached result for 1 must not serve True
     for order in (True, 2.5):
@@ -195,15 +178,12 @@ def test_orders_must_be_integers(function):
 PAIR = ([[0.0, 0.0], [0.5, 0.0]], [0.0, 1.0])
 
 
-@pytest.mark.parametrize(
-    "function",
-    [
-        lambda a, b: conditions.residuals(a, b, 2),
-        lambda a, b: conditions.jacobian(a, b, 2),
-        lambda a, b: conditions.weights(a, b, 2),
-        conditions.pack,
-    ],
-)
+@pytest.mark.parametrize("function", [
+    lambda a, b: conditions.residuals(a, b, 2),
+    lambda a, b: conditions.jacobian(a, b, 2),
+    lambda a, b: conditions.weights(a, b, 2),
+    conditions.pack,
+])  # fmt: skip
 def test_coefficients_must_be_arrays_of_real_numbers(function):
     a, b = map(np.array, PAIR)
     function(a, b)

@@ -79,30 +79,23 @@ def masked(array):
 
 # Changes that keep the numbers: the result is the same, or an error
 SAME = {
-    "lists": lambda array: array.tolist(),
-    "spaced": spaced,
-    "Fortran": np.asfortranarray,
+    "lists": lambda array: array.tolist(), "spaced": spaced, "Fortran": np.asfortranarray,
     "swapped": lambda array: array.astype(array.dtype.newbyteorder()),
-    "object": lambda array: array.astype(object),
-    "unmasked": np.ma.masked_array,
+    "object": lambda array: array.astype(object), "unmasked": np.ma.masked_array,
     "read-only": lambda array: np.frombuffer(array.tobytes(), array.dtype).reshape(array.shape),
-}
+}  # fmt: skip
 # Changes of the numbers or the shape, which must not be ignored
 OTHER = {
-    "first nan": same_start(lambda x: np.nan),
-    "first inf": same_start(lambda x: np.inf),
-    "first huge": same_start(lambda x: 1e308),
-    "first moved": same_start(lambda x: x + 0.125),
+    "first nan": same_start(lambda x: np.nan), "first inf": same_start(lambda x: np.inf),
+    "first huge": same_start(lambda x: 1e308), "first moved": same_start(lambda x: x + 0.125),
     "masked": masked,
     "first imaginary": lambda array: array + 1j * (np.arange(array.size) == 0).reshape(array.shape),
     "one less": lambda array: array[:-1],
     "one more": lambda array: np.concatenate([array, array[:1]]),
-    "a dimension more": lambda array: array[None],
-    "last dimension": lambda array: array[..., None],
-    "first alone": lambda array: array[0],
-    "reversed": lambda array: array[::-1],
+    "a dimension more": lambda array: array[None], "last dimension": lambda array: array[..., None],
+    "first alone": lambda array: array[0], "reversed": lambda array: array[::-1],
     "texts": lambda array: array.astype(str),
-}
+}  # fmt: skip
 # Arguments whose large values take long
 COUNTS = {"starts", "tries", "hits", "save_every", "max_steps", "maxfev", "refine_maxfev"}
 
@@ -198,44 +191,25 @@ RETURNED = {
     *("Certificate", "CompiledFunction", "DenseOutput", "Diagnosis", "Lifted", "Reference"),
     *("VariationalOutput", "VariationalSolution", "EnsembleVariationalSolution"),
     *(
-        "Solution",
-        "EnsembleSolution",
-        "AdjointSolution",
-        "Rows",
-        "Structure",
-        "Frame",
+        "Solution", "EnsembleSolution", "AdjointSolution", "Rows", "Structure", "Frame",
         "HomogeneousSpace",
     ),
     *("MatrixGroup", "Method", "MethodError", "MissingQuadsError", "TableauError"),
     *("CertificationError", "ConvergenceError", "FlowOverflowError", "LiftError"),
     *("StepTooLongError", "Product"),
-}
+}  # fmt: skip
 # Functions of the user, whose own errors are raised unchanged
 FUNCTIONS = {
-    "f",
-    "a",
-    "functions",
-    "jac",
-    "df_dp",
-    "da_dp",
-    "noise",
-    "observe",
-    "events",
-    "progress",
+    "f", "a", "functions", "jac", "df_dp", "da_dp", "noise", "observe", "events", "progress",
     "args",
-}
+}  # fmt: skip
 
 # Parts of arguments that messages name
 PARTS = {
-    "points": ("point",),
-    "stage_points": ("stage", "point"),
-    "tree": ("point", "text"),
-    "text": ("TOML", "certificate", "entry", "shape"),
-    "x": ("x_1",),
-    "factor": ("factors",),
-    "c": ("c_1",),
-    "times": ("t",),
-}
+    "points": ("point",), "stage_points": ("stage", "point"), "tree": ("point", "text"),
+    "text": ("TOML", "certificate", "entry", "shape"), "x": ("x_1",), "factor": ("factors",),
+    "c": ("c_1",), "times": ("t",),
+}  # fmt: skip
 
 
 def check(name, changes):

@@ -16,8 +16,6 @@ from cg.structure.points import MethodError
 from cg.support import quads
 from cg.support.parsing import file_in, read_fraction
 
-pytestmark = pytest.mark.no_core
-
 METHOD = cg.methods["CG3"]
 CERTIFICATE = certificate_of(METHOD)
 
@@ -95,16 +93,12 @@ def _box(**changes):
 
 
 FORGED = {
-    "order": _proof(order=10**9),
-    "order 0": _proof(order=0),
-    "bits": _proof(bits=10**9),
-    "no bits": _proof(bits=-1),
-    "left out": _box(left_out=(Condition(0, ((),)),) * 100_000),
+    "order": _proof(order=10**9), "order 0": _proof(order=0), "bits": _proof(bits=10**9),
+    "no bits": _proof(bits=-1), "left out": _box(left_out=(Condition(0, ((),)),) * 100_000),
     "tree": _proof(beyond=replace(CERTIFICATE.beyond, word=())),
-    "fixed": _box(fixed=("a_1,1",) * 1_000_000),
-    "radius": _box(radius=Decimal("1e-3999")),
+    "fixed": _box(fixed=("a_1,1",) * 1_000_000), "radius": _box(radius=Decimal("1e-3999")),
     "large radius": _box(radius=Decimal("1e3999")),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("what", FORGED)

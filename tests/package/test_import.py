@@ -10,8 +10,6 @@ import pytest
 
 import cg
 
-pytestmark = pytest.mark.no_core
-
 HEAVY = {"flint", "matplotlib", "numpy", "scipy", "threadpoolctl"}
 
 
@@ -48,12 +46,8 @@ def test_integration_imports_no_unused_modules():
         "cg.solve_ivp(f, (0, 1), [[1, 0, 0], [0, 1, 0], [0, 0, 1]], frame=frame)"
     )
     unused = {
-        "cg.proofs",
-        "cg.construction",
-        "cg.construction.lifting",
-        "cg.problems",
-        "matplotlib",
-    }
+        "cg.proofs", "cg.construction", "cg.construction.lifting", "cg.problems", "matplotlib",
+    }  # fmt: skip
     unused |= {"cg.jax", "jax", "diffrax"}
     unused |= {
         f"scipy.{part}" for part in ("integrate", "interpolate", "linalg", "optimize", "sparse")

@@ -17,8 +17,6 @@ import crouch_grossman
 import crouch_grossman.frames.so3
 from cg.support.installation import check_folder
 
-pytestmark = pytest.mark.no_core
-
 ROOT = Path(cg.__file__).parents[1]
 ALIAS = ROOT / "crouch_grossman"
 of_the_source_tree = pytest.mark.skipif(
@@ -30,12 +28,9 @@ def python(code, folder):
     """Run code where the editable install isn't seen, with a folder on the path."""
     return subprocess.run(
         [sys.executable, "-S", "-c", f"import sys; sys.path.insert(0, {str(folder)!r})\n{code}"],
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": ""},
+        capture_output=True, text=True, cwd=folder, env={**os.environ, "PYTHONPATH": ""},
         check=False,
-    )
+    )  # fmt: skip
 
 
 def test_crouch_grossman_is_cg():
@@ -49,11 +44,9 @@ def test_crouch_grossman_is_cg():
 
 def test_python_m_crouch_grossman():
     run = subprocess.run(
-        [sys.executable, "-m", "crouch_grossman.proofs", "--help"],
-        capture_output=True,
-        text=True,
+        [sys.executable, "-m", "crouch_grossman.proofs", "--help"], capture_output=True, text=True,
         check=False,
-    )
+    )  # fmt: skip
     assert run.returncode == 0, run.stderr
     assert "usage" in run.stdout
 

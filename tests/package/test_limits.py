@@ -67,11 +67,7 @@ def test_warnings_point_to_the_caller():
     for call in (cg.integrate, cg.solve_ivp):
         with pytest.warns(UserWarning, match="has order 0") as caught:
             call(
-                lambda t, y: np.zeros(3),
-                (0, 1),
-                np.eye(3),
-                frame=cg.frames.SO3(),
-                method=method,
+                lambda t, y: np.zeros(3), (0, 1), np.eye(3), frame=cg.frames.SO3(), method=method,
                 h=0.5,
-            )
+            )  # fmt: skip
         assert caught[0].filename == __file__

@@ -14,8 +14,6 @@ from cg.problems import HeavyTop
 from cg.trees.ordered import forest
 from cg.trees.rooted import rooted_trees_through
 
-pytestmark = pytest.mark.no_core
-
 NODES = 8
 
 

@@ -10,7 +10,7 @@ import pytest
 import cg
 
 pytest.importorskip("mypy")
-pytestmark = [pytest.mark.slow, pytest.mark.no_core]  # mypy reads NumPy's types
+pytestmark = pytest.mark.slow  # mypy reads NumPy's types
 
 RIGHT = """
 import numpy as np
@@ -53,13 +53,9 @@ def check(folder, text):
     root = Path(cg.__file__).parents[1]
     path = {} if root.name == "site-packages" else {"MYPYPATH": str(root)}
     return subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", "--no-incremental", "user.py"],
-        cwd=folder,
-        env={**os.environ, **path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        [sys.executable, "-m", "mypy", "--strict", "--no-incremental", "user.py"], cwd=folder,
+        env={**os.environ, **path}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
 
 
 def test_strict_mypy_accepts_user_code(tmp_path):

@@ -11,24 +11,19 @@ from cg.construction.solvers.system import ConditionSystem
 from cg.support import quads
 from cg.support.quads import MissingQuadsError
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.fixture(autouse=True)
 def without(monkeypatch):
     monkeypatch.setattr(quads, "_compiled", lambda: None)
 
 
-@pytest.mark.parametrize(
-    ("call", "name"),
-    [
-        (lambda: cg.search(order=2, stages=2, starts=1, seed=1), r"cg\.search"),
-        (lambda: cg.construct(order=3, stages=3, seed=1), r"cg\.construct"),
-        (lambda: quads.from_float([1.0]), r"cg\.support\.quads\.from_float"),
-        (lambda: quads.to_float(quads.encode([1])), r"cg\.support\.quads\.to_float"),
-        (lambda: refine(quads.encode([0, 1, 1]), ConditionSystem.tableau(2, 2)), "refinement"),
-    ],
-)
+@pytest.mark.parametrize(("call", "name"), [
+    (lambda: cg.search(order=2, stages=2, starts=1, seed=1), r"cg\.search"),
+    (lambda: cg.construct(order=3, stages=3, seed=1), r"cg\.construct"),
+    (lambda: quads.from_float([1.0]), r"cg\.support\.quads\.from_float"),
+    (lambda: quads.to_float(quads.encode([1])), r"cg\.support\.quads\.to_float"),
+    (lambda: refine(quads.encode([0, 1, 1]), ConditionSystem.tableau(2, 2)), "refinement"),
+])  # fmt: skip
 def test_missing_quads_error_names_the_function(call, name):
     refuses(MissingQuadsError, rf"^{name} needs quadruple precision.*-Dquad", call)
 

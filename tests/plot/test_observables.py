@@ -9,8 +9,6 @@ matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.fixture(autouse=True)
 def closed():
@@ -43,15 +41,11 @@ STATES /= np.linalg.norm(STATES, axis=1)[:, None]
 VECTORS = [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, 1, 0]]
 
 
-@pytest.mark.parametrize(
-    "y",
-    [
-        STATES,
-        STATES[:, :, None] * STATES[:, None].conj(),
-        np.stack([STATES, np.stack([-STATES[:, 1].conj(), STATES[:, 0].conj()], 1)], -1),
-    ],
-    ids=["states", "densities", "propagators"],
-)
+@pytest.mark.parametrize("y", [
+    STATES,
+    STATES[:, :, None] * STATES[:, None].conj(),
+    np.stack([STATES, np.stack([-STATES[:, 1].conj(), STATES[:, 0].conj()], 1)], -1),
+], ids=["states", "densities", "propagators"])  # fmt: skip
 def test_bloch_vectors(y):
     line = cg.plot.bloch(y).lines[0]
     np.testing.assert_allclose(np.transpose(line.get_data_3d()), VECTORS, atol=1e-15)

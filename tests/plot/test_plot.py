@@ -18,8 +18,6 @@ matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
 
-pytestmark = pytest.mark.no_core
-
 
 @pytest.fixture
 def ax():
@@ -248,15 +246,12 @@ class TestAttitude:
     turns = Rotation.from_rotvec(np.linspace(0.1, 1.1, 5)[:, None] * [0.1, -0.2, 0.9])
     t = np.linspace(0, 2, 5)
 
-    @pytest.mark.parametrize(
-        ("show", "curves"),
-        [
-            ("ZYX", turns.as_euler("ZYX", degrees=True)),
-            ("xyx", turns.as_euler("xyx", degrees=True)),
-            ("vector", np.rad2deg(turns.as_rotvec())),
-            ("rate", np.rad2deg(np.tile([0.05, -0.1, 0.45], (4, 1)))),
-        ],
-    )
+    @pytest.mark.parametrize(("show", "curves"), [
+        ("ZYX", turns.as_euler("ZYX", degrees=True)),
+        ("xyx", turns.as_euler("xyx", degrees=True)),
+        ("vector", np.rad2deg(turns.as_rotvec())),
+        ("rate", np.rad2deg(np.tile([0.05, -0.1, 0.45], (4, 1)))),
+    ])  # fmt: skip
     def test_shows(self, ax, show, curves):
         cg.plot.attitude(self.turns, ax, show=show, t=self.t)
         times = self.t[:-1] + 0.25 if show == "rate" else self.t
@@ -272,16 +267,12 @@ class TestAttitude:
             k = ax.lines.index(line) % 3
             np.testing.assert_allclose(line.get_ydata(), np.rad2deg(self.turns.as_rotvec()[:, k]))
 
-    @pytest.mark.parametrize(
-        ("frame", "y0"),
-        [
-            (cg.frames.SO3(), np.eye(3)),
-            (cg.frames.UnitQuaternion(scalar_first=True), [1.0, 0, 0, 0]),
-            (cg.frames.SE3(), np.eye(4)),
-            (cg.frames.Product(cg.frames.Euclidean(2), cg.frames.SO3()), [1, 1, *np.eye(3).flat]),
-        ],
-        ids=str,
-    )
+    @pytest.mark.parametrize(("frame", "y0"), [
+        (cg.frames.SO3(), np.eye(3)),
+        (cg.frames.UnitQuaternion(scalar_first=True), [1.0, 0, 0, 0]),
+        (cg.frames.SE3(), np.eye(4)),
+        (cg.frames.Product(cg.frames.Euclidean(2), cg.frames.SO3()), [1, 1, *np.eye(3).flat]),
+    ], ids=str)  # fmt: skip
     def test_reads_solutions(self, ax, frame, y0):
         coefficients = np.zeros(frame.dim)
         coefficients[2 if isinstance(frame, cg.frames.Product) else 0] = 0.5

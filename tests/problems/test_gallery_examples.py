@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from ambient import solve_in_ambient_space
 from gallery import NAMES, example, load
-from scipy.spatial.transform import Rotation
 
 import cg
 
@@ -33,21 +32,6 @@ def test_rolling_ball_moves_on_the_exact_circle():
     ball = load("rolling_ball")
     solution = cg.solve_ivp(ball.f, (0, 5), ball.y0, frame=ball.frame, rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(solution.y[:, 12:], ball.exact_position(solution.t), atol=1e-8)
-
-
-def test_spacecraft_equation_in_vector_form():
-    craft = load("spacecraft")
-    craft.STIFFNESS, craft.DAMPING, craft.ORBIT_RATE = 0.5, 0.25, 0.75
-    for y in craft.frame.random_point(np.random.default_rng(4), (4,)):
-        q, omega = craft.frame.split(y)
-        axes = Rotation.from_quat(q).as_matrix()
-        inertia = np.diag(craft.INERTIA)
-        relative = omega - 0.75 * axes[2]
-        torque = np.cross(inertia @ omega, omega)
-        torque += 3 * 0.75**2 * np.cross(axes[0], inertia @ axes[0])
-        torque += -0.5 * q[:3] - 0.25 * relative
-        expected = np.concatenate([relative, np.linalg.solve(inertia, torque)])
-        np.testing.assert_allclose(craft.f(0.0, y), expected, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("damping", [0.0, 4.0])

@@ -42,18 +42,6 @@ def test_constants_and_initial_values():
     assert abs((2 * half_angle**2 - 1) ** 2 - Fraction(1, 2)) < Fraction(1, 2**200)
 
 
-def test_heavy_top_equation_in_vector_form():
-    top = HeavyTop()
-    rng = np.random.default_rng(1)
-    for y in top.frame.random_point(rng, (5,)):
-        rotation, m = top.frame.split(y)
-        omega = m / np.array([7 / 8, 7 / 8, 2 / 8])
-        e3 = np.array([0.0, 0.0, 1.0])
-        torque = 9.81 * np.sqrt(3) / 2 * np.cross(rotation.T @ e3, e3)
-        expected = np.concatenate([omega, np.cross(m, omega) + torque])
-        np.testing.assert_allclose(top.f(0.0, y), expected, rtol=1e-14, atol=1e-14)
-
-
 def test_reference_estimates_its_error(reference):
     assert max(reference.errors) <= 1e-33
     assert reference.times == tuple(TENTHS)

@@ -38,41 +38,30 @@ def test_references_agree_with_an_independent_solver(problem):
             np.testing.assert_allclose(values, start, rtol=0, atol=4e-15)
 
 
-def test_f_accepts_batches():
-    problem = FreeRigidBody()
+@pytest.mark.parametrize("problem", [FreeRigidBody(), AffineField(SE3(), np.eye(4))], ids=type)
+def test_f_accepts_batches(problem):
     points = problem.frame.random_point(np.random.default_rng(2), (2, 3))
-    together = problem.f(0.0, points)
+    together = problem.f(0.5, points)
     for index in np.ndindex(2, 3):
-        alone = problem.f(0.0, points[index])
+        alone = problem.f(0.5, points[index])
         np.testing.assert_allclose(together[index], alone, rtol=1e-13, atol=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "message"),
-    [
-        (lambda: FreeRigidBody((1, 1, 3)), ValueError, "inertia must be positive, none larger"),
-        (lambda: FreeRigidBody((1, 1, -1)), ValueError, "inertia must be positive"),
-        (lambda: FreeRigidBody((1, 1)), ValueError, "inertia must be 3 finite numbers"),
-        (lambda: FreeRigidBody(momentum=(0, 0, 0)), ValueError, "momentum must not vanish"),
-        (lambda: FreeRigidBody(momentum=(0, 0, np.nan)), ValueError, "momentum must be 3 finite"),
-        (lambda: HeavyTop("speed"), ValueError, "reading must be"),
-        (lambda: HeavyTop("momentum", "third"), ValueError, "phi_over_pi must be rational"),
-        (lambda: HeavyTop("momentum", np.nan), ValueError, "phi_over_pi must be rational"),
-        *(
-            (lambda t=t: HeavyTop().reference([t]), ValueError, "times must be finite numbers")
-            for t in ("noon", np.nan, np.inf, None)
-        ),
-        (lambda: ForcedRigidBody(frequency=[1, 2]), ValueError, "frequency must be a finite"),
-        (lambda: ForcedRigidBody(velocity=(0, np.inf, 0)), ValueError, "velocity must be 3 finite"),
-    ],
-)
+@pytest.mark.parametrize(("make", "error", "message"), [
+    (lambda: FreeRigidBody((1, 1, 3)), ValueError, "inertia must be positive, none larger"),
+    (lambda: FreeRigidBody((1, 1, -1)), ValueError, "inertia must be positive"),
+    (lambda: FreeRigidBody((1, 1)), ValueError, "inertia must be 3 finite numbers"),
+    (lambda: FreeRigidBody(momentum=(0, 0, 0)), ValueError, "momentum must not vanish"),
+    (lambda: FreeRigidBody(momentum=(0, 0, np.nan)), ValueError, "momentum must be 3 finite"),
+    (lambda: HeavyTop("speed"), ValueError, "reading must be"),
+    (lambda: HeavyTop("momentum", "third"), ValueError, "phi_over_pi must be rational"),
+    (lambda: HeavyTop("momentum", np.nan), ValueError, "phi_over_pi must be rational"),
+    *(
+        (lambda t=t: HeavyTop().reference([t]), ValueError, "times must be finite numbers")
+        for t in ("noon", np.nan, np.inf, None)
+    ),
+    (lambda: ForcedRigidBody(frequency=[1, 2]), ValueError, "frequency must be a finite"),
+    (lambda: ForcedRigidBody(velocity=(0, np.inf, 0)), ValueError, "velocity must be 3 finite"),
+])  # fmt: skip
 def test_bad_arguments_are_rejected(make, error, message):
     refuses(error, message, make)
-
-
-def test_affine_field_on_a_batch():
-    problem = AffineField(SE3(), np.eye(4))
-    points = problem.frame.random_point(np.random.default_rng(1), (2, 3))
-    actual = problem.f(0.5, points)
-    assert actual.shape == (2, 3, 6)
-    np.testing.assert_allclose(actual[1, 2], problem.f(0.5, points[1, 2]), rtol=0, atol=1e-15)

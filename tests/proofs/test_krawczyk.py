@@ -17,8 +17,6 @@ from cg.proofs.digits import _rounded
 from cg.proofs.krawczyk import krawczyk
 from cg.support.balls import working_precision
 
-pytestmark = pytest.mark.no_core
-
 
 @dataclass(frozen=True)
 class Uncoupled:
@@ -86,15 +84,12 @@ def flattening(n=60):
 
 
 @pytest.mark.parametrize("size", [1, 3])
-@pytest.mark.parametrize(
-    ("constant", "y", "radius"),
-    [
-        ("0.001", "0.1", "0.06"),  # no zero
-        ("1e-9", "1e-4", "9e-5"),
-        ("-0.01", "0.11", "0.25"),  # two of them
-        ("-1e-30", "1.1e-15", "2.5e-15"),
-    ],
-)
+@pytest.mark.parametrize(("constant", "y", "radius"), [
+    ("0.001", "0.1", "0.06"),  # no zero
+    ("1e-9", "1e-4", "9e-5"),
+    ("-0.01", "0.11", "0.25"),  # two of them
+    ("-1e-30", "1.1e-15", "2.5e-15"),
+])  # fmt: skip
 def test_the_contraction_is_needed(constant, y, radius, size):
     system = parabola(constant)
     test = attempt(system, y, radius, size)

@@ -21,8 +21,6 @@ from cg.proofs.dependent.pairings import pairings
 from cg.proofs.dependent.reduction import Reduction
 from cg.support.balls import working_precision as precision
 
-pytestmark = pytest.mark.no_core
-
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]
 
 
@@ -189,9 +187,7 @@ def test_a_certificate_that_leaves_out_an_independent_condition():
     certificate = certify(method)
     movable = [name for name in method.layout.names if name not in certificate.fixed]
     forged = leaving_out(
-        certificate,
-        [*certificate.left_out, TREE],
-        fixed=(*certificate.fixed, movable[0]),
+        certificate, [*certificate.left_out, TREE], fixed=(*certificate.fixed, movable[0]),
         radius=Decimal("1e-33"),
-    )
+    )  # fmt: skip
     refuses(CertificationError, "that conditions follow from others is not", check, forged, method)

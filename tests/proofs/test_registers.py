@@ -11,8 +11,6 @@ from cg.method.low_storage import from_two_registers
 from cg.proofs.dependent.reduction import Reduction
 from cg.trees.rooted import rooted_trees
 
-pytestmark = pytest.mark.sanitize
-
 
 def exchange(p, v, w, q):
     """Return Σ (p ⧢ v) w q - Σ (p ⧢ w) v q - p [v ⧢ w] q + p [w ⧢ v] q, zero for two registers."""

@@ -16,8 +16,6 @@ from cg.proofs.krawczyk import enclose_zero, krawczyk
 from cg.proofs.statement import fitting
 from cg.support.balls import working_precision as precision
 
-pytestmark = pytest.mark.no_core
-
 
 def changed(certificate, **changes):
     return replace(certificate, box=replace(certificate.box, **changes))
@@ -65,11 +63,9 @@ def test_an_independent_condition_is_not_as_small():
     certificate = certify(method)
     movable = [name for name in method.layout.names if name not in certificate.fixed]
     wrong = changed(
-        certificate,
-        left_out=(Condition(0, parse("[[[[[]]]]]")),),
-        bound=Decimal("1e-41"),
+        certificate, left_out=(Condition(0, parse("[[[[[]]]]]")),), bound=Decimal("1e-41"),
         fixed=(*certificate.fixed, movable[0]),
-    )
+    )  # fmt: skip
     refuses(CertificationError, "that conditions are small is not proved", check, wrong, method)
 
 

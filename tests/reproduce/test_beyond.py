@@ -18,8 +18,6 @@ from cg.reproduce.main import main
 from cg.reproduce.sections import beyond_catalogue, beyond_order
 from cg.reproduce.style import LINES, lines
 
-pytestmark = pytest.mark.no_core
-
 PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
 
 
@@ -138,9 +136,7 @@ def test_line_styles_are_distinct():
 
 
 def test_order_section_has_all_methods_from_order_six():
-    def method(order, explicit=True):
-        return SimpleNamespace(order=order, explicit=explicit)
-
+    method = lambda order, explicit=True: SimpleNamespace(order=order, explicit=explicit)
     listed = {"a": method(7), "b": method(5), "c": method(6), "d": method(8, explicit=False)}
     assert beyond_order.select(listed) == ["c", "a"]
 

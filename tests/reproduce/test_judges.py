@@ -8,8 +8,6 @@ import pytest
 from cg.reproduce import judges
 from cg.reproduce.sections.claims import CLAIMS
 
-pytestmark = pytest.mark.no_core
-
 METHODS = ("CG4", "CG4a", "CG5a", "CG6a")
 
 
@@ -32,11 +30,7 @@ def numbers():
             for name, order in orders.items()
         },
         "approximate": {
-            "worst": 6.1,
-            "root_mean_square": 6.4,
-            "median": 6.5,
-            "conditions": 196,
-            "six": 196,
+            "worst": 6.1, "root_mean_square": 6.4, "median": 6.5, "conditions": 196, "six": 196,
             "truncation": 1e-7,
         },
         "rotation_slopes": {
@@ -52,7 +46,7 @@ def numbers():
         "flat": dict.fromkeys(METHODS, 1e-16),
         "initial": {"orthogonality": 1e-16, "determinant": 0.0},
         "trees": {"order": 10, "generated": 99, "expected": 99},
-    }
+    }  # fmt: skip
 
 
 def figures():
@@ -60,16 +54,13 @@ def figures():
     errors = {"CG4": 1e-2, "CG4a": 1e-3, "CG5a": 1e-4, "CG6a": 1e-5}
     slopes = {"CG4": 4.0, "CG4a": 4.05, "CG5a": 4.95, "CG6a": 6.0}
 
-    def over_time(error):
-        return {name: [0.0, error / 2, error] for name in ("rotation", "momentum")}
+    over_time = lambda error: {name: [0.0, error / 2, error] for name in ("rotation", "momentum")}
 
     def in_double(slope):
         distances = {"distance": [0.0, 2e-16], "distance_flows": [0.0, 9e-16]}
         return {"slope": slope, "error": [1.0, 1e-8], **distances}
 
-    def in_quad(slope):
-        return {"slope": slope, "local": [3.0, 3.5, 4.0], "error": [1e-20]}
-
+    in_quad = lambda slope: {"slope": slope, "local": [3.0, 3.5, 4.0], "error": [1e-20]}
     readings = ("momentum", "velocity")
     quad = {name: in_quad(slopes[name]) for name in METHODS}
     return {
@@ -91,30 +82,20 @@ def figures():
 def searches():
     """Results of the searches that make every claim true."""
     search = {
-        "distinct": 5,
-        "exact": [True] * 5 + [False],
-        "partial": None,
-        "f_double": [1e-33] * 5 + [1e-3],
-        "f_quad": [1e-69] * 5 + [None],
-        "at_limit": 1,
+        "distinct": 5, "exact": [True] * 5 + [False], "partial": None,
+        "f_double": [1e-33] * 5 + [1e-3], "f_quad": [1e-69] * 5 + [None], "at_limit": 1,
         "settings": {"maxfev": 1000},
-    }
+    }  # fmt: skip
     six = {
-        "distinct": 0,
-        "exact": [False] * 4,
-        "partial": None,
-        "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
-        "f_quad": [1e-8, 1e-8, 1e-8, 1e-7],
-        "at_limit": 4,
+        "distinct": 0, "exact": [False] * 4, "partial": None, "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
+        "f_quad": [1e-8, 1e-8, 1e-8, 1e-7], "at_limit": 4,
         "settings": {"maxfev": 1000, "refine_maxfev": 30},
         "best": {"f": 1e-8, "condition_number": 1e9},
-    }
+    }  # fmt: skip
     stopped = {
-        "limit": 20,
-        "limit_quad": 100,
-        "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
+        "limit": 20, "limit_quad": 100, "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
         "f_quad": [1e-8, 1e-8, 1e-8, 1e-7],
-    }
+    }  # fmt: skip
     return {
         "search4": search,
         "search5": copy.deepcopy(search),
@@ -132,14 +113,10 @@ def results():
 
     def printed():
         return {
-            "count": 20,
-            "decimals": 16,
-            "largest_difference": 1e-16,
-            "zeros_kept": True,
-            "if_truncated": 0.5,
-            "if_rounded": 0.4,
+            "count": 20, "decimals": 16, "largest_difference": 1e-16, "zeros_kept": True,
+            "if_truncated": 0.5, "if_rounded": 0.4,
             "residuals": {"paper": {"largest": 1e-15}, "ours": {"largest": 1e-35}},
-        }
+        }  # fmt: skip
 
     rows = [
         {"paper": {"q": q, "N_CG": n}, "agree": True, "trees": n + 7, "discarded": 7}
@@ -176,9 +153,7 @@ CASES = [
     (J.table, "table3.2 rows 2 agree", False),
     (partial(J.double, 5), "search5 f_double", [1e-15] * 4 + [2e-15, 1.0], [1e-15] * 5 + [1.0]),
     (
-        partial(J.usually, 4, 1e-31),
-        "search4 f_quad",
-        [1e-31, 1e-31, 2e-31, 1.0, None, None],
+        partial(J.usually, 4, 1e-31), "search4 f_quad", [1e-31, 1e-31, 2e-31, 1.0, None, None],
         [1e-31, 1e-31, 1e-32, 1.0, 1.0, None],
     ),
     (partial(J.usually, 5, 1e-31), "search5 f_quad", [None] * 6),
@@ -198,18 +173,10 @@ CASES = [
     (J.in_unit_interval, "methods CG4a abscissae", [-1e-9, 1.0]),
     (J.in_unit_interval, "methods CG4a abscissae", [0.0, 1 + 1e-9]),
     (J.initial, "initial determinant", 1e-15, 9e-16),
-    (
-        J.superior,
-        "fig4.1 readings velocity methods CG4a momentum",
-        [0.0, 5e-3, 1e-3],
-        [0.0, 4e-3, 9e-3],
-    ),
-    (
-        J.best_at_tenth,
-        "fig4.1 readings momentum methods CG6a rotation",
-        [0.0, 1e-5, 5.1e-5],
-        [0.0, 4.9e-5, 4.9e-5],
-    ),
+    (J.superior, "fig4.1 readings velocity methods CG4a momentum", [0.0, 5e-3, 1e-3],
+     [0.0, 4e-3, 9e-3]),
+    (J.best_at_tenth, "fig4.1 readings momentum methods CG6a rotation", [0.0, 1e-5, 5.1e-5],
+     [0.0, 4.9e-5, 4.9e-5]),
     (J.exact, "fig4.2 readings velocity CG5a distance_flows", [0.0, 1e-14], [0.0, 9e-15]),
     (J.exact, "fig4.2 readings momentum CG4 distance", [1e-14, 0.0]),
     *(
@@ -231,7 +198,7 @@ CASES = [
     (J.truncated, "appendix methods CG5a if_truncated", 0.51),
     (J.truncated, "appendix methods CG6a if_truncated", None),
     (J.truncated, "appendix methods CG6a decimals", 8),
-]
+]  # fmt: skip
 
 
 def name(judge):

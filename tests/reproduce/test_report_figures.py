@@ -14,8 +14,6 @@ from cg.reproduce.blocks import Chart, Table
 from cg.reproduce.sections import beyond_order, fig4_1, fig4_2, fig4_2_quad, search
 from cg.reproduce.style import LINES
 
-pytestmark = pytest.mark.no_core
-
 METHODS = ("CG4", "CG4a", "CG5a", "CG6a")
 ORDERS = dict(zip(METHODS, (4, 4, 5, 6), strict=True))
 
@@ -122,17 +120,14 @@ def test_figure_4_2(reading):
         name: {
             method: {
                 "distance": [1e-17, (k + 1) * 1e-17, (k + 2) * 1e-17],
-                "distance_flows": [1e-17, (k + 3) * 1e-17, (k + 4) * 1e-17],
-                "long_distance": 1e-16,
-                "long_distance_flows": 2e-16,
-                "error": error,
-                "slope": float(ORDERS[method]),
+                "distance_flows": [1e-17, (k + 3) * 1e-17, (k + 4) * 1e-17], "long_distance": 1e-16,
+                "long_distance_flows": 2e-16, "error": error, "slope": float(ORDERS[method]),
                 "fitted": 3,
             }
             for k, (method, error) in enumerate(errors_by_step([x * y for x in h]).items())
         }
         for y, name in enumerate(top.READINGS, 1)
-    }
+    }  # fmt: skip
     references = dict.fromkeys(top.READINGS, 1e-40)
     data = {"h": h, "t": t, "long_h": 0.005, "reference_error": references, "readings": readings}
     chart = charts(fig4_2.present(data))[f"fig4.2-{reading}"]
@@ -217,20 +212,15 @@ def test_figure_beyond_the_paper():
 def test_figure_of_a_search():
     f_double, f_quad = [1e-3, 1e-9, 1e-30, 1e-33], [None, None, 1e-60, 1e-69]
     data = {
-        "f_double": f_double,
-        "f_quad": f_quad,
-        "paper": {"f_double": 1e-15, "f_quad": 1e-31},
+        "f_double": f_double, "f_quad": f_quad, "paper": {"f_double": 1e-15, "f_quad": 1e-31},
         "exact": [False, False, True, True],
         "f_double_quartiles": [1e-33, 1e-33, 1e-30, 1e-9, 1e-3],
         "f_quad_quartiles": [1e-69, 1e-69, 1e-60, 1e-60, 1e-60],
         "settings": {"width": 1, "seed": 0, "maxfev": 9, "refine_below": 1e-12, "refine_maxfev": 9},
-        "partial": {"starts": 4, "of": 20},
-        "at_limit": 1,
-        "distinct": 2,
-        "abscissae_in_unit_interval": 0,
-        "methods": [],
+        "partial": {"starts": 4, "of": 20}, "at_limit": 1, "distinct": 2,
+        "abscissae_in_unit_interval": 0, "methods": [],
         "best": {"f": 1e-69, "largest_residual": 1e-35, "coefficients": []},
-    }
+    }  # fmt: skip
     blocks = search.present(search.PLANS[4], data)
     assert blocks[0].text.startswith("Partial: the first 4 of 20 starts.")
     (axes,) = drawn(charts(blocks)["search4"]).axes

@@ -2,15 +2,20 @@
 
 import hashlib
 import io
+import sys
 
+import numpy as np
 import pytest
+from kinds import FROZEN
 
+import cg
+from cg.problems import HeavyTop
 from cg.reproduce import fingerprint
 from cg.reproduce.appendix_a import printed
 from cg.reproduce.display import Display
 from cg.reproduce.items import ITEMS
-
-pytestmark = pytest.mark.no_core
+from cg.reproduce.main import main
+from cg.reproduce.quad_steps import end_point
 
 # of every printed digit of Appendix A, row by row: label, an equals sign, the digits
 DIGITS = {
@@ -88,3 +93,61 @@ def test_progress_on_a_terminal_is_one_line():
     assert stream.getvalue().count("\n") == 1
     assert stream.getvalue().count("\r") == 6
     assert "2 of 4, 2 s, about 2 s left" in stream.getvalue()
+
+
+@pytest.mark.parametrize("name", [name for name, method in FROZEN.items() if method.explicit])
+def test_steps_agree_with_those_in_double(name):
+    top = HeavyTop("velocity")
+    options = {"frame": top.frame, "method": name, "h": 1 / 16}
+    double = cg.integrate(top.f, (0, 1), top.y0, **options).y[-1]
+    end = end_point(top, cg.methods[name], 16)
+    np.testing.assert_allclose(double, [float(x) for x in end], rtol=0, atol=2e-14)
+
+
+def test_rotations_are_orthogonal_to_rounding():
+    method, steps = cg.methods["CG3"], 1000
+    rotation = np.array(end_point(HeavyTop(), method, steps)[:9]).reshape(3, 3)
+    off = abs(rotation @ rotation.T - np.eye(3, dtype=int)).max()
+    # a few roundings down in each flow, which add up
+    assert off < 8 * method.exponentials * steps * 2.0**-114
+
+
+@pytest.mark.parametrize(("arguments", "named"), [
+    (["--seed", "-1"], "--seed"),
+    (["--seed", "one"], "--seed"),
+    (["--workers", "0"], "--workers"),
+    (["--workers", "1.5"], "--workers"),
+    (["--frequency"], "--frequency"),
+    (["--minutes", "-1"], "--minutes"),
+    (["--minutes", "nan"], "--minutes"),
+    (["--only", "fig9.9"], "fig9.9"),
+])  # fmt: skip
+def test_rejects_wrong_arguments(arguments, named, capsys):
+    assert main(arguments) == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    def refuse(*arguments):
+        raise AssertionError("work has begun")
+
+    monkeypatch.setattr("cg.reproduce.run.run", refuse)
+
+
+@pytest.mark.usefixtures("no_work")
+def test_rejects_out_that_is_a_file(tmp_path, capsys):
+    path = tmp_path / "taken"
+    path.write_text("mine")
+    assert main(["--out", str(path)]) == 2
+    assert f"{path} is not a directory" in capsys.readouterr().err
+    assert main(["--out", str(path / "below")]) == 2
+    assert "is not a directory" in capsys.readouterr().err
+    assert path.read_text() == "mine"
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc takes no folders, not even from root")
+def test_rejects_out_that_is_not_writable(capsys):
+    assert main(["--out", "/proc/nothing"]) == 2
+    assert "/proc/nothing is not writable" in capsys.readouterr().err

@@ -22,8 +22,6 @@ from cg.reproduce.sections.search import PLANS
 from cg.reproduce.statistics import median, quartiles
 from cg.runs import Store
 
-pytestmark = pytest.mark.no_core
-
 
 def context(folder, **changes):
     return Context(Settings(), folder, 2, **changes)

@@ -22,8 +22,6 @@ from cg.reproduce.sections import table3_2
 from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
 from cg.support.quads import to_decimal
 
-pytestmark = pytest.mark.no_core
-
 
 def context(folder, **changes):
     return Context(Settings(), folder, 2, **changes)

@@ -28,8 +28,6 @@ from research.impossibility.__main__ import main
 from research.impossibility.ring import Ring
 from research.impossibility.shapes import flat_density, orderings
 
-pytestmark = pytest.mark.no_core
-
 
 def test_all_proofs_hold_and_say_what_they_prove():
     sentences = [sentence for name in proof_names() for sentence in check(name)]

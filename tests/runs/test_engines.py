@@ -60,11 +60,8 @@ class TestEngines:
         command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
         process = subprocess.run(
             [*command, "-m", "mpi4py.futures", str(script), str(tmp_path / "runs.db")],
-            capture_output=True,
-            text=True,
-            timeout=300,
-            check=False,
-        )
+            capture_output=True, text=True, timeout=300, check=False,
+        )  # fmt: skip
         assert process.stdout == "equal, 2 workers\n", process.stderr
 
     def test_mpi_from_the_command(self, tmp_path):

@@ -132,7 +132,7 @@ def test_reproduce(tmp_path):
                 file.unlink()
 
     ended = kills = useful = 0
-    stores = lambda: list(out.glob("checkpoints/*.db"))  # noqa: E731
+    stores = lambda: list(out.glob("checkpoints/*.db"))
     for kills, useful in killed_at_random(lambda: run(out), stores, restart, 8):  # noqa: B007
         item = json.loads((out / "results.json").read_text("utf-8"))["items"]
         assert item == expected

@@ -162,9 +162,8 @@ class TestCommand:
         )
 
 
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0.2, "0 s"), (59.4, "59 s"), (60, "1 min"), (3600, "1 h 0 min"), (7900, "2 h 12 min")],
-)
+@pytest.mark.parametrize(("seconds", "text"), [
+    (0.2, "0 s"), (59.4, "59 s"), (60, "1 min"), (3600, "1 h 0 min"), (7900, "2 h 12 min")
+])  # fmt: skip
 def test_durations(seconds, text):
     assert duration(seconds) == text

@@ -61,18 +61,12 @@ def test_rejects_forged_starts(forgery, tmp_path):
 
 
 @pytest.mark.parametrize("settings", [CONSTRUCT, TREES])
-@pytest.mark.parametrize(
-    "change",
-    [
-        "solved = NOT solved",
-        "f = f / 2 + 1e-300",
-        "coefficients = zeroblob(length(coefficients) - 16)",
-        "coefficients = zeroblob(length(coefficients))",
-        "number = -5",
-        "stages = stages + 1",
-        "tree = '{}'",
-    ],
-)
+@pytest.mark.parametrize("change", [
+    "solved = NOT solved", "f = f / 2 + 1e-300",
+    "coefficients = zeroblob(length(coefficients) - 16)",
+    "coefficients = zeroblob(length(coefficients))", "number = -5", "stages = stages + 1",
+    "tree = '{}'",
+])  # fmt: skip
 def test_rejects_forged_tries(settings, change, tmp_path):
     path = tmp_path / "runs.db"
     whole = cg.construct(**settings, workers=1, store=path)
@@ -205,13 +199,10 @@ class TestFile:
         assert subprocess.run(command, check=False).returncode == 0
         assert stored_numbers(path) == [0, 1, 2, 3]
 
-    @pytest.mark.parametrize(
-        "owner",
-        [
-            {"process": 2**22 + 1, "began": 1},  # no such process
-            {"process": os.getppid(), "began": 1},  # another one has its number now
-        ],
-    )
+    @pytest.mark.parametrize("owner", [
+        {"process": 2**22 + 1, "began": 1},  # no such process
+        {"process": os.getppid(), "began": 1},  # another one has its number now
+    ])  # fmt: skip
     def test_resumes_run_of_dead_process(self, tmp_path, owner):
         path = tmp_path / "runs.db"
         search(**SMALL, starts=1, store=path)

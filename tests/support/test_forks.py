@@ -139,11 +139,8 @@ assert blas() == {2}
 def run(script):
     done = subprocess.run(
         [sys.executable, "-W", "ignore::DeprecationWarning", "-c", CHILD + script],
-        capture_output=True,
-        text=True,
-        timeout=500,
-        check=False,
-    )
+        capture_output=True, text=True, timeout=500, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
 
 

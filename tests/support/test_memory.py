@@ -57,12 +57,9 @@ _SETTINGS = {
 
 def _run(code):
     run = subprocess.run(
-        [sys.executable, "-c", _RUNNER + code],
-        capture_output=True,
-        text=True,
-        env={**os.environ, **_SETTINGS},
-        check=False,
-    )
+        [sys.executable, "-c", _RUNNER + code], capture_output=True, text=True,
+        env={**os.environ, **_SETTINGS}, check=False,
+    )  # fmt: skip
     assert run.returncode == 0, run.stderr
     return run.stdout.splitlines()
 

@@ -1,26 +1,18 @@
 """Several threads at once: equal results, and unchanged settings of the process."""
 
 import os
-import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 
 from flint import arb, ctx
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
-from cg.executors import as_finished
 from cg.support.balls import working_precision
 from cg.support.parallel import available_cores, single_threads
 
 
 def _blas_threads():
     return [pool["num_threads"] for pool in threadpool_info()]
-
-
-def _together(*calls):
-    with ThreadPoolExecutor(len(calls)) as pool:
-        return [future.result() for future in [pool.submit(call) for call in calls]]
 
 
 def test_the_limit_of_threads_is_lifted_by_the_last_user():
@@ -54,36 +46,6 @@ def test_a_limit_that_ends_meanwhile_is_not_set_again():
             theirs.restore_original_limits()
         after = _blas_threads()
     assert set(after) == {3}
-
-
-def test_overlapping_runs_use_one_thread_each():
-    with threadpool_limits(2):
-        ended = threading.Event()
-        begun = threading.Event()
-
-        def short(_):
-            assert begun.wait(10)
-            return _blas_threads()
-
-        def long(_):
-            begun.set()
-            assert ended.wait(10)
-            return _blas_threads()
-
-        def run_short():
-            try:
-                with closing(as_finished(short, [0], 1)) as running:
-                    return list(running)
-            finally:
-                ended.set()
-
-        def run_long():
-            with closing(as_finished(long, [0], 1)) as running:
-                return list(running)
-
-        actual = _together(run_long, run_short)
-        assert {threads for run in actual for (one,) in [run] for threads in one} == {1}
-        assert set(_blas_threads()) == {2}
 
 
 def test_the_precision_is_one_thread_s_at_a_time():

@@ -1,4 +1,5 @@
 from fractions import Fraction
+from itertools import accumulate
 from math import factorial
 
 import pytest
@@ -7,8 +8,7 @@ from refusals import refuses
 from strategies import trees
 
 from cg.trees.ordered import OrderedTree, catalan, forest, is_lyndon
-
-pytestmark = pytest.mark.no_core
+from cg.trees.rooted import density, node_count, rooted_trees, rooted_trees_through
 
 
 def test_counts_are_catalan_numbers():
@@ -125,3 +125,25 @@ def test_bad_index():
         refuses(IndexError, f"index must be between 1 and 4, got {index}", ordered.tree, index)
     refuses(ValueError, "nodes must", ordered.with_nodes, 4)
     refuses(ValueError, "nodes must", ordered.count, 0)
+
+
+COUNTS = [1, 1, 2, 4, 9, 20, 48, 115, 286]  # OEIS A000081
+
+
+def test_counts():
+    trees = [rooted_trees(n) for n in range(1, 10)]
+    assert [len(set(of_size)) for of_size in trees] == COUNTS
+    assert list(map(len, trees)) == COUNTS
+    assert list(map(len, map(rooted_trees_through, range(1, 10)))) == list(accumulate(COUNTS))
+
+
+def test_nodes_and_densities():
+    assert [density(tree) for tree in rooted_trees(4)] == [24, 12, 8, 4]
+    for n in range(1, 8):
+        assert {node_count(tree) for tree in rooted_trees(n)} == {n}
+
+
+@pytest.mark.parametrize("function", [rooted_trees, rooted_trees_through])
+def test_rejects_a_bad_number_of_nodes(function):
+    refuses(ValueError, "at least 1", function, 0)
+    refuses(TypeError, "must be an integer", function, 2.5)
