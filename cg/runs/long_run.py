@@ -75,7 +75,9 @@ class LongRun(Generic[Result]):
         with ExitStack() as stack:
             stored = None
             if options.store is not None:
-                run = stored_run(options.store, self.kind, asdict(self.settings))
+                # empty settings are left out, for stores of versions that didn't have them
+                settings = {k: v for k, v in asdict(self.settings).items() if v != ()}
+                run = stored_run(options.store, self.kind, settings)
                 stored = stack.enter_context(run)
             results = self._results(total, options, stored)
             yield stored, stack.enter_context(closing(results))
