@@ -27,7 +27,8 @@ def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int
     """Determine the order of a method and recognise mistakes in its coefficients.
 
     Prints the order, the first violated order condition with its tree, and known mistakes:
-    reversed rows, a transposed, a changed coefficient, truncated digits, rounded numbers given as
+    reversed rows, a transposed, a changed coefficient and the value that it should have, truncated
+    digits, rounded numbers given as
     fractions, second weights equal to the first, rows that don't sum to c, a classical tableau that
     isn't lifted.
 

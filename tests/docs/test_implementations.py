@@ -52,7 +52,7 @@ def test_mistakes(checked):
         ("OrdinaryDiffEq.jl", "CG4a"): ["reversed"],
         ("DiffMan", "CG43"): ["equal weights"],
         ("DiffMan", "CG34"): ["equal weights"],
-        ("DiffMan", "CG4test"): ["abscissae", "abscissae"],
+        ("DiffMan", "CG4test"): ["abscissae", "abscissae", "misprint"],
         ("georax", "CG4"): ["abscissae", "slip"],
     }
 
