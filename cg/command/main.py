@@ -105,8 +105,9 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
 
 def message_of(error: Exception) -> str:
     """Return the message of an error; of one of a file the path and what is wrong."""
-    file = isinstance(error, OSError) and error.filename
-    return f"{file}: {error.strerror}" if file else str(error)
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
 
 
 def _with_notes(text: str, error: BaseException) -> str:

@@ -53,7 +53,7 @@ def attitude(
         Shape ``(n,)``. Increasing times; by default those of the solution, else 0, 1, …
     reference
         The exact attitude at the same times, as `y`; a solution with dense output is evaluated at
-        these times. Or a constant attitude: one rotation.
+        these times. Or a constant attitude: one rotation, matrix or quaternion.
     wrap
         Draw Euler angles in [-180, 180] degrees. By default they are continuous, so that they grow
         beyond 360 degrees in a tumble.
@@ -103,6 +103,9 @@ def attitude(
         )
     if is_rotation(reference) and reference.single:
         reference = type(reference).concatenate([reference])
+    elif not (reference is None or is_rotation(reference) or hasattr(reference, "frame")):
+        reference = real_array(reference, "reference")
+        reference = reference[None] if reference.shape in ((4,), (3, 3)) else reference
     constant = isinstance(reference, Sized) and len(reference) == 1
     # another solution is compared at the steps, not between them
     between = t is None and (reference is None or constant)
