@@ -169,8 +169,8 @@ def search(
 
     >>> hold = {"c[2]": "1/3", "c[3]": "2/3", "b[2]": 0}
     >>> method = search(3, 4, seed=1, hold=hold).methods[0]
-    >>> method.b[1], method.c.round(15)[1:3]
-    (0.0, array([0.33333333, 0.66666667]))
+    >>> method.c.round(15)[1:3], method.weights[1].text
+    (array([0.33333333, 0.66666667]), '0')
     """
     settings = SearchSettings.of(locals()).checked(force)
     quads.core("cg.search")
