@@ -101,11 +101,7 @@ def attitude(
             "reference must be given with show='error', and only then, got "
             f"reference={reference!r} and show={show!r}"
         )
-    if is_rotation(reference) and reference.single:
-        reference = type(reference).concatenate([reference])
-    elif not (reference is None or is_rotation(reference) or hasattr(reference, "frame")):
-        reference = real_array(reference, "reference")
-        reference = reference[None] if reference.shape in ((4,), (3, 3)) else reference
+    reference = _at_times(reference)
     constant = isinstance(reference, Sized) and len(reference) == 1
     # another solution is compared at the steps, not between them
     between = t is None and (reference is None or constant)
@@ -130,6 +126,16 @@ def attitude(
     unit = "° / unit of time" if show == "rate" else "°"
     ax.set(xlabel="t", ylabel=f"{title} ({unit})")
     return ax
+
+
+def _at_times(reference: Any) -> Any:
+    """Return a single rotation as an array of one."""
+    if is_rotation(reference):
+        return type(reference).concatenate([reference]) if reference.single else reference
+    if reference is None or hasattr(reference, "frame"):
+        return reference
+    points = real_array(reference, "reference")
+    return points[None] if points.shape in ((4,), (3, 3)) else points
 
 
 def _members(y: Any) -> list[Any]:
