@@ -7,7 +7,7 @@ free ones, ``x_p = d_p - Σ m_pk x_k``. Solvers move the free ones only.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -52,27 +52,43 @@ class Held:
         """Eliminate the equations of a layout, whose unknowns `zeros` are zero."""
         places = {name: [k] for k, name in enumerate(layout.names)}
         places |= {f"c_{r + 1}": layout.row(r) for r in range(layout.stages)}
-        equations = [(layout.names[k], "0") for k in zeros]
-        pivots: dict[int, NDArray[Any]] = {}
-        for name, value in (*equations, *hold):
+        equations = [*((layout.names[k], "0") for k in zeros), *hold]
+        for name, _ in equations:
             if name not in places:
                 raise ValueError(
                     f"hold: there is no {name}; unknowns are {', '.join(layout.names)}, "
                     f"and abscissae c_1 to c_{layout.stages}"
                 )
-            row = np.full(layout.size + 1, Fraction())
-            row[places[name]], row[-1] = Fraction(1), Fraction(value)
-            for p, other in pivots.items():
-                row = row - row[p] * other
-            free = np.flatnonzero(row[:-1])
-            if not free.size and row[-1]:
-                raise ValueError(f"hold: {name} = {value} contradicts what else is held or zero")
-            if free.size:
-                row = row / row[free[-1]]
-                pivots = {p: other - other[free[-1]] * row for p, other in pivots.items()}
-                pivots[int(free[-1])] = row
-        rows = np.array(list(pivots.values()), dtype=object).reshape(-1, layout.size + 1)
-        return cls(np.array(list(pivots), dtype=np.intp), rows)
+        try:
+            return cls.solving(
+                [(places[k], Fraction(value)) for k, value in equations], layout.size
+            )
+        except ArithmeticError as error:
+            name, value = equations[error.args[1]]
+            text = f"hold: {name} = {value} contradicts what else is held or zero"
+            raise ValueError(text) from None
+
+    @classmethod
+    def solving(cls, sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Held:
+        """Solve sums of unknowns for the last unknown of each; ArithmeticError if none solve them.
+
+        The rows are the reduced echelon form with columns in reverse order.
+        """
+        rows: dict[int, NDArray[Any]] = {}
+        for number, (indices, value) in enumerate(sums):
+            row = np.full(size + 1, Fraction())
+            row[list(indices)], row[-1] = Fraction(1), value
+            for k, other in rows.items():
+                row = row - row[k] * other if row[k] else row
+            last = max(np.flatnonzero(row[:-1]).tolist(), default=None)
+            if last is not None:
+                row = row / row[last]
+                rows = {k: o - o[last] * row if o[last] else o for k, o in rows.items()}
+                rows[last] = row
+            elif row[-1]:
+                raise ArithmeticError("sums contradict each other", number)
+        matrix = np.array(list(rows.values()), dtype=object).reshape(-1, size + 1)
+        return cls(np.array(list(rows), dtype=np.intp), matrix)
 
     @cached_property
     def _floats(self) -> NDArray[np.float64]:
