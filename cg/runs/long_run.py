@@ -75,9 +75,7 @@ class LongRun(Generic[Result]):
         with ExitStack() as stack:
             stored = None
             if options.store is not None:
-                # empty settings are left out, for stores of versions that didn't have them
-                settings = {k: v for k, v in asdict(self.settings).items() if v != ()}
-                run = stored_run(options.store, self.kind, settings)
+                run = stored_run(options.store, self.kind, asdict(self.settings))
                 stored = stack.enter_context(run)
             results = self._results(total, options, stored)
             yield stored, stack.enter_context(closing(results))
