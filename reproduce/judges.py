@@ -4,7 +4,7 @@ Each takes the numbers of `evidence.gather` and the results of all items, and re
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,14 +17,9 @@ Verdict = tuple[bool | None, str]
 
 Results = Mapping[str, Data]
 
-_MANY = 5
+MANY = 5
 _ABOUT = 10**0.5
 """Factor by which a number may differ from a power of ten that the paper gives."""
-
-
-def beyond(reason: str) -> Callable[[Data, Results], Verdict]:
-    """Return a judge whose verdict is "not reproducible", with a reason."""
-    return lambda numbers, results: (None, f"not reproducible because {reason}")
 
 
 def catalogue_order(order: int, name: str, numbers: Data, results: Results) -> Verdict:
@@ -40,10 +35,8 @@ def example(order: int, name: str, numbers: Data, results: Results) -> Verdict:
     """
     passed, text = catalogue_order(order, name, numbers, results)
     part = results["appendix"]["methods"][name]
-    residuals = part["residuals"]
-    bound = 2 * 10.0 ** -part["decimals"]
-    passed = bool(passed) and part["largest_difference"] <= bound and part["zeros_kept"]
-    return passed, (
+    residuals, bound = part["residuals"], 2 * 10.0 ** -part["decimals"]
+    return bool(passed) and part["largest_difference"] <= bound and part["zeros_kept"], (
         f"{text}; its {part['count']} printed coefficients are within "
         f"{number(part['largest_difference'], 2)} of ours; largest residual "
         f"{number(residuals['paper']['largest'], 2)} as printed, "
@@ -55,9 +48,8 @@ def slope(order: int, name: str, numbers: Data, results: Results) -> Verdict:
     """Return whether slopes are within 0.1 of the order in quadruple precision, 0.25 in double."""
     quad = results["fig4.2quad"]["readings"]["momentum"]["methods"][name]
     double = [results["fig4.2"]["readings"][reading][name]["slope"] for reading in top.READINGS]
-    passed = all(abs(slope - order) < 0.1 for slope in (quad["slope"],))
-    passed = passed and all(slope is not None and abs(slope - order) < 0.25 for slope in double)
-    return passed, (
+    exact = all(slope is not None and abs(slope - order) < 0.25 for slope in double)
+    return exact and abs(quad["slope"] - order) < 0.1, (
         f"{name}: slope {places(quad['slope'])} in quadruple precision, "
         f"{' and '.join(places(slope, 2) for slope in double)} in double (either ω(0))"
     )
@@ -66,12 +58,10 @@ def slope(order: int, name: str, numbers: Data, results: Results) -> Verdict:
 def slope_six(numbers: Data, results: Results) -> Verdict:
     """Return whether CG6a's slope at the smallest stepsizes is within 0.1 of six."""
     run = results["fig4.2quad"]["readings"]["momentum"]["methods"]["CG6a"]
-    early = run["local"][:2]
-    passed = abs(run["slope"] - 6) < 0.1
-    return passed, (
-        f"CG6a: local slopes {' and '.join(places(s, 2) for s in early)} for h from 1/4 to 1/16, "
-        f"but {places(run['slope'])} over the smallest stepsizes, where the error stays at "
-        f"{number(run['error'][-1], 2)}"
+    early = " and ".join(places(s, 2) for s in run["local"][:2])
+    return abs(run["slope"] - 6) < 0.1, (
+        f"CG6a: local slopes {early} for h from 1/4 to 1/16, but {places(run['slope'])} over the "
+        f"smallest stepsizes, where the error stays at {number(run['error'][-1], 2)}"
     )
 
 
@@ -88,7 +78,7 @@ def slope_approximate(numbers: Data, results: Results) -> Verdict:
 def many(order: int, numbers: Data, results: Results) -> Verdict:
     """Return whether the search found five distinct exact methods."""
     data = results[f"search{order}"]
-    return data["distinct"] >= _MANY, f"{_found(data)}, {_MANY} being many"
+    return data["distinct"] >= MANY, f"{_found(data)}, {MANY} being many"
 
 
 def _found(data: Data) -> str:
@@ -134,51 +124,36 @@ def zeros(numbers: Data, results: Results) -> Verdict:
 
 def table(numbers: Data, results: Results) -> Verdict:
     """Return whether all numbers of the table agree."""
-    rows = results["table3.2"]["rows"]
-    return all(row["agree"] for row in rows), f"{sum(row['agree'] for row in rows)} of 3 rows agree"
+    agree = [row["agree"] for row in results["table3.2"]["rows"]]
+    return all(agree), f"{sum(agree)} of 3 rows agree"
 
 
-def double(order: int, numbers: Data, results: Results) -> Verdict:
-    """Return whether five starts reach f ≤ 1e-15 in double."""
+def double(order: int, bound: float, least: int, numbers: Data, results: Results) -> Verdict:
+    """Return whether at least some starts reach a bound of f in double."""
     data = results[f"search{order}"]
-    f = data["f_double"]
-    reached, roots = _reached(f, 1e-15), _reached(f, 1e-30)
-    return reached >= _MANY, (
-        f"{reached} of {_starts(data)} reach f ≤ 1e−15, {roots} √f ≤ 1e−15; smallest f "
-        f"{number(min(f), 2)}"
-    )
+    reached, text = _reached(data["f_double"], _starts(data), bound)
+    return reached >= least, f"{text} in double"
 
 
 def usually(order: int, bound: float, numbers: Data, results: Results) -> Verdict:
     """Return whether more than half of the refined starts reach a bound."""
     f = [value for value in results[f"search{order}"]["f_quad"] if value is not None]
-    reached, roots = _reached(f, bound), _reached(f, bound**2)
-    return 2 * reached > len(f), (
-        f"{reached} of {len(f)} refined starts have f ≤ {number(bound, 1)}, {roots} √f ≤ "
-        f"{number(bound, 1)}" + (f"; smallest f {number(min(f), 2)}" if f else "")
-    )
+    reached, text = _reached(f, f"{len(f)} refined starts", bound)
+    return 2 * reached > len(f), text
 
 
-def _reached(f: Sequence[float], bound: float) -> int:
-    return sum(value <= bound for value in f)
-
-
-def six_reached(numbers: Data, results: Results) -> Verdict:
-    """Return whether a start of order six reaches f ≤ 1e-6 in double."""
-    data = results["search6"]
-    reached, roots = _reached(data["f_double"], 1e-6), _reached(data["f_double"], 1e-12)
-    return reached > 0, (
-        f"{reached} of {_starts(data)} reach f ≤ 1e−6 in double, {roots} √f ≤ 1e−6"
-    )
+def _reached(f: Sequence[float], starts: str, bound: float) -> tuple[int, str]:
+    """Return how many starts reach a bound of f, and a text that also has those of √f."""
+    reached, roots = (sum(value <= limit for value in f) for limit in (bound, bound**2))
+    text = f"{reached} of {starts} reach f ≤ {number(bound, 1)}, {roots} √f ≤ {number(bound, 1)}"
+    return reached, text + (f"; smallest f {number(min(f), 2)}" if f else "")
 
 
 def six_no_further(numbers: Data, results: Results) -> Verdict:
     """Return whether no start of order six reaches f < 1e-7 in double."""
-    data = results["search6"]
+    data, evaluations = results["search6"], results["evaluations"]
     f = data["f_double"]
-    by_limit = zip(
-        results["evaluations"]["limits"], results["evaluations"]["f_quartiles"], strict=True
-    )
+    by_limit = zip(evaluations["limits"], evaluations["f_quartiles"], strict=True)
     return min(f) >= 1e-7, (
         f"our f in double: smallest {number(min(f), 2)} (√f {number(math.sqrt(min(f)), 2)}), "
         f"median {number(median(f), 2)}; {data['at_limit']} of {_starts(data)} ended at the limit "
@@ -266,11 +241,10 @@ def all_digits(numbers: Data, results: Results) -> Verdict:
 def moderate(numbers: Data, results: Results) -> Verdict:
     """Return whether no coefficient exceeds the largest of CG4, the method known before."""
     sizes = {name: numbers["methods"][name]["largest_coefficient"] for name in top.METHODS}
-    new = {name: size for name, size in sizes.items() if name != "CG4"}
-    text = ", ".join(f"{name} {number(size)}" for name, size in new.items())
-    return max(new.values()) < sizes["CG4"], (
-        f"largest coefficient: {text}; for comparison CG4 {number(sizes['CG4'])}"
-    )
+    known = sizes.pop("CG4")
+    text = ", ".join(f"{name} {number(size)}" for name, size in sizes.items())
+    evidence = f"largest coefficient: {text}; for comparison CG4 {number(known)}"
+    return max(sizes.values()) < known, evidence
 
 
 def in_unit_interval(numbers: Data, results: Results) -> Verdict:
@@ -287,18 +261,10 @@ def initial(numbers: Data, results: Results) -> Verdict:
     )
 
 
-def superior(numbers: Data, results: Results) -> Verdict:
-    """Return whether the error of CG4a is below that of CG4 at all times, in either component."""
-    return _ratios(results, "CG4a", ("CG4",), factor=1.0)
-
-
-def best_at_tenth(numbers: Data, results: Results) -> Verdict:
-    """Return whether the error of CG6a is always below the others', at t = 1 by half."""
-    return _ratios(results, "CG6a", ("CG4", "CG4a", "CG5a"), factor=2.0)
-
-
-def _ratios(results: Results, name: str, others: tuple[str, ...], factor: float) -> Verdict:
-    """Compare errors for both readings of the initial vector."""
+def superior(
+    name: str, others: tuple[str, ...], factor: float, numbers: Data, results: Results
+) -> Verdict:
+    """Return whether errors are always below the others', at t = 1 by a factor, in each reading."""
     ratios = {reading: _ratio(results, reading, name, others, factor) for reading in top.READINGS}
     rival = others[0] if len(others) == 1 else "the best of the others"
     return all(passed for passed, _ in ratios.values()), (
@@ -336,20 +302,11 @@ def exact(numbers: Data, results: Results) -> Verdict:
 
 
 def theorem(kind: str, numbers: Data, results: Results) -> Verdict:
-    """Return whether slopes on another problem are within 0.1 of what the conditions give."""
+    """Return whether slopes on another problem are the orders, or larger with Munthe-Kaas."""
     runs = numbers["rotation_slopes"][kind]
-    passed = all(abs(run["slope"] - run["order"]) < 0.1 for run in runs.values())
-    return passed, _slopes(runs)
-
-
-def munthe_kaas(numbers: Data, results: Results) -> Verdict:
-    """Return whether classical methods keep their orders on another problem, but for 0.1."""
-    runs = numbers["rotation_slopes"]["Munthe-Kaas"]
-    return all(run["slope"] > run["order"] - 0.1 for run in runs.values()), _slopes(runs)
-
-
-def _slopes(runs: Data) -> str:
-    return "slopes on a rotation whose velocity depends on it: " + ", ".join(
+    most = np.inf if kind == "Munthe-Kaas" else 0.1
+    passed = all(-0.1 < run["slope"] - run["order"] < most for run in runs.values())
+    return passed, "slopes on a rotation whose velocity depends on it: " + ", ".join(
         f"{name} {places(run['slope'])} (order {run['order']})" for name, run in runs.items()
     )
 

@@ -76,6 +76,7 @@ RECIPES = (
         60,
     ),
     Recipe("CF4c", 4, ((-1, 0, 1, 2, 3), (-1, 0, 1, 2, 3)), 60, certified=True),
+    # of the family that it leads to, the catalogue has the rational method with c_3 = 3/5
     Recipe("CF4d", 4, ((-1, 0, 0, -1, 3), (-1, 0, 1, 2)), 60),
     Recipe("CF5e", 5, None, (25, 174), flows=10, stages=7, first_flows=10),
     Recipe("CF5d", 5, ((-1, 0, 1, 2, 3, 4, 5, 6, 7), (-1, 0, 1, 2, 3, 4, 7)), 200),

@@ -22,13 +22,8 @@ import cg
 from cg.conditions import condition_trees, core_calls
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.solver import fit
-from cg.construction.lifting.splitting import (
-    FlatRows,
-    Remainders,
-    Splitting,
-    path_sums,
-    solve_sums,
-)
+from cg.construction.lifting.splitting import FlatRows, Splitting, path_sums
+from cg.construction.solvers.held import Held
 from cg.method.estimate import estimate_ratio
 from cg.structure.layout import Layout
 from cg.structure.points import START
@@ -74,10 +69,10 @@ class SecondResult(Splitting):
     held: tuple[Fraction, ...] = ()
 
     @cached_property
-    def remainders(self) -> Remainders:
-        """Held and dependent weights in terms of the unknowns."""
+    def sums(self) -> Held:
+        """The sums of rows, and weights that are held."""
         held = [(frozenset({k}), value) for k, value in enumerate(self.held)]
-        return solve_sums([*path_sums(self.rows, self.layout), *held], self.layout.size)
+        return Held.solving([*path_sums(self.rows, self.layout), *held], self.layout.size)
 
     def second_error(self, x: NDArray[np.float64]) -> float:
         """Return the principal error of the second result."""

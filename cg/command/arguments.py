@@ -9,6 +9,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from cg.catalogue import is_file, load, methods, similar_names
+from cg.command.main import message_of
 from cg.method.method import Method
 from cg.structure.points import MethodError
 from cg.support.parsing import to_json, visible_lines
@@ -66,7 +67,7 @@ class NamedMethod(MethodArgument):
         try:
             return load(value) if is_file(value) else named(value)
         except (MethodError, OSError, ValueError) as problem:
-            self.fail(str(problem), param)
+            self.fail(message_of(problem), param)
 
 
 METHOD = NamedMethod()

@@ -5,7 +5,7 @@ import click
 from cg.analysis.diagnosis import Diagnosis, diagnose, diagnose_file
 from cg.catalogue import is_file
 from cg.command.arguments import MethodArgument, as_json, count_option, json_option, named, say
-from cg.command.main import NO
+from cg.command.main import NO, message_of
 from cg.structure.points import MethodError
 
 
@@ -16,7 +16,7 @@ class _Diagnosed(MethodArgument):
         try:
             return diagnose_file(value) if is_file(value) else diagnose(named(value))
         except (MethodError, OSError, TypeError, ValueError) as problem:
-            self.fail(str(problem), param)
+            self.fail(message_of(problem), param)
 
 
 @click.command("check", short_help="Determine the order of a method and recognise mistakes.")
@@ -27,7 +27,8 @@ def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int
     """Determine the order of a method and recognise mistakes in its coefficients.
 
     Prints the order, the first violated order condition with its tree, and known mistakes:
-    reversed rows, a transposed, a changed coefficient, truncated digits, rounded numbers given as
+    reversed rows, a transposed, a changed coefficient and the value that it should have, truncated
+    digits, rounded numbers given as
     fractions, second weights equal to the first, rows that don't sum to c, a classical tableau that
     isn't lifted.
 

@@ -97,12 +97,17 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     except click.ClickException as error:
         return _refuse(program, error.format_message())
     except (ArithmeticError, BrokenExecutor, OSError, ValueError) as error:
-        file = getattr(error, "filename", None)
-        text = f"{file}: {error.strerror}" if isinstance(error, OSError) and file else str(error)
-        return _refuse(program, _with_notes(text, error))
+        return _refuse(program, _with_notes(message_of(error), error))
     except MemoryError as error:
         return _refuse(program, f"not enough memory: {error}")
     return code if isinstance(code, int) else 0
+
+
+def message_of(error: Exception) -> str:
+    """Return the message of an error; of one of a file the path and what is wrong."""
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
 
 
 def _with_notes(text: str, error: BaseException) -> str:

@@ -40,6 +40,7 @@ def search_command(**options: Any) -> int:
       crouch-grossman search --order 5 --stages 6 --flows 9 --starts 200 -o found
       crouch-grossman search --order 4 --tree CF4 --store runs.db
       crouch-grossman search --order 4 --stages 5 --abscissae 0 1 --minimise principal_error
+      crouch-grossman search --order 4 --stages 5 --hold "c[2]=1/2" --hold "b[2]=0"
       crouch-grossman search --order 3 --stages 2 --rows diagonal --algorithm lmdif
       crouch-grossman search --order 6 --stages 8 --flows 16 --embedded --first-same-as-last
     """

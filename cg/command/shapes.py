@@ -47,6 +47,16 @@ class _Member(click.Choice):  # type: ignore[type-arg]
         return self._members.get(value) or self._members[super().convert(value, param, ctx)]
 
 
+class _Value(click.ParamType):  # type: ignore[type-arg]
+    """A name and its value."""
+
+    name = "NAME=VALUE"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        name, equals, number = value.partition("=")
+        return (name, number) if equals else self.fail(f"{value!r} isn't NAME=VALUE", param)
+
+
 Option = Callable[[F], F]
 
 _SIZE_OPTIONS: Sequence[Option[Any]] = (
@@ -68,6 +78,14 @@ _POINTS: Sequence[Option[Any]] = (
     click.option(
         "--first-same-as-last", is_flag=True,
         help="With --flows: the last stage is at the result, where the next step begins.",
+    ),
+    click.option(
+        "--abscissae", type=float, nargs=2, default=None, metavar="LOWER UPPER",
+        help="Interval that all abscissae of the methods must lie in.",
+    ),
+    click.option(
+        "--hold", type=_Value(), multiple=True, metavar="NAME=VALUE",
+        help="Prescribed coefficient or abscissa, such as a[2,1]=1/2 or c[3]=1; repeatable.",
     ),
 )  # fmt: skip
 
@@ -123,10 +141,6 @@ _SEARCH: Sequence[Option[Any]] = (
     count_option(
         "--refine-maxfev",
         "Largest number of evaluations there; by default 20 (n + 1) for n unknowns.",
-    ),
-    click.option(
-        "--abscissae", type=float, nargs=2, default=None, metavar="LOWER UPPER",
-        help="Interval that all abscissae of the methods must lie in.",
     ),
     _size(
         "--bound",
@@ -187,4 +201,4 @@ def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
         if tree is None:
             raise click.UsageError("Missing option '--stages', or '--tree'.")
         stages = tree.stages
-    return {**options, "stages": stages}
+    return {**options, "stages": stages, "hold": dict(options["hold"]) or None}

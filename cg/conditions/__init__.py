@@ -203,7 +203,7 @@ def jacobian(
     Parameters
     ----------
     a, b, order, independent
-        As for `residuals`.
+        As for `residuals`; for commutator-free methods ``method.layout`` and the packed weights.
     rows
         The entries to differentiate by; by default the narrowest pattern that contains ``a``, or
         those of the layout.
@@ -211,6 +211,7 @@ def jacobian(
     Returns
     -------
     ndarray, shape (count(order, independent), unknowns)
+        The unknowns of a layout are ``layout.names``.
 
     Examples
     --------
@@ -218,6 +219,17 @@ def jacobian(
     array([[0. , 1. , 1. ],
            [0. , 1. , 1. ],
            [1. , 0. , 0.5]])
+
+    Of a commutator-free method, by the weight of point m on stage k:
+
+    >>> import crouch_grossman as cg
+    >>> method = cg.methods["CF3"]
+    >>> x = [float(weight.value) for weight in method.coefficients]
+    >>> method.layout.names
+    ['w_1,1', 'w_2,2', 'w_3,1', 'w_3,3']
+    >>> jacobian(method.layout, x, 2, independent=True).round(3)
+    array([[1.   , 0.   , 1.   , 1.   ],
+           [0.   , 0.75 , 0.   , 0.667]])
     """
     order, layout, x = _packed(a, b, order, rows)
     trees = _trees(order, independent)

@@ -18,9 +18,9 @@ from cg.construction.candidate import (
 )
 from cg.construction.drop import drop_flow, solve_start
 from cg.construction.eliminate import eliminate, walk
+from cg.construction.search.requirements import Requirements
 from cg.construction.search.shapes import layout_from_json, start_generator
 from cg.construction.settings import ConstructionSettings
-from cg.construction.solvers.system import ConditionSystem
 from cg.construction.start import random_candidate
 from cg.method.method import Method
 from cg.runs import Record
@@ -85,7 +85,7 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
         return _run_tree(settings, index, random)
     spread = max(0, settings.first_stages - settings.stages)
     stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
-    system = ConditionSystem.tableau(settings.order, stages, structure=settings.structure)
+    system = settings.system(Layout.tableau(stages))
     guess = random_candidate(system, settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
     if not _acceptable(settings, candidate):
@@ -105,7 +105,7 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
 def _run_tree(settings: ConstructionSettings, index: int, random: np.random.Generator) -> Attempt:
     """Run one try for a commutator-free method."""
     assert settings.first_flows is not None
-    system = ConditionSystem(settings.order, settings.tree_for(settings.first_flows, random))
+    system = settings.system(settings.tree_for(settings.first_flows, random))
     guess = random_candidate(system, settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
     walks = 0
@@ -150,10 +150,14 @@ def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -
     return Attempt(index, layout.stages, good, candidate.f, x, flows, layout)
 
 
-def refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
-    """Return the method of a try, refined in real(16); None if it isn't exact."""
+def refined(
+    settings: ConstructionSettings, attempt: Attempt, requirements: Requirements
+) -> Method | None:
+    """Return the method of a try, refined in real(16); None if it isn't exact or as required."""
     x = np.array(attempt.x, dtype=np.float64)
-    candidate = _candidate(settings, attempt.stages, attempt.tree, x)
+    candidate = requirements.improve(_candidate(settings, attempt.stages, attempt.tree, x))
+    if candidate is None:
+        return None
     name = default_name(candidate.system, settings.seed, f"try{attempt.index}")
     source = f"construct, seed {settings.seed}, try {attempt.index}"
     try:
@@ -165,5 +169,4 @@ def refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
 def _candidate(
     settings: ConstructionSettings, stages: int, layout: Layout | None, x: NDArray[np.float64]
 ) -> Candidate:
-    layout = layout or Layout.tableau(stages)
-    return Candidate(ConditionSystem(settings.order, layout, settings.structure), x)
+    return Candidate(settings.system(layout or Layout.tableau(stages)), x)

@@ -39,6 +39,9 @@ class Candidate:
     system: ConditionSystem
     x: NDArray[np.float64]
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "x", self.system.complete(self.x))
+
     @property
     def largest(self) -> float:
         """Magnitude of the largest coefficient."""
@@ -175,6 +178,4 @@ def to_method(
             f"more than {EXACT * scale:.0e}"
         )
     polished = polish_zeros(quads.decode(refined.x), system, movable)
-    return make_method(
-        system.layout, list(map(quads.to_decimal, polished.x)), name=name, source=source
-    )
+    return make_method(system.layout, system.texts(polished.x), name=name, source=source)

@@ -1,12 +1,13 @@
 """Construction of exact methods with few stages or flows from random starts."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from cg.construction.attempt import Attempt, read_attempt, refined, run_attempt, succeeded
+from cg.construction.search.requirements import Requirements
 from cg.construction.settings import ConstructionSettings
 from cg.construction.solvers.system import Structure
 from cg.executors import ExecutorLike
@@ -57,6 +58,8 @@ def construct(
     first_flows: int | None = None,
     embedded: bool = False,
     first_same_as_last: bool = False,
+    abscissae: Sequence[float] | None = None,
+    hold: Mapping[str, Any] | None = None,
 ) -> Construction:
     """Construct an exact explicit method from random starts.
 
@@ -116,6 +119,12 @@ def construct(
         second result of order q - 1.
     first_same_as_last
         With `flows`, whether the last stage is at the result, where the next step begins.
+    abscissae
+        Interval that all abscissae of the method must lie in. A method beyond it is moved along its
+        solution set.
+    hold
+        Values of coefficients and abscissae that are prescribed, as for `cg.search`. No stages or
+        flows are eliminated then.
 
     Returns
     -------
@@ -136,10 +145,15 @@ def construct(
     settings = ConstructionSettings.of(locals()).checked(force)
     quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, MAX_COUNT)
-    return _construct(settings, tries, RunOptions.checked(workers, executor, store, progress))
+    bound = None if abscissae is None else settings.largest
+    requirements = Requirements.checked(settings.order, abscissae, bound, None)
+    options = RunOptions.checked(workers, executor, store, progress)
+    return _construct(settings, tries, options, requirements)
 
 
-def _construct(settings: ConstructionSettings, tries: int, options: RunOptions) -> Construction:
+def _construct(
+    settings: ConstructionSettings, tries: int, options: RunOptions, requirements: Requirements
+) -> Construction:
     """Run tries until the first one by number succeeds."""
     run = LongRun(
         kind="construct",
@@ -163,7 +177,8 @@ def _construct(settings: ConstructionSettings, tries: int, options: RunOptions) 
                 failures.append(attempt)
                 continue
             attempts.append(attempt)
-            method = refined(settings, attempt) if succeeded(settings, attempt) else None
+            reached = succeeded(settings, attempt)
+            method = refined(settings, attempt, requirements) if reached else None
             if method is not None:
                 return Construction(settings, method, attempt, index + 1, tuple(failures))
     if not attempts:

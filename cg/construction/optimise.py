@@ -224,4 +224,5 @@ def _objective(candidate: Candidate, goals: Goals) -> Terms:
         parts.append((goals.abscissae * beyond, goals.abscissae * sums * (beyond != 0)[:, None]))
     if not parts:
         raise ValueError("goals must have at least one weight that isn't zero")
-    return np.concatenate([v for v, _ in parts]), np.concatenate([j for _, j in parts])
+    jac, held = np.concatenate([j for _, j in parts]), candidate.system.held
+    return np.concatenate([v for v, _ in parts]), jac if held is None else held.derivatives(jac)

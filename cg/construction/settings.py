@@ -9,6 +9,7 @@ from cg.conditions.counts import check_order
 from cg.construction.search.shapes import ShapeSettings
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.start import default_start, likely_structure, tree_start
+from cg.structure.layout import Layout
 from cg.structure.points import START
 from cg.support.checks import (
     MAX_COUNT,
@@ -38,6 +39,10 @@ class ConstructionSettings(ShapeSettings):
         """Whether they describe a method of points, not a tableau."""
         return super().of_points or self.first_flows is not None
 
+    def system(self, layout: Layout) -> ConditionSystem:
+        """Return the conditions on methods of a layout."""
+        return ConditionSystem(self.order, layout, self.structure, self.hold)
+
     def checked(self, force: bool) -> ConstructionSettings:
         """Return the settings, checked, with defaults for None."""
         order = check_order(self.order)
@@ -50,9 +55,12 @@ class ConstructionSettings(ShapeSettings):
             start = default_start(order, structure)
             first_stages = self.first_stages
             if first_stages is None:
-                first_stages = max(stages, start.stages)
+                first_stages = stages if self.hold else max(stages, start.stages)
             first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
             shape = {"structure": structure, "first_stages": first_stages, "embedded": False}
+        steps = shape["first_stages"] - stages, shape.get("first_flows") != shape.get("flows")
+        if self.hold and any(steps):
+            raise ValueError("hold: stages and flows can't be dropped")
         width = start.width if self.width is None else self.width
         iterations = start.iterations if self.iterations is None else self.iterations
         return replace(
@@ -75,7 +83,8 @@ class ConstructionSettings(ShapeSettings):
         order, stages, full_rank = self.order, self.stages, self.full_rank
         structure = self.structure
         if structure is None:
-            structure = Structure.GENERAL if full_rank else likely_structure(order, stages)
+            general = full_rank or self.hold
+            structure = Structure.GENERAL if general else likely_structure(order, stages)
         system = ConditionSystem.tableau(order, stages, structure=structure)
         structure = system.structure
         if full_rank and structure:
@@ -87,6 +96,7 @@ class ConstructionSettings(ShapeSettings):
                 f"independent conditions of order {order}{kind}; pass force=True to try "
                 "nevertheless"
             )
+        replace(self, structure=structure).check_held(system.layout, force)
         return structure
 
     def _check_tree(self, force: bool) -> dict[str, Any]:
@@ -110,6 +120,7 @@ class ConstructionSettings(ShapeSettings):
             flows = check_integer(
                 "flows", first_flows if flows is None else flows, least, first_flows
             )
+        shape.check_held(layout, force)
         return {
             "structure": Structure.GENERAL,
             "first_stages": self.stages,

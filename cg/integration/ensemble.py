@@ -176,7 +176,7 @@ def solve_members(
                 watch.count_finished(part.stop - first)
     watch.finish()
     solution = result.solution()
-    for text in result.joint().warnings:
+    for text in dict.fromkeys(result.joint().warnings):
         warnings.warn(text, stacklevel=3)
     if problem.many and not solution.success:
         warnings.warn(solution.message, stacklevel=3)
@@ -195,7 +195,11 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     elif steps and problem.events is None:
         capacity = steps // problem.every + len(problem.stops) + 2
     run = Run(problem, y=y, observed=observed, capacity=capacity)
-    drive(run, watch.update if watch is not None and watch.function is not None else None)
+    texts: list[str] = []
+    if watch is None:  # in a worker, whose warnings the caller's process gives
+        drive(run, None, texts.append)
+    else:
+        drive(run, watch.update if watch.function is not None else None)
     messages, status = {}, np.zeros(members, dtype=np.int64)
     for member in [k for k, stop in enumerate(run.status.tolist()) if stop != _FINISHED]:
         failure = explain_failure(run, member)
@@ -214,7 +218,7 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     return MemberResults(
         times, points, observed, run.reached, status, run.counts, messages,
         run.interpolants() if problem.dense else None,
-        None if problem.events is None else run.events(), find_mistakes(run),
+        None if problem.events is None else run.events(), texts + find_mistakes(run),
     )  # fmt: skip
 
 

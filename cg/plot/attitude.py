@@ -53,7 +53,7 @@ def attitude(
         Shape ``(n,)``. Increasing times; by default those of the solution, else 0, 1, …
     reference
         The exact attitude at the same times, as `y`; a solution with dense output is evaluated at
-        these times. Or a constant attitude: one rotation.
+        these times. Or a constant attitude: one rotation, matrix or quaternion.
     wrap
         Draw Euler angles in [-180, 180] degrees. By default they are continuous, so that they grow
         beyond 360 degrees in a tumble.
@@ -101,8 +101,7 @@ def attitude(
             "reference must be given with show='error', and only then, got "
             f"reference={reference!r} and show={show!r}"
         )
-    if is_rotation(reference) and reference.single:
-        reference = type(reference).concatenate([reference])
+    reference = _at_times(reference)
     constant = isinstance(reference, Sized) and len(reference) == 1
     # another solution is compared at the steps, not between them
     between = t is None and (reference is None or constant)
@@ -127,6 +126,16 @@ def attitude(
     unit = "° / unit of time" if show == "rate" else "°"
     ax.set(xlabel="t", ylabel=f"{title} ({unit})")
     return ax
+
+
+def _at_times(reference: Any) -> Any:
+    """Return a single rotation as an array of one."""
+    if is_rotation(reference):
+        return type(reference).concatenate([reference]) if reference.single else reference
+    if reference is None or hasattr(reference, "frame"):
+        return reference
+    points = real_array(reference, "reference")
+    return points[None] if points.shape in ((4,), (3, 3)) else points
 
 
 def _members(y: Any) -> list[Any]:

@@ -12,6 +12,7 @@ from cg.support.checks import check_integer
 from cg.support.quads import to_decimal
 
 _MAX_TERMS = 12  # of all flows together; with more, the weights of flows aren't written
+_SIZE, _MIN_SIZE = 10.0, 7.0  # of the font of tableaux
 _RISE = 0.3  # of the first child above its parent; another branch is 1 above
 
 
@@ -48,35 +49,49 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     """
     method = resolve_method(method)
     digits = check_integer("digits", digits, 1)
-    ax = axes_for(ax)
+    given, ax = ax, axes_for(ax)
     s = method.stages
     a, b = method.exact
     rows = [*a, b]
     if method.exact_embedded is not None:
         rows.append(method.exact_embedded)
-    size = min(10.0, 110.0 / (s + 2))
     for i, row in enumerate(rows):
         y = -i - 0.5 * (i >= s)
         if i < s:
-            ax.text(0.0, y, _text(sum(row, Fraction(0)), digits), **_cell(size, FAINT))
+            ax.text(0.0, y, _text(sum(row, Fraction(0)), digits), **_cell(FAINT))
         for j, entry in enumerate(row, 1):
             if entry or (i >= s):
-                ax.text(j, y, _text(entry, digits), **_cell(size, "black"))
+                ax.text(j, y, _text(entry, digits), **_cell("black"))
     ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], color="black", linewidth=0.8)
     ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, color="black", linewidth=0.8)
     blank(ax)
     ax.set_xlim(-0.6, s + 0.6)
     ax.set_ylim(-len(rows) - 0.2, 0.6)
     _set_title(ax, method)
+    _fit_cells(ax, widen=given is None)
     return ax
+
+
+def _fit_cells(ax: Any, *, widen: bool) -> None:
+    """Reduce the font size so that no text is wider than a cell of width 1, or widen the figure."""
+    ax.figure.draw_without_rendering()
+    texts = [(text, text.get_window_extent().width) for text in ax.texts]
+    left, right = ax.get_xlim()
+    cell = 0.9 * ax.get_window_extent().width / (right - left)
+    size = _SIZE * min(1.0, cell / max(width for _, width in texts))
+    if widen and size < _MIN_SIZE:
+        ax.figure.set_figwidth(ax.figure.get_figwidth() * _MIN_SIZE / size)
+        size = _MIN_SIZE
+    for text, _ in texts:
+        text.set_fontsize(size)
 
 
 def _set_title(ax: Any, method: Method) -> None:
     ax.set_title(f"{verbatim(method.name) or 'without name'}: {method.description()}", fontsize=10)
 
 
-def _cell(size: float, colour: str) -> dict[str, Any]:
-    return {"ha": "center", "va": "center", "fontsize": size, "color": colour}
+def _cell(colour: str) -> dict[str, Any]:
+    return {"ha": "center", "va": "center", "fontsize": _SIZE, "color": colour}
 
 
 def _text(value: Fraction, digits: int) -> str:

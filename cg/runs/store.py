@@ -153,7 +153,8 @@ class Store:
 
     def begin(self, kind: str, settings: Mapping[str, Any]) -> StoredRun:
         """Begin a run, or resume that with the same settings; OSError if another process has it."""
-        text = json.dumps(settings, sort_keys=True)
+        # without empty ones, as versions wrote them that didn't have these
+        text = json.dumps({k: v for k, v in settings.items() if v != ()}, sort_keys=True)
         connection, owner = self._connection, new_owner()
         with transaction(connection, self.path):
             row = connection.execute(

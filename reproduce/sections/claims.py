@@ -106,13 +106,13 @@ CLAIMS = (
     Claim(
         "1",
         "These were the first of their kind.",
-        judges.beyond("priority is not a number"),
+        lambda numbers, results: (None, "not reproducible because priority is not a number"),
         default_verdict=NOT_REPRODUCIBLE,
     ),
     Claim(
         "1",
         "Munthe-Kaas has a method of order four, and carries over all classical ones.",
-        judges.munthe_kaas,
+        partial(judges.theorem, "Munthe-Kaas"),
     ),
     Claim(
         "1",
@@ -136,14 +136,18 @@ CLAIMS = (
         Claim(
             "3.2",
             f"Many starts (five or more) reduce f to about 1e−15 in double: order {word}.",
-            partial(judges.double, order),
+            partial(judges.double, order, 1e-15, judges.MANY),
         )
         for order, word in ((4, "four"), (5, "five"))
     ),
     Claim(
         "3.2", "The system of order six seems to be very ill-conditioned.", judges.ill_conditioned
     ),
-    Claim("3.2", "At order six f can be reduced to about 1e−6 in double …", judges.six_reached),
+    Claim(
+        "3.2",
+        "At order six f can be reduced to about 1e−6 in double …",
+        partial(judges.double, 6, 1e-6, 1),
+    ),
     Claim(
         "3.2",
         "… and no further.",
@@ -185,8 +189,12 @@ CLAIMS = (
         "3.2", "The abscissae of the example of order four lie in [0, 1].", judges.in_unit_interval
     ),
     Claim("4", "B is orthogonal with determinant one.", judges.initial),
-    Claim("4", "CG4a is superior to CG4.", judges.superior),
-    Claim("4", "At h = 0.1 CG6a is significantly better than the others.", judges.best_at_tenth),
+    Claim("4", "CG4a is superior to CG4.", partial(judges.superior, "CG4a", ("CG4",), 1.0)),
+    Claim(
+        "4",
+        "At h = 0.1 CG6a is significantly better than the others.",
+        partial(judges.superior, "CG6a", ("CG4", "CG4a", "CG5a"), 2.0),
+    ),
     Claim(
         "4",
         "CG6a's graph shows that its conditions are satisfied only approximately.",

@@ -10,8 +10,10 @@ from refusals import refuses
 import cg
 from cg.analysis.convergence import observed_order, slopes
 from cg.analysis.diagnosis import diagnose_file, draw_points, draw_tree
+from cg.analysis.diagnosis.correction import corrections
 from cg.catalogue import dumps
 from cg.method.coefficients import Coefficient
+from cg.support.quads import to_decimal
 from cg.trees.ordered import OrderedTree
 
 CG4A = cg.methods["CG4a"]
@@ -106,6 +108,57 @@ def test_changed_coefficient(name, place):
     (finding,) = cg.diagnose(planted).mistakes
     assert finding.kind == "changed"
     assert finding.message.startswith(f"it differs from {name} in {place} only: ")
+
+
+def one_of_each_kind():
+    kinds = (cg.Tableau, cg.CommutatorFree, cg.MuntheKaas)
+    exact = [m for m in cg.methods.values() if isinstance(m, kinds) and not m.approximate]
+    # collocation methods allow no change
+    exact = [m for m in exact if m.order <= 6 and m.name != "RadauIIA5"]
+    return [m for m in exact if m.order < 6 or m.layout.size < 80]
+
+
+@pytest.mark.parametrize("method", one_of_each_kind(), ids=lambda method: method.name)
+def test_misprints_of_unknown_methods(method):
+    random = np.random.default_rng(sum(map(ord, method.name)))
+    assert corrections(method) == []
+    for _ in range(2):
+        k = int(random.integers(method.layout.size))
+        right = method.coefficients[k]
+        error = Fraction(random.choice([-1, 1]) * 10 ** random.uniform(-8, -3))
+        wrong = changed(method, k, to_decimal(right.value + error, 25))
+        only, *others = corrections(wrong)
+        assert not others or only.conditions == 1
+        assert only.name == method.layout.names[k]
+        assert abs(only.value.value - right.value) <= max(4 * right.unit, Fraction(1, 10**32))
+        corrected = changed(wrong, k, only.value)
+        assert (corrected.exact_order, corrected.embedded_order) == (
+            method.exact_order,
+            method.embedded_order,
+        )
+
+
+def test_misprint_outside_the_catalogue_is_described():
+    # Ralston's method of order two, and a method of order three that was just found
+    (note,) = cg.diagnose(cg.Tableau([[], ["0.666669"]], ["1/4", "3/4"])).findings
+    assert (note.kind, note.mistake) == ("close", False)
+    assert note.message.endswith("the order be 2, if only a_2,1 = 0.666669 were 2/3")
+    method = cg.search(3, 4, seed=5).methods[0]
+    k = method.layout.names.index("a_4,2")
+    wrong = changed(method, k, to_decimal(method.coefficients[k].value + Fraction(3, 10**6), 36))
+    (finding,) = cg.diagnose(wrong).mistakes
+    assert finding.kind == "misprint"
+    assert f" were {method.coefficients[k].text[:30]}" in finding.message
+
+
+@pytest.mark.parametrize("digit", [17, 20, 30, 33])
+def test_wrong_digits_beyond_double_precision(digit):
+    text = CG4A.coefficients[9].text
+    planted = changed(CG4A, 9, CG4A.coefficients[9].value + Fraction(1, 10**digit))
+    planted = changed(planted, 9, to_decimal(planted.coefficients[9].value, 36))
+    (finding,) = cg.diagnose(planted).mistakes
+    assert finding.kind == "changed"
+    assert f"; {text} there" in finding.message or f", {text} there" in finding.message
 
 
 def test_catalogue_coefficients_are_recognised():

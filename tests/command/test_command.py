@@ -199,6 +199,9 @@ def test_messages_name_options_and_files(run, tmp_path):
     assert "cg.certify" not in error
     error = run("runs", "list", str(tmp_path / "none" / "runs.db"))[2]
     assert "Errno" not in error
+    for command in ("certify", "check", "show", "plot"):
+        error = run(command, str(tmp_path / "none.toml"))[2]
+        assert error.endswith(f"{tmp_path / 'none.toml'}: No such file or directory\n")
     with pytest.raises(FileNotFoundError, match=r"No such file or directory: '.*none/x.toml'$"):
         cg.save(cg.methods["CG3"], tmp_path / "none" / "x.toml")
 

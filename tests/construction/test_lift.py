@@ -15,6 +15,7 @@ KUTTA = cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"], name="Kutta")
 CLASSICAL = cg.Tableau(
     [[], ["1/2"], [0, "1/2"], [0, 0, 1]], ["1/6", "1/3", "1/3", "1/6"], name="classical"
 )
+EIGHTHS = cg.Tableau([[], ["1/3"], ["-1/3", 1], [1, -1, 1]], ["1/8", "3/8", "3/8", "1/8"])
 FEHLBERG = cg.Tableau(
     [
         [],
@@ -139,11 +140,14 @@ class TestLift:
         assert merged.flows < whole.flows
         assert merged.method.order == whole.method.order == 5
 
-    def test_random_trees(self):
-        lifted = cg.lift(CLASSICAL, flows=6, tries=200)
-        assert lifted.method.order == 4
-        assert lifted.flows <= 6
-        assert lifted.method.exact == CLASSICAL.exact
+    @pytest.mark.parametrize(("tableau", "flows"), [(CLASSICAL, 6), (EIGHTHS, 5), (EIGHTHS, 6)])
+    def test_isolated_solutions_of_random_trees_are_rational(self, tableau, flows):
+        lifted = cg.lift(tableau, flows=flows, tries=200)
+        assert lifted.rank == lifted.unknowns
+        assert lifted.flows <= flows
+        assert lifted.method.exact == tableau.exact
+        assert all(x.unit == 0 for x in lifted.method.coefficients)
+        assert not any(cg.conditions.residuals(lifted.method, 4, arithmetic="exact"))
 
     def test_chains(self):
         lifted = cg.lift(CLASSICAL, chains=[1, 1, 2, 2], reduce=False)

@@ -292,15 +292,20 @@ def test_no_warning_if_it_is_not_stiff(rtol, recwarn):
     assert not recwarn
 
 
-@pytest.mark.parametrize("workers", [None, 2])
-def test_one_warning_for_an_ensemble(workers):
+@pytest.mark.parametrize(
+    ("workers", "executor"), [(None, None), (2, None), (2, "processes")], ids=str
+)
+def test_one_warning_for_an_ensemble(workers, executor, capfd):
     starts = [START, [1.0, 0.0]]
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("default")
+        warnings.simplefilter("always")
         cg.solve_ensemble(
-            van_der_pol, (0, 2000), starts, frame=PLANE, max_steps=25_000, workers=workers
-        )
-    assert sum("many steps, since" in str(w.message) for w in caught) == 1
+            van_der_pol, (0, 2000), starts, frame=PLANE, max_steps=25_000, workers=workers,
+            executor=executor,
+        )  # fmt: skip
+    (warning,) = (w for w in caught if "many steps, since" in str(w.message))
+    assert warning.filename == __file__
+    assert "many steps" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("force", [0.5, 0.2])

@@ -1,5 +1,6 @@
 """Contents of plots, read from their axes."""
 
+import itertools
 import subprocess
 import sys
 
@@ -73,6 +74,18 @@ class TestTrees:
 
 
 class TestMethods:
+    @pytest.mark.parametrize("name", ["CG5a", "CG6a", "CG6(5)", "CF5(4)", "DICG6", "DOP853"])
+    @pytest.mark.parametrize("given", [True, False])
+    def test_texts_of_tableaux_do_not_overlap(self, name, given, ax):
+        ax = cg.plot.tableau(name, ax if given else None)
+        ax.figure.draw_without_rendering()
+        rows = {}
+        for text in ax.texts:
+            rows.setdefault(text.get_position()[1], []).append(text.get_window_extent())
+        for row in rows.values():
+            row.sort(key=lambda box: box.x0)
+            assert all(one.x1 < other.x0 for one, other in itertools.pairwise(row))
+
     def test_a_tableau(self, ax):
         cg.plot.tableau("CG2(3)", ax)
         assert ax.get_title() == "CG2(3): order 3(2), 3 evaluations, 6 flows"
@@ -332,7 +345,8 @@ class TestAttitude:
         run = cg.solve_ivp(
             lambda t, y: [0.5, 0, 0], (0, 3), np.eye(3), frame=cg.frames.SO3(), dense_output=True
         )
-        for reference in (Rotation.identity(), Rotation.identity(1), [np.eye(3)]):
+        one = Rotation.identity()
+        for reference in (one, Rotation.identity(1), [np.eye(3)], np.eye(3), [0, 0, 0, 1]):
             cg.plot.attitude(run, ax, show="error", reference=reference)
             times, angles = ax.lines[-1].get_data()
             assert len(times) > 100

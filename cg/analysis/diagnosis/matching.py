@@ -47,8 +47,9 @@ def _compare(method: Method, known: Method, within: Fraction) -> CatalogueMatch 
     names, alike, changed = method.layout.names, 0, []
     # the second weights of a pair come last; the other method may lack them
     for name, x, y in zip(names, one[1], other[1], strict=False):
-        # allow for coefficients that were rounded to doubles
-        allowed = max(x.unit + y.unit, abs(y.value) * _ROUNDING, within)
+        # allow for coefficients that were rounded to doubles, but not for longer ones
+        double = not x.unit or abs(x.value - Fraction(float(x.value))) <= x.unit
+        allowed = max(x.unit + y.unit, abs(y.value) * _ROUNDING * double, within)
         if abs(x.value - y.value) <= allowed:
             alike += y.value != 0
         else:

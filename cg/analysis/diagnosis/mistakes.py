@@ -1,10 +1,12 @@
 """Known mistakes, recognised by the method that results when they are undone."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from fractions import Fraction
 
 import numpy as np
 
+from cg.analysis.diagnosis.correction import corrections
 from cg.analysis.diagnosis.findings import Finding
 from cg.analysis.diagnosis.matching import CatalogueMatch, closest_match
 from cg.analysis.diagnosis.variants import order_on_vector_spaces, reversals, transposed
@@ -13,6 +15,7 @@ from cg.method.coefficients import MIN_ROUNDED_PLACES, Coefficient
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.structure.points import MethodError
+from cg.support.quads import MissingQuadsError
 
 _MIN_PLACES, _MAX_PLACES = 5, 12
 """Decimal places of truncated coefficients; fewer are taken as exact, more are harmless."""
@@ -21,6 +24,7 @@ _MAX_FRACTION_PLACES = 60  # of a fraction that may be a rounded decimal
 _FULL_DOUBLE = 15  # significant digits of the shortest text of a double that wasn't truncated
 _SINGLE = Fraction(1, 2**24)
 _HARMLESS = 1e-13
+_MAX_SHOWN = 5  # corrections
 _MISPRINT = ("CG4a", "a_5,4", Fraction("-1.1092979392113565"))
 
 
@@ -46,6 +50,9 @@ def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Ite
     yield from known
     if not undone and not any(finding.mistake for finding in known):
         yield from _unlifted(method, order)
+        if match is None and not method.approximate:
+            with suppress(MissingQuadsError):
+                yield from _corrected(method)
 
 
 def _equal_weights(method: Method) -> Iterator[Finding]:
@@ -201,6 +208,24 @@ def _reversed(method: Method, order: int) -> Iterator[Finding]:
             f"{what} {are} reversed: in the right order {they}{_name(turned) or ' a method'} of "
             f"order {highest}",
         )
+
+
+def _corrected(method: Method) -> Iterator[Finding]:
+    """Recognise one wrong coefficient of a method that the catalogue doesn't have."""
+    found = corrections(method)
+    if not found:
+        return
+    entries = " or ".join(
+        f"{one.name} = {_text(one.given)} were {one.value.text}" for one in found[:_MAX_SHOWN]
+    )
+    more = f", or one of {len(found) - _MAX_SHOWN} others changed" * (len(found) > _MAX_SHOWN)
+    conditions = found[0].conditions
+    yield Finding(
+        # a single condition may fail on purpose, but nothing solves two by accident
+        "misprint" if conditions > 1 else "close",
+        f"{conditions} violated conditions would hold, and the order be {found[0].order}, if only "
+        f"{entries}{more}",
+    )
 
 
 def _unlifted(method: Method, order: int) -> Iterator[Finding]:

@@ -22,7 +22,7 @@ from cg.support.quads import DECIMAL_DIGITS, to_decimal
 _BITS = 400
 _GRID = 10**80
 _BELOW = Fraction(1, 10**60)
-_ZERO = Fraction(1, 10**40)
+_CLOSE, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # of rational numbers
 _MAX_ITERATIONS = 11
 _GAP = 1e-10
 """Singular values below this fraction of the largest count as zero."""
@@ -50,13 +50,17 @@ def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
         grid=_GRID,
         max_iterations=_MAX_ITERATIONS,
     )
-    texts = [
-        to_decimal(value if abs(value) > _ZERO else Fraction(0), DECIMAL_DIGITS) for value in end.x
-    ]
+    texts = list(map(_text, end.x))
     weights: list[str | Fraction] = list(splitting.full([Fraction(text) for text in texts]))
     for k, text in zip(splitting.movable.tolist(), texts, strict=True):
         weights[k] = text
     return Exact(tuple(weights), float(end.largest_residual), rank)
+
+
+def _text(value: Fraction) -> str:
+    """Return a value as a decimal, or as the rational number that it is to all digits."""
+    simple = value.limit_denominator(_MAX_DENOMINATOR)
+    return str(simple) if abs(value - simple) <= _CLOSE else to_decimal(value, DECIMAL_DIGITS)
 
 
 def _residuals(splitting: Splitting, movable: Sequence[Fraction]) -> list[Fraction]:

@@ -7,7 +7,7 @@ the other weights leave; the others are the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -17,15 +17,13 @@ from numpy.typing import NDArray
 
 from cg.conditions import condition_trees, core_calls
 from cg.construction.search.shapes import merge_point
+from cg.construction.solvers.held import Held
 from cg.construction.solvers.system import next_trees
 from cg.structure.layout import Layout
 from cg.structure.points import START
-from cg.support import flint
-from cg.support.balls import to_flint, to_fraction
 from cg.trees.ordered import forest
 
 Vector = NDArray[np.float64]
-Remainders = dict[int, tuple[dict[int, Fraction], Fraction]]
 
 
 @dataclass(frozen=True)
@@ -151,32 +149,6 @@ def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Frac
     return [(indices, value) for indices, value in sums.items() if indices]
 
 
-def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Remainders:
-    """Solve sums of unknowns for the last unknown of each; ArithmeticError for a contradiction.
-
-    Returns ``{k: (factors, value)}`` with ``x_k = value - Σ_j factors[j] x_j``, in which no x_j is
-    itself a key: the reduced echelon form with columns in reverse order.
-    """
-    rows = []
-    for indices, value in sums:
-        row = [flint.fmpq(0)] * size + [to_flint(value)]
-        for k in indices:
-            row[size - 1 - k] = flint.fmpq(1)
-        rows.append(row)
-    if not rows:
-        return {}
-    echelon, rank = flint.fmpq_mat(rows).rref()
-    remainders: Remainders = {}
-    for row in echelon.tolist()[:rank]:
-        numbers = {j: to_fraction(entry) for j, entry in enumerate(row) if entry}
-        value = numbers.pop(size, Fraction(0))
-        if not numbers:
-            raise ArithmeticError("points can't lead to these rows")
-        pivot, *others = numbers
-        remainders[size - 1 - pivot] = {size - 1 - j: numbers[j] for j in others}, value
-    return remainders
-
-
 @dataclass(frozen=True)
 class Splitting:
     """The order conditions on a flat tableau that is split into flows.
@@ -195,31 +167,25 @@ class Splitting:
     def reachable(rows: FlatRows, layout: Layout) -> bool:
         """Return whether there are weights that add up to the rows."""
         try:
-            solve_sums(path_sums(rows, layout), layout.size)
+            Held.solving(path_sums(rows, layout), layout.size)
         except ArithmeticError:
             return False
         return True
 
     @cached_property
-    def remainders(self) -> Remainders:
-        """Dependent weights in terms of the unknowns; see `solve_sums`."""
-        return solve_sums(path_sums(self.rows, self.layout), self.layout.size)
+    def sums(self) -> Held:
+        """The sums that paths keep, solved for their last weights, the remainders."""
+        return Held.solving(path_sums(self.rows, self.layout), self.layout.size)
 
     @cached_property
     def movable(self) -> NDArray[np.intp]:
         """Indices of the unknowns, the weights that aren't remainders."""
-        return np.setdiff1d(np.arange(self.layout.size), list(self.remainders))
+        return np.setdiff1d(np.arange(self.layout.size), self.sums.pivots)
 
     @cached_property
     def span(self) -> Vector:
         """Derivatives of all weights with respect to the unknowns, shape (size, unknowns)."""
-        column = {int(k): j for j, k in enumerate(self.movable)}
-        span = np.zeros((self.layout.size, len(column)))
-        span[self.movable, np.arange(len(column))] = 1
-        for k, (factors, _) in self.remainders.items():
-            for j, factor in factors.items():
-                span[k, column[j]] = -float(factor)
-        return span
+        return self.sums.derivatives(np.eye(self.layout.size))[:, self.movable]
 
     @cached_property
     def directions(self) -> Vector:
@@ -228,10 +194,7 @@ class Splitting:
 
     @cached_property
     def _offset(self) -> Vector:
-        offset = np.zeros(self.layout.size)
-        for k, (_, value) in self.remainders.items():
-            offset[k] = float(value)
-        return offset
+        return self.sums.complete(np.zeros(self.layout.size))
 
     def nearest(self, x: Vector) -> Vector:
         """Return the closest weights that add up to the rows."""
@@ -244,12 +207,9 @@ class Splitting:
 
     def full(self, movable: Sequence[Fraction]) -> list[Fraction]:
         """Return all weights for given unknowns."""
-        x = [Fraction(0)] * self.layout.size
-        for k, value in zip(self.movable.tolist(), movable, strict=True):
-            x[k] = value
-        for k, (factors, value) in self.remainders.items():
-            x[k] = value - sum((f * x[j] for j, f in factors.items()), Fraction(0))
-        return x
+        x = np.full(self.layout.size, Fraction())
+        x[self.movable] = movable
+        return list(self.sums.complete(x))
 
     @property
     def assumptions(self) -> list[tuple[int, int]]:

@@ -160,7 +160,8 @@ def _candidate(settings: dict[str, Any], record: Record) -> Candidate:
     else:
         layout = layout_from_json(tree)
     structure = Structure(settings.get("structure", 0))
-    system = ConditionSystem(settings["order"], layout, structure)
+    hold = tuple(map(tuple, settings.get("hold", ())))
+    system = ConditionSystem(settings["order"], layout, structure, hold)
     x = quads.to_float(record.quads)
     if x.size != system.size:
         raise ValueError(f"not the record of a start: {x.size} coefficients at {record.number}")

@@ -8,7 +8,7 @@ of trees that are drawn at random with each start.
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import attrgetter
 from typing import Any
@@ -49,6 +49,7 @@ def search(
     abscissae: Sequence[float] | None = None,
     bound: float | None = None,
     minimise: str | None = None,
+    hold: Mapping[str, Any] | None = None,
 ) -> SearchResult:
     """Search for methods of an order from random starts.
 
@@ -128,6 +129,11 @@ def search(
         lead to smaller ones. With `abscissae` or `bound`, methods beyond these are moved as well,
         to 1 % inside the bounds, and left out if that fails. None of the three changes the starts,
         or what a store has.
+    hold
+        Values of coefficients and abscissae that are prescribed, such as ``{"a[2,1]": "1/2",
+        "b[3]": 0, "c[4]": 1}``, of methods with a `tree` weights ``w[3,1]`` of point 3 and stage 1.
+        The solver varies the others. Methods have held coefficients as exact rationals, and held
+        abscissae to the last digit.
 
     Returns
     -------
@@ -158,6 +164,13 @@ def search(
     >>> method = result.methods[0]
     >>> method.name, method.order, bool(method.c.max() <= 1)
     ('CG3-1-1', 3, True)
+
+    Methods with prescribed abscissae and a weight of zero:
+
+    >>> hold = {"c[2]": "1/3", "c[3]": "2/3", "b[2]": 0}
+    >>> method = search(3, 4, seed=1, hold=hold).methods[0]
+    >>> method.c.round(15)[1:3], method.weights[1].text
+    (array([0.33333333, 0.66666667]), '0')
     """
     settings = SearchSettings.of(locals()).checked(force)
     quads.core("cg.search")

@@ -16,13 +16,11 @@ from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.start import start_layout
 from cg.construction.solvers.polish import polish_zeros
-from cg.construction.solvers.system import ConditionSystem
 from cg.method.method import Method
 from cg.method.packed import make_method
 from cg.method.tolerance import to_floats
 from cg.runs import Failure, Store
 from cg.structure.layout import Layout
-from cg.support import quads
 from cg.support.parallel import single_threads
 
 _APART = 1e-4  # distance of coefficients of methods that count as distinct after they were moved
@@ -148,7 +146,7 @@ class SearchResult:
     def _improved(self, start: RandomStart, layout: Layout) -> tuple[float, Method] | None:
         """Return the method of an exact start, after the number by which methods are sorted."""
         settings, requirements = self.settings, self.requirements
-        system = ConditionSystem(settings.order, layout)
+        system = settings.system(layout)
         name = default_name(system, settings.seed, start.index)
         source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
         candidate = Candidate(system, np.array(start.x, dtype=np.float64))
@@ -158,8 +156,7 @@ class SearchResult:
         if improved is candidate:
             # the last of the 36 digits are beyond the accuracy of real(16)
             x = polish_zeros(list(map(Fraction, start.x)), system, system.movable).x
-            decimals = list(map(quads.to_decimal, x))
-            method: Method = make_method(layout, decimals, name=name, source=source)
+            method: Method = make_method(layout, system.texts(x), name=name, source=source)
         else:
             source += ", then along the solution set"
             try:

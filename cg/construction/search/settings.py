@@ -51,6 +51,9 @@ class SearchSettings(ShapeSettings):
         rows = check_rows(self.rows)
         layout, flows, size = self._check_shape(rows, force)
         lmdif = self.algorithm == "lmdif"
+        if lmdif and self.hold:
+            raise ValueError("algorithm must be 'minimum-norm' with hold, got 'lmdif'")
+        self.check_held(layout if self.of_points else Layout.tableau(stages, rows), force)
         width, maxfev, refine_maxfev = self.width, self.maxfev, self.refine_maxfev
         if width is None:
             best = _TREE_WIDTH if self.of_points else _BEST_WIDTHS.get(order, _WIDTH_ABOVE)

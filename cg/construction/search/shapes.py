@@ -8,10 +8,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.construction.solvers.held import Hold, read_hold
+from cg.construction.solvers.system import ConditionSystem
 from cg.method.commutator_free import as_index
 from cg.structure.layout import Layout
 from cg.structure.points import START, MethodError, Point, PointTree, check_tree
 from cg.support.checks import MAX_STAGES, check_flag, check_integer
+from cg.trees.ordered import forest
 from cg.trees.rooted import rooted_trees_through
 
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
@@ -26,6 +29,7 @@ References
 _FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
 _FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
 _FIXED_FROM = 5  # lowest order for which the first weight is fixed
+_ROUNDING = 1e-12  # of residuals
 _BACK = 0.3  # probability that a flow starts from a random earlier point, not the last one
 
 
@@ -190,12 +194,41 @@ class ShapeSettings:
     embedded: bool = False
     tree: Layout | None = None  # None for tableaux and trees drawn at random
     first_same_as_last: bool = False
+    hold: Hold = ()
+
+    def system(self, layout: Layout) -> ConditionSystem:
+        """Return the conditions on methods of a layout."""
+        return ConditionSystem(self.order, layout, hold=self.hold)
 
     @classmethod
     def of(cls, arguments: Mapping[str, Any]) -> Self:
         """Return the settings of the arguments of a function, not yet checked."""
         names = [field.name for field in fields(cls) if field.name in arguments]
-        return cls(**{name: arguments[name] for name in names})
+        hold = read_hold(arguments["hold"] or {})
+        return cls(**{name: arguments[name] for name in names} | {"hold": hold})
+
+    def check_held(self, layout: Layout | None, force: bool) -> None:
+        """Raise ValueError if a condition, or their number, can't be satisfied by free unknowns."""
+        if not self.hold:
+            return
+        if layout is None:
+            raise ValueError("hold needs a tableau or a tree, whose coefficients have names")
+        system = self.system(layout)
+        x = start_generator(self.seed, 0).uniform(-1, 1, system.size)
+        off = np.abs(system.residual(x)) > _ROUNDING
+        if (lost := off & ~system.jacobian(x).any(axis=1)).any():
+            tree = forest(self.order + 1).tree(int(system.conditions(True)[0][lost][0]))
+            raise ValueError(
+                f"hold allows no method of order {self.order}: the condition of tree {tree} "
+                "depends on nothing else, and isn't satisfied"
+            )
+        flat = len(rooted_trees_through(self.order))  # conditions where flows commute
+        conditions = flat if system.rows is None else system.equations
+        if not force and system.movable.size < conditions:
+            raise ValueError(
+                f"hold leaves {system.movable.size} unknowns for {conditions} conditions of order "
+                f"{self.order}; pass force=True to try nevertheless"
+            )
 
     @property
     def of_points(self) -> bool:

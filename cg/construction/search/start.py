@@ -56,7 +56,7 @@ def read_start(settings: SearchSettings, record: Record) -> RandomStart:
     where = f"not the record of a start: start {start.index}"
     if not 0 <= start.index <= MAX_COUNT:
         raise ValueError(f"{where}: the number is out of range")
-    system = ConditionSystem(settings.order, start_layout(settings, start.index))
+    system = settings.system(start_layout(settings, start.index))
     if len(record.quads) != system.size:
         raise ValueError(f"{where} has {len(record.quads)} coefficients, not {system.size}")
     largest, exact = _accuracy(system, record.quads)
@@ -81,7 +81,7 @@ def _accuracy(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
 def run_start(settings: SearchSettings, index: int) -> RandomStart:
     """Run the start of a number: guess, solve in double, refine in real(16)."""
     layout, guess = _draw(settings, index)
-    system = ConditionSystem(settings.order, layout)
+    system = settings.system(layout)
     if settings.algorithm == "lmdif":
         double, refined, bits = _run_lmdif(settings, layout, guess)
     else:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cg import _core_r64
 from cg.conditions.core_calls import Trees, Vector, derivatives_bytes, described
+from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
 from cg.structure.layout import Layout
 from cg.support.capsules import provide_lapack
@@ -50,20 +51,25 @@ def fit_conditions(
 ) -> MinimumNormFit:
     """Minimise the sum of squared residuals of the conditions from packed weights `x0`, shape (n,).
 
-    Only the unknowns `movable` change. The solver stops when the sum of squares is at most `ftol`.
+    Only the unknowns `movable` change, and what depends on them. The solver stops when the sum of
+    squares is at most `ftol`.
     `damping` is the initial one, relative to the largest squared norm of a row of the Jacobian.
     With `accurate`, steps come from a QR factorisation instead of the normal equations, which lose
     singular values below 1e-8 of the largest; this takes up to three times as long.
     """
     size = system.size
-    x = np.array(x0, dtype=np.float64)
+    x = np.asarray(x0, dtype=np.float64)
     if x.shape != (size,) or not np.isfinite(x).all():
         raise ValueError(f"x0 must have {size} finite entries, got shape {x.shape}: {x}")
-    indices = system.moving(movable)
+    x, indices = np.array(system.complete(x)), system.moving(movable)
     ftol = check_real("ftol", ftol)
     damping = check_real("damping", damping, positive=True)
     max_iterations = check_integer("max_iterations", max_iterations, 0, MAX_COUNT)
     accurate = check_flag("accurate", accurate)
+    if system.held is not None and system.held.dependent:
+        end, f = finish(system, x, indices, ftol=ftol, damping=damping, iterations=max_iterations)
+        done = MinimumNormStatus.SOLVED if f <= ftol else MinimumNormStatus.OUT_OF_ITERATIONS
+        return MinimumNormFit(system.complete(end), f, max_iterations, max_iterations, done)
     trees, owner = system.conditions(independent=True)
     moving = (indices + 1).astype(np.intc)
     problem = (system.order, system.layout, x, trees, owner)

@@ -32,7 +32,7 @@ def polish(
     Corrections are combinations of the columns of `directions`, (n, k); by default, all movable
     entries may change. The structure of the system isn't used.
     """
-    start = tuple(map(Fraction, x))
+    start = tuple(system.complete(list(map(Fraction, x))))
     if len(start) != system.size:
         raise ValueError(f"x must have {system.size} entries, got {len(start)}")
     system = replace(system, structure=Structure.GENERAL)
@@ -44,10 +44,11 @@ def polish(
 
     def moved(steps: Sequence[Fraction]) -> tuple[Fraction, ...]:
         """Return the point after steps along the directions."""
-        return tuple(
+        moved = [
             entry + sum((Fraction(d) * m for d, m in zip(row, steps, strict=True) if d), Fraction())
             for entry, row in zip(start, span.tolist(), strict=True)
-        )
+        ]
+        return tuple(system.complete(moved))
 
     end = refine_rational(
         lambda steps: _residuals(moved(steps), system),

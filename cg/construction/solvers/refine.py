@@ -56,6 +56,7 @@ def refine(
     best, best_size, iterations = x, np.inf, 0
     for iterations in range(_MAX_ITERATIONS + 1):  # noqa: B007
         raise_if_stopped()
+        x = x if system.held is None else system.held.complete_quads(x)
         residual = system.residual_quad(x)
         largest = float(np.abs(residual).max())
         # rounding errors remain: stop at the first correction that doesn't reduce them

@@ -98,11 +98,19 @@ def retract(
     return None
 
 
-def finish(system: ConditionSystem, x: Vector, movable: Indices) -> tuple[Vector, float]:
+def finish(
+    system: ConditionSystem,
+    x: Vector,
+    movable: Indices,
+    *,
+    ftol: float = _FTOL,
+    damping: float = _FIRST_DAMPING,
+    iterations: int = _MAX_ITERATIONS,
+) -> tuple[Vector, float]:
     """Return where Levenberg–Marquardt steps of the entries `movable` lead, and f there."""
     residual = system.residual(x)
     f = float(residual @ residual)
-    damping, history = _FIRST_DAMPING, [f]
+    largest, history = max(_MAX_DAMPING, 1e4 * damping), [f]
     steps: DampedSteps | None = None
 
     def after(step: Vector) -> Vector:
@@ -110,8 +118,8 @@ def finish(system: ConditionSystem, x: Vector, movable: Indices) -> tuple[Vector
         moved[movable] += step
         return moved
 
-    for _ in range(_MAX_ITERATIONS):
-        if not _FTOL < f < np.inf or damping > _MAX_DAMPING:
+    for _ in range(iterations):
+        if not ftol < f < np.inf or damping > largest:
             break
         if steps is None:
             steps = DampedSteps(system.jacobian(x)[:, movable], by_singular_values=True)

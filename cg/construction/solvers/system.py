@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from cg.conditions import condition_trees, core_calls, count
 from cg.conditions.counts import check_order
+from cg.construction.solvers.held import Held, Hold
 from cg.structure.layout import Layout, Rows
 from cg.structure.points import check_tree
 from cg.support import quads
@@ -64,12 +65,14 @@ class Structure(IntEnum):
 class ConditionSystem:
     """The conditions of order q on a layout; a second result of a pair has order q - 1.
 
-    A `structure` is for explicit tableaux of order 4 or more.
+    A `structure` is for explicit tableaux of order 4 or more. In all vectors, values that `hold`
+    gives replace those of its unknowns; derivatives are those along vectors that keep them.
     """
 
     order: int
     layout: Layout
     structure: Structure = Structure.GENERAL
+    hold: Hold = ()
 
     def __post_init__(self) -> None:
         order = check_order(self.order)  # the compiled core checks neither order nor layout
@@ -131,15 +134,34 @@ class ConditionSystem:
         return self.layout.size
 
     @cached_property
-    def movable(self) -> NDArray[np.intp]:
-        """Indices of the entries that aren't fixed at zero."""
+    def zeros(self) -> list[int]:
+        """Indices of the entries that are fixed at zero."""
         fixed = list(self.layout.fixed)
         weights = [self.layout.row(self.stages + r) for r in range(len(self.layout.results))]
         if self.structure >= Structure.STAGE_ORDER_TWO:
             fixed += [row[1] for row in weights]
         if self.structure >= Structure.MIDDLE:
             fixed.append(weights[0][0])
+        return fixed
+
+    @cached_property
+    def held(self) -> Held | None:
+        """What is held beside zeros; None without `hold`."""
+        return Held.of(self.hold, self.layout, self.zeros) if self.hold else None
+
+    @cached_property
+    def movable(self) -> NDArray[np.intp]:
+        """Indices of the entries that aren't fixed at zero or by what is held."""
+        fixed = self.zeros if self.held is None else self.held.pivots
         return np.setdiff1d(np.arange(self.size), fixed)
+
+    def complete(self, x: Any) -> Any:
+        """Return packed entries, doubles or Fractions, with the values that are held."""
+        return x if self.held is None else self.held.complete(x)
+
+    def texts(self, x: Sequence[Fraction]) -> list[str]:
+        """Return entries as decimals, those that are held themselves as rationals."""
+        return list(map(quads.to_decimal, x)) if self.held is None else self.held.texts(x)
 
     @property
     def equations(self) -> int:
@@ -179,12 +201,13 @@ class ConditionSystem:
     def residual(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
         """Return the residuals at packed entries, shape (m,)."""
         trees, owner = self.conditions(independent)
-        return core_calls.residuals(self.order, self.layout, x, trees, owner)
+        return core_calls.residuals(self.order, self.layout, self.complete(x), trees, owner)
 
     def jacobian(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
         """Return the derivatives of `residual`, shape (m, size)."""
         trees, owner = self.conditions(independent)
-        return core_calls.jacobian(self.order, self.layout, x, trees, owner)
+        jac = core_calls.jacobian(self.order, self.layout, self.complete(x), trees, owner)
+        return jac if self.held is None else self.held.derivatives(jac)
 
     def residual_quad(self, x: quads.Quads, independent: bool = False) -> NDArray[np.float64]:
         """Return the residuals, computed in real(16) and rounded to double."""

@@ -12,9 +12,13 @@ from cg.integration.loop.stiffness import StepCheck
 from cg.support.parallel import raise_if_stopped
 
 
-def drive(run: Run, watch: Callable[[float], None] | None = None) -> None:
+def drive(
+    run: Run,
+    watch: Callable[[float], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> None:
     """Advance all members to their ends; ``watch`` gets the time covered by all together."""
-    budget, check, record = StepBudget(), StepCheck(run), run.record
+    budget, check, record = StepBudget(), StepCheck(run, warn), run.record
     while record.ended < run.members:
         record.budget = given = min(budget.start(), check.steps_left())
         run.call()

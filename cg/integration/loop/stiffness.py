@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 
@@ -37,11 +38,12 @@ _ROUNDING = 1e-6
 class StepCheck:
     """Warns once while a run takes many steps, if its equation is stiff or discontinuous.
 
-    It looks after 10,000, 20,000, 40,000, ... steps of a member, and again 1000 steps later.
+    It looks after 10,000, 20,000, 40,000, ... steps of a member, and again 1000 steps later. The
+    warning goes to `warn` if that is given, in workers.
     """
 
-    def __init__(self, run: Run) -> None:
-        self._run = run
+    def __init__(self, run: Run, warn: Callable[[str], None] | None = None) -> None:
+        self._run, self._warn = run, warn
         self._taken = 0  # by all members
         self._next = self._first = _FIRST_CHECK if run.control.h is None else 2**62
         self._last: str | None = None
@@ -62,7 +64,11 @@ class StepCheck:
             return
         difficulty = find_difficulty(run, member, float(run.reached[member]))
         if difficulty and difficulty == self._last:
-            warnings.warn(MANY_STEPS.format(reason=difficulty), stacklevel=6)
+            text = MANY_STEPS.format(reason=difficulty)
+            if self._warn is None:
+                warnings.warn(text, stacklevel=6)
+            else:
+                self._warn(text)
             self._next = 2**62
         elif difficulty and self._last is None:
             self._next = int(active[member]) + _CONFIRMED

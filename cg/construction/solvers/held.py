@@ -1,0 +1,124 @@
+"""Coefficients and abscissae that keep given values while the others are solved for.
+
+Each is a linear equation in the unknowns x: ``a[3,1]`` is one of them, ``c[3]`` the sum of a row.
+Elimination in rational arithmetic writes one unknown of each equation, its pivot, in terms of the
+free ones, ``x_p = d_p - Σ m_pk x_k``. Solvers move the free ones only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.method.coefficients import Coefficient
+from cg.structure.layout import Layout
+from cg.support import quads
+
+Hold = tuple[tuple[str, str], ...]
+"""Names and rational values as text, as settings store them."""
+
+
+def read_hold(hold: Any) -> Hold:
+    """Return names like ``a_2,1``, which may be given as ``a[2,1]``, and their values."""
+    if not isinstance(hold, Mapping) or not all(isinstance(name, str) for name in hold):
+        raise TypeError(f"hold must be a mapping from names like 'a[2,1]' to numbers, got {hold!r}")
+    values: dict[str, str] = {}
+    for name, number in hold.items():
+        try:
+            value = str(Coefficient.read(number).value)
+        except ValueError as error:
+            raise ValueError(f"hold: {name}: {error}") from None
+        key = name.replace(" ", "").replace("[", "_").rstrip("]")
+        if values.setdefault(key, value) != value:
+            raise ValueError(f"hold: {name} has two values, {values[key]} and {value}")
+    return tuple(sorted(values.items()))
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """The eliminated equations: ``rows[:, :-1] @ x = rows[:, -1]``, the identity at `pivots`."""
+
+    pivots: NDArray[np.intp]
+    rows: NDArray[Any]  # Fractions, shape (pivots, size + 1)
+
+    @classmethod
+    def of(cls, hold: Hold, layout: Layout, zeros: Sequence[int] = ()) -> Held:
+        """Eliminate the equations of a layout, whose unknowns `zeros` are zero."""
+        places = {name: [k] for k, name in enumerate(layout.names)}
+        places |= {f"c_{r + 1}": layout.row(r) for r in range(layout.stages)}
+        equations = [*((layout.names[k], "0") for k in zeros), *hold]
+        for name, _ in equations:
+            if name not in places:
+                raise ValueError(
+                    f"hold: there is no {name}; unknowns are {', '.join(layout.names)}, "
+                    f"and abscissae c_1 to c_{layout.stages}"
+                )
+        try:
+            return cls.solving(
+                [(places[k], Fraction(value)) for k, value in equations], layout.size
+            )
+        except ArithmeticError as error:
+            name, value = equations[error.args[1]]
+            text = f"hold: {name} = {value} contradicts what else is held or zero"
+            raise ValueError(text) from None
+
+    @classmethod
+    def solving(cls, sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Held:
+        """Solve sums of unknowns for the last unknown of each; ArithmeticError if none solve them.
+
+        The rows are the reduced echelon form with columns in reverse order.
+        """
+        rows: dict[int, NDArray[Any]] = {}
+        for number, (indices, value) in enumerate(sums):
+            row = np.full(size + 1, Fraction())
+            row[list(indices)], row[-1] = Fraction(1), value
+            for k, other in rows.items():
+                row = row - row[k] * other if row[k] else row
+            last = max(np.flatnonzero(row[:-1]).tolist(), default=None)
+            if last is not None:
+                row = row / row[last]
+                rows = {k: o - o[last] * row if o[last] else o for k, o in rows.items()}
+                rows[last] = row
+            elif row[-1]:
+                raise ArithmeticError("sums contradict each other", number)
+        matrix = np.array(list(rows.values()), dtype=object).reshape(-1, size + 1)
+        return cls(np.array(list(rows), dtype=np.intp), matrix)
+
+    @cached_property
+    def _floats(self) -> NDArray[np.float64]:
+        return self.rows.astype(np.float64)
+
+    @property
+    def dependent(self) -> bool:
+        """Whether a pivot changes with the free unknowns."""
+        return bool(np.count_nonzero(self.rows[:, :-1]) > len(self.pivots))
+
+    def complete(self, x: Any) -> NDArray[Any]:
+        """Return x, doubles or Fractions, with the pivots that its free unknowns determine."""
+        x = np.array(x)
+        rows = self.rows if x.dtype == object else self._floats
+        x[self.pivots] *= 0
+        x[self.pivots] = rows[:, -1] - rows[:, :-1] @ x
+        return np.asarray(x)
+
+    def complete_quads(self, x: quads.Quads) -> quads.Quads:
+        """Return `complete` to the accuracy of binary128."""
+        return quads.encode(self.complete(quads.decode(x)))
+
+    def derivatives(self, jac: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return derivatives, shape (m, size), with respect to the free unknowns; 0 for pivots."""
+        return np.asarray(jac - jac[:, self.pivots] @ self._floats[:, :-1])
+
+    def texts(self, x: Sequence[Fraction]) -> list[str]:
+        """Return unknowns as decimals, those that are held themselves as rationals."""
+        texts = list(map(quads.to_decimal, x))
+        for p, row in zip(self.pivots.tolist(), self.rows, strict=True):
+            if np.count_nonzero(row[:-1]) == 1:
+                texts[p] = str(row[-1])
+        return texts
