@@ -47,11 +47,10 @@ test-checks:
 
 # the core with the address and undefined-behaviour sanitizers, which use memory themselves, so that
 # tests of memory use are left out
-MEASURED := construction/test_lmdif_callback.py::test_exceptions_leave_no_references \
-  method/test_low_storage.py::TestMemory
+MEASURED := method/test_low_storage.py::TestMemory
 test-sanitize: build $(PEERS)
 	sh tools/sanitized.sh $(PY) --numprocesses auto -m "sanitize and not slow" \
-		$(foreach name,$(MEASURED),--deselect=tests/$(name)) $(ARGS)
+		--deselect=tests/$(MEASURED) $(ARGS)
 
 # the tests with the oldest versions that pyproject.toml admits, without the packages to compare with;
 # old packages may cause deprecation warnings

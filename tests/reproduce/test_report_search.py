@@ -47,6 +47,7 @@ def test_search_uses_its_plan(tmp_path):
         "order": 4, "stages": 5, "seed": 0, "algorithm": "lmdif", "rows": "explicit", "width": 1.0,
         "maxfev": 3200, "refine_below": 1e-12, "refine_maxfev": 320, "flows": None,
         "embedded": False, "tree": None, "first_same_as_last": False,
+        "hold": (),
     }  # fmt: skip
     assert data["paper"] == {"f_double": 1e-15, "f_quad": 1e-31}
     assert abs(random_start(0, 1, 15, 1.0)).max() <= 1
