@@ -30,7 +30,7 @@ def test_words_are_the_compositions():
 
 
 def test_residuals_of_the_midpoint_rule():
-    actual = linear_residuals([Fraction(1, 2)], [[Fraction(1)]], 3)
+    actual = linear_residuals(([Fraction(1, 2)], [[Fraction(1)]], []), 3)
     residuals = dict(zip(words(3), actual, strict=True))
     assert all(abs(residuals[word]) < 1e-60 for word in [(1,), (1, 1), (2,), (1, 1, 1)])
     # its coefficients are 1/4 for A_3 and for both words of A_1 and A_2
@@ -84,7 +84,7 @@ def test_a_changed_coefficient_is_another_method_of_lower_order():
     [
         (([], [[1]]), r"nodes must have at least one entry"),
         ((["1/2"], []), r"weights must have at least one row"),
-        ((["1/2"], [[1, 2]]), r"weights\[0\] must have 1 entries, one per node, got 2"),
+        ((["1/2"], [[1, 2]]), r"weights\[0\] must have 1 entries, one per node and bracket, got 2"),
         ((["half"], [[1]]), r"nodes\[0\]: expected a finite real number, got 'half'"),
         ((["1/2"], [["nan"]]), r"weights\[0\]\[0\]: expected a finite real number"),
         ((["1/2"], 3), r"weights must be a sequence of rows, got 3"),
