@@ -105,13 +105,13 @@ def _product_of_exponentials(
     ]
     for left, right in brackets:
         a, b = _combined(left, letters), _combined(right, letters)
-        bracket = _times(a, b, order)
-        for word, x in _times(b, a, order).items():
+        bracket = times(a, b, order)
+        for word, x in times(b, a, order).items():
             bracket[word] = bracket.get(word, 0) + sign * x
         letters.append(bracket)
     product: Series = {(): number(Fraction(1))}
     for row in rows:
-        product = _times(_exponential(_combined(row, letters), order), product, order)
+        product = times(_exponential(_combined(row, letters), order), product, order)
     return product
 
 
@@ -123,7 +123,7 @@ def _combined(row: Sequence[Any], letters: Sequence[Series]) -> Series:
     return total
 
 
-def _times(a: Series, b: Series, order: int) -> Series:
+def times(a: Series, b: Series, order: int) -> Series:
     """Return the words of a product through a degree."""
     second = sorted((sum(word), word) for word in b)
     product: Series = {}
@@ -140,7 +140,7 @@ def _exponential(exponent: Series, order: int) -> Series:
     power: Series = {(): 1}
     total = dict(power)
     for n in range(1, order + 1):
-        power = {word: x / n for word, x in _times(power, exponent, order).items()}
+        power = {word: x / n for word, x in times(power, exponent, order).items()}
         for word, x in power.items():
             total[word] = total.get(word, 0) + x
     return total

@@ -22,7 +22,7 @@ from cg.conditions.linear_equations import (
 from cg.method.coefficients import Coefficient, read_coefficient, read_sequence, read_texts
 from cg.method.method import Method, frozen
 from cg.method.tolerance import TOLERANCE_FACTOR
-from cg.structure.layout import Layout
+from cg.structure.layout import Layout, check_length
 from cg.structure.points import START, MethodError, Point, PointTree
 
 
@@ -140,12 +140,18 @@ class MagnusMethod(Method):
         return cls(nodes, rows[:flows], second, **fields)
 
     def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
-        """Return the method with other nodes and weights, and the same third ones.
+        """Return the method with other nodes and weights, and the same third ones."""
+        check_length(coefficients, len(self.coefficients))
+        numbers = iter(coefficients)
 
-        It must have no brackets.
-        """
+        def filled(rows: Iterable[Iterable[Coefficient]]) -> list[list[Any]]:
+            return [[next(numbers) if entry.value else entry for entry in row] for row in rows]
+
+        (nodes,), pairs = filled([self.nodes]), [filled(pair) for pair in self.brackets]
+        weights, second = filled(self.weights), filled(self.embedded_weights or ())
         same = {"third": self.third_weights, "third_factor": self.third_factor}
-        return super().with_coefficients(coefficients, **(same | fields))
+        same |= {"brackets": pairs, "name": self.name, "source": self.source}
+        return MagnusMethod(nodes, weights, second or None, **(same | fields))
 
     @property
     def _key(self) -> tuple[Any, ...]:

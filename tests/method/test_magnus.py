@@ -1,4 +1,4 @@
-"""Commutator-free Magnus methods: conditions, orders, coefficients, files, bad input."""
+"""Magnus methods: conditions, orders, coefficients, files, bad input."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ ORDERS = {
     "CFM6(4)": (6, 4, 2, 4, 7, 5),
     "CFM6(4)b": (6, 4, 2, 6, 9, 5),
     "CFM8(4)": (8, 4, 2, 8, 11, 5),
+    "Magnus8(4)": (8, 4, 2, 1, 1, 5),
 }
 """Orders of the three results, flows without and with the estimate, evaluations."""
 
@@ -70,6 +71,22 @@ def test_files_give_back_an_equal_method(name):
     assert hash(loads(dumps(method))) == hash(method)
 
 
+def test_brackets_in_exact_arithmetic():
+    """One bracket gives order four: [A(0), A(1)] is that of A_1 and A_2, and one of A_1 and A_3."""
+    method = MagnusMethod(
+        [0, "1/2", 1], [["1/6", "2/3", "1/6", "-1/12"]], brackets=[([1, 0, 0], [0, 0, 1])]
+    )
+    assert method.order == 4
+    residuals = dict(zip(words(4), method.residuals(4), strict=True))
+    assert max(map(abs, residuals.values())) < 1e-60
+    assert MagnusMethod(method.nodes, [["1/6", "2/3", "1/6"]]).order == 2
+    assert not hasattr(method, "layout")
+    with pytest.raises(TypeError, match="must not combine brackets"):
+        cg.certify(method)
+    same = method.with_coefficients([x.text for x in method.coefficients])
+    assert same == method
+
+
 def test_a_changed_coefficient_is_another_method_of_lower_order():
     method = cg.methods["CFM6(4)"]
     weights = [[a.value for a in row] for row in method.weights]
@@ -93,8 +110,11 @@ def test_a_changed_coefficient_is_another_method_of_lower_order():
         ((["1/2"], [[1]], [[1]], [1, 2]), r"third must have 1 entries"),
         ((["1/2"], [[1]], None, [1]), r"third must be None unless there is a second result"),
         ((["1/2"], [[1]], [[1]], [1], 0), r"third_factor must be positive, got 0"),
+        ((["1/2"], [[1]], None, None, 1, [[[1]]]), r"brackets\[0\] must have two rows, got 1"),
+        ((["1/2"], [[1]], None, None, 1, [[[1], [1]]]), r"weights\[0\] must have 2 entries"),
+        ((["1/2"], [[1, 0]], None, None, 1, [[[1], [1, 2]]]), r"brackets\[0\]\[1\] must have 1"),
     ],
 )
 def test_bad_coefficients_are_refused(arguments, message):
-    options = dict(zip(("third", "third_factor"), arguments[3:], strict=False))
+    options = dict(zip(("third", "third_factor", "brackets"), arguments[3:], strict=False))
     refuses(MethodError, message, MagnusMethod, *arguments[:3], **options)

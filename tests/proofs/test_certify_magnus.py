@@ -58,7 +58,7 @@ def test_residuals_are_those_of_words_in_derivatives(name):
         assert float(residual) * factor == pytest.approx(float(expected[degrees]), abs=1e-15)
 
 
-@pytest.mark.parametrize("name", [name for name in MAGNUS if cg.methods[name].order > 4])
+@pytest.mark.parametrize("name", [name for name in MAGNUS if name.startswith(("CFM6", "CFM8"))])
 def test_all_conditions_hold_to_more_places_than_are_stored(name):
     """Also those that a certificate leaves out, and those that aren't independent."""
     method = cg.methods[name]
