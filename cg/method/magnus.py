@@ -149,7 +149,7 @@ class MagnusMethod(Method):
 
         (nodes,), pairs = filled([self.nodes]), [filled(pair) for pair in self.brackets]
         weights, second = filled(self.weights), filled(self.embedded_weights or ())
-        same = {"third": self.third_weights, "third_factor": self.third_factor}
+        same: dict[str, Any] = {"third": self.third_weights, "third_factor": self.third_factor}
         same |= {"brackets": pairs, "name": self.name, "source": self.source}
         return MagnusMethod(nodes, weights, second or None, **(same | fields))
 
