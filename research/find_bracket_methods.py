@@ -40,8 +40,8 @@ PATTERN = (("odd", "even"), ("odd", "odd"), ("odd", "even"), ("odd", "even"), ("
            ("odd", "even"), ("odd", "odd"), ("odd", "even"))  # fmt: skip
 """The parities of both sides of each bracket."""
 
-SIZES = (1, 1 / 4, 1 / 48, 1 / 960)
-"""Of Legendre coefficients of a function each derivative of which has half the size of the last."""
+SIZES = (1, 1 / 2, 1 / 12, 1 / 120)
+"""Of Legendre coefficients of a function whose derivatives have equal sizes."""
 
 FACTOR = 4
 """That of the third result."""
