@@ -124,7 +124,7 @@ def _coupled_spins() -> LinearCase:
 
     y0 = np.eye(4, dtype=complex)
     case = _case("two coupled spins", frame, coefficients, y0, 10.0, 2000)
-    return LinearCase(case, coefficients, tuple(-1j * frame.basis), None)
+    return LinearCase(case, coefficients, tuple(frame.basis))
 
 
 def _chain() -> LinearCase:

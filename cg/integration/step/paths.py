@@ -188,12 +188,8 @@ def paths_of(method: Method) -> MethodPaths:
     final = ends[0] if ends and method.explicit else 0
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
     third, factor = 0, MethodPaths.factor
-    brackets: Brackets = ()
     if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
-        brackets = tuple(
-            tuple(tuple(a.value for a in row) for row in pair) for pair in method.brackets
-        )
     if isinstance(method, MagnusMethod) and method.third_weights is not None and not errors:
         flow = tuple((k, a.value) for k, a in enumerate(method.third_weights) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
@@ -207,8 +203,13 @@ def paths_of(method: Method) -> MethodPaths:
     return MethodPaths(
         tuple(builder.paths), stages, result_path, embedded_path, final, c, registers, series,
         errors, third=third, power=error_power(method), factor=factor, blocks=_blocks(method),
-        brackets=brackets,
+        brackets=_brackets(method),
     )  # fmt: skip
+
+
+def _brackets(method: Method) -> Brackets:
+    pairs = method.brackets if isinstance(method, MagnusMethod) else ()
+    return tuple(tuple(tuple(a.value for a in row) for row in pair) for pair in pairs)
 
 
 def _collocation_paths(method: MuntheKaas) -> MethodPaths:
