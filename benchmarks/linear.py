@@ -33,7 +33,7 @@ _NO_QUTIP = "- QuTiP was not installed, so there is no comparison with it."
 def method_text(rounds: int) -> str:
     """Return how methods are compared."""
     return (
-        "Four equations `y' = A(t) y` with `a(t)` in Python, for tolerances from 1e-3 to 1e-13; "
+        "Five equations `y' = A(t) y` with `a(t)` in Python, for tolerances from 1e-3 to 1e-13; "
         "work for a given error at the end is interpolated. Exponentials and evaluations of "
         "`cg.solve_linear` are those of the Magnus method that needs fewest, then those of the "
         "Munthe-Kaas pair that needs fewest, which takes one exponential per step; both are "

@@ -66,6 +66,7 @@ def linear_cases(quick: bool) -> Iterator[LinearCase]:
     yield _two_levels()
     yield _rotation()
     if not quick:
+        yield _coupled_spins()
         yield _master_equation()
         yield _chain()
 
@@ -104,6 +105,26 @@ def _master_equation() -> LinearCase:
     y0[0] = 1.0
     case = _case("Lindblad equation of two qubits", LinearAction(matrices), a, y0, 10.0, 1000)
     return LinearCase(case, a, matrices, hamiltonians, damping)
+
+
+def _coupled_spins() -> LinearCase:
+    """Return the propagator of two coupled spins, each with its own drive."""
+
+    def a(t: float) -> list[float]:
+        return [1.0, math.cos(2.0 * t), math.sin(3.0 * t)]
+
+    one, frame = np.eye(2), SU(4)
+    still = np.kron(_Z, one) + 1.5 * np.kron(one, _Z) + 0.5 * np.kron(_Z, _Z)
+    hamiltonians = still, np.kron(_X, one), np.kron(one, _Y)
+    columns = np.array([frame.coefficients(-1j * h) for h in hamiltonians]).T
+
+    def coefficients(t: float) -> list[float]:
+        values: list[float] = (columns @ a(t)).tolist()
+        return values
+
+    y0 = np.eye(4, dtype=complex)
+    case = _case("two coupled spins", frame, coefficients, y0, 10.0, 2000)
+    return LinearCase(case, coefficients, tuple(frame.basis))
 
 
 def _chain() -> LinearCase:

@@ -119,14 +119,20 @@ def number(value: Fraction) -> str:
 
 
 def weights_of_flows(method: cg.MagnusMethod) -> str:
-    """Return the weights of the flows of a Magnus method as a table, by node."""
-    nodes = [number(node) for node in method.abscissae]
-    lines = [f"| flow | at c = {' | '.join(nodes)} |", "|---" * (len(nodes) + 1) + "|"]
+    """Return the weights of the flows of a Magnus method as a table, by node and bracket.
+
+    A bracket of two combinations has two rows.
+    """
+    heads = [f"at c = {number(method.abscissae[0])}", *map(number, method.abscissae[1:])]
+    heads += [f"bracket {j}" for j in range(1, len(method.brackets) + 1)]
+    lines = [f"| flow | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
     third = () if method.third_weights is None else (method.third_weights,)
-    results = {"": method.weights, "second, ": method.embedded_weights or (), "third, ": third}
+    results = {f"bracket {j}, ": pair for j, pair in enumerate(method.brackets, 1)}
+    results |= {"": method.weights, "second, ": method.embedded_weights or (), "third, ": third}
     for label, rows in results.items():
         for i, row in enumerate(rows, 1):
-            lines.append(f"| {label}{i} | " + " | ".join(number(a.value) for a in row) + " |")
+            padded = [number(a.value) for a in row] + [""] * (len(heads) - len(row))
+            lines.append(f"| {label}{i} | {' | '.join(padded)} |")
     return "\n".join(lines)
 
 

@@ -31,7 +31,7 @@ def main() -> int:
     """Return 1 if an existing certificate is invalid and can't be replaced, else 0."""
     whole, partly, without, failed = [], [], [], 0
     for method in methods.values():
-        if isinstance(method, MuntheKaas | Splitting):
+        if isinstance(method, MuntheKaas | Splitting) or getattr(method, "brackets", ()):
             continue
         known = _certificate(method)
         if known is None and not method.approximate:

@@ -7,9 +7,9 @@ from 0), ``stage_points``, ``result`` and, for pairs, ``embedded_result``. Coeff
 with all their digits; TOML numbers are read as strings as well. A method that satisfies its order
 conditions only approximately has a table ``nominal`` with the intended ``order`` and an upper bound
 ``residual`` of its residuals. A tableau with ``kind = "Munthe-Kaas"`` is a Munthe-Kaas method and
-may have ``b_third``. A file with ``kind = "Magnus"`` has ``nodes``, ``weights`` and, for pairs,
-``embedded`` and ``b_third``, as for `cg.MagnusMethod`; with ``kind = "splitting"`` it has
-``drifts`` and ``kicks``, as for `cg.Splitting`.
+may have ``b_third``. A file with ``kind = "Magnus"`` has ``nodes``, ``weights``, if it needs them
+``brackets`` and, for pairs, ``embedded`` and ``b_third``, as for `cg.MagnusMethod`; with ``kind =
+"splitting"`` it has ``drifts`` and ``kicks``, as for `cg.Splitting`.
 """
 
 from __future__ import annotations

@@ -32,6 +32,7 @@ _KIND = "Munthe-Kaas"
 _MAGNUS = "Magnus"
 _SPLITTING = "splitting"
 _REQUIRED_OF_MAGNUS = {"name", "source", "kind", "nodes", "weights"}
+_OPTIONAL_OF_MAGNUS = {"brackets", "embedded", "b_third", "third_factor"}
 _KEYS_OF_POINTS = {"points", "stage_points", "result"}  # not in files of tableaux
 _REQUIRED_OF_POINTS = {"name", "source"} | _KEYS_OF_POINTS
 _OPTIONAL_OF_POINTS = {"embedded_result", "b_third", "nominal"}
@@ -61,7 +62,7 @@ def from_entry(entry: dict[str, Any], name: str = "") -> Method:
 def _from_entry(entry: dict[str, Any]) -> Method:
     points = not _KEYS_OF_POINTS.isdisjoint(entry)
     if entry.get("kind") == _MAGNUS:
-        check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded", "b_third", "third_factor"}, "the entry")
+        check_keys(entry, _REQUIRED_OF_MAGNUS, _OPTIONAL_OF_MAGNUS, "the entry")
         entry.pop("kind")
         third = entry.pop("b_third", None)
         return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), third=third, **entry)
@@ -215,6 +216,9 @@ def dumps(method: Method) -> str:
         factor = quoted(method.third_factor.text)
         lines += [f"kind = {quoted(_MAGNUS)}", f"third_factor = {factor}"]
         lines.append(f"nodes = {_array(method.nodes)}")
+        if method.brackets:
+            pairs = [f"[{', '.join(map(_array, pair))}]" for pair in method.brackets]
+            lines += ["brackets = [", *(f"  {pair}," for pair in pairs), "]"]
         lines += [*_block("weights", method.weights), *_block("embedded", method.embedded_weights)]
     elif isinstance(method, Splitting):
         lines.append(f"kind = {quoted(_SPLITTING)}")

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 import click
@@ -88,7 +89,8 @@ def _drawing(method: Method, digits: int) -> str:
         flat = _tableau(method, digits)
         return f"{draw_points(method, digits=digits)}\n\nwhere flows commute:\n{flat}"
     if isinstance(method, MagnusMethod):
-        rows = {"nodes": [method.nodes], "flow": method.weights}
+        rows = {"nodes": [method.nodes], "bracket of": chain(*method.brackets)}
+        rows |= {"flow": method.weights}
         rows |= {"flow of the second result": method.embedded_weights or ()}
         rows |= {"flow of the third": (method.third_weights,) if method.third_weights else ()}
         lines = [
@@ -96,7 +98,8 @@ def _drawing(method: Method, digits: int) -> str:
             for label, block in rows.items()
             for row in block
         ]
-        return table(lines)
+        width = max(map(len, lines))
+        return table([[*line, *[""] * (width - len(line))] for line in lines])
     if isinstance(method, Splitting):
         numbers = [_number_of(x.value, digits) for x in method.coefficients]
         pairs = zip(numbers[::2], [*numbers[1::2], ""], strict=True)

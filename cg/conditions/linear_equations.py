@@ -11,9 +11,12 @@ whose degree is :math:`j_1 + \dots + j_n`. In the solution a word has the coeffi
 the integral of :math:`\theta_1^{j_1 - 1} \cdots \theta_n^{j_n - 1}` over
 :math:`1 > \theta_1 > \dots > \theta_n > 0`. A product has order q if the coefficients of all words
 through degree q agree.
+
+Exponents may also combine brackets of earlier letters, :math:`h [\sum_k u_k L_k, \sum_k v_k L_k]`
+with :math:`L_k = A(t_0 + c_k h)` or a bracket; weights on them follow those on nodes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache
@@ -29,7 +32,10 @@ _DIGITS = Context(prec=64)
 _ROUGH = 1e-9  # far above rounding errors in double
 
 Word = tuple[int, ...]
-Rows = Sequence[Sequence[Fraction]]
+Series = dict[Word, Any]
+Row = Sequence[Fraction]
+Values = tuple[Row, Sequence[Row], Sequence[tuple[Row, Row]]]
+"""The nodes, the weights of each exponential, and those of both sides of each bracket."""
 
 
 @cache
@@ -43,78 +49,101 @@ def words(order: int) -> tuple[Word, ...]:
     return tuple(word for words in by_degree[1:] for word in words)
 
 
-def linear_residuals(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[Decimal]:
-    """Return the coefficients of all `words` less those of the solution, with 64 digits.
+def _decimal(value: Fraction) -> Decimal:
+    return Decimal(value.numerator) / value.denominator
 
-    `nodes` are c, shape (K,); `rows` the weights a in the order of application, shape (s, K).
-    """
+
+def linear_residuals(values: Values, order: int) -> list[Decimal]:
+    """Return the coefficients of all `words` less those of the solution, with 64 digits."""
     with localcontext(_DIGITS):
-        product = product_of_exponentials(_moments(nodes, rows, order), words(order))
-        return [product[word] - _solution(word) for word in words(order)]
+        product = _product_of_exponentials(values, order)
+        return [product.get(word, 0) - _solution(word) for word in words(order)]
 
 
-def estimated_order(nodes: Sequence[Fraction], rows: Rows) -> int:
+def estimated_order(values: Values) -> int:
     """Return the order that a method seems to have in double precision, an upper bound of it."""
-    moments = [[float(x) for x in row] for row in _moments(nodes, rows, MAX_LINEAR_ORDER)]
-    product = product_of_exponentials(moments, words(MAX_LINEAR_ORDER))
+    product = _product_of_exponentials(values, MAX_LINEAR_ORDER, float)
     wrong = [
         sum(word)
         for word in words(MAX_LINEAR_ORDER)
-        if not abs(product[word] - float(_solution(word))) <= _ROUGH
+        if not abs(product.get(word, 0.0) - float(_solution(word))) <= _ROUGH
     ]
     return min(wrong, default=MAX_LINEAR_ORDER + 1) - 1
 
 
-def linear_sensitivities(
-    nodes: Sequence[Fraction], rows: Rows, node_units: Sequence[Fraction], units: Rows, order: int
-) -> list[Decimal]:
+def linear_sensitivities(values: Values, units: Values, order: int) -> list[Decimal]:
     """Return bounds on the changes of the residuals when coefficients change by up to a unit.
 
-    Coefficients of words are polynomials without negative terms: their increase is a bound.
+    Coefficients of words are polynomials, without negative terms if brackets are replaced by sums:
+    their increase is a bound.
     """
-    sizes = [abs(c) for c in nodes]
-    wide = [c + unit for c, unit in zip(sizes, node_units, strict=True)]
-    weights = [[abs(a) for a in row] for row in rows]
-    wide_weights = [
-        [a + unit for a, unit in zip(row, unit_row, strict=True)]
-        for row, unit_row in zip(weights, units, strict=True)
-    ]
     with localcontext(_DIGITS):
-        low = product_of_exponentials(_moments(sizes, weights, order), words(order))
-        high = product_of_exponentials(_moments(wide, wide_weights, order), words(order))
-        return [high[word] - low[word] for word in words(order)]
+        sizes = _each(abs, values)
+        low = _product_of_exponentials(sizes, order, sign=1)
+        high = _product_of_exponentials(_each(sum, sizes, units), order, sign=1)
+        return [Decimal(high.get(word, 0) - low.get(word, 0)) for word in words(order)]
 
 
-def _moments(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[list[Decimal]]:
-    """Return x, shape (s, order)."""
-    powers = [[_decimal(c) ** j if j else Decimal(1) for j in range(order)] for c in nodes]
-    weights = [[_decimal(a) for a in row] for row in rows]
-    return [
-        [
-            sum((a * power[j] for a, power in zip(row, powers, strict=True)), Decimal(0))
-            for j in range(order)
-        ]
-        for row in weights
-    ]
+def _each(function: Callable[..., Any], *values: Any) -> Any:
+    """Return nested sequences with the values of a function of one number of each."""
+    if not isinstance(values[0], Sequence):
+        return function(values if len(values) > 1 else values[0])
+    return [_each(function, *parts) for parts in zip(*values, strict=True)]
 
 
-def product_of_exponentials(x: Sequence[Sequence[Any]], words: Sequence[Word]) -> dict[Word, Any]:
-    """Return the coefficients of words in a product of exponentials of combinations of letters.
+def _product_of_exponentials(
+    values: Values, order: int, number: Callable[[Fraction], Any] = _decimal, sign: int = -1
+) -> Series:
+    """Return the coefficients of words through degree `order` in the result of a step.
 
-    `x` are the weights of the letters in each exponential, in the order of application. `words`
-    hold all their prefixes and suffixes, shorter ones first.
+    With a `sign` of 1 sums take the place of brackets, as they do in bounds.
     """
-    one = x[0][0] * 0 + 1
-    product: dict[Word, Any] = {(): one} | dict.fromkeys(words, one * 0)
-    for row in x:
-        factor: dict[Word, Any] = {(): one}
-        for word in words:
-            factor[word] = factor[word[1:]] * row[word[0] - 1] / len(word)
-        product = {
-            word: sum((factor[word[:k]] * product[word[k:]] for k in range(len(word) + 1)), one * 0)
-            for word in product
-        }
+    nodes, rows, brackets = _each(number, values)
+    degrees = range(1, order + 1)
+    letters: list[Series] = [
+        {(j,): c ** (j - 1) if j > 1 else c * 0 + 1 for j in degrees} for c in nodes
+    ]
+    for left, right in brackets:
+        a, b = _combined(left, letters), _combined(right, letters)
+        bracket = times(a, b, order)
+        for word, x in times(b, a, order).items():
+            bracket[word] = bracket.get(word, 0) + sign * x
+        letters.append(bracket)
+    product: Series = {(): number(Fraction(1))}
+    for row in rows:
+        product = times(_exponential(_combined(row, letters), order), product, order)
     return product
+
+
+def _combined(row: Sequence[Any], letters: Sequence[Series]) -> Series:
+    total: Series = {}
+    for weight, letter in zip(row, letters, strict=False):
+        for word, x in letter.items() if weight else ():
+            total[word] = total.get(word, 0) + weight * x
+    return total
+
+
+def times(a: Series, b: Series, order: int) -> Series:
+    """Return the words of a product through a degree."""
+    second = sorted((sum(word), word) for word in b)
+    product: Series = {}
+    for first, x in a.items():
+        room = order - sum(first)
+        for degree, word in second:
+            if degree > room:
+                break
+            product[first + word] = product.get(first + word, 0) + x * b[word]
+    return product
+
+
+def _exponential(exponent: Series, order: int) -> Series:
+    power: Series = {(): 1}
+    total = dict(power)
+    for n in range(1, order + 1):
+        power = {word: x / n for word, x in times(power, exponent, order).items()}
+        for word, x in power.items():
+            total[word] = total.get(word, 0) + x
+    return total
 
 
 def _solution(word: Word) -> Decimal:
@@ -123,7 +152,3 @@ def _solution(word: Word) -> Decimal:
         degree += j
         value /= degree
     return value
-
-
-def _decimal(value: Fraction) -> Decimal:
-    return Decimal(value.numerator) / value.denominator

@@ -25,10 +25,17 @@ from cg.integration.problem import Problem, make_problem
 from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
+from cg.integration.step.plan import has_brackets
 from cg.method.magnus import MagnusMethod
 from cg.support.checks import check_flag
+from cg.support.shared_numbers import BlockKind
 
-_DEFAULT = "CFM8(4)"  # within 20 % of the fewest evaluations and the least time on the benchmarks
+_WITH_BRACKETS, _WITHOUT = "Magnus8(4)", "CFM8(4)"
+# Blocks with flows in closed form, where time and evaluations are least without brackets
+_CLOSED_FORMS = frozenset(
+    (BlockKind.EUCLIDEAN, BlockKind.SO3, BlockKind.QUATERNION, BlockKind.SE3, BlockKind.SPHERE,
+     BlockKind.SU2)
+)  # fmt: skip
 _NODES = 9  # of interpolation on LinearAction; more of them save few evaluations and no products
 
 
@@ -48,10 +55,11 @@ def solve_linear(
     r"""Solve :math:`y' = \sum_i a_i(t) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
     The coefficients depend on time alone: a prescribed angular velocity, or a Schrödinger equation
-    with controls. Commutator-free Magnus methods take a step of order six with four or six flows,
-    and of order eight with eight, where commutator-free Runge–Kutta methods of the catalogue need
-    at least 13 and 39. On `cg.frames.LinearAction` a step is one flow, along the polynomial that
-    interpolates the coefficients at the nodes of the method.
+    with controls. A Magnus method with brackets takes a step of order eight with one flow.
+    Commutator-free ones take one of order six with four or six flows and one of order eight with
+    eight, where commutator-free Runge–Kutta methods of the catalogue need at least 13 and 39. On
+    `cg.frames.LinearAction` a step is one flow, along the polynomial that interpolates the
+    coefficients at the nodes of the method.
 
     Parameters
     ----------
@@ -61,10 +69,11 @@ def solve_linear(
     t_span, y0, frame
         As for `cg.solve_ivp`.
     method
-        A name in `cg.methods`, or a `cg.MagnusMethod`. By default ``"CFM8(4)"``, on
-        `cg.frames.LinearAction` the nine nodes of Lobatto's formula. Other methods take the steps
-        of `cg.solve_ivp` without computing points of stages, so that those of Munthe-Kaas need one
-        flow per step.
+        A name in `cg.methods`, or a `cg.MagnusMethod`. By default ``"Magnus8(4)"``, where flows
+        are in closed form (rotations, rigid motions, SU(2)) or there is no `Frame.bracket`
+        ``"CFM8(4)"``, on `cg.frames.LinearAction` the nine nodes of Lobatto's formula. Other
+        methods take the steps of `cg.solve_ivp` without computing points of stages, so that those
+        of Munthe-Kaas need one flow per step.
     h, rtol, atol, t_eval, dense_output, events, breakpoints, max_step, first_step, max_steps
         As for `cg.solve_ivp`. Steps are chosen by the differences from two results of lower order,
         on `cg.frames.LinearAction` by the last coefficients of the interpolating polynomial, or
@@ -196,11 +205,19 @@ def make_linear_problem(
         _check_callable(a, args, given["parameters"], given["inputs"])
     method = given["method"]
     if isinstance(method, str) and method == AUTO:
-        given["method"] = _lobatto() if isinstance(frame, LinearAction) else _DEFAULT
+        given["method"] = _lobatto() if isinstance(frame, LinearAction) else _default(frame)
     return make_problem(
         TimeFunction(a, vectorized), t_span, y0, frame=frame, options=given, many=many,
         common=common,
     )  # fmt: skip
+
+
+def _default(frame: Frame) -> str:
+    """Return the method with brackets, unless exponentials are cheap or there are no brackets."""
+    blocks = frame.compiled_blocks() if isinstance(frame, Frame) else ()
+    if blocks is not None and _CLOSED_FORMS.issuperset(block[0] for block in blocks):
+        return _WITHOUT
+    return _WITH_BRACKETS if has_brackets(frame) else _WITHOUT
 
 
 @cache

@@ -39,7 +39,7 @@ from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
 from cg.integration.step.jacobian import Jacobian, jacobian_of
-from cg.integration.step.plan import Plan, has_brackets, plan_of
+from cg.integration.step.plan import Plan, has_brackets, paths_on, plan_of
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
@@ -231,7 +231,8 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
             f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which splits the equations of "
             f"mechanical systems, got {frame!r}"
         )
-    if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
+    brackets = isinstance(chosen, MuntheKaas) or bool(paths_on(frame, chosen).brackets)
+    if brackets and not has_brackets(frame):
         check_algebra(frame, chosen, linear=isinstance(f, TimeFunction))
     return chosen
 

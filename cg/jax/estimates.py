@@ -92,7 +92,7 @@ def _of_results(rules: Rules, stages: Stages) -> list[Estimate]:
 
 def _error_of_time(steps: Steps, start: Start, stages: Stages, before: Before) -> JaxArray | None:
     """Return the estimate of a Magnus method: that of the results, or the larger of the nodes."""
-    if not stages.others:
+    if not stages.others and not len(stages.errors):
         return None
     rules, y1, paths = start.rules, stages.result, steps.paths
     size = rules.extent(start.y0, y1)
@@ -102,6 +102,7 @@ def _error_of_time(steps: Steps, start: Start, stages: Stages, before: Before) -
         return jnp.sqrt(jnp.maximum(squares, jnp.finfo(size.dtype).tiny))
 
     estimates = _of_results(rules, stages)
+    estimates += [_of_vector(rules, v, y1) for v in start.h * stages.errors]
     norms = [norm(each) for each in estimates]
     scale = jnp.ones((), size.dtype)
     if len(norms) == 2:

@@ -145,7 +145,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         """
         rules = rules_in(terms)
         frame = rules.frame
-        if self.steps.on_algebra:
+        if self.steps.on_algebra or self.steps.paths.brackets:
             check_algebra(frame, self.method)
         if self.steps.of_time and not isinstance(unwrapped(terms), LinearTerm):
             raise ValueError(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.jax.entire import JaxArray
-from cg.jax.rules import Rules
+from cg.jax.rules import Rules, linear
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
@@ -64,12 +64,13 @@ class Steps:
     @cached_property
     def errors(self) -> NDArray[np.float64]:
         """The weights of the error estimates, shape ``(0, 1 or 2, stages)``."""
-        return np.array(self.paths.errors, dtype=np.float64).reshape(-1, len(self.paths.stages))
+        columns = len(self.paths.stages) + len(self.paths.brackets)
+        return np.array(self.paths.errors, dtype=np.float64).reshape(-1, columns)
 
 
 def flow_weights(flows: Any, paths: MethodPaths) -> NDArray[np.float64]:
-    """Return the weights of stages in flows, shape ``(flows, stages)``."""
-    weights = np.zeros((len(flows), len(paths.stages)))
+    """Return the weights of stages and brackets in flows, shape ``(flows, stages + brackets)``."""
+    weights = np.zeros((len(flows), len(paths.stages) + len(paths.brackets)))
     for row, flow in zip(weights, flows, strict=True):
         for stage, weight in flow:
             row[stage] = float(weight)
@@ -104,7 +105,7 @@ class Stages:
     Munthe-Kaas the derivatives of coordinates; ``last`` those at the result, None if no stage is
     there. ``others`` are the results with which a pair compares the first one. ``errors`` are
     weighted sums of the values, further error estimates divided by the step, shape ``(0, 1 or 2,
-    dim)``.
+    dim)``. ``columns`` are the values and the brackets of a Magnus method, which flows combine.
     """
 
     values: JaxArray
@@ -112,6 +113,7 @@ class Stages:
     others: list[JaxArray]
     errors: JaxArray
     last: JaxArray | None
+    columns: JaxArray
 
 
 def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
@@ -138,6 +140,9 @@ def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
     if steps.of_time:
         stages = list(jax.vmap(lambda c: f(c, y0))(jnp.asarray(paths.abscissae, h.dtype)))
         last = stages[-1] if paths.abscissae[-1] == 1.0 else None
+        for pair in paths.brackets:
+            u, v = (_combined(h, np.array(row, np.float64), stages) for row in pair)
+            stages.append(v @ linear(u, rules.frame._adjoint_basis) / h)
     for c, k in zip(paths.abscissae.tolist()[len(stages) :], paths.stages, strict=False):
         follow(k)
         value = first if k == 0 and c == 0.0 and not stages else f(c, ends[k])
@@ -146,9 +151,10 @@ def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
         stages.append(value)
     follow(len(paths.paths))
     others = [ends[k] for k in (paths.embedded, paths.third) if k]
-    values = jnp.stack(stages)
-    errors = jnp.asarray(steps.errors, h.dtype) @ values
-    return Stages(values, ends[paths.result], others, errors, last)
+    columns = jnp.stack(stages)
+    errors = jnp.asarray(steps.errors, h.dtype) @ columns
+    values = columns[: len(paths.stages)]
+    return Stages(values, ends[paths.result], others, errors, last, columns)
 
 
 def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
@@ -194,7 +200,8 @@ def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
         sums, after = loop(sums, final + 1, count)
         values.append(after)
     errors = sums[len(steps.flows) + 1 :]
-    return Stages(jnp.concatenate(values), result, [], errors, last)
+    columns = jnp.concatenate(values)
+    return Stages(columns, result, [], errors, last, columns)
 
 
 def _combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from cg.integration.step.interpolant import (
     basis_polynomials,
     extension_of,
+    flows_within,
     node_count,
     nodes_of,
-    result_flows,
     series_order,
 )
 from cg.integration.step.paths import paths_of
@@ -97,7 +97,7 @@ def interpolant(
     """
     rules = start.rules
     if not accurate:
-        return _Interpolant(start.y0, start.h * stages.values, rules, _straight(method))
+        return _Interpolant(start.y0, start.h * stages.columns, rules, _straight(method))
     flat = isinstance(method, MuntheKaas)
     if flat or (rules.unique and rules.dexpinv is not None and rules.log is not None):
         return _on_algebra(method, start, stages, last)
@@ -197,7 +197,7 @@ def _flow_schemes(method: Method) -> list[_Scheme]:
     A flow has weights :math:`\theta \sum_k w_k L_j(c_k \theta)` of the coefficients at nodes,
     with Lagrange's polynomials, and the last one the blend.
     """
-    flows = result_flows(method)
+    flows = flows_within(method)
     schemes = []
     for count in range(2, node_count(method) + 1):
         at = nodes_of(count)

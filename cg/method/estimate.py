@@ -166,31 +166,53 @@ def _phi1(x: Vector) -> Vector:
 
 def _flow_response(method: Method, values: Vector, angles: Vector) -> tuple[Vector, Vector, Vector]:
     tree = method.tree
+    lengths, values = _letters(method, values, angles)
     ends = [tree.result, tree.embedded_result]
     if (method.embedded_order or 0) > method.order:
         ends.reverse()
     results = [
-        _at_end((tree.points[m].weights for m in tree.path(end)), values, angles)
+        _at_end((tree.points[m].weights for m in tree.path(end)), lengths, values, angles)
         for end in ends
         if end is not None
     ]
     third = np.zeros(len(angles))
+    if isinstance(method, MagnusMethod) and method.error_weights:
+        second, *rest = np.array(method.error_weights, np.float64) @ np.array(values)
+        return results[0], second, rest[0] if rest else third
     if end := end_weights(method):
         row, *lower = np.array(end.rows, np.float64) @ [*values, 1.0]
         third = third + (row if not lower else row * row / max(np.hypot(row, lower[0]), 1e-300))
     elif isinstance(method, MagnusMethod) and method.third_weights is not None:
         flow = dict(enumerate(weight.value for weight in method.third_weights))
-        third = results[0] - _at_end([flow], values, angles)
+        third = results[0] - _at_end([flow], lengths, values, angles)
     elif method.third_order is not None:
         third = third + np.array(method.error_weights[-1], np.float64) @ values
     return results[0], _larger(method, results[0] - results[1], values), third
 
 
-def _at_end(flows: Iterable[Flow], values: Vector, angles: Vector) -> Vector:
+def _letters(method: Method, values: Vector, angles: Vector) -> tuple[Vector, Any]:
+    """Return the parts along X and along V of fields at stages, and of brackets of them."""
+    brackets = method.brackets if isinstance(method, MagnusMethod) else ()
+    if not brackets:
+        return np.ones(len(values)), values
+    parts = np.zeros((len(values) + len(brackets), len(angles)), np.complex128)
+    parts[: len(values)] = values[:, None]
+    lengths = np.arange(len(parts)) < len(values)
+    for j, pair in enumerate(brackets, len(values)):
+        u, v = (np.array([a.value for a in row], np.float64) for row in pair)
+        parts[j] = (
+            1j
+            * angles
+            * ((u @ lengths[:j]) * (v @ parts[:j]) - (v @ lengths[:j]) * (u @ parts[:j]))
+        )
+    return lengths.astype(np.float64), parts
+
+
+def _at_end(flows: Iterable[Flow], lengths: Vector, values: Any, angles: Vector) -> Vector:
     total, end = 0.0, np.zeros(len(angles), np.complex128)
     for flow in flows:
         weights = {k: float(weight) for k, weight in flow.items()}
-        length = sum(weights.values())
+        length = sum(weight * lengths[k] for k, weight in weights.items())
         value = sum(weight * values[k] for k, weight in weights.items())
         end += np.exp(-1j * angles * total) * _phi1(-1j * length * angles) * value
         total += length

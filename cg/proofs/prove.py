@@ -5,6 +5,7 @@ from decimal import Decimal
 
 from cg.catalogue import resolve_method
 from cg.conditions import MAX_ORDER
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
@@ -67,6 +68,8 @@ def certify(
         )
     if isinstance(method, Splitting):
         raise TypeError(f"method must not be a splitting method, got {method!r}")
+    if isinstance(method, MagnusMethod) and method.brackets:
+        raise TypeError(f"method must not combine brackets of fields, got {method!r}")
     order = method.order if order is None else check_integer("order", order, 1, MAX_ORDER)
     if order < 1:
         raise CertificationError(

@@ -90,7 +90,8 @@ class PointTree:
         row = [Fraction(0)] * len(self.stage_points)
         for m in self.path(point):
             for stage, weight in self.points[m].weights.items():
-                row[stage] += weight
+                if stage < len(row):  # those after them are on brackets of linear equations
+                    row[stage] += weight
         return tuple(row)
 
     @property

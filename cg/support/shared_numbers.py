@@ -82,6 +82,7 @@ class Operation(IntEnum):
     JACOBIAN = 12  # of the right-hand side, for Newton's method
     FACTOR = 13  # the matrices of Newton's method, if they are sparse
     SOLVE = 14  # a linear system with one of them
+    BRACKET = 15  # of two fields
 
 
 class BlockOption(IntEnum):

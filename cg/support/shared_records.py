@@ -104,6 +104,8 @@ METHOD = {
     "transformation": "address",  # the numbers of transformation_t, of a collocation method
     "drifts": "address",  # (flows) of a splitting method, whose flows are kicks before them, else 0
     "errors": "integer",
+    "brackets": "address",  # (stages + brackets, 2, brackets) weights of their sides
+    "bracket_count": "integer",
     # the paths to the results, 0 where there is none, and the stage at the end of the step
     "result": "integer",
     "embedded": "integer",

@@ -14,7 +14,7 @@ module algebra_m
   use vectors_m, only: cross
   implicit none
   private
-  public :: dexpinv
+  public :: cross, dexpinv, motion_bracket, side
 
   ! |B_2k| / (2 k)! for k = 1, 2, ..., by Euler's recurrence:
   ! (2 k + 1) b_k is the sum of b_j b_(k-j).
@@ -43,6 +43,14 @@ module algebra_m
 
 contains
 
+  ! The sign of brackets: 1 if points are moved from the left
+  pure real(wp) function side(block)
+    type(block_t), intent(in) :: block
+
+    side = merge(1.0_wp, -1.0_wp, block%space .or. block%kind == sphere_block &
+                                  .or. block%kind == isospectral_block)
+  end function side
+
   ! Replaces v by dexp_u^-1 v.
   subroutine dexpinv(frame, order, u, v, exists)
     type(frame_t), intent(in) :: frame
@@ -58,8 +66,7 @@ contains
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
         if (block%kind == euclidean_block) cycle
-        sign = merge(1.0_wp, -1.0_wp, block%space .or. block%kind == sphere_block &
-                                      .or. block%kind == isospectral_block)
+        sign = side(block)
         select case (block%kind)
         case (callback_block)
           call frame%callback%apply(dexpinv_operation, u, (v), v)
@@ -226,16 +233,16 @@ contains
     real(wp), dimension(3, 0:vectors) :: power, sum
 
     square = dot_product(u(:, 0), u(:, 0))
-    power = bracket(u, v)
+    power = motion_bracket(u, v)
     if (square >= radius**2) then
       if (.not. norm2(power) <= commute * norm2(u) * norm2(v)) exists = .false.
       return
     end if
     call motion_factors(square, a, b)
     sum = v - (sign / 2) * power
-    power = bracket(u, power)
+    power = motion_bracket(u, power)
     sum = sum + a * power
-    power = bracket(u, bracket(u, power))
+    power = motion_bracket(u, motion_bracket(u, power))
     v = sum + b * power
   end subroutine dexpinv_motion
 
@@ -266,15 +273,15 @@ contains
   end subroutine motion_factors
 
   ! The bracket of two rigid motions
-  pure function bracket(u, v)
+  pure function motion_bracket(u, v)
     real(wp), intent(in) :: u(:, 0:), v(:, 0:)       ! a rotation and velocities
-    real(wp) :: bracket(3, 0:ubound(u, 2))
+    real(wp) :: motion_bracket(3, 0:ubound(u, 2))
     integer :: i
 
-    bracket(:, 0) = cross(u(:, 0), v(:, 0))
+    motion_bracket(:, 0) = cross(u(:, 0), v(:, 0))
     do i = 1, ubound(u, 2)
-      bracket(:, i) = cross(u(:, 0), v(:, i)) - cross(v(:, 0), u(:, i))
+      motion_bracket(:, i) = cross(u(:, 0), v(:, i)) - cross(v(:, 0), u(:, i))
     end do
-  end function bracket
+  end function motion_bracket
 
 end module algebra_m

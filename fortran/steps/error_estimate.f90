@@ -87,7 +87,7 @@ contains
              **(1 / problem%tolerances%exponent)
     if (excess <= max(x%error, least_excess)) return
     x%path_of_u = 0
-    do k = 2, size(x%f, 2)
+    do k = 2, size(x%f, 2) - size(problem%method%bracket, 3)
       x%u = x%h * (x%f(:, k) - x%f(:, 1))
       if (.not. norm_of_u(problem, x) <= 1) then
         x%error = excess

@@ -44,7 +44,9 @@ module method_m
     integer :: power = 1                     ! of the quotient of two error estimates; 0: see step_m
     real(wp) :: factor = 1.0_wp              ! of the second one in the quotient
     ! weights of the stages in error estimates that need no flow
-    real(wp), allocatable :: error(:, :)     ! (stages, estimates)
+    real(wp), allocatable :: error(:, :)     ! (columns, estimates)
+    ! weights of both sides of brackets of fields, which are columns after those of the stages
+    real(wp), allocatable :: bracket(:, :, :)  ! (columns, 2, brackets)
   end type method_t
 
 contains
@@ -54,9 +56,11 @@ contains
     type(method_record_t), intent(in) :: record
     type(method_t), intent(out) :: method
     real(wp), allocatable :: numbers(:)
+    integer(c_int64_t) :: columns
     integer :: k, stages
 
     stages = int(record%stages)
+    columns = record%stages + record%bracket_count
     method%origin = integers(record%origin, record%paths)
     method%path_first = integers(record%path_first, record%paths + 1)
     method%flows%first = integers(record%flow_first, record%flows + 1)
@@ -78,8 +82,10 @@ contains
     method%on_algebra = method%series > 0
     method%power = int(record%power)
     method%factor = record%factor
-    method%error = reshape(reals(record%error, record%stages * record%errors), &
-                           [stages, int(record%errors)])
+    method%error = reshape(reals(record%error, columns * record%errors), &
+                           [columns, record%errors])
+    method%bracket = reshape(reals(record%brackets, 2 * columns * record%bracket_count), &
+                             [columns, 2_c_int64_t, record%bracket_count])
     method%blocks = int(record%blocks)
     method%collocation = method%blocks > 0 .and. method%on_algebra
     method%implicit = method%blocks > 0 .and. .not. method%on_algebra

@@ -5,6 +5,7 @@ module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use blocks_m, only: combine_flows
+  use brackets_m, only: bracket
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
                           max_suspicion, rejected_size, suspected_error
@@ -199,6 +200,26 @@ contains
     x%counts%nexp = x%counts%nexp + 1
   end subroutine advance_register
 
+  ! Computes the brackets of the fields at the stages, times the step size.
+  subroutine add_brackets(problem, x)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: x
+    real(wp), dimension(problem%frame%dimension) :: u, v
+    integer :: j, k
+
+    associate (weight => problem%method%bracket)
+      do j = 1, size(weight, 3)
+        u = 0.0_wp
+        v = 0.0_wp
+        do k = 1, size(problem%method%c) + j - 1
+          u = u + (x%h * weight(k, 1, j)) * x%f(:, k)
+          v = v + weight(k, 2, j) * x%f(:, k)
+        end do
+        call bracket(problem%frame, u, v, x%f(:, size(problem%method%c) + j))
+      end do
+    end associate
+  end subroutine add_brackets
+
   ! Computes the results and estimates the error.
   subroutine finish_step(problem, x)
     type(problem_t), intent(in) :: problem
@@ -209,6 +230,7 @@ contains
       if (.not. method%two_registers) then
         last = method%result
         if (problem%adaptive) last = max(last, method%embedded, method%third)
+        call add_brackets(problem, x)
         call follow_paths(problem, x, last)
       end if
       x%phase = phase_decide_step

@@ -130,7 +130,8 @@ module trajectory_m
     real(wp) :: error = 0.0_wp               ! in tolerances
     type(flow_sequence_t) :: flows           ! of the method, with weights times the step size
     real(wp) :: weighted_by = 0.0_wp         ! step size that these weights are multiplied by
-    ! (dimension, stages) coefficients at the stages; of a two-register method the register Z
+    ! (dimension, columns) coefficients at the stages, then their brackets; of a two-register method
+    ! the register Z
     real(wp), allocatable :: f(:, :)
     ! of a Magnus method, those of the step before with its size, zero where it isn't to be used
     real(wp), allocatable :: f_before(:, :)
@@ -167,7 +168,7 @@ contains
                most => maxval([1, problem%method%path_first(2:) - problem%method%path_first]))
       x%result = merge(1, method%result, method%two_registers)
       allocate (x%y(frame%point_size, 0:merge(1, size(method%origin), method%two_registers)), &
-                x%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
+                x%f(frame%dimension, merge(1, size(method%error, 1), method%two_registers)), &
                 x%request%y(frame%point_size), &
                 x%request%received(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &

@@ -82,10 +82,6 @@ def compared():
         f"commutator-free method takes the least time in {time}, and the fewest evaluations in "
         f"{evaluations}."
     )
-    magnus = [m for m in cg.methods.values() if isinstance(m, cg.MagnusMethod)]
-    *most, last = sorted(method.exponentials for method in magnus)
-    (more,) = {m.pair_exponentials - m.exponentials for m in magnus if m.embedded_order}
-    yield f"need {', '.join(map(str, most))} or {last} exponentials, and {more} more for an"
 
 
 def lifting():

@@ -1,4 +1,4 @@
-"""Commutator-free Magnus methods: conditions, orders, coefficients, files, bad input."""
+"""Magnus methods: conditions, orders, coefficients, files, bad input."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ ORDERS = {
     "CFM6(4)": (6, 4, 2, 4, 7, 5),
     "CFM6(4)b": (6, 4, 2, 6, 9, 5),
     "CFM8(4)": (8, 4, 2, 8, 11, 5),
+    "Magnus8(4)": (8, 4, 2, 1, 1, 5),
 }
 """Orders of the three results, flows without and with the estimate, evaluations."""
 
@@ -28,7 +29,7 @@ def test_words_are_the_compositions():
 
 
 def test_residuals_of_the_midpoint_rule():
-    actual = linear_residuals([Fraction(1, 2)], [[Fraction(1)]], 3)
+    actual = linear_residuals(([Fraction(1, 2)], [[Fraction(1)]], []), 3)
     residuals = dict(zip(words(3), actual, strict=True))
     assert all(abs(residuals[word]) < 1e-60 for word in [(1,), (1, 1), (2,), (1, 1, 1)])
     # its coefficients are 1/4 for A_3 and for both words of A_1 and A_2
@@ -61,6 +62,22 @@ def test_files_give_back_an_equal_method(name):
     assert hash(loads(dumps(method))) == hash(method)
 
 
+def test_brackets_in_exact_arithmetic():
+    """One bracket gives order four: [A(0), A(1)] is that of A_1 and A_2, and one of A_1 and A_3."""
+    method = MagnusMethod(
+        [0, "1/2", 1], [["1/6", "2/3", "1/6", "-1/12"]], brackets=[([1, 0, 0], [0, 0, 1])]
+    )
+    assert method.order == 4
+    residuals = dict(zip(words(4), method.residuals(4), strict=True))
+    assert max(map(abs, residuals.values())) < 1e-60
+    assert MagnusMethod(method.nodes, [["1/6", "2/3", "1/6"]]).order == 2
+    assert not hasattr(method, "layout")
+    with pytest.raises(TypeError, match="must not combine brackets"):
+        cg.certify(method)
+    same = method.with_coefficients([x.text for x in method.coefficients])
+    assert same == method
+
+
 def test_a_changed_coefficient_is_another_method_of_lower_order():
     method = cg.methods["CFM6(4)"]
     weights = [[a.value for a in row] for row in method.weights]
@@ -84,8 +101,11 @@ def test_a_changed_coefficient_is_another_method_of_lower_order():
         ((["1/2"], [[1]], [[1]], [1, 2]), r"third must have 1 entries"),
         ((["1/2"], [[1]], None, [1]), r"third must be None unless there is a second result"),
         ((["1/2"], [[1]], [[1]], [1], 0), r"third_factor must be positive, got 0"),
+        ((["1/2"], [[1]], None, None, 1, [[[1]]]), r"brackets\[0\] must have two rows, got 1"),
+        ((["1/2"], [[1]], None, None, 1, [[[1], [1]]]), r"weights\[0\] must have 2 entries"),
+        ((["1/2"], [[1, 0]], None, None, 1, [[[1], [1, 2]]]), r"brackets\[0\]\[1\] must have 1"),
     ],
 )
 def test_bad_coefficients_are_refused(arguments, message):
-    options = dict(zip(("third", "third_factor"), arguments[3:], strict=False))
+    options = dict(zip(("third", "third_factor", "brackets"), arguments[3:], strict=False))
     refuses(MethodError, message, MagnusMethod, *arguments[:3], **options)

@@ -45,8 +45,8 @@ def test_numbers_of_conditions():
 @pytest.mark.parametrize("name", ["CFM4", "CFM6(4)"])
 def test_residuals_are_those_of_words_in_derivatives(name):
     method = cg.methods[name]
-    given = method.abscissae, [[a.value for a in row] for row in method.weights]
-    expected = dict(zip(words(7), linear_residuals(*given, 7), strict=True))
+    given = method.abscissae, [[a.value for a in row] for row in method.weights], []
+    expected = dict(zip(words(7), linear_residuals(given, 7), strict=True))
     every = words_of_time(7)
     values = [coefficient.value for coefficient in method.coefficients]
     found = word_residuals(method.layout, values, every)
@@ -57,14 +57,14 @@ def test_residuals_are_those_of_words_in_derivatives(name):
         assert float(residual) * factor == pytest.approx(float(expected[degrees]), abs=1e-15)
 
 
-@pytest.mark.parametrize("name", [name for name in MAGNUS if cg.methods[name].order > 4])
+@pytest.mark.parametrize("name", [name for name in MAGNUS if name.startswith(("CFM6", "CFM8"))])
 def test_all_conditions_hold_to_more_places_than_are_stored(name):
     """Also those that a certificate leaves out, and those that aren't independent."""
     method = cg.methods[name]
     refined = loads(cg.export(method, "toml", digits=60))
     for one in (refined, refined.embedded):
         weights = [[a.value for a in row] for row in one.weights]
-        residuals = linear_residuals(one.abscissae, weights, one.order)
+        residuals = linear_residuals((one.abscissae, weights, []), one.order)
         assert max(map(abs, residuals)) < 1e-58
     assert refined.c.tolist() == method.c.tolist()
 

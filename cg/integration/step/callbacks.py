@@ -139,6 +139,7 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.TANGENT: lambda self, v, y: self.frame.field(v, self._point(y)),
     Operation.SHORTEST: lambda self, v, y: self.frame.without_isotropy(v, self._point(y)),
     Operation.DEXPINV: lambda self, u, v: self._dexpinv(u, v),
+    Operation.BRACKET: lambda self, u, v: self.frame.bracket(u, v),
     Operation.FIELDS: Callbacks._evaluate,
     Operation.EVENT: Callbacks._event,
     Operation.JUMP: Callbacks._jump,

@@ -337,7 +337,7 @@ def result_flows(method: Method) -> ResultFlows:
 
 def flows_within(method: Method) -> ResultFlows:
     """Return the flows of interpolants: those of a method, or of another one for a splitting."""
-    if not isinstance(method, Splitting):
+    if not isinstance(method, Splitting) and not getattr(method, "brackets", ()):
         return result_flows(method)
     fitting = (name for name in _WITH_FLOWS if methods[name].order >= method.order)
     return result_flows(methods[next(fitting, _WITH_FLOWS[-1])])

@@ -49,6 +49,9 @@ Flow = tuple[tuple[int, Fraction], ...]
 """The stages (from 0) and their weights that make the field of one flow."""
 
 
+Brackets = tuple[tuple[tuple[Fraction, ...], ...], ...]
+
+
 @dataclass(frozen=True)
 class Path:
     """Flows from one stored point to another."""
@@ -91,6 +94,9 @@ class MethodPaths:
     # Whether the flows of the only path are the coefficients of a polynomial in 2θ - 1 along which
     # one flow leads to the result.
     polynomial: bool = False
+    # Weights of both sides of brackets, on stages and earlier brackets. Flows and errors have
+    # weights on brackets after those on stages.
+    brackets: Brackets = ()
     blocks: int = 0  # of stages of an implicit method that are solved one after the other
     drifts: tuple[Fraction, ...] = ()  # of a splitting method, after each flow, which is a kick
 
@@ -130,6 +136,9 @@ class MethodPaths:
             "error": [*chain(*self.errors)],
             "transformation": self.transformation,
         }
+        columns = len(self.stages) + len(self.brackets)
+        sides = [(*side, *[Fraction(0)] * (columns - len(side))) for side in chain(*self.brackets)]
+        reals["brackets"] = [*chain(*sides)]
         if self.drifts:
             reals["drifts"] = self.drifts
         if self.registers is not None:
@@ -138,9 +147,10 @@ class MethodPaths:
         arrays |= {name: np.array(row, np.float64) for name, row in reals.items()}
         record = MethodRecord(
             paths=len(self.paths), flows=len(flows), terms=len(terms), stages=len(self.stages),
-            errors=len(self.errors), result=self.result, embedded=self.embedded, third=self.third,
-            final_stage=self.final_stage, series=self.series, power=self.power,
-            factor=float(self.factor), blocks=self.blocks, polynomial=self.polynomial,
+            errors=len(self.errors), bracket_count=len(self.brackets), result=self.result,
+            embedded=self.embedded, third=self.third, final_stage=self.final_stage,
+            series=self.series, power=self.power, factor=float(self.factor), blocks=self.blocks,
+            polynomial=self.polynomial,
             **{name: array.ctypes.data for name, array in arrays.items()},
         )  # fmt: skip
         record.arrays = arrays  # kept alive
@@ -178,8 +188,9 @@ def paths_of(method: Method) -> MethodPaths:
     final = ends[0] if ends and method.explicit else 0
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
     third, factor = 0, MethodPaths.factor
-    if isinstance(method, MagnusMethod) and method.third_weights is not None:
+    if isinstance(method, MagnusMethod):
         factor = method.third_factor.value
+    if isinstance(method, MagnusMethod) and method.third_weights is not None and not errors:
         flow = tuple((k, a.value) for k, a in enumerate(method.third_weights) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
         third = len(builder.paths)
@@ -192,7 +203,13 @@ def paths_of(method: Method) -> MethodPaths:
     return MethodPaths(
         tuple(builder.paths), stages, result_path, embedded_path, final, c, registers, series,
         errors, third=third, power=error_power(method), factor=factor, blocks=_blocks(method),
+        brackets=_brackets(method),
     )  # fmt: skip
+
+
+def _brackets(method: Method) -> Brackets:
+    pairs = method.brackets if isinstance(method, MagnusMethod) else ()
+    return tuple(tuple(tuple(a.value for a in row) for row in pair) for pair in pairs)
 
 
 def _collocation_paths(method: MuntheKaas) -> MethodPaths:

@@ -73,9 +73,10 @@ class Plan:
         if paths.polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
             self.exponent = 1.0 / (method.stages + paths.power)
-        self.kept = len(paths.stages) if paths.registers is None else 1
+        columns = len(paths.stages) + len(paths.brackets)
+        self.kept = columns if paths.registers is None else 1
         of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
-        self.kept_nodes = method.stages if of_nodes else 0
+        self.kept_nodes = columns if of_nodes else 0
         self.address: int = core.plan_open(
             blocks, block_constants(frame), ctypes.addressof(paths.record)
         )
