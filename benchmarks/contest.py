@@ -17,7 +17,7 @@ from cg.construction.search.settings import SearchSettings
 from cg.construction.search.start import EXACT, random_start, run_start
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.structure.layout import Layout
+from cg.layouts.layout import Layout
 from cg.support import quads
 
 SEED = 1

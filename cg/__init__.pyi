@@ -39,7 +39,7 @@ from .method.splitting import Splitting
 from .method.tableau import Tableau, TableauError
 from .proofs import Certificate, CertificationError, certify
 from .proofs.digits import digits
-from .structure.points import MethodError
+from .layouts.points import MethodError
 from .support.quads import MissingQuadsError
 
 __all__ = [

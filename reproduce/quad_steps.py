@@ -10,9 +10,9 @@ from operator import mul
 
 from flint import arb
 
+from cg.layouts.points import START
 from cg.method.method import Method
 from cg.problems import HeavyTop
-from cg.structure.points import START
 from cg.support.balls import exact_midpoint, to_flint, working_precision
 
 _BITS = 114

@@ -21,7 +21,7 @@ import cg
 from cg.conditions import core_calls as compiled_conditions
 from cg.construction import Candidate, pack_method, to_method
 from cg.construction.solvers.system import next_trees
-from cg.structure.points import START
+from cg.layouts.points import START
 
 Vector = NDArray[np.float64]
 

@@ -21,9 +21,9 @@ from cg.construction.search.start import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.system import ConditionSystem
+from cg.layouts.layout import Layout, Rows
 from cg.method.packed import make_method
 from cg.method.tableau import Tableau
-from cg.structure.layout import Layout, Rows
 
 DIGITS = 36
 SEED, STARTS = 1, 20

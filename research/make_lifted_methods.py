@@ -20,8 +20,8 @@ from recipes import run
 import cg
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.splitting import FlatRows, Splitting
+from cg.layouts.layout import Layout
 from cg.method.flat import stage_orders
-from cg.structure.layout import Layout
 from cg.support.quads import DECIMAL_DIGITS, to_decimal
 
 HERE = Path(__file__).parent

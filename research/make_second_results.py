@@ -24,9 +24,9 @@ from cg.construction.lifting.exact import refined
 from cg.construction.lifting.solver import fit
 from cg.construction.lifting.splitting import FlatRows, Splitting, path_sums
 from cg.construction.solvers.held import Held
+from cg.layouts.layout import Layout
+from cg.layouts.points import START
 from cg.method.estimate import estimate_ratio
-from cg.structure.layout import Layout
-from cg.structure.points import START
 
 _WIDTH = 0.6
 _ITERATIONS = 100

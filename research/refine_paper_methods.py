@@ -17,10 +17,10 @@ from recipes import run
 
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.system import ConditionSystem
+from cg.layouts.layout import Layout
 from cg.method.packed import make_method
 from cg.method.tableau import Tableau
 from cg.reproduce.appendix_a import Printed, printed
-from cg.structure.layout import Layout
 
 PAPER = (
     "Z. Jackiewicz, A. Marthinsen, B. Owren: Construction of Runge–Kutta methods of "

@@ -16,11 +16,11 @@ from typing import Any
 from flint import arb, arb_mat, ctx
 
 from cg.catalogue import methods
+from cg.layouts.points import START
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
-from cg.structure.points import START
 from cg.support.balls import to_ball as ball
 from cg.support.quads import to_decimal
 

@@ -23,9 +23,9 @@ from os import PathLike
 from typing import Any
 
 from cg.catalogue.entries import dumps, dumps_json, is_file, load, loads, read, save
+from cg.layouts.points import MethodError
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
-from cg.structure.points import MethodError
 from cg.support import checks
 
 __all__ = [

@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from cg.layouts.points import MethodError
 from cg.method.abscissae import read_abscissae, wrong_abscissae
 from cg.method.coefficients import Coefficient
 from cg.method.commutator_free import CommutatorFree
@@ -17,7 +18,6 @@ from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.method.tableau import Tableau, TableauError
-from cg.structure.points import MethodError
 from cg.support.parsing import file_in, quoted, read_file, read_json, read_toml, to_json, write_file
 
 CERTIFICATE_SUFFIX = ".certificate.toml"

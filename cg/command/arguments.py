@@ -10,8 +10,8 @@ from click.shell_completion import CompletionItem
 
 from cg.catalogue import is_file, load, methods, similar_names
 from cg.command.main import message_of
+from cg.layouts.points import MethodError
 from cg.method.method import Method
-from cg.structure.points import MethodError
 from cg.support.parsing import to_json, visible_lines
 
 F = TypeVar("F", bound=Callable[..., Any])

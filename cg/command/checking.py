@@ -6,7 +6,7 @@ from cg.analysis.diagnosis import Diagnosis, diagnose, diagnose_file
 from cg.catalogue import is_file
 from cg.command.arguments import MethodArgument, as_json, count_option, json_option, named, say
 from cg.command.main import NO, message_of
-from cg.structure.points import MethodError
+from cg.layouts.points import MethodError
 
 
 class _Diagnosed(MethodArgument):

@@ -13,10 +13,10 @@ from cg.construction.search.requirements import OBJECTIVES
 from cg.construction.search.settings import ALGORITHMS
 from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.system import Structure
+from cg.layouts.layout import Layout, Rows
+from cg.layouts.points import MethodError
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
-from cg.structure.layout import Layout, Rows
-from cg.structure.points import MethodError
 
 
 class _Shape(NamedMethod):

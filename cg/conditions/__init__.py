@@ -1,7 +1,7 @@
 """Order conditions of Runge–Kutta methods on manifolds.
 
 A method has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q + 1 nodes, (2.4) of
-Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg.structure.points`): the flow to
+Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg.layouts.points`): the flow to
 point m starts at its parent and has weights α_mk on the fields of stages k. Φ is the elementary
 weight at the result. The elementary weights at a point are a character χ on words of trees, where
 the leftmost child belongs to the first flow::
@@ -35,8 +35,8 @@ from cg.conditions.counts import (
 )
 from cg.conditions.exact import exact_tree, result_tree, tree_residuals
 from cg.conditions.symbolic import equations
-from cg.structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
-from cg.structure.points import PointTree, check_not_sums
+from cg.layouts.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
+from cg.layouts.points import PointTree, check_not_sums
 from cg.support.checks import check_flag
 
 __all__ = [

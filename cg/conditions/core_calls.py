@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg import _core_r64
-from cg.structure.layout import Layout
+from cg.layouts.layout import Layout
 from cg.support import quads
 from cg.support.memory import reserved
 from cg.trees.ordered import catalan

@@ -9,8 +9,8 @@ import numpy as np
 
 from cg.conditions.counts import check_order
 from cg.conditions.words import Condition, condition_words
-from cg.structure.layout import Layout
-from cg.structure.points import PointTree, check_not_sums, points_of, tree_of_rows
+from cg.layouts.layout import Layout
+from cg.layouts.points import PointTree, check_not_sums, points_of, tree_of_rows
 from cg.support.balls import to_ball, to_flint, to_fraction, working_precision
 from cg.support.checks import check_flag, check_integer
 from cg.support.quads import finite_fraction

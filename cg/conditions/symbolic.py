@@ -7,7 +7,7 @@ from typing import Any
 from cg.conditions.counts import check_order
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import condition_words, reciprocal_density
-from cg.structure.layout import Layout, Rows
+from cg.layouts.layout import Layout, Rows
 from cg.support.checks import check_flag, check_integer
 
 

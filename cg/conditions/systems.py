@@ -8,7 +8,7 @@ from typing import Any
 
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import Condition, reciprocal_density
-from cg.structure.layout import Layout
+from cg.layouts.layout import Layout
 from cg.support import flint
 from cg.support.balls import to_flint
 

@@ -16,8 +16,8 @@ from math import comb
 from typing import Any, NamedTuple
 
 from cg.conditions.words import Word, closure, nodes
-from cg.structure.layout import Layout
-from cg.structure.points import START
+from cg.layouts.layout import Layout
+from cg.layouts.points import START
 from cg.support import flint
 
 Vector = list[Any]

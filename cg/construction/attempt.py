@@ -22,9 +22,9 @@ from cg.construction.search.requirements import Requirements
 from cg.construction.search.shapes import layout_from_json, start_generator
 from cg.construction.settings import ConstructionSettings
 from cg.construction.start import random_candidate
+from cg.layouts.layout import Layout
 from cg.method.method import Method
 from cg.runs import Record
-from cg.structure.layout import Layout
 from cg.support import quads
 from cg.support.checks import MAX_COUNT
 

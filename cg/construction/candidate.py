@@ -16,9 +16,9 @@ from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish_zeros
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem, next_trees
+from cg.layouts.layout import Layout, Rows
 from cg.method.method import Method
 from cg.method.packed import make_method
-from cg.structure.layout import Layout, Rows
 from cg.support import quads
 
 SOLVED = 1e-23

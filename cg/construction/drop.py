@@ -9,7 +9,7 @@ from cg.construction.candidate import Candidate, check_candidate, correct, solve
 from cg.construction.search.shapes import fixed_weights, merge_point, select_points
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.structure.layout import Layout
+from cg.layouts.layout import Layout
 from cg.support.checks import check_generator, check_real
 
 _SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f

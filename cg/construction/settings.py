@@ -9,8 +9,8 @@ from cg.conditions.counts import check_order
 from cg.construction.search.shapes import ShapeSettings
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.start import default_start, likely_structure, tree_start
-from cg.structure.layout import Layout
-from cg.structure.points import START
+from cg.layouts.layout import Layout
+from cg.layouts.points import START
 from cg.support.checks import (
     MAX_COUNT,
     MAX_HALF_WIDTH,

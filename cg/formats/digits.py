@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from cg.layouts.points import MethodError
 from cg.method.coefficients import Coefficient
 from cg.method.method import Method
-from cg.structure.points import MethodError
 from cg.support.checks import check_integer
 from cg.support.quads import DECIMAL_DIGITS, MAX_WRITTEN, to_decimal
 

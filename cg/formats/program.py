@@ -13,8 +13,8 @@ from fractions import Fraction
 from itertools import accumulate
 
 from cg.formats.digits import Numbers
+from cg.layouts.points import START, Point, PointTree, tree_of_flat_rows
 from cg.method.munthe_kaas import MuntheKaas
-from cg.structure.points import START, Point, PointTree, tree_of_flat_rows
 
 
 @dataclass(frozen=True)

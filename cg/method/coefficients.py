@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.structure.points import MethodError
+from cg.layouts.points import MethodError
 from cg.support.checks import check_integer
 
 MIN_ROUNDED_PLACES = 8

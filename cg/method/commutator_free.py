@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from cg.layouts.layout import Layout
+from cg.layouts.points import MethodError, Point, PointTree, check_tree
 from cg.method.coefficients import (
     Coefficient,
     read_coefficient,
@@ -20,8 +22,6 @@ from cg.method.coefficients import (
 from cg.method.flat import flat_order
 from cg.method.method import Method
 from cg.method.tableau import Tableau
-from cg.structure.layout import Layout
-from cg.structure.points import MethodError, Point, PointTree, check_tree
 from cg.support import quads
 
 

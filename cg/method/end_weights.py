@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.layouts.points import START, PointTree
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
-from cg.structure.points import START, PointTree
 from cg.support.copies import cached
 from cg.trees.ordered import forest
 

@@ -19,11 +19,11 @@ from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
 
+from cg.layouts.points import MethodError
 from cg.method.coefficients import MIN_ROUNDED_PLACES, Coefficient, read_row
 from cg.method.commutator_free import CommutatorFree
 from cg.method.method import Method
 from cg.method.tolerance import TOLERANCE_FACTOR
-from cg.structure.points import MethodError
 
 Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 

@@ -19,6 +19,8 @@ from cg.conditions.linear_equations import (
     linear_residuals,
     linear_sensitivities,
 )
+from cg.layouts.layout import Layout, check_length
+from cg.layouts.points import START, MethodError, Point, PointTree
 from cg.method.coefficients import (
     Coefficient,
     read_coefficient,
@@ -28,8 +30,6 @@ from cg.method.coefficients import (
 )
 from cg.method.method import Method, frozen
 from cg.method.tolerance import TOLERANCE_FACTOR
-from cg.structure.layout import Layout, check_length
-from cg.structure.points import START, MethodError, Point, PointTree
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

@@ -13,9 +13,9 @@ from typing import Any, ClassVar, Self, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.layouts.layout import Layout, check_length
+from cg.layouts.points import FlatSums, Point, PointTree
 from cg.method.orders import Orders
-from cg.structure.layout import Layout, check_length
-from cg.structure.points import FlatSums, Point, PointTree
 from cg.support.checks import check_flag
 from cg.support.parsing import visible
 

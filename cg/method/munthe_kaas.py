@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.layouts.layout import Layout
+from cg.layouts.points import MethodError, PointTree, check_tree, tree_of_flat_rows
 from cg.method.coefficients import Coefficient, read_texts, read_third
 from cg.method.flat import flat_order, flat_residuals
 from cg.method.method import Method
 from cg.method.tableau import Tableau
-from cg.structure.layout import Layout
-from cg.structure.points import MethodError, PointTree, check_tree, tree_of_flat_rows
 from cg.support.checks import check_flag, check_integer
 from cg.trees.rooted import rooted_trees_through
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg import conditions
+from cg.layouts.layout import Layout
+from cg.layouts.points import MethodError, PointTree
 from cg.method.coefficients import Coefficient
 from cg.method.tolerance import satisfies, to_floats, tolerance
-from cg.structure.layout import Layout
-from cg.structure.points import MethodError, PointTree
 from cg.support.checks import check_integer
 
 

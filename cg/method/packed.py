@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
+from cg.layouts.layout import Layout, check_length
 from cg.method.coefficients import Coefficient
 from cg.method.commutator_free import CommutatorFree
 from cg.method.magnus import MagnusMethod
 from cg.method.tableau import Tableau
-from cg.structure.layout import Layout, check_length
 from cg.support.quads import to_decimal
 
 

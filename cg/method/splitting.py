@@ -19,11 +19,11 @@ from cg.conditions.nystrom import (
     splitting_residuals,
     splitting_values,
 )
+from cg.layouts.layout import Layout
+from cg.layouts.points import START
 from cg.method.coefficients import Coefficient, read_row, read_texts
 from cg.method.method import Method, frozen
 from cg.method.tolerance import TOLERANCE_FACTOR
-from cg.structure.layout import Layout
-from cg.structure.points import START
 from cg.support.balls import to_flint, to_fraction
 from cg.support.checks import check_integer
 

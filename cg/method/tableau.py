@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.layouts.layout import Layout, Rows, rows_of
+from cg.layouts.points import MethodError, PointTree, tree_of_rows
 from cg.method.coefficients import Coefficient, read_row, read_sequence, read_texts
 from cg.method.method import ExactTableau, Method, frozen
-from cg.structure.layout import Layout, Rows, rows_of
-from cg.structure.points import MethodError, PointTree, tree_of_rows
 
 Entries = tuple[tuple[Coefficient, ...], ...]
 

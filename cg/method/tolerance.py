@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg import conditions
+from cg.layouts.layout import Layout
+from cg.layouts.points import PointTree
 from cg.method.coefficients import Coefficient
-from cg.structure.layout import Layout
-from cg.structure.points import PointTree
 from cg.support.balls import have_flint
 
 Vector = NDArray[np.float64]

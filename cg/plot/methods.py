@@ -5,9 +5,9 @@ from fractions import Fraction
 from typing import Any
 
 from cg.catalogue import resolve_method
+from cg.layouts.points import START, PointTree
 from cg.method.method import Method
 from cg.plot.style import COLOURS, FAINT, axes_for, blank, verbatim
-from cg.structure.points import START, PointTree
 from cg.support.checks import check_integer
 from cg.support.quads import to_decimal
 

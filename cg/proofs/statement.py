@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from cg.conditions import MAX_ORDER
 from cg.conditions.systems import EquationSystem
 from cg.conditions.words import Condition, conditions_of
+from cg.layouts.layout import Layout
 from cg.method.coefficients import Coefficient
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.proofs.certificate import Box, Certificate, CertificationError
-from cg.structure.layout import Layout
 from cg.support import flint
 from cg.support.balls import to_ball
 

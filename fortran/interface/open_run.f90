@@ -1,5 +1,5 @@
 ! Opens a run: makes a problem, lanes and views of the caller's memory from the record of the run, a
-! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_numbers.py).
+! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_records.py).
 module open_run_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_null_ptr

@@ -17,9 +17,9 @@ from cg.conditions import unknowns
 from cg.construction.search.random_search import search
 from cg.construction.search.records import RandomStart
 from cg.construction.search.result import SearchResult
+from cg.layouts.layout import Layout
 from cg.method.tableau import Tableau
 from cg.runs import Store
-from cg.structure.layout import Layout
 from cg.support.shared_numbers import Status
 
 from .. import fingerprint

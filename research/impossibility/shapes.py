@@ -15,7 +15,7 @@ from itertools import permutations, product
 from math import prod
 
 from cg.conditions import condition_trees, right_sides
-from cg.structure.points import START, Point, PointTree
+from cg.layouts.points import START, Point, PointTree
 from cg.support.checks import MAX_STAGES, check_integer
 from cg.trees.ordered import OrderedTree, forest
 

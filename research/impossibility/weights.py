@@ -8,7 +8,7 @@ from fractions import Fraction
 from math import factorial
 from typing import Any
 
-from cg.structure.points import START, PointTree
+from cg.layouts.points import START, PointTree
 from cg.trees.ordered import forest
 
 

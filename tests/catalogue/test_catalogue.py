@@ -9,8 +9,8 @@ from strategies import rationals, tableaux
 
 from cg import conditions
 from cg.catalogue import Catalogue, dumps, load, loads, methods, save
+from cg.layouts.points import MethodError
 from cg.method.tableau import Tableau, TableauError
-from cg.structure.points import MethodError
 
 # order, stages, exponentials
 KNOWN = {

@@ -18,8 +18,8 @@ import cg
 from cg.analysis.diagnosis.files import diagnose_file
 from cg.catalogue import loads, save
 from cg.formats.notebooks import to_formula, to_html
+from cg.layouts.points import MethodError
 from cg.proofs import CertificationError, certify, check
-from cg.structure.points import MethodError
 
 MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
 

@@ -11,7 +11,7 @@ import cg
 from cg.command import main
 from cg.command.searching import construct_command, search_command
 from cg.construction.solvers.system import Structure
-from cg.structure.layout import Layout, Rows
+from cg.layouts.layout import Layout, Rows
 
 COMMANDS = {"search": (cg.search, search_command), "construct": (cg.construct, construct_command)}
 OF_COMMANDS_ALONE = {"processes", "dask", "mpi", "quiet", "output", "in_json"}

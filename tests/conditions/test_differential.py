@@ -8,8 +8,8 @@ import pytest
 from quad_core import residuals_quad
 
 from cg import conditions
-from cg.structure.layout import Layout, Rows
-from cg.structure.points import START, Point, PointTree
+from cg.layouts.layout import Layout, Rows
+from cg.layouts.points import START, Point, PointTree
 
 HIGHEST = 7
 # Each weight has at most eight factors, each of them rounded once; what is added up is positive

@@ -20,9 +20,9 @@ from cg.conditions import Rows
 from cg.conditions.systems import EquationSystem
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import condition_words, conditions_of
+from cg.layouts.layout import Layout
+from cg.layouts.points import START, PointTree, tree_of_rows
 from cg.proofs.krawczyk import to_double
-from cg.structure.layout import Layout
-from cg.structure.points import START, PointTree, tree_of_rows
 from cg.trees.ordered import forest
 from research.impossibility.weights import exact_weights
 

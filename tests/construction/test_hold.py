@@ -9,8 +9,8 @@ import crouch_grossman as cg
 from cg.construction.results.solutions import solutions
 from cg.construction.solvers.held import read_hold
 from cg.construction.solvers.system import ConditionSystem
+from cg.layouts.layout import Layout
 from cg.runs import Store
-from cg.structure.layout import Layout
 
 SHAPES = {
     "explicit": ({"order": 3, "stages": 4, "starts": 20}, Layout.tableau(4)),

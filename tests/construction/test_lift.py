@@ -8,8 +8,8 @@ from scipy.integrate._ivp import dop853_coefficients
 import cg
 from cg.catalogue import methods
 from cg.construction.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
+from cg.layouts.layout import Layout
 from cg.method.flat import flat_order, stage_orders
-from cg.structure.layout import Layout
 
 KUTTA = cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"], name="Kutta")
 CLASSICAL = cg.Tableau(

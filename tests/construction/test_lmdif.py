@@ -12,7 +12,7 @@ from cg import conditions
 from cg.construction.search import start as random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.system import ConditionSystem
-from cg.structure.layout import Layout
+from cg.layouts.layout import Layout
 from cg.support import quads
 
 EPS = float(np.finfo(float).eps)

@@ -20,8 +20,8 @@ from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
+from cg.layouts.layout import Layout, Rows
 from cg.proofs import certify
-from cg.structure.layout import Layout, Rows
 from cg.support.quads import decode, encode
 
 

@@ -13,7 +13,7 @@ from cg.catalogue import methods
 from cg.conditions import Rows, residuals, unknowns, unpack
 from cg.construction.search.random_search import search
 from cg.construction.search.start import EXACT, random_start, run_start
-from cg.structure.layout import Layout
+from cg.layouts.layout import Layout
 from cg.support.shared_numbers import MinimumNormStatus, Status
 
 ORDER_FOUR = {"order": 4, "stages": 5, "starts": 24, "seed": 3}

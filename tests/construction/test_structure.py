@@ -8,7 +8,7 @@ import cg
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.structure.layout import Rows
+from cg.layouts.layout import Rows
 from cg.support import quads
 
 

@@ -19,9 +19,9 @@ from cg.construction import (
 from cg.construction.search.shapes import draw_layout, layout_of
 from cg.construction.search.start import start_layout
 from cg.construction.solvers.singular import decompose, finish, retract
+from cg.layouts.layout import Layout
+from cg.layouts.points import START, MethodError, check_tree
 from cg.runs import Store
-from cg.structure.layout import Layout
-from cg.structure.points import START, MethodError, check_tree
 
 CHAIN = (tuple(range(-1, 8)), (-1, 0, 1, 3, 4, 7))
 FIVE = {"order": 5, "stages": 6, "seed": 1}

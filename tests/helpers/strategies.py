@@ -4,8 +4,8 @@ from fractions import Fraction
 
 from hypothesis import strategies as st
 
-from cg.structure.layout import Layout, Rows
-from cg.structure.points import START, Point, PointTree
+from cg.layouts.layout import Layout, Rows
+from cg.layouts.points import START, Point, PointTree
 from cg.trees.ordered import OrderedTree
 
 trees = st.recursive(

@@ -24,8 +24,8 @@ from cg.frames import (
 )
 from cg.integration.step.interpolant import extension_of
 from cg.integration.step.plan import error_exponent
+from cg.layouts.points import MethodError
 from cg.method.low_storage import from_two_registers
-from cg.structure.points import MethodError
 
 METHODS = MUNTHE_KAAS
 

@@ -17,9 +17,9 @@ from cg.catalogue import dumps, loads, methods
 from cg.integration import integrate, solve_ivp
 from cg.integration.step import plan
 from cg.integration.step.paths import paths_of
+from cg.layouts.points import Point
 from cg.method.flat import flat_residuals
 from cg.method.low_storage import from_two_registers, two_registers
-from cg.structure.points import Point
 from cg.support.quads import to_decimal
 
 WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]

@@ -10,8 +10,8 @@ from refusals import refuses
 import cg
 from cg.catalogue import dumps, loads
 from cg.conditions.linear_equations import linear_residuals, words
+from cg.layouts.points import MethodError
 from cg.method.magnus import MagnusMethod
-from cg.structure.points import MethodError
 
 ORDERS = {
     "CFM4": (4, None, None, 2, 2, 3),

@@ -15,11 +15,11 @@ from strategies import point_trees, rationals
 import cg
 from cg import CommutatorFree, MethodError, Tableau, conditions
 from cg.catalogue import dumps, loads, methods
+from cg.layouts.layout import Layout
+from cg.layouts.points import Point
 from cg.method.packed import make_method
 from cg.method.warnings import check_order, check_pair
 from cg.proofs import certify
-from cg.structure.layout import Layout
-from cg.structure.points import Point
 
 
 class TestMethods:

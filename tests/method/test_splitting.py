@@ -22,7 +22,7 @@ from cg.conditions.nystrom import (
     splitting_values,
     splitting_words,
 )
-from cg.structure.points import MethodError
+from cg.layouts.points import MethodError
 
 # order, kicks, drifts, whether it needs a quadratic kinetic energy
 KNOWN = {

@@ -23,11 +23,11 @@ from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
+from cg.layouts.layout import Layout
 from cg.method.packed import make_method
 from cg.problems import FreeRigidBody
 from cg.proofs import certificate_of
 from cg.proofs import check as prove
-from cg.structure.layout import Layout
 from cg.support.quads import decode, encode, from_float, to_float
 from cg.trees.ordered import forest
 

@@ -10,9 +10,9 @@ from refusals import refuses
 import cg
 from cg.catalogue import dumps, load, loads, save
 from cg.conditions.words import Condition, parse
+from cg.layouts.points import MethodError
 from cg.problems import HeavyTop
 from cg.proofs import Certificate, CertificationError, certificate_of, check
-from cg.structure.points import MethodError
 from cg.support import quads
 from cg.support.parsing import file_in, read_fraction
 

@@ -15,6 +15,7 @@ from cg.conditions.words import Condition
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
+from cg.layouts.layout import Layout
 from cg.method.packed import make_method
 from cg.method.tableau import Tableau
 from cg.proofs import (
@@ -26,7 +27,6 @@ from cg.proofs import (
     proved,
 )
 from cg.proofs.files import certificate_names, folder
-from cg.structure.layout import Layout
 
 CERTIFIED = certificate_names()
 ALL = {**FROZEN, **MAGNUS}

@@ -11,7 +11,7 @@ from refusals import refuses
 
 import cg
 from cg.conditions import condition_trees, residuals
-from cg.structure.points import Point, PointTree
+from cg.layouts.points import Point, PointTree
 from cg.trees.ordered import OrderedTree, catalan, forest
 from research.impossibility import (
     Claim,

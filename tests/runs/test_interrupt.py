@@ -20,7 +20,7 @@ from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.executors import as_finished, execution
-from cg.structure.layout import Layout
+from cg.layouts.layout import Layout
 from cg.support import parallel, quads
 from cg.support.parallel import Stopped, stoppable
 from cg.support.shared_numbers import MinimumNormStatus, Status

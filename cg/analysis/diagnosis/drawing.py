@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from cg.structure.points import START, points_of
+from cg.layouts.points import START, points_of
 from cg.support.checks import check_integer
 from cg.support.quads import MAX_WRITTEN, to_decimal
 from cg.trees.ordered import OrderedTree

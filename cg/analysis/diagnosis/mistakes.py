@@ -10,11 +10,11 @@ from cg.analysis.diagnosis.correction import corrections
 from cg.analysis.diagnosis.findings import Finding
 from cg.analysis.diagnosis.matching import CatalogueMatch, closest_match
 from cg.analysis.diagnosis.variants import order_on_vector_spaces, reversals, transposed
+from cg.layouts.points import MethodError
 from cg.method.abscissae import wrong_abscissae
 from cg.method.coefficients import MIN_ROUNDED_PLACES, Coefficient
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
-from cg.structure.points import MethodError
 from cg.support.quads import MissingQuadsError
 
 _MIN_PLACES, _MAX_PLACES = 5, 12

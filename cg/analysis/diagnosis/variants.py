@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from fractions import Fraction
 
+from cg.layouts.points import START, MethodError
 from cg.method.coefficients import Coefficient
 from cg.method.commutator_free import CommutatorFree
 from cg.method.flat import flat_order
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.tableau import Tableau
-from cg.structure.points import START, MethodError
 from cg.support.quads import to_decimal
 
 

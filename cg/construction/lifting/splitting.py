@@ -19,8 +19,8 @@ from cg.conditions import condition_trees, core_calls
 from cg.construction.search.shapes import merge_point
 from cg.construction.solvers.held import Held
 from cg.construction.solvers.system import next_trees
-from cg.structure.layout import Layout
-from cg.structure.points import START
+from cg.layouts.layout import Layout
+from cg.layouts.points import START
 from cg.trees.ordered import forest
 
 Vector = NDArray[np.float64]

@@ -13,8 +13,8 @@ from cg.construction.candidate import Candidate
 from cg.construction.search.shapes import layout_from_json
 from cg.construction.solvers.singular import decompose, retract
 from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.layouts.layout import Layout, Rows
 from cg.runs import Record, StoredRun
-from cg.structure.layout import Layout, Rows
 from cg.support import quads
 from cg.support.checks import check_integer
 from cg.support.parallel import single_threads

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from cg.layouts.layout import Layout
 from cg.runs import Record
-from cg.structure.layout import Layout
 from cg.support import quads
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from cg.conditions import Rows, check_rows, count, unknowns
 from cg.conditions.counts import check_order
 from cg.construction.search.shapes import ShapeSettings, most_unknowns
-from cg.structure.layout import Layout
+from cg.layouts.layout import Layout
 from cg.support.checks import (
     MAX_COUNT,
     MAX_HALF_WIDTH,

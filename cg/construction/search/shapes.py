@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cg.construction.solvers.held import Hold, read_hold
 from cg.construction.solvers.system import ConditionSystem
+from cg.layouts.layout import Layout
+from cg.layouts.points import START, MethodError, Point, PointTree, check_tree
 from cg.method.commutator_free import as_index
-from cg.structure.layout import Layout
-from cg.structure.points import START, MethodError, Point, PointTree, check_tree
 from cg.support.checks import MAX_STAGES, check_flag, check_integer
 from cg.trees.ordered import forest
 from cg.trees.rooted import rooted_trees_through

@@ -14,8 +14,8 @@ from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
+from cg.layouts.layout import Layout
 from cg.runs import Record
-from cg.structure.layout import Layout
 from cg.support import quads
 from cg.support.checks import MAX_COUNT
 from cg.support.parallel import single_threads, stoppable

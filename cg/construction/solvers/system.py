@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from cg.conditions import condition_trees, core_calls, count
 from cg.conditions.counts import check_order
 from cg.construction.solvers.held import Held, Hold
-from cg.structure.layout import Layout, Rows
-from cg.structure.points import check_tree
+from cg.layouts.layout import Layout, Rows
+from cg.layouts.points import check_tree
 from cg.support import quads
 from cg.support.shared_numbers import ConditionOwner, StageEquation
 from cg.trees.ordered import OrderedTree, forest

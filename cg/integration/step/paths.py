@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from cg.conditions import Rows
 from cg.integration.step.collocation import transformation
+from cg.layouts.points import START
 from cg.method.end_weights import end_weights, kink_weights
 from cg.method.estimate import error_power
 from cg.method.low_storage import Registers, two_registers
@@ -39,7 +40,6 @@ from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.method.tableau import Tableau
-from cg.structure.points import START
 from cg.support.copies import cached
 from cg.support.shared_records import METHOD, fields_of
 

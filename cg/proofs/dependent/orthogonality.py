@@ -32,10 +32,10 @@ from cg.conditions.words import (
     conditions_of,
     reciprocal_density,
 )
+from cg.layouts.layout import Layout
 from cg.proofs.dependent.pairings import Pairing, pairings
 from cg.proofs.dependent.reduction import Reduction
 from cg.proofs.dependent.spanned import Spanned, doubles, independent_rows
-from cg.structure.layout import Layout
 from cg.support import flint
 from cg.support.balls import to_ball, working_precision
 

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import Word, add_multiple, condition_words, extend, nodes, shuffle
+from cg.layouts.layout import Layout
+from cg.layouts.points import START
 from cg.proofs.dependent.contexts import SLOT, basis, depth, fill, has_slot, moments, outer_nodes
-from cg.structure.layout import Layout
-from cg.structure.points import START
 from cg.support import flint
 
 Vector = list[Any]

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.structure.points import START, Point, PointTree, tree_of_rows
+from cg.layouts.points import START, Point, PointTree, tree_of_rows
 from cg.support.checks import check_integer
 
 T = TypeVar("T")
