@@ -31,6 +31,7 @@ from .integration import (
     solve_variational,
     solve_variational_ensemble,
 )
+from .layouts.points import MethodError
 from .method.commutator_free import CommutatorFree
 from .method.magnus import MagnusMethod
 from .method.method import Method
@@ -39,7 +40,6 @@ from .method.splitting import Splitting
 from .method.tableau import Tableau, TableauError
 from .proofs import Certificate, CertificationError, certify
 from .proofs.digits import digits
-from .layouts.points import MethodError
 from .support.quads import MissingQuadsError
 
 __all__ = [

@@ -175,14 +175,14 @@ def publish_start(
 def _solution_data(solution: StoredSolution) -> dict[str, Any]:
     layout = solution.candidate.system.layout
     return {
-        "start": solution.record.number,
+        "start": solution.start.number,
         "stages": layout.stages,
         "flows": int(solution.objective("flows")),
         "rank": solution.candidate.rank,
         "largest_coefficient": solution.candidate.largest,
         "principal_error": solution.principal_error,
-        "largest_residual": solution.record.largest_residual,
-        "seconds": solution.record.seconds,
+        "largest_residual": solution.start.largest_residual,
+        "seconds": solution.start.seconds,
     }
 
 

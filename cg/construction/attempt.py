@@ -24,7 +24,7 @@ from cg.construction.settings import ConstructionSettings
 from cg.construction.start import random_candidate
 from cg.layouts.layout import Layout
 from cg.method.method import Method
-from cg.runs import Record
+from cg.runs import StoredStart
 from cg.support import quads
 from cg.support.checks import MAX_COUNT
 
@@ -43,9 +43,9 @@ class Attempt:
     flows: int | None = None  # None for tableaux, as is tree
     tree: Layout | None = field(default=None, repr=False)
 
-    def record(self, seconds: float = 0.0) -> Record:
-        """Return the record of the try in a store."""
-        return Record(
+    def entry(self, seconds: float = 0.0) -> StoredStart:
+        """Return the entry of the try in a store."""
+        return StoredStart(
             number=self.index,
             stages=self.stages,
             flows=self.flows,
@@ -58,20 +58,20 @@ class Attempt:
         )
 
 
-def read_attempt(settings: ConstructionSettings, record: Record) -> Attempt:
-    """Return the try of a record, recomputed; ValueError if its coefficients don't fit it."""
-    where = f"not the record of an attempt: try {record.number}"
+def read_attempt(settings: ConstructionSettings, entry: StoredStart) -> Attempt:
+    """Return the try of an entry, recomputed; ValueError if its coefficients don't fit it."""
+    where = f"not the entry of an attempt: try {entry.number}"
     try:
-        layout = None if record.tree is None else layout_from_json(record.tree)
-        x = quads.to_float(record.quads)
-        candidate = _candidate(settings, record.stages, layout, x)
-        if not 0 <= record.number <= MAX_COUNT or x.size != candidate.system.size:
+        layout = None if entry.tree is None else layout_from_json(entry.tree)
+        x = quads.to_float(entry.quads)
+        candidate = _candidate(settings, entry.stages, layout, x)
+        if not 0 <= entry.number <= MAX_COUNT or x.size != candidate.system.size:
             raise ValueError("wrong index or number of coefficients")
-        attempt = _attempt(settings, record.number, candidate)
+        attempt = _attempt(settings, entry.number, candidate)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ValueError(f"{where}: {error}") from None
     stored, expected = (
-        (each.solved, float(each.f).hex(), each.stages, each.flows) for each in (record, attempt)
+        (each.solved, float(each.f).hex(), each.stages, each.flows) for each in (entry, attempt)
     )
     if stored != expected:
         raise ValueError(f"{where} has {stored}, but its coefficients give {expected}")

@@ -160,8 +160,8 @@ def _construct(
         pieces="tries",
         settings=settings,
         work=partial(run_attempt, settings),
-        to_record=Attempt.record,
-        from_record=partial(read_attempt, settings),
+        to_entry=Attempt.entry,
+        from_entry=partial(read_attempt, settings),
         score=partial(_score, settings),
     )
     finished: dict[int, Attempt | Failure] = {}

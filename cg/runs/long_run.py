@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass
 from typing import Any, Generic, TypeVar
 
 from cg.executors import ExecutorLike, check_executor, completed
+from cg.runs.entries import Failure, StoredStart
 from cg.runs.one_run import StoredRun
 from cg.runs.progress import ProgressLine, Score, Tally
-from cg.runs.records import Failure, Record
 from cg.runs.store import Store
 
 Result = TypeVar("Result")
@@ -59,8 +59,8 @@ class LongRun(Generic[Result]):
     pieces: str  # what the pieces are called in the progress line
     settings: Any  # a dataclass of plain data that determines the results
     work: Callable[[int], Result]  # picklable for executors other than threads
-    to_record: Callable[[Result, float], Record]  # takes the seconds that the piece took
-    from_record: Callable[[Record], Result]  # raises ValueError for a wrong record
+    to_entry: Callable[[Result, float], StoredStart]  # takes the seconds that the piece took
+    from_entry: Callable[[StoredStart], Result]  # raises ValueError for a wrong entry
     score: Callable[[Result], Score]
 
     @contextmanager
@@ -114,7 +114,7 @@ class LongRun(Generic[Result]):
         if isinstance(result, Failure):
             stored.fail(result)
         else:
-            stored.append([self.to_record(result, seconds)])
+            stored.append([self.to_entry(result, seconds)])
 
     def _score(self, result: Result | Failure) -> Score | None:
         return None if isinstance(result, Failure) else self.score(result)
@@ -122,7 +122,7 @@ class LongRun(Generic[Result]):
     def _known(self, stored: StoredRun | None) -> Iterator[tuple[int, Result | Failure]]:
         """Yield the numbers and results that a store has."""
         if stored is not None:
-            yield from ((record.number, self.from_record(record)) for record in stored.records())
+            yield from ((entry.number, self.from_entry(entry)) for entry in stored.entries())
             yield from ((failure.index, failure) for failure in stored.failures())
 
 

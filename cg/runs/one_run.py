@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from cg.runs.database import sqlite_errors, transaction
+from cg.runs.entries import Failure, StoredStart
 from cg.runs.owner import ACTIVE_OWNERS
-from cg.runs.records import Failure, Record
 
-_COLUMNS = tuple(field.name for field in fields(Record))
+_COLUMNS = tuple(field.name for field in fields(StoredStart))
 _INSERT = (
     f"INSERT OR REPLACE INTO starts (run, finished, {', '.join(_COLUMNS)}) "
     f"VALUES ({', '.join('?' * (len(_COLUMNS) + 2))})"
@@ -67,16 +67,16 @@ class StoredRun:
         query = "SELECT number, message FROM failures WHERE run = ? ORDER BY number"
         return tuple(Failure(*row) for row in self._query(query))
 
-    def records(self, condition: str = "", *values: Any) -> Iterator[Record]:
-        """Yield the records by number, or those that an SQL condition selects, in its order."""
+    def entries(self, condition: str = "", *values: Any) -> Iterator[StoredStart]:
+        """Yield the entries by number, or those that an SQL condition selects, in its order."""
         query = f"{_SELECT} {condition or 'ORDER BY number'}"
         for row in self._query(query, *values):
-            yield _record(row)
+            yield _entry(row)
 
-    def append(self, records: Iterable[Record]) -> None:
-        """Store records of starts in one transaction."""
+    def append(self, entries: Iterable[StoredStart]) -> None:
+        """Store entries of starts in one transaction."""
         now = time.time()
-        rows = [(self.number, now, *astuple(record)) for record in records]
+        rows = [(self.number, now, *astuple(entry)) for entry in entries]
         with transaction(self._connection, self.path):
             self._connection.executemany(_INSERT, rows)
             self._touch(now)
@@ -113,13 +113,13 @@ class StoredRun:
             return self._connection.execute(query, (self.number, *values))
 
 
-def _record(row: tuple[Any, ...]) -> Record:
-    record = Record(**dict(zip(_COLUMNS, row, strict=True)))
+def _entry(row: tuple[Any, ...]) -> StoredStart:
+    entry = StoredStart(**dict(zip(_COLUMNS, row, strict=True)))
     kinds = {"number": int, "stages": int, "f": float, "coefficients": bytes, "seconds": float}
     for name, kind in kinds.items():
-        if not isinstance(getattr(record, name), kind):
+        if not isinstance(getattr(entry, name), kind):
             raise ValueError(
-                f"not the record of a start: {name} is {str(getattr(record, name))[:80]!r} "
-                f"at start {record.number!r}"
+                f"not the entry of a start: {name} is {str(getattr(entry, name))[:80]!r} "
+                f"at start {entry.number!r}"
             )
-    return replace(record, solved=bool(record.solved))
+    return replace(entry, solved=bool(entry.solved))

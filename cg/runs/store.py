@@ -29,9 +29,9 @@ from cg.runs.database import (
     transaction,
     use_wal,
 )
+from cg.runs.entries import RunSummary
 from cg.runs.one_run import StoredRun
 from cg.runs.owner import ACTIVE_OWNERS, is_active, new_owner
-from cg.runs.records import RunSummary
 from cg.runs.schema import APPLICATION_ID, TABLES, VERSION
 
 _log = logging.getLogger("cg")

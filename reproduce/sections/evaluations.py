@@ -7,7 +7,7 @@ from dataclasses import replace
 from matplotlib.figure import Figure
 
 from cg.construction.search.random_search import search
-from cg.construction.search.records import RandomStart
+from cg.construction.search.random_starts import RandomStart
 
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number

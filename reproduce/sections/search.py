@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from cg.conditions import unknowns
 from cg.construction.search.random_search import search
-from cg.construction.search.records import RandomStart
+from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.result import SearchResult
 from cg.layouts.layout import Layout
 from cg.method.tableau import Tableau

@@ -99,9 +99,9 @@ def test_numbers_of_starts_have_all_digits(run_command, tmp_path):
     path = tmp_path / "runs.db"
     settings = cg.search(2, 2, 1, 1, store=path).settings
     with Store(path) as store:
-        (record,) = store.run(1).records()
+        (entry,) = store.run(1).entries()
         rerun = store.begin("search", vars(settings) | {"seed": 2})
-        rerun.append([replace(record, number=1_234_567)])
+        rerun.append([replace(entry, number=1_234_567)])
         rerun.close()
     out = run_command("runs", "best", str(path), "2")[1]
     assert out.splitlines()[1].split()[0] == "1234567"

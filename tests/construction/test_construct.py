@@ -245,8 +245,8 @@ def test_pairs_with_a_useless_estimate_are_no_solutions(scale, useful):
     x[attempt.tree.starts[-2] :] *= scale
     candidate = Candidate(ConditionSystem(3, attempt.tree), x)
     assert solved(candidate)
-    record = replace(attempt, x=tuple(x), f=candidate.f, solved=useful).record()
-    assert read_attempt(settings, record).solved is useful
+    entry = replace(attempt, x=tuple(x), f=candidate.f, solved=useful).entry()
+    assert read_attempt(settings, entry).solved is useful
 
 
 def test_dropped_flows_leave_no_idle_stage():

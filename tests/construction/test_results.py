@@ -105,9 +105,9 @@ def test_publish_run(store, run, tmp_path):
 def test_publish_without_optimisation(store, tmp_path):
     starts = list(solutions(store.run(1)))[-1]
     publication = publish(
-        store.run(1), "Plain", tmp_path, number=starts.record.number, max_iterations=0
+        store.run(1), "Plain", tmp_path, number=starts.start.number, max_iterations=0
     )
-    assert f"start {starts.record.number}" in publication.method.source
+    assert f"start {starts.start.number}" in publication.method.source
     x = np.array([float(entry.value) for entry in publication.method.coefficients])
     np.testing.assert_allclose(x, starts.candidate.x, atol=1e-15)
     assert publication.principal_error == publication.initial_principal_error
@@ -139,7 +139,7 @@ class TestFromAStoreToTheCatalogue:
     @pytest.mark.filterwarnings("error")
     def test_a_method_of_the_user(self, store, tmp_path, capsys):
         result = best(store.run(1), "principal_error", 1)[0]
-        publication = publish(store.run(1), "Mine", tmp_path, number=result.record.number)
+        publication = publish(store.run(1), "Mine", tmp_path, number=result.start.number)
         file = str(tmp_path / "Mine.toml")
         assert cg.load(file) == publication.method
         assert certificate_beside(file, publication.method) == publication.certificate
@@ -182,7 +182,7 @@ def test_rejects_records_that_are_no_solutions(change, tmp_path):
     path = tmp_path / "runs.db"
     cg.search(order=4, stages=5, starts=12, seed=0, algorithm="lmdif", store=path)
     with Store(path) as opened:
-        assert all(one.record.solved for one in solutions(opened.run(1)))
+        assert all(one.start.solved for one in solutions(opened.run(1)))
     with closing(sqlite3.connect(path)) as connection:
         connection.execute(change)
         connection.commit()

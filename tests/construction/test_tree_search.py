@@ -91,12 +91,12 @@ def test_search_resumes_from_store(tmp_path):
     result = cg.search(**options, starts=6, store=path)
     assert result == cg.search(**options, starts=6)
     with Store(path) as store:
-        records = list(store.run(1).records())
-    assert [record.number for record in records] == list(range(6))
-    for record in records:
-        layout = start_layout(result.settings, record.number)
-        assert (record.stages, record.flows) == (6, 9)
-        assert json.loads(record.tree)["parents"] == list(layout.parents)
+        entries = list(store.run(1).entries())
+    assert [entry.number for entry in entries] == list(range(6))
+    for entry in entries:
+        layout = start_layout(result.settings, entry.number)
+        assert (entry.stages, entry.flows) == (6, 9)
+        assert json.loads(entry.tree)["parents"] == list(layout.parents)
 
 
 @pytest.mark.parametrize("embedded", [False, True])

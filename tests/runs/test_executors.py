@@ -117,7 +117,7 @@ def test_lmdif_is_the_same_on_other_processors(tmp_path):
         command = [sys.executable, "-c", script, str(path)]
         subprocess.run(command, env={**os.environ, **kernel}, check=True)
         with Store(path, read=True) as opened:
-            stored.append([replace(one, seconds=0.0) for one in opened.run(1).records()])
+            stored.append([replace(one, seconds=0.0) for one in opened.run(1).entries()])
     assert stored[0] == stored[1]
 
 
@@ -244,12 +244,12 @@ class TestDeath:
         assert note.startswith(f"finished results are in {path}; run the same search again")
         with Store(path) as opened:
             (run,) = opened.runs()
-            before = set(opened.run(1).records())
+            before = set(opened.run(1).entries())
             assert 0 < len(before) == run.starts < 30
             assert not run.running
         assert cg.search(**SEARCH, store=path) == cg.search(**SEARCH)
         with Store(path) as opened:
-            assert before <= set(opened.run(1).records())
+            assert before <= set(opened.run(1).entries())
 
     @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
     def test_workers_end_with_a_run_that_is_killed(self, tmp_path):

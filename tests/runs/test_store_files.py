@@ -18,12 +18,12 @@ from stored_runs import starts_of_the_file_alone, stored_numbers
 import cg
 import cg.command
 from cg.construction.search.random_search import search
-from cg.runs import Record, Store, database, schema, store
+from cg.runs import Store, StoredStart, database, schema, store
 
 SMALL = {"order": 3, "stages": 3, "seed": 5}
 CONSTRUCT = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}
 TREES = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2}
-RECORD = Record(
+ENTRY = StoredStart(
     number=0, stages=3, phase="double", f=0.5, status=1, evaluations=2, largest_residual=0.7,
     solved=False, coefficients=bytes(96),
 )  # fmt: skip
@@ -57,7 +57,7 @@ def test_rejects_forged_starts(forgery, tmp_path):
     for number in range(6):
         path.write_bytes(content)
         run_sql(path, FORGERIES[forgery], number)
-        refuses(ValueError, "not the record of a start", search, **SMALL, starts=6, store=path)
+        refuses(ValueError, "not the entry of a start", search, **SMALL, starts=6, store=path)
 
 
 @pytest.mark.parametrize("settings", [CONSTRUCT, TREES])
@@ -72,7 +72,7 @@ def test_rejects_forged_tries(settings, change, tmp_path):
     whole = cg.construct(**settings, workers=1, store=path)
     assert cg.construct(**settings, store=path) == whole
     run_sql(path, f"UPDATE starts SET {change} WHERE number = 0")
-    refuses(ValueError, "not the record of an attempt", cg.construct, **settings, store=path)
+    refuses(ValueError, "not the entry of an attempt", cg.construct, **settings, store=path)
 
 
 def killed(path):
@@ -260,8 +260,8 @@ class TestFile:
         with Store(path) as opened, closing(opened.begin("search", {"order": 3})) as run:
             (pages,) = opened._connection.execute("PRAGMA page_count").fetchone()
             opened._connection.execute(f"PRAGMA max_page_count = {pages + 4}")
-            run.append([RECORD])
-            many = [replace(RECORD, number=k) for k in range(2000)]
+            run.append([ENTRY])
+            many = [replace(ENTRY, number=k) for k in range(2000)]
             refuses(OSError, "store can't be used: database or disk is full", run.append, many)
             complete = list(run.numbers())
             assert complete == [0]  # all of a call or nothing

@@ -62,7 +62,7 @@ def publish(
         candidate = optimise(candidate, goals or Goals(), max_iterations=max_iterations)
     settings = run.settings()
     source = (
-        f"{run.kind()}, seed {settings['seed']}, start {chosen.record.number}"
+        f"{run.kind()}, seed {settings['seed']}, start {chosen.start.number}"
         f"{', then along the solution set' if max_iterations else ''}"
     )
     method = to_method(candidate, name=name, source=source)
@@ -88,7 +88,7 @@ def publish(
 
 
 def _choose(run: StoredRun, number: int | None) -> StoredSolution:
-    distinct = {solution.record.number: solution for solution in solutions(run)}
+    distinct = {solution.start.number: solution for solution in solutions(run)}
     if not distinct:
         raise ValueError(f"run {run.number} has no start that led to a method")
     if number is None:

@@ -14,7 +14,7 @@ from cg.construction.search.shapes import layout_from_json
 from cg.construction.solvers.singular import decompose, retract
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.layouts.layout import Layout, Rows
-from cg.runs import Record, StoredRun
+from cg.runs import StoredRun, StoredStart
 from cg.support import quads
 from cg.support.checks import check_integer
 from cg.support.parallel import single_threads
@@ -31,9 +31,9 @@ OBJECTIVES = ("principal_error", "largest_coefficient", "flows", "residual", "se
 
 @dataclass(frozen=True)
 class StoredSolution:
-    """A solved start of a store: its record, its coefficients in double and their conditions."""
+    """A solved start of a store: its entry, its coefficients in double and their conditions."""
 
-    record: Record
+    start: StoredStart
     candidate: Candidate
 
     @cached_property
@@ -52,10 +52,10 @@ class StoredSolution:
                 layout = self.candidate.system.layout
                 return float(layout.size if layout.rows is not None else len(layout.parents))
             case "residual":
-                residual = self.record.largest_residual
-                return self.record.f if residual is None else residual
+                residual = self.start.largest_residual
+                return self.start.f if residual is None else residual
             case "seconds":
-                return self.record.seconds
+                return self.start.seconds
         raise ValueError(f"objective must be one of {', '.join(OBJECTIVES)}, got {name!r}")
 
 
@@ -63,13 +63,13 @@ def solutions(run: StoredRun) -> Iterator[StoredSolution]:
     """Yield the distinct solutions of a run, by number of the start."""
     settings = run.settings()
     seen: set[tuple[Layout, tuple[float, ...]]] = set()
-    for record in run.records("AND solved ORDER BY number"):
-        candidate = _candidate(settings, record)
-        _check(run, record, candidate)
+    for entry in run.entries("AND solved ORDER BY number"):
+        candidate = _candidate(settings, entry)
+        _check(run, entry, candidate)
         key = candidate.system.layout, tuple(np.round(candidate.x, 8).tolist())
         if key not in seen:
             seen.add(key)
-            yield StoredSolution(record, candidate)
+            yield StoredSolution(entry, candidate)
 
 
 def best(
@@ -140,7 +140,7 @@ def connected(here: Candidate, there: Candidate) -> bool:
     return False
 
 
-def _check(run: StoredRun, record: Record, candidate: Candidate) -> None:
+def _check(run: StoredRun, entry: StoredStart, candidate: Candidate) -> None:
     """Raise ValueError if a candidate that is recorded as a solution isn't one."""
     x = candidate.x
     with np.errstate(invalid="ignore", over="ignore"):
@@ -148,21 +148,21 @@ def _check(run: StoredRun, record: Record, candidate: Candidate) -> None:
     # residuals of solutions are rounding errors, which grow with the coefficients
     if not largest <= _ROUNDING * max(1.0, candidate.largest) ** 2:
         raise ValueError(
-            f"start {record.number} of run {run.number} in {run.path} is recorded as a solution, "
+            f"start {entry.number} of run {run.number} in {run.path} is recorded as a solution, "
             f"but a residual is {largest:.3g}"
         )
 
 
-def _candidate(settings: dict[str, Any], record: Record) -> Candidate:
-    tree = settings.get("tree") if record.tree is None else record.tree
+def _candidate(settings: dict[str, Any], entry: StoredStart) -> Candidate:
+    tree = settings.get("tree") if entry.tree is None else entry.tree
     if tree is None:
-        layout = Layout.tableau(record.stages, Rows(settings.get("rows", 0)))
+        layout = Layout.tableau(entry.stages, Rows(settings.get("rows", 0)))
     else:
         layout = layout_from_json(tree)
     structure = Structure(settings.get("structure", 0))
     hold = tuple(map(tuple, settings.get("hold", ())))
     system = ConditionSystem(settings["order"], layout, structure, hold)
-    x = quads.to_float(record.quads)
+    x = quads.to_float(entry.quads)
     if x.size != system.size:
-        raise ValueError(f"not the record of a start: {x.size} coefficients at {record.number}")
+        raise ValueError(f"not the entry of a start: {x.size} coefficients at {entry.number}")
     return Candidate(system, x)

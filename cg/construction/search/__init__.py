@@ -1,1 +1,1 @@
-"""Random search for methods: settings, starts, records and results."""
+"""Random search for methods: settings, starts and results."""

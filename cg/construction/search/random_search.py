@@ -14,13 +14,13 @@ from operator import attrgetter
 from typing import Any
 
 from cg.conditions import Rows
-from cg.construction.search.records import RandomStart
+from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.result import SearchResult, StoredStarts
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.start import read_start, run_start, start_layout
 from cg.executors import ExecutorLike
-from cg.runs import Failure, LongRun, ProgressLine, Record, RunOptions, Score
+from cg.runs import Failure, LongRun, ProgressLine, RunOptions, Score, StoredStart
 from cg.support import quads
 from cg.support.checks import MAX_COUNT, check_integer
 
@@ -186,17 +186,17 @@ def _run(
     """Run all starts that the store doesn't have; without a store, keep them in memory."""
     drawn = settings.flows is not None
 
-    def to_record(start: RandomStart, seconds: float) -> Record:
+    def to_entry(start: RandomStart, seconds: float) -> StoredStart:
         layout = start_layout(settings, start.index)
-        return start.record(layout, drawn=drawn, seconds=seconds)
+        return start.entry(layout, drawn=drawn, seconds=seconds)
 
     run = LongRun(
         kind="search",
         pieces="starts",
         settings=settings,
         work=partial(run_start, settings),
-        to_record=to_record,
-        from_record=partial(read_start, settings),
+        to_entry=to_entry,
+        from_entry=partial(read_start, settings),
         score=lambda start: Score(start.f, start.exact),
     )
     finished: list[RandomStart] = []

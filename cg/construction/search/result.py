@@ -11,7 +11,7 @@ from typing import Any, overload
 import numpy as np
 
 from cg.construction.candidate import Candidate, NotExactError, default_name, to_method
-from cg.construction.search.records import RandomStart
+from cg.construction.search.random_starts import RandomStart
 from cg.construction.search.requirements import Requirements
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.start import start_layout
@@ -72,8 +72,8 @@ class StoredStarts(Sequence[RandomStart]):
 
     def _read(self, condition: str, *values: Any) -> Iterator[RandomStart]:
         with Store(self._path, read=True) as store:
-            for record in store.run(self._run).records(condition, *values):
-                yield RandomStart.from_record(record)
+            for entry in store.run(self._run).entries(condition, *values):
+                yield RandomStart.from_entry(entry)
 
 
 @dataclass(frozen=True, repr=False)

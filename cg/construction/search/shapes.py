@@ -108,7 +108,7 @@ def draw_layout(
 
 
 def layout_from_json(text: str | Mapping[str, Any]) -> Layout:
-    """Return the layout of a tree as the settings and records of a store have it."""
+    """Return the layout of a tree as the settings and entries of a store have it."""
     fields = json.loads(text) if isinstance(text, str) else text
     return Layout(
         tuple(fields["parents"]),

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.conditions import count, table_rows
-from cg.construction.search.records import Phase, RandomStart
+from cg.construction.search.random_starts import Phase, RandomStart
 from cg.construction.search.settings import SearchSettings
 from cg.construction.search.shapes import draw_guess, fixed_weights, start_generator
 from cg.construction.solvers.lmdif import fit_lmdif
@@ -15,7 +15,7 @@ from cg.construction.solvers.refine import refine
 from cg.construction.solvers.singular import finish
 from cg.construction.solvers.system import ConditionSystem
 from cg.layouts.layout import Layout
-from cg.runs import Record
+from cg.runs import StoredStart
 from cg.support import quads
 from cg.support.checks import MAX_COUNT
 from cg.support.parallel import single_threads, stoppable
@@ -50,16 +50,16 @@ def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.f
     return start_generator(seed, index).uniform(-width, width, size)
 
 
-def read_start(settings: SearchSettings, record: Record) -> RandomStart:
-    """Return the start of a record; ValueError if the residual isn't that of its coefficients."""
-    start = RandomStart.from_record(record)
-    where = f"not the record of a start: start {start.index}"
+def read_start(settings: SearchSettings, entry: StoredStart) -> RandomStart:
+    """Return the start of an entry; ValueError if the residual isn't that of its coefficients."""
+    start = RandomStart.from_entry(entry)
+    where = f"not the entry of a start: start {start.index}"
     if not 0 <= start.index <= MAX_COUNT:
         raise ValueError(f"{where}: the number is out of range")
     system = settings.system(start_layout(settings, start.index))
-    if len(record.quads) != system.size:
-        raise ValueError(f"{where} has {len(record.quads)} coefficients, not {system.size}")
-    largest, exact = _accuracy(system, record.quads)
+    if len(entry.quads) != system.size:
+        raise ValueError(f"{where} has {len(entry.quads)} coefficients, not {system.size}")
+    largest, exact = _accuracy(system, entry.quads)
     if (largest, exact) != (start.largest_residual, start.exact):
         raise ValueError(
             f"{where} has largest residual {start.largest_residual!r}, exact: {start.exact}; its "

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from cg.layouts.layout import Layout
-from cg.runs import Record
+from cg.runs import StoredStart
 from cg.support import quads
 
 
@@ -37,10 +37,10 @@ class RandomStart:
         """Final sum of squared residuals."""
         return (self.quad or self.double).f
 
-    def record(self, layout: Layout, *, drawn: bool, seconds: float = 0.0) -> Record:
-        """Return the record of the start, with its `layout` if that was `drawn` at random."""
+    def entry(self, layout: Layout, *, drawn: bool, seconds: float = 0.0) -> StoredStart:
+        """Return the entry of the start, with its `layout` if that was `drawn` at random."""
         bits = quads.encode(self.x)
-        return Record(
+        return StoredStart(
             number=self.index,
             stages=len(layout.stage_points),
             flows=len(layout.parents) if layout.rows is None else None,
@@ -59,29 +59,27 @@ class RandomStart:
         )
 
     @classmethod
-    def from_record(cls, record: Record) -> RandomStart:
-        """Return the start of a record; ValueError if a field is missing or of the wrong kind."""
-        where = f"not the record of a start: start {record.number}"
+    def from_entry(cls, entry: StoredStart) -> RandomStart:
+        """Return the start of an entry; ValueError if a field is missing or of the wrong kind."""
+        where = f"not the entry of a start: start {entry.number}"
         refined = None
         try:
-            if record.phase == "quad":
-                refined = _phase(
-                    record.refined_f, record.refined_status, record.refined_evaluations
-                )
-                x = tuple(map(quads.to_decimal, quads.decode(record.quads)))
+            if entry.phase == "quad":
+                refined = _phase(entry.refined_f, entry.refined_status, entry.refined_evaluations)
+                x = tuple(map(quads.to_decimal, quads.decode(entry.quads)))
             else:
                 # doubles: formatting them is faster than converting fractions
-                doubles = quads.to_float(record.quads)
+                doubles = quads.to_float(entry.quads)
                 if not np.isfinite(doubles).all():
                     raise ValueError("a coefficient is not finite")
                 x = tuple(f"{entry:.35e}" for entry in doubles.tolist())
             return cls(
-                index=record.number,
-                double=_phase(record.f, record.status, record.evaluations),
+                index=entry.number,
+                double=_phase(entry.f, entry.status, entry.evaluations),
                 quad=refined,
                 x=x,
-                largest_residual=float(record.largest_residual),  # type: ignore[arg-type]
-                exact=record.solved,
+                largest_residual=float(entry.largest_residual),  # type: ignore[arg-type]
+                exact=entry.solved,
             )
         except (TypeError, ValueError, OverflowError) as error:
             raise ValueError(f"{where}: {error}") from None

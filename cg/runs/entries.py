@@ -1,4 +1,4 @@
-"""Records of a store: starts, failures, summaries of runs."""
+"""Entries of a store: starts, failures, summaries of runs."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
+class StoredStart:
     """The result of one random start, as a store keeps it."""
 
     number: int
