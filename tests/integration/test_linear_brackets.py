@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from bracket_examples import WITH
-from frame_examples import HEISENBERG
+from frame_examples import HEISENBERG, name
 from refusals import refuses
 
 import cg
@@ -20,7 +20,7 @@ def wave(frame, seed, size=2.0):
     return lambda t: np.cos(frequencies * t + phases) @ amplitudes
 
 
-@pytest.mark.parametrize("frame", [*WITH, SU(4), U(3), SO(6)], ids=repr)
+@pytest.mark.parametrize("frame", [*WITH, SU(4), U(3), SO(6)], ids=name)
 def test_steps_follow_the_exponent(frame):
     """Compiled brackets, and those in Python, against `Frame.bracket`."""
     a, h, y0 = wave(frame, 1, 0.3), 0.5, frame.random_point(np.random.default_rng(2))
