@@ -217,8 +217,8 @@ def tolerance_of(problem: Problem) -> float:
 
     The errors of the steps are then larger in most problems.
     """
-    given = problem.control
-    return _FIXED_STEPS if given.h is not None else 10.0 * float(np.min(given.rtol))
+    tolerance = problem.control.tolerance
+    return _FIXED_STEPS if tolerance is None else 10.0 * tolerance
 
 
 def check_derivatives(derivatives: Any) -> bool:

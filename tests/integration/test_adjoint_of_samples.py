@@ -21,9 +21,7 @@ def test_gradients_by_values_of_inputs(kind, in_c, span, function):
     def inputs(values, gusts):
         return cg.Samples(times, values, kind), cg.Samples(GUSTS[0], gusts, "linear")
 
-    knots = times[(times > 0.1) & (times < 2.0)]  # where curves aren't smooth
     options, tight = {"frame": FRAME, "parameters": GAIN}, {"rtol": 1e-12, "atol": 1e-12}
-    options["breakpoints"] = knots[:: 1 if span[1] > span[0] else -1]
     run = cg.solve_variational(
         f, span, START, inputs=inputs(values, GUSTS[1]), derivatives="adjoint", rtol=1e-8,
         atol=1e-8, **options,
@@ -51,6 +49,49 @@ def test_gradients_by_values_of_inputs(kind, in_c, span, function):
         expected = c @ np.subtract(*moved) / 2e-5
         actual = np.vdot(by_torque, torque) + np.vdot(by_gust, gust)
         assert abs(actual - expected) < 1e-6
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("count", [8, 40])
+@pytest.mark.parametrize("kind", ["cubic", "averages"])
+def test_knots_of_splines_leave_no_errors(kind, count, tolerance):
+    """Solution and gradient against breakpoints at all knots, for random and smooth samples."""
+    for seed in range(4):
+        rng = np.random.default_rng([seed, count])
+        frame = [cg.frames.SO3(), cg.frames.Euclidean(3)][seed % 2]
+        times = np.linspace(-0.1, 2.1, count + (kind == "averages"))
+        times[1:-1] += rng.uniform(-0.3, 0.3, len(times) - 2) * (times[1] - times[0])
+        values = np.sin(2 * times[:count]) if seed < 2 else rng.standard_normal(count)
+        along, by_input = rng.standard_normal((3, 9)), rng.standard_normal((2, 3))
+
+        def f(t, y, u, p, along=along, by_input=by_input):
+            return np.sin(along[:, : y.size] @ y.ravel()) + [u, u * u * np.cos(t + p[0])] @ by_input
+
+        y0, c = frame.random_point(rng), rng.standard_normal(3)
+        options = {
+            "frame": frame, "inputs": cg.Samples(times, values, kind), "parameters": [0.3],
+            "derivatives": "adjoint",
+        }  # fmt: skip
+        runs = [
+            cg.solve_variational(f, (0, 2), y0, breakpoints=knots, rtol=rtol, atol=rtol, **options)
+            for knots, rtol in ((times[(times > 0) & (times < 2)], 1e-12), (None, tolerance))
+        ]
+        moved = frame.local_coordinates(*[run.y[-1] for run in runs])
+        np.testing.assert_allclose(moved, 0.0, rtol=0, atol=5 * tolerance)
+        for exact, actual in zip(*[run.gradient(c) for run in runs], strict=True):
+            np.testing.assert_allclose(actual, exact, rtol=0, atol=50 * tolerance + 1e-9)
+
+
+def test_steps_pass_knots_that_the_tolerance_cannot_see():
+    times = np.linspace(0, 2, 201)
+    for kind, values in (("cubic", times), ("averages", 0.5 * (times[1:] + times[:-1]))):
+        curve = cg.Samples(times, np.sin(values), kind)
+        for rtol, few in ((1e-4, True), (1e-11, False)):
+            run = cg.solve_ivp(
+                lambda t, y, u: [u], (0, 2), [0.0], frame=LINE, inputs=curve, rtol=rtol, atol=rtol
+            )
+            assert (run.steps < 20) == few
+            assert few or np.isin(times[2:-2], run.t).all()  # splines have no knots beside ends
 
 
 @pytest.mark.parametrize("vectorized", [False, True])
