@@ -27,7 +27,7 @@ from cg.integration.variational.problem import add_derivatives
 from cg.integration.variational.results import EnsembleVariationalSolution, VariationalSolution
 from cg.support.checks import check_flag
 
-_ONE_SIDED = 5e-6  # least tolerance of the adjoint for which one-sided differences are exact enough
+_ONE_SIDED = 9e-7  # least tolerance of the adjoint for which one-sided differences are exact enough
 
 
 @expand_options
