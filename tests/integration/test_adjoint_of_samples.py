@@ -82,6 +82,29 @@ def test_knots_of_splines_leave_no_errors(kind, count, tolerance):
             np.testing.assert_allclose(actual, exact, rtol=0, atol=50 * tolerance + 1e-9)
 
 
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("kind", ["cubic", "averages"])
+def test_gradients_of_random_linear_equations_are_accurate(kind, tolerance):
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 9])
+        g = rng.standard_normal((2, 4, 4)) * rng.uniform(0.3, 3.0)
+        frame = cg.frames.LinearAction(list(1j * (g + g.mT) if seed % 2 else g))
+        curve = cg.Samples(
+            np.linspace(-0.1, 2.1, 12 + (kind == "averages")), rng.standard_normal(12), kind
+        )
+        y0, c = frame.random_point(rng), frame.random_point(rng)
+        exact, actual = (
+            cg.solve_linear(
+                lambda t, u, p: [p[0] * np.cos(t), u], (0, 2), y0, frame=frame, inputs=curve,
+                parameters=[1.3], derivatives="adjoint", rtol=rtol, atol=rtol,
+            ).gradient(c)
+            for rtol in (1e-13, tolerance)
+        )  # fmt: skip
+        for one, other in zip(actual, exact, strict=True):
+            size = max(1.0, np.abs(other).max())
+            np.testing.assert_allclose(one, other, rtol=0, atol=50 * tolerance * size)
+
+
 def test_steps_pass_knots_that_the_tolerance_cannot_see():
     times = np.linspace(0, 2, 201)
     for kind, values in (("cubic", times), ("averages", 0.5 * (times[1:] + times[:-1]))):
