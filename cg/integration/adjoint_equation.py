@@ -35,7 +35,7 @@ _ENTRIES = 1 << 22  # of the matrices that are solved at a time
 
 
 class Gradient(NamedTuple):
-    """The derivatives of a cost.
+    """The derivatives of a cost, or of several numbers along first axes.
 
     Attributes
     ----------

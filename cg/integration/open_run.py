@@ -53,6 +53,7 @@ class OpenRun:
         self.t_bound, self._many, self._common = bound, problem.many, problem.common
         self._first_step = first
         self._breakpoints = check_stops(breakpoints, start, self._end_from(start, h))
+        self._tolerance = problem.control.tolerance
         self._stops = self._with_corners(problem.rhs.inputs, start)
         self._budget = StepBudget()
         self._failure = ""
@@ -81,7 +82,7 @@ class OpenRun:
         end, sign = inputs.reach(t, self.direction), self.direction
         if sign * end < sign * stops[-1]:
             stops = np.append(stops[sign * stops < sign * end], end)
-        return inputs.add_stops(stops, t)
+        return inputs.add_stops(stops, t, self._tolerance)
 
     def _make_run(self) -> None:
         self._run = run = Run(self._problem, keep_last=True, lanes=len(self._problem.points))

@@ -298,10 +298,10 @@ def make_problem(
     if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
-    if inputs is not None:
-        stops = inputs.add_stops(stops, start)
     in_algebra = plan.in_algebra(points[0])
     control = _make_control(plan, in_algebra, options, abs(stop - start))
+    if inputs is not None:
+        stops = inputs.add_stops(stops, start, control.tolerance)
     t_eval = _output_times(options["t_eval"], start, stop, many)
     dense = check_flag("dense_output", options["dense_output"])
     events = _make_events(options["events"], frame, rhs)

@@ -23,7 +23,7 @@ from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.stepper_state import check_points, get_state, replace_rhs, restored
+from cg.integration.stepper_state import check_data, check_points, get_state, replace_rhs, restored
 from cg.support.checks import check_flag
 
 
@@ -144,6 +144,7 @@ class Stepper(OpenRun):
             vectorized=vectorized, common=common, stage_solver=stage_solver, jac=jac,
         )  # fmt: skip
         check_resolution(problem.control.h, start)
+        check_data(problem.rhs, many)
         self.f = f
         first = None if first_step is None else check_step(first_step, "first_step")
         self._open(problem, bound, breakpoints, first)

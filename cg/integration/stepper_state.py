@@ -81,10 +81,10 @@ def replace_rhs(
 ) -> None:
     """Replace what ``f`` gets besides time and point from time t on, None for what remains."""
     run, rhs = stepper._run, stepper._run.rhs
-    extra = rhs.args if args is None else _check_args(args, rhs)
+    extra = rhs.args if args is None else check_args(args)
     numbers = rhs.parameters
     if parameters is not None:
-        numbers = _check_parameters(parameters, numbers, stepper._many)
+        numbers = _read_parameters(parameters, numbers, stepper._many)
     curves = rhs.inputs
     if inputs is not None:
         if curves is None:
@@ -95,25 +95,30 @@ def replace_rhs(
         curves.check_like(rhs.inputs)
     if extra is not rhs.args or numbers is not rhs.parameters or curves is not rhs.inputs:
         changed = rhs.with_data(extra, numbers, curves, rhs.first)
+        check_data(changed, stepper._many, rhs)
         if isinstance(run.plan.method, Splitting) and isinstance(stepper.frame, PhaseSpace):
             check_force(changed, t, run.plan.points(run.end, (run.members,))[0], stepper.frame)
         run.replace_rhs(changed)
 
 
-def _check_args(args: Iterable[Any], rhs: Any) -> tuple[Any, ...]:
-    """Return new args after checking that ``f`` takes as many."""
-    extra = check_args(args)
-    if len(extra) != len(rhs.args) and isinstance(rhs, PythonRhs):
-        count = 2 + (rhs.parameters is not None)
-        if rhs.takes(count + len(rhs.args)) and not rhs.takes(count + len(extra)):
-            raise TypeError(
-                f"args must be as many as f takes, {len(rhs.args)} before, got {short(extra)}"
-            )
-    return extra
+def check_data(rhs: Any, many: bool, before: Any = None) -> None:
+    """Raise TypeError if ``f`` can't take as many args, ValueError if parameters aren't finite.
+
+    What is as ``before`` isn't checked again.
+    """
+    numbers, args = rhs.parameters, rhs.args
+    if numbers is not None and (before is None or numbers is not before.parameters):
+        check_finite(numbers if many else numbers[0], "parameters")
+    if not isinstance(rhs, PythonRhs) or (before is not None and len(args) == len(before.args)):
+        return
+    if rhs.takes(2 + len(args) + (numbers is not None)) is False:
+        given = "t, y" + ", inputs" * (rhs.inputs is not None)
+        given += ", parameters" * (numbers is not None)
+        raise TypeError(f"args must be as many as f takes beside {given}, got {short(args)}")
 
 
-def _check_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:
-    """Return new parameters, a row for each member, after checking them."""
+def _read_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:
+    """Return new parameters, a row for each member, after checking their shape."""
     numbers = real_array(parameters, "parameters")
     if before is None:
         raise ValueError(
@@ -122,6 +127,5 @@ def _check_parameters(parameters: ArrayLike, before: Array | None, many: bool) -
     shape = before.shape if many else before.shape[1:]
     if numbers.shape != shape:
         raise ValueError(f"parameters must have shape {shape}, got {numbers.shape}")
-    check_finite(numbers, "parameters")
     numbers.flags.writeable = False
     return numbers if many else numbers[None]

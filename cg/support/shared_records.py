@@ -156,8 +156,6 @@ VARIATION = {
     "width": "integer",  # doubles of a point without its derivatives
     "parameters": "integer",  # numbers with respect to which there are derivatives
     "inputs": "integer",  # numbers behind the parameters, or the last of these
-    "moments": "integer",  # how many of the last derivatives are there a second time,
-    "origin": "real",  # times the time from this one on
     "noises": "integer",  # columns of the covariance of noise, 0 or `dimension`
     # structure constants that aren't zero: i, j, k and the coefficient along E_k of [E_i, E_j]
     "constants": "integer",

@@ -84,9 +84,6 @@ contains
         if (code /= 0 .or. .not. all(abs(d) <= huge(1.0_wp))) record%failed = 2
       end if
       slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
-      associate (first => k - int(record%moments) + 1, last => n + k + int(record%moments))
-        slope(n + k + 1:last, :) = slope(n + k + 1:last, :) + (t - record%origin) * d(first:, :)
-      end associate
     end if
     if (record%noises > 0 .and. code == 0) then
       j = columns(record) - int(record%noises) + 1
@@ -220,7 +217,7 @@ contains
   pure integer function columns(record)
     type(variation_t), intent(in) :: record
 
-    columns = int(record%dimension + record%parameters + record%moments + record%noises)
+    columns = int(record%dimension + record%parameters + record%noises)
   end function columns
 
 end module variational_m

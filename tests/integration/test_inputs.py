@@ -64,7 +64,7 @@ def test_inputs_are_those_of_a_function_with_breakpoints(kind, in_c, span, way, 
     f = function("blown") if in_c else driven
     options = {"frame": FRAME, "parameters": GAIN, "dense_output": True, **way}
     run = cg.solve_ivp(f, span, START, inputs=(curve, GUST), **options)
-    corners = np.unique(np.concatenate([curve.corners, GUST.corners]))
+    corners = np.unique(np.concatenate([c.corners(way.get("rtol")) for c in (curve, GUST)]))
     corners = corners[(corners > min(span)) & (corners < max(span))]
     if span[0] > span[1]:
         corners = corners[::-1]
@@ -132,7 +132,7 @@ def test_events_jumps_and_breakpoints(in_c, function, library):
         function("blown") if in_c else driven, (0, 2.4), START, events=events,
         inputs=(curve, GUST), breakpoints=[0.77], **options,
     )  # fmt: skip
-    stops = np.unique([0.77, *curve.corners, *GUST.corners])
+    stops = np.unique([0.77, *curve.corners(TIGHT["rtol"]), *GUST.corners()])
     reference = cg.solve_ivp(
         by_hand(curve), (0, 2.4), START, events=events_by_hand,
         breakpoints=stops[(stops > 0) & (stops < 2.4)], **options,
@@ -195,7 +195,7 @@ def test_derivatives(in_c, given, function):
         function("blown") if in_c else driven, (0, 2), START, inputs=(curve, GUST), events=event,
         **derivatives, **options,
     )  # fmt: skip
-    stops = np.union1d(curve.corners, GUST.corners)
+    stops = np.union1d(curve.corners(TIGHT["rtol"]), GUST.corners())
     reference = cg.solve_variational(
         by_hand(curve), (0, 2 - 1e-15), START, events=event, **options,
         breakpoints=stops[(stops > 0) & (stops < 2)],

@@ -64,11 +64,6 @@ def test_noise_and_tolerances_of_coordinates_with_inputs():
     np.testing.assert_allclose(run.covariance[-1], 0.2 * np.eye(3), rtol=0, atol=1e-6)
 
 
-def test_adjoints_refuse_inputs():
-    with pytest.raises(ValueError, match="inputs"):
-        cg.solve_variational(rate, (0, 1.5), [0.0], frame=LINE, inputs=HELD, derivatives="adjoint")
-
-
 @pytest.mark.parametrize("options", [{"method": "BlanesMoan6", "h": 0.01}, {"method": "CF5(4)"}])
 def test_forces_from_samples_on_a_phase_space(options):
     frame = cg.frames.PhaseSpace(SO3(), inertia=[1.0, 1.6, 2.3])

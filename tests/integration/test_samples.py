@@ -20,7 +20,7 @@ def test_held_values_begin_at_their_times():
         np.testing.assert_array_equal(held(t), VALUES[k])
         if k:
             np.testing.assert_array_equal(held(np.nextafter(t, 0)), VALUES[k - 1])
-    np.testing.assert_array_equal(held.corners, TIMES[1:])
+    np.testing.assert_array_equal(held.corners(), TIMES[1:])
     np.testing.assert_array_equal(held(20.0), VALUES[-1])
 
 
@@ -30,13 +30,13 @@ def test_lines_and_splines_interpolate():
         np.testing.assert_allclose([curve(t) for t in TIMES], VALUES, rtol=0, atol=1e-14)
     t = np.linspace(TIMES[0], TIMES[-1], 50)
     np.testing.assert_allclose([curve(s) for s in t], CubicSpline(TIMES, VALUES)(t), atol=1e-13)
-    assert curve.corners.size == 0
-    np.testing.assert_array_equal(Samples(TIMES, VALUES, "linear").corners, TIMES[1:-1])
+    assert curve.corners().size == 0
+    np.testing.assert_array_equal(Samples(TIMES, VALUES, "linear").corners(), TIMES[1:-1])
 
 
 def test_times_without_a_jump_are_no_corners():
-    assert Samples([0, 1, 2, 3], [1.0, 1.0, 2.0, 2.0]).corners.tolist() == [2.0]
-    assert Samples([0, 1, 2, 3], [0.0, 1.0, 2.0, 2.0], "linear").corners.tolist() == [2.0]
+    assert Samples([0, 1, 2, 3], [1.0, 1.0, 2.0, 2.0]).corners().tolist() == [2.0]
+    assert Samples([0, 1, 2, 3], [0.0, 1.0, 2.0, 2.0], "linear").corners().tolist() == [2.0]
 
 
 @pytest.mark.parametrize("causal", [False, True])
@@ -47,7 +47,7 @@ def test_averages_are_means_of_the_curve(causal):
         assert mean == pytest.approx(VALUES[k, 1], abs=1e-12)
         if not causal and k:
             np.testing.assert_allclose(curve(a), curve(np.nextafter(a, 0)), atol=1e-12)
-    assert len(curve.corners) == (len(TIMES) - 2 if causal else 0)
+    assert len(curve.corners()) == (len(TIMES) - 2 if causal else 0)
 
 
 def test_causal_averages_use_no_later_interval():

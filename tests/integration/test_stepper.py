@@ -332,24 +332,32 @@ def test_a_restart_reads_data_that_have_changed_in_place(method):
     assert stepper.y == new.y
 
 
-class TestRestartChecks:
+class TestDataChecks:
     @pytest.mark.parametrize(
         ("change", "message"),
         [
             ({"parameters": [np.nan]}, r"parameters must be finite, got nan at \[0\]"),
-            ({"args": (1.0, 2.0)}, r"args must be as many as f takes, 1 before, got \(1.0, 2.0\)"),
-            ({"args": ()}, "args must be as many as f takes"),
+            (
+                {"args": (1.0, 2.0)},
+                r"args must be as many as f takes beside t, y, .* got \(1.0, 2.0",
+            ),
+            ({"args": ()}, "args must be as many as f takes beside t, y, inputs, parameters, got"),
             ({"t": 0.5}, "t must lie within the times of the samples, 1 to inf, got 0.5"),
         ],
     )
     def test_what_f_cannot_take_is_refused(self, change, message):
-        stepper = cg.Stepper(
-            lambda t, y, u, a, p: [u + a + p[0]], 1.0, [1.0], frame=cg.frames.Euclidean(1),
-            args=(1.0,), parameters=[2.0], inputs=cg.Samples([1.0, 2.0], [0.0, 1.0]),
-        )  # fmt: skip
+        given = {
+            "frame": Euclidean(1), "args": (1.0,), "parameters": [2.0],
+            "inputs": cg.Samples([1.0, 2.0], [0.0, 1.0]),
+        }  # fmt: skip
+        f = lambda t, y, u, a, p: [u + a + p[0]]  # noqa: E731
+        stepper = cg.Stepper(f, 1.0, [1.0], **given)
         with pytest.raises((TypeError, ValueError), match=message):
             stepper.restart(**change)
         assert stepper.step() is None
+        if "t" not in change:
+            with pytest.raises((TypeError, ValueError), match=message):
+                cg.Stepper(f, 1.0, [1.0], **given | change)
 
     def test_forces_that_get_friction_are_refused(self):
         frame = cg.frames.PhaseSpace(cg.frames.Euclidean(1))

@@ -30,3 +30,8 @@ class Control(NamedTuple):
     max_step: float = math.inf
     first_step: float | None = None
     max_steps: int = 10**6  # rejected ones included
+
+    @property
+    def tolerance(self) -> float | None:
+        """The least relative tolerance, None for equal steps."""
+        return None if self.h is not None else float(np.min(self.rtol))

@@ -96,17 +96,17 @@ class Inputs:
         """Return the table for data of parameters, behind which values are written."""
         return self.table(0 if parameters is None else parameters.shape[1])
 
-    def corners(self) -> Array:
-        """Return the times at which a curve or its derivative jumps."""
-        first, *others = [curve.corners for curve in self.curves]
+    def corners(self, tolerance: float | None) -> Array:
+        """Return the times at which curves aren't smooth, as seen with a tolerance."""
+        first, *others = [curve.corners(tolerance) for curve in self.curves]
         return np.unique(np.concatenate([first, *others])) if others else first
 
-    def add_stops(self, stops: Array, start: float) -> Array:
+    def add_stops(self, stops: Array, start: float, tolerance: float | None) -> Array:
         """Return the ends of segments from a start, with those at corners.
 
         A corner at an end appears there once more, so that functions are called within the span.
         """
-        corners = self.corners()
+        corners = self.corners(tolerance)
         if not len(corners):
             return stops
         stop = float(stops[-1])

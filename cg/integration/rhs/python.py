@@ -93,13 +93,17 @@ class PythonRhs:
         given = f"f is given (t, y, {u}...) with y of shape {shape}"
         return f"at t = {t:.17g}{which}; {given}{extra}{hint}"
 
-    def takes(self, count: int) -> bool:
-        """Return whether ``f`` is known to take a number of arguments beside inputs."""
+    def takes(self, count: int) -> bool | None:
+        """Return whether ``f`` takes a number of arguments beside inputs, None if unknown."""
         with_input = isinstance(self.f, WithInput)
         try:
             function = self.f.function if isinstance(self.f, WithInput) else self.f
-            inspect.signature(function).bind(*range(count + with_input))
-        except (TypeError, ValueError):  # the latter where it has no signature
+            signature = inspect.signature(function, follow_wrapped=False)
+        except (TypeError, ValueError):  # it has none
+            return None
+        try:
+            signature.bind(*range(count + with_input))
+        except TypeError:
             return False
         return True
 

@@ -26,7 +26,8 @@ class Samples(ReadOnly):
 
     Pass it as ``inputs`` to an integration, whose functions then get its value: ``f(t, y, u)``.
     Steps end where the curve or its derivative jumps, and the right-hand side sees the curve on
-    its side of each such time.
+    its side of each such time. Steps of chosen sizes also end at knots of splines where jumps of
+    higher derivatives matter to the relative tolerance.
 
     Parameters
     ----------
@@ -141,12 +142,18 @@ class Samples(ReadOnly):
         """
         return self._edges, self._numbers, self._numbers[0].nbytes if self.members else 0
 
-    @property
-    def corners(self) -> Array:
-        """Times at which the curve or its derivative jumps."""
+    def corners(self, tolerance: float | None = None) -> Array:
+        """Return the times at which steps end: jumps of the curve or its derivative, and knots.
+
+        A spline of degree p differs from a smooth function through its samples by some 0.08 D d^p,
+        where D are jumps of the highest coefficient and d the lengths of pieces. Knots at which D
+        d^p exceeds the relative tolerance are returned, none without a tolerance.
+        """
         inner = self._edges[1:]
-        if not len(inner) or (self.kind in ("cubic", "averages") and not self.causal):
-            return inner[:0]
+        if not len(inner):
+            return inner
+        if self.kind in ("cubic", "averages") and not self.causal:
+            return inner[:0] if tolerance is None else inner[self._kinks() > tolerance]
         pieces = self._pieces.reshape(*self._pieces.shape[:2], -1)
         lengths = np.diff(self._edges)[:, None]
         jumps = pieces[0, 1:] != pieces[0, :-1]
@@ -155,6 +162,16 @@ class Samples(ReadOnly):
             jumps = (pieces[1, 1:] != pieces[1, :-1]) | (self.causal & (ends != pieces[0, 1:]))
         corners: Array = inner[jumps.any(axis=1)]
         return corners
+
+    def _kinks(self) -> Array:
+        """Return D d^p of a spline at each inner edge, relative to the largest value."""
+        pieces = self._pieces.reshape(*self._pieces.shape[:2], self.members or 1, -1)
+        length = np.diff(np.append(self._edges, self.times[-1]))
+        jumps = np.abs(np.diff(pieces[-1], axis=0)).max(axis=2)
+        largest = np.abs(pieces[0]).max(axis=(0, 2))
+        jumps *= np.maximum(length[1:], length[:-1])[:, None] ** (len(pieces) - 1)
+        kinks: Array = (jumps / np.maximum(largest, np.finfo(float).tiny)).max(axis=1)
+        return kinks
 
     def __call__(self, t: float, member: int | None = None) -> Any:
         """Return the value at a time, that after a jump.

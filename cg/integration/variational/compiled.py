@@ -134,8 +134,7 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, A
     constant = np.append(constant, 0.0)
     record = _Record(
         frame=plan.address, dimension=variational.frame.dim, width=plan.width,
-        parameters=variational.count,
-        moments=variational.moments, constants=len(constant) - 1, index=index.ctypes.data,
+        parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
         constant=constant.ctypes.data, step=DIFFERENCE_STEP, nan=np.nan,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
         noises=0 if noise is None else variational.frame.dim,

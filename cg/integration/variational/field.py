@@ -47,14 +47,13 @@ class VariationalField:
     count: int  # number of parameters, with inputs if there are derivatives with respect to them
     vectorized: bool = False  # whether the functions take points of several members in one call
     inputs: int = 0  # number of the parameters that are values of inputs
-    moments: int = 0  # number of inputs whose derivatives are also multiplied by the time
     noise: Derivative | Array | None = None  # spectral density of noise
 
     @property
     def columns(self) -> int:
         """Number of columns of the derivatives."""
         n = self.frame.dim
-        return n + self.count + self.moments + (0 if self.noise is None else n)
+        return n + self.count + (0 if self.noise is None else n)
 
     def __post_init__(self) -> None:
         n = self.frame.dim
@@ -74,9 +73,8 @@ class VariationalField:
     _flows: Flows = field(init=False, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        functions = self.f, self.jac, self.df_dp
-        numbers = self.count, self.vectorized, self.inputs, self.moments, self.noise
-        return VariationalField, (self.frame, *functions, *numbers)
+        functions, numbers = (self.f, self.jac, self.df_dp), (self.count, self.vectorized)
+        return VariationalField, (self.frame, *functions, *numbers, self.inputs, self.noise)
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""

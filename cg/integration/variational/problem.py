@@ -29,19 +29,18 @@ def add_derivatives(
     df_dp: Any,
     P0: ArrayLike | None,
     control_derivatives: Any,
-    moments: int | None = None,
-    noise: Any = None,
+    noise: Any,
+    by_inputs: bool = False,
 ) -> Problem:
     """Return the problem of points with derivatives, after checking the arguments.
 
-    Further arguments are those of `cg.solve_variational`. Unless ``moments`` is None the values of
-    inputs are parameters as well; of this many inputs derivatives that are multiplied by the time
-    are added.
+    Further arguments are those of `cg.solve_variational`; ``by_inputs`` tells whether the values
+    of inputs are parameters as well.
     """
     frame, rhs, control, events = problem.plan.frame, problem.rhs, problem.control, problem.events
     control_derivatives = check_flag("control_derivatives", control_derivatives)
     _check_problem(problem)
-    field = _make_field(frame, rhs, jac, df_dp, moments, noise_of(noise, problem))
+    field = _make_field(frame, rhs, jac, df_dp, noise_of(noise, problem), by_inputs)
     joint: Rhs
     if rhs.vectorized:
         data = rhs.args, rhs.parameters, True, rhs.first, rhs.inputs
@@ -86,11 +85,11 @@ def _check_problem(problem: Problem) -> None:
 
 
 def _make_field(
-    frame: Frame, rhs: Rhs, jac: Any, df_dp: Any, moments: int | None, noise: Any
+    frame: Frame, rhs: Rhs, jac: Any, df_dp: Any, noise: Any, by_inputs: bool
 ) -> VariationalField:
     """Return the coefficients of points with derivatives, after checking functions."""
     n, numbers, vectorized, inputs = frame.dim, rhs.parameters, rhs.vectorized, rhs.inputs
-    width = 0 if moments is None or inputs is None else inputs.width
+    width = inputs.width if by_inputs and inputs is not None else 0
     if df_dp is not None and numbers is None and not width:
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is not None:
@@ -104,7 +103,6 @@ def _make_field(
         count,
         vectorized,
         width,
-        moments or 0,
         noise,
     )
 

@@ -141,10 +141,6 @@ class VariationalSolution(Solution):
     dt_events
         For each event the derivatives of its times with respect to the coordinates of ``y0``, then
         the parameters, shape ``(n_i, dim + k)``, or None without events.
-    input_sensitivity
-        With ``input_derivatives`` the derivatives of the coordinates of the last ``y`` with respect
-        to the values of the samples, shape ``(dim, *values.shape)``, a tuple of these for a tuple
-        of samples; else None.
     sol
         A continuous solution, which is a function of time as `DenseOutput` is and has the methods
         ``transition``, ``sensitivity`` and ``covariance``; or None without ``dense_output``.
@@ -173,7 +169,6 @@ class VariationalSolution(Solution):
     sensitivity: Array | None = field(kw_only=True)
     covariance: Array | None = field(kw_only=True)
     dt_events: list[Array] | None = field(kw_only=True)
-    input_sensitivity: Any = field(kw_only=True, default=None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

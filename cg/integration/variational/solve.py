@@ -23,12 +23,11 @@ from cg.integration.problem import Problem, make_problem
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.variational.input_derivatives import solve_with_input_derivatives
 from cg.integration.variational.problem import add_derivatives
 from cg.integration.variational.results import EnsembleVariationalSolution, VariationalSolution
 from cg.support.checks import check_flag
 
-_ONE_SIDED = 5e-6  # least tolerance of the adjoint for which one-sided differences are exact enough
+_ONE_SIDED = 9e-7  # least tolerance of the adjoint for which one-sided differences are exact enough
 
 
 @expand_options
@@ -43,7 +42,6 @@ def solve_variational(
     P0: ArrayLike | None = None,
     noise: ArrayLike | Function | None = None,
     control_derivatives: bool = False,
-    input_derivatives: bool = False,
     derivatives: str | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     progress: Callable[[float, float], None] | None = None,
@@ -91,19 +89,13 @@ def solve_variational(
         Whether steps are chosen by the errors of the derivatives as well, with the same
         tolerances (of row i those of coordinate i); else they are those of `cg.solve_ivp`, which
         may be long for the derivatives where the solution itself is simple.
-    input_derivatives
-        Whether to return ``input_sensitivity``, the derivatives of the last point with respect to
-        the values of ``inputs``, which are held or linear. They take little more than derivatives
-        with respect to the inputs at one time, since those of each interval are integrated by
-        themselves and chained. The solution is stored at the times of samples; there are no
-        ``t_eval``, ``dense_output`` and events, and ``progress`` isn't called. ``df_dp`` then
-        returns derivatives with respect to the parameters and the inputs.
     derivatives
         ``"adjoint"`` computes no derivatives during the integration, and returns an
         `AdjointSolution`, whose method ``gradient`` goes backward from the derivatives of one
-        number: for many parameters, or values of ``inputs`` of any kind, so that ``df_dp`` is as
-        with ``input_derivatives``. Differences are one-sided where the tolerances allow that. It
-        takes no ``P0``, ``noise``, ``control_derivatives``, ``input_derivatives`` and ``events``.
+        number: for many parameters, or values of ``inputs``, whose derivatives ``df_dp`` then
+        returns behind those with respect to the parameters. Differences are one-sided where the
+        tolerances allow that. It takes no ``P0``, ``noise``, ``control_derivatives`` and
+        ``events``.
     method, h, rtol, atol, t_eval, dense_output, breakpoints, inputs
         As for `cg.solve_ivp`; ``jac`` and ``df_dp`` get the values of ``inputs`` as ``f`` does.
     events
@@ -168,12 +160,8 @@ def solve_variational(
             P0=P0,
             noise=noise,
             control_derivatives=check_flag("control_derivatives", control_derivatives) or None,
-            input_derivatives=check_flag("input_derivatives", input_derivatives) or None,
         )
-    if check_flag("input_derivatives", input_derivatives):
-        return solve_with_input_derivatives(problem, jac, df_dp, P0, control_derivatives)
-    moments = 0 if adjoint else None
-    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, moments, noise)
+    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise, adjoint)
     if adjoint:
         joint = with_adjoint(problem, partial(_equation_along, joint))
     return cast(VariationalSolution, solve_members(joint, progress)[0])
@@ -250,7 +238,7 @@ def solve_variational_ensemble(
         options=complete_options(solve_variational_ensemble, rest, options),
         common=check_flag("common_steps", common_steps), stage_solver=stage_solver,
     )  # fmt: skip
-    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise=noise)
+    joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise)
     solution = solve_members(joint, progress, executor, workers)
     return cast(EnsembleVariationalSolution, solution)
 

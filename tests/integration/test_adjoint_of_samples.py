@@ -1,0 +1,224 @@
+"""Gradients by the adjoint equation with respect to the values of samples."""
+
+import numpy as np
+import pytest
+from test_inputs import FRAME, GAIN, GUSTS, LINE, START, TIGHT, driven
+
+import cg
+
+
+@pytest.mark.parametrize("kind", ["hold", "linear", "cubic", "averages"])
+@pytest.mark.parametrize("in_c", [False, True])
+@pytest.mark.parametrize("span", [(0.0, 2.1), (2.0, 0.1)])
+def test_gradients_by_values_of_inputs(kind, in_c, span, function):
+    rng = np.random.default_rng(7)
+    values = rng.standard_normal((8, 3))
+    count = 9 if kind == "averages" else 8
+    times = np.linspace(0.0, 2.2, count)
+    times[1:-1] += rng.uniform(-0.05, 0.05, count - 2)
+    f = function("blown") if in_c else driven
+
+    def inputs(values, gusts):
+        return cg.Samples(times, values, kind), cg.Samples(GUSTS[0], gusts, "linear")
+
+    options, tight = {"frame": FRAME, "parameters": GAIN}, {"rtol": 1e-12, "atol": 1e-12}
+    run = cg.solve_variational(
+        f, span, START, inputs=inputs(values, GUSTS[1]), derivatives="adjoint", rtol=1e-8,
+        atol=1e-8, **options,
+    )  # fmt: skip
+    c = rng.standard_normal(6)
+    gradient = run.gradient(c)
+    forward = cg.solve_variational(
+        f, span, START, inputs=inputs(values, GUSTS[1]), control_derivatives=True, **options,
+        **tight,
+    )  # fmt: skip
+    np.testing.assert_allclose(gradient.y0, c @ forward.transition[-1], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(gradient.parameters, c @ forward.sensitivity[-1], rtol=0, atol=1e-6)
+    by_torque, by_gust = gradient.inputs
+    assert (by_torque.shape, by_gust.shape) == ((8, 3), (11,))
+    ways = rng.standard_normal((3, 8, 3)), rng.standard_normal((3, 11))
+    for torque, gust in zip(*ways, strict=True):
+        ends = [
+            cg.solve_ivp(
+                f, span, START, inputs=inputs(values + s * torque, GUSTS[1] + s * gust),
+                **options, **tight,
+            ).y[-1]
+            for s in (1e-5, -1e-5)
+        ]  # fmt: skip
+        moved = [FRAME.local_coordinates(forward.y[-1], y) for y in ends]
+        expected = c @ np.subtract(*moved) / 2e-5
+        actual = np.vdot(by_torque, torque) + np.vdot(by_gust, gust)
+        assert abs(actual - expected) < 1e-6
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("count", [8, 40])
+@pytest.mark.parametrize("kind", ["cubic", "averages"])
+def test_knots_of_splines_leave_no_errors(kind, count, tolerance):
+    """Solution and gradient against breakpoints at all knots, for random and smooth samples."""
+    for seed in range(4):
+        rng = np.random.default_rng([seed, count])
+        frame = [cg.frames.SO3(), cg.frames.Euclidean(3)][seed % 2]
+        times = np.linspace(-0.1, 2.1, count + (kind == "averages"))
+        times[1:-1] += rng.uniform(-0.3, 0.3, len(times) - 2) * (times[1] - times[0])
+        values = np.sin(2 * times[:count]) if seed < 2 else rng.standard_normal(count)
+        along, by_input = rng.standard_normal((3, 9)), rng.standard_normal((2, 3))
+
+        def f(t, y, u, p, along=along, by_input=by_input):
+            return np.sin(along[:, : y.size] @ y.ravel()) + [u, u * u * np.cos(t + p[0])] @ by_input
+
+        y0, c = frame.random_point(rng), rng.standard_normal(3)
+        options = {
+            "frame": frame, "inputs": cg.Samples(times, values, kind), "parameters": [0.3],
+            "derivatives": "adjoint",
+        }  # fmt: skip
+        runs = [
+            cg.solve_variational(f, (0, 2), y0, breakpoints=knots, rtol=rtol, atol=rtol, **options)
+            for knots, rtol in ((times[(times > 0) & (times < 2)], 1e-12), (None, tolerance))
+        ]
+        moved = frame.local_coordinates(*[run.y[-1] for run in runs])
+        np.testing.assert_allclose(moved, 0.0, rtol=0, atol=5 * tolerance)
+        for exact, actual in zip(*[run.gradient(c) for run in runs], strict=True):
+            np.testing.assert_allclose(actual, exact, rtol=0, atol=50 * tolerance + 1e-9)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("kind", ["cubic", "averages"])
+def test_gradients_of_random_linear_equations_are_accurate(kind, tolerance):
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 9])
+        g = rng.standard_normal((2, 4, 4)) * rng.uniform(0.3, 3.0)
+        frame = cg.frames.LinearAction(list(1j * (g + g.mT) if seed % 2 else g))
+        curve = cg.Samples(
+            np.linspace(-0.1, 2.1, 12 + (kind == "averages")), rng.standard_normal(12), kind
+        )
+        y0, c = frame.random_point(rng), frame.random_point(rng)
+        exact, actual = (
+            cg.solve_linear(
+                lambda t, u, p: [p[0] * np.cos(t), u], (0, 2), y0, frame=frame, inputs=curve,
+                parameters=[1.3], derivatives="adjoint", rtol=rtol, atol=rtol,
+            ).gradient(c)
+            for rtol in (1e-13, tolerance)
+        )  # fmt: skip
+        for one, other in zip(actual, exact, strict=True):
+            size = max(1.0, np.abs(other).max())
+            np.testing.assert_allclose(one, other, rtol=0, atol=50 * tolerance * size)
+
+
+def test_steps_pass_knots_that_the_tolerance_cannot_see():
+    times = np.linspace(0, 2, 201)
+    for kind, values in (("cubic", times), ("averages", 0.5 * (times[1:] + times[:-1]))):
+        curve = cg.Samples(times, np.sin(values), kind)
+        for rtol, few in ((1e-4, True), (1e-11, False)):
+            run = cg.solve_ivp(
+                lambda t, y, u: [u], (0, 2), [0.0], frame=LINE, inputs=curve, rtol=rtol, atol=rtol
+            )
+            assert (run.steps < 20) == few
+            assert few or np.isin(times[2:-2], run.t).all()  # splines have no knots beside ends
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("kind", ["hold", "linear", "cubic", "averages"])
+def test_gradients_by_values_of_inputs_of_linear_equations(kind, exact, vectorized):
+    rng = np.random.default_rng(3)
+    frame = cg.frames.LinearAction([-2j * np.diag([1.0, -1.0]), -1j * np.eye(2)[::-1]])
+    times, values = np.linspace(0, 1.5, 8 + (kind == "averages")), rng.standard_normal(8)
+    y0, c = frame.random_point(rng), frame.random_point(rng)
+    if vectorized:
+        a = lambda t, u, p: np.stack([p[:, 0] * np.cos(t), u * u], axis=1)  # noqa: E731
+        da = lambda t, u, p: np.stack(  # noqa: E731
+            [np.stack([np.cos(t), 0 * t], axis=1), np.stack([0 * t, 2 * u], axis=1)], axis=1
+        )
+    else:
+        a = lambda t, u, p: [p[0] * np.cos(t), u * u]  # noqa: E731
+        da = lambda t, u, p: [[np.cos(t), 0.0], [0.0, 2 * u]]  # noqa: E731
+
+    def solve(values, p=1.3, **others):
+        return cg.solve_linear(
+            a, (0, 1.5), y0, frame=frame, inputs=cg.Samples(times, values, kind), parameters=[p],
+            vectorized=vectorized, **others,
+        )  # fmt: skip
+
+    run = solve(values, derivatives="adjoint", da_dp=da if exact else None, rtol=1e-8, atol=1e-8)
+    gradient = run.gradient(c)
+    way, step = rng.standard_normal(8), 1e-4
+    ends = [np.vdot(c, solve(values + s * way, 1.3 + s, **TIGHT).y[-1]).real for s in (step, -step)]
+    actual = gradient.inputs @ way + gradient.parameters[0]
+    assert abs(actual - (ends[0] - ends[1]) / (2 * step)) < 1e-6
+
+
+@pytest.mark.parametrize("df_dp", [None, lambda t, y, u: [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]])
+def test_jacobian_by_pulses_that_vanish(df_dp):
+    """All amplitudes are equal, so that the curve has no corners; the frame is in Python."""
+    frame, times, y0 = cg.frames.Sp(2), np.linspace(0, 1, 11)[:-1], np.eye(2)
+    f = lambda t, y, u: [u[0], 1.0, u[1]]  # noqa: E731
+    options = {"frame": frame, "inputs": cg.Samples(times, np.zeros((10, 2)))} | TIGHT
+    run = cg.solve_variational(f, (0, 1), y0, derivatives="adjoint", df_dp=df_dp, **options)
+    jacobian = run.jacobian()
+    np.testing.assert_allclose(jacobian.y0, np.diag(np.exp([-2.0, 0.0, 2.0])), atol=1e-8)
+    assert (jacobian.parameters, jacobian.inputs.shape) == (None, (3, 10, 2))
+    for way in np.random.default_rng(1).standard_normal((3, 10, 2)):
+        ends = [
+            cg.solve_ivp(f, (0, 1), y0, **options | {"inputs": cg.Samples(times, values)}).y[-1]
+            for values in (1e-5 * way, -1e-5 * way)
+        ]
+        moved = [frame.local_coordinates(run.y[-1], y) for y in ends]
+        expected = np.subtract(*moved) / 2e-5
+        np.testing.assert_allclose(
+            np.tensordot(jacobian.inputs, way, 2), expected, rtol=0, atol=1e-5
+        )
+
+
+@pytest.mark.parametrize("columns", [None, 2])
+def test_jacobian_of_complex_entries(columns):
+    rng = np.random.default_rng(6)
+    g = rng.standard_normal((2, 3, 3)) + 1j * rng.standard_normal((2, 3, 3))
+    frame = cg.frames.LinearAction(list(g), columns=columns)
+    times, values, y0 = np.linspace(0, 1, 5), rng.standard_normal(5), frame.random_point(rng)
+
+    def solve(values, p, y0, **others):
+        curves = cg.Samples(times, values, "cubic"), cg.Samples([0.0], [p])
+        return cg.solve_linear(
+            lambda t, u, p: [p[0], sum(u)], (0, 1), y0, frame=frame, inputs=curves, parameters=[p],
+            **TIGHT, **others,
+        )  # fmt: skip
+
+    jacobian = solve(values, 0.4, y0, derivatives="adjoint").jacobian()
+    way, to = rng.standard_normal(5), frame.random_point(rng)
+    for by_p, by_y0 in ((1.0, 0.0), (0.0, 1.0)):
+        ends = [
+            solve(values + s * way, 0.4 + s * by_p, y0 + s * by_y0 * to).y[-1]
+            for s in (1e-4, -1e-4)
+        ]
+        actual = by_p * (jacobian.parameters[..., 0] + jacobian.inputs[1][..., 0])
+        actual = actual + jacobian.inputs[0] @ way
+        actual = actual + by_y0 * np.tensordot(jacobian.y0, to, to.ndim)
+        np.testing.assert_allclose(actual, np.subtract(*ends) / 2e-4, rtol=1e-6, atol=1e-6)
+
+
+def test_gradients_by_values_that_pass_through_zero():
+    times, values = np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 1.0, -0.5, 0.0])
+    curve = cg.Samples(times, values, kind="linear")
+    options = {"frame": LINE, "derivatives": "adjoint", "rtol": 1e-9, "atol": 1e-9}
+    run = cg.solve_variational(lambda t, y, u: [u + u * u], (0, 3), [0.0], inputs=curve, **options)
+    # the integral of each hat function times 1 + 2 u
+    mass = np.diag([2.0, 4.0, 4.0, 2.0]) + np.diag(np.ones(3), 1) + np.diag(np.ones(3), -1)
+    expected = mass @ (1 + 2 * values) / 6
+    np.testing.assert_allclose(run.gradient([1.0]).inputs, expected, rtol=0, atol=1e-6)
+    # steps of differences have the scale of the signal, so that rounding doesn't spoil them
+    curve = cg.Samples(np.arange(4.0), [1e-9, 1.0, -1e-9, 0.5])
+    run = cg.solve_variational(
+        lambda t, y, u: [1.0 + np.sin(u)], (0, 4), [0.0], inputs=curve, **options
+    )
+    np.testing.assert_allclose(run.gradient([1.0]).inputs, np.cos(curve.values), rtol=0, atol=1e-9)
+
+
+def test_jacobian_with_equal_steps_and_without_any():
+    held = cg.Samples([0.0, 1.0, 2.0], [0.5, -1.0, 0.25])
+    options = {"frame": LINE, "inputs": held, "method": "CG4a", "h": 0.02, "derivatives": "adjoint"}
+    run = cg.solve_variational(lambda t, y, u: [u * y[0]], (0, 3), [1.0], **options)
+    expected = np.exp(-0.25)  # each value acts for one unit of time
+    np.testing.assert_allclose(run.jacobian().inputs, [[expected] * 3], rtol=1e-7)
+    nothing = cg.solve_variational(lambda t, y, u: [u * y[0]], (1, 1), [1.0], **options)
+    np.testing.assert_array_equal(nothing.jacobian().inputs, np.zeros((1, 3)))
