@@ -126,13 +126,13 @@ def test_gradients_by_values_of_inputs_of_linear_equations(kind, exact, vectoriz
     times, values = np.linspace(0, 1.5, 8 + (kind == "averages")), rng.standard_normal(8)
     y0, c = frame.random_point(rng), frame.random_point(rng)
     if vectorized:
-        a = lambda t, u, p: np.stack([p[:, 0] * np.cos(t), u * u], axis=1)  # noqa: E731
-        da = lambda t, u, p: np.stack(  # noqa: E731
+        a = lambda t, u, p: np.stack([p[:, 0] * np.cos(t), u * u], axis=1)
+        da = lambda t, u, p: np.stack(
             [np.stack([np.cos(t), 0 * t], axis=1), np.stack([0 * t, 2 * u], axis=1)], axis=1
         )
     else:
-        a = lambda t, u, p: [p[0] * np.cos(t), u * u]  # noqa: E731
-        da = lambda t, u, p: [[np.cos(t), 0.0], [0.0, 2 * u]]  # noqa: E731
+        a = lambda t, u, p: [p[0] * np.cos(t), u * u]
+        da = lambda t, u, p: [[np.cos(t), 0.0], [0.0, 2 * u]]
 
     def solve(values, p=1.3, **others):
         return cg.solve_linear(
@@ -152,7 +152,7 @@ def test_gradients_by_values_of_inputs_of_linear_equations(kind, exact, vectoriz
 def test_jacobian_by_pulses_that_vanish(df_dp):
     """All amplitudes are equal, so that the curve has no corners; the frame is in Python."""
     frame, times, y0 = cg.frames.Sp(2), np.linspace(0, 1, 11)[:-1], np.eye(2)
-    f = lambda t, y, u: [u[0], 1.0, u[1]]  # noqa: E731
+    f = lambda t, y, u: [u[0], 1.0, u[1]]
     options = {"frame": frame, "inputs": cg.Samples(times, np.zeros((10, 2)))} | TIGHT
     run = cg.solve_variational(f, (0, 1), y0, derivatives="adjoint", df_dp=df_dp, **options)
     jacobian = run.jacobian()

@@ -133,6 +133,6 @@ class TestOptions:
             )  # fmt: skip
 
         gradients = [solve(p, method).gradient([1.0, 2.0, 3.0]) for method in (METHOD, "CFM8(4)")]
-        for name in ("y0", "parameters"):
-            one, other = (getattr(gradient, name) for gradient in gradients)
+        for part in ("y0", "parameters"):
+            one, other = (getattr(gradient, part) for gradient in gradients)
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)

@@ -350,7 +350,7 @@ class TestDataChecks:
             "frame": Euclidean(1), "args": (1.0,), "parameters": [2.0],
             "inputs": cg.Samples([1.0, 2.0], [0.0, 1.0]),
         }  # fmt: skip
-        f = lambda t, y, u, a, p: [u + a + p[0]]  # noqa: E731
+        f = lambda t, y, u, a, p: [u + a + p[0]]
         stepper = cg.Stepper(f, 1.0, [1.0], **given)
         with pytest.raises((TypeError, ValueError), match=message):
             stepper.restart(**change)

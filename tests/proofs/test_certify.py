@@ -35,7 +35,16 @@ PARTLY = {
     "CG6(5)", "CG7b", "CF5r", "CF6(5)", "CF7b", "CF7(6)", "CF8a", "DICG4", "DICG4c", "DICG6",
     "DP5(4)", "CooperVerner8", "Verner7(6)", "DOP853", "CFM8(4)",
 }  # fmt: skip
-PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4", "CG4a", "CG5a", *MAGNUS]
+PROVED_HERE = [
+    "LieEuler",
+    "CG2",
+    "CG3",
+    "CG2(3)",
+    "CG4",
+    "CG4a",
+    "CG5a",
+    *sorted(MAGNUS.keys() - {"Magnus8(4)"}),
+]
 
 
 def search(**arguments):
@@ -71,9 +80,10 @@ class TestProofs:
     def test_methods_that_must_be_proved(self):
         values = {name: proved(method) for name, method in ALL.items()}
         assert values == dict.fromkeys(ALL, "yes") | dict.fromkeys(PARTLY, "in part") | {
-            "CG6a": "no"
+            "CG6a": "no",
+            "Magnus8(4)": "no",
         }
-        assert set(CERTIFIED) == set(ALL) - {"CG6a"}
+        assert set(CERTIFIED) == set(ALL) - {"CG6a", "Magnus8(4)"}
 
     @pytest.mark.parametrize("name", PROVED_HERE)
     def test_certify_equals_stored_certificates(self, name):
