@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 import cg
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
-from cg.integration.step.blocks import has_compiled_difference
 from cg.integration.step.plan import has_brackets
 
 KNOWN = [frame for frame in FRAMES if has_brackets(frame)]
@@ -89,16 +88,15 @@ def test_derivatives_are_differences_of_solutions(frame):
 
 
 @pytest.mark.parametrize("frame", KNOWN, ids=name)
-def test_steps_are_those_of_the_solution_alone(frame):
+def test_derivatives_keep_ten_times_the_tolerance(frame):
     wave = Wave(frame)
-    options = {"rtol": 1e-6, "atol": 1e-8}
-    alone, joint = wave.solve(**options), wave.derivatives(exact=False, **options)
-    assert joint.method is alone.method
-    assert joint.t.size == alone.t.size
-    np.testing.assert_allclose(joint.y[-1], alone.y[-1], rtol=1e-6, atol=1e-6)
-    if has_compiled_difference(frame):
-        np.testing.assert_array_equal(joint.t, alone.t)
-        np.testing.assert_array_equal(joint.y, alone.y)
+    sharp = wave.derivatives(exact=True, rtol=1e-11, atol=1e-11, control_derivatives=True)
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        loose = wave.derivatives(exact=True, rtol=tolerance, atol=tolerance)
+        for part in ("transition", "sensitivity"):
+            expected = getattr(sharp, part)[-1]
+            error = np.abs(getattr(loose, part)[-1] - expected).max()
+            assert error < 50 * tolerance * max(1.0, np.abs(expected).max()), (part, tolerance)
 
 
 def test_errors_of_derivatives_choose_steps_if_asked():
@@ -113,7 +111,7 @@ def test_errors_of_derivatives_choose_steps_if_asked():
     expected = np.diag([-1.0, -1.0, 1.0])
     assert controlled.steps > uncontrolled.steps
     assert np.abs(controlled.transition[-1] - expected).max() < 1e-8
-    assert np.abs(uncontrolled.transition[-1] - expected).max() > 1e-7
+    assert np.abs(uncontrolled.transition[-1] - expected).max() < 1e-8
 
 
 def test_tolerances_of_each_coordinate_are_those_of_its_derivatives():

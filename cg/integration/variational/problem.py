@@ -23,6 +23,11 @@ from cg.method.splitting import Splitting
 from cg.support.checks import check_flag
 
 
+_LOOSE = 10.0
+"""Tolerances of derivatives, in those of the solution, without ``control_derivatives``: steps are
+hardly shorter, and are not too long for derivatives where the solution itself is simple."""
+
+
 def add_derivatives(
     problem: Problem,
     jac: Any,
@@ -110,7 +115,7 @@ def _make_field(
 def _tolerances(
     problem: Problem, field: VariationalField, control_derivatives: bool, name: str
 ) -> Array:
-    """Return tolerances of all coordinates, absolute ones infinite without error control."""
+    """Return tolerances of all coordinates: those of derivatives are larger unless controlled."""
     plan, given, is_absolute = problem.plan, getattr(problem.control, name), name == "atol"
     n = field.frame.dim
     shape = (n,) if problem.in_algebra else field.frame.point_shape
@@ -126,6 +131,6 @@ def _tolerances(
             "atol must be positive with control_derivatives, since derivatives are zero at first, "
             f"got {given}"
         )
-    others = np.repeat(rows, field.columns)
-    controlled = control_derivatives or not is_absolute
-    return np.concatenate([own, others if controlled else np.full(others.size, np.inf)])
+    elif not control_derivatives:  # derivatives are of size one at first, also with atol = 0
+        rows = _LOOSE * np.maximum(rows, problem.control.rtol.min())
+    return np.concatenate([own, np.repeat(rows, field.columns)])

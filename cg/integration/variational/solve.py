@@ -86,9 +86,8 @@ def solve_variational(
         :math:`P' = A P + P A^T + Q`, and is zero at first without ``P0``. Step sizes account for
         it with ``control_derivatives`` only.
     control_derivatives
-        Whether steps are chosen by the errors of the derivatives as well, with the same
-        tolerances (of row i those of coordinate i); else they are those of `cg.solve_ivp`, which
-        may be long for the derivatives where the solution itself is simple.
+        Whether the derivatives have the tolerances of the solution (of row i those of coordinate
+        i), in place of ten times these, or of ten times ``rtol`` if that is larger.
     derivatives
         ``"adjoint"`` computes no derivatives during the integration, and returns an
         `AdjointSolution`, whose method ``gradient`` goes backward from the derivatives of one
