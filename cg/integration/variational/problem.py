@@ -22,7 +22,6 @@ from cg.integration.variational.results import SolutionMaker
 from cg.method.splitting import Splitting
 from cg.support.checks import check_flag
 
-
 _LOOSE = 10.0
 """Tolerances of derivatives, in those of the solution, without ``control_derivatives``: steps are
 hardly shorter, and are not too long for derivatives where the solution itself is simple."""
