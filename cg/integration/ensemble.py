@@ -23,10 +23,10 @@ from cg.integration.loop.failures import explain_failure, find_mistakes
 from cg.integration.loop.messages import TERMINAL_EVENT
 from cg.integration.loop.progress import Progress
 from cg.integration.loop.run import Run
-from cg.integration.member_results import MemberResults, Results
+from cg.integration.member_results import MemberResults, Results, solution_of
 from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import Problem, make_problem
-from cg.integration.results import EnsembleSolution
+from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.inputs import Inputs
 from cg.integration.rhs.python import Coefficients
@@ -140,6 +140,28 @@ def solve_ensemble(
     return solve_members(problem, progress, executor, workers, out)
 
 
+def solve_one(problem: Problem, progress: Callable[[float, float], None] | None) -> Solution:
+    """Integrate one point. Warnings name the caller of its caller."""
+    watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
+    part = _integrate(problem, watch, _count_steps(problem))
+    if watch is not None:
+        watch.finish()
+    solution = solution_of(problem, part)
+    for text in part.warnings:
+        warnings.warn(text, stacklevel=3)
+    return solution
+
+
+def _count_steps(problem: Problem) -> int:
+    """Return the number of equal steps after checking it, 0 for adaptive ones."""
+    if (h := problem.control.h) is None:
+        return 0
+    steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
+    every = problem.every * problem.keeps_points
+    check_grid(problem.plan, h, steps * len(problem.points), every, problem.dense)
+    return steps
+
+
 def solve_members(
     problem: Problem,
     progress: Callable[[float, float], None] | None,
@@ -147,17 +169,14 @@ def solve_members(
     workers: int | None = None,
     out: Any = None,
 ) -> EnsembleSolution:
-    """Integrate one point or the members of an ensemble; arguments are those of `solve_ensemble`.
+    """Integrate the members of an ensemble; arguments are those of `solve_ensemble`.
 
     Warnings name the caller of its caller.
     """
-    members, steps = len(problem.points), 0
+    members = len(problem.points)
     if problem.common and problem.events is not None and problem.events.has_jumps:
         raise ValueError("events must have no jumps with common_steps, which all members share")
-    if (h := problem.control.h) is not None:
-        steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
-        every = problem.every * problem.keeps_points
-        check_grid(problem.plan, h, steps * members, every, problem.dense)
+    _count_steps(problem)
     distributed = executor is not None or workers is not None
     if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
@@ -165,8 +184,6 @@ def solve_members(
     watch = Progress(progress, problem.t0, problem.t1, members)
     if distributed:
         _distribute(problem, *check_executor(executor, workers), result, watch)
-    elif not problem.many:
-        result.add(slice(0, 1), _integrate(problem, watch, steps))
     else:
         size = members if problem.common else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
@@ -178,7 +195,7 @@ def solve_members(
     solution = result.solution()
     for text in result.joint().warnings:
         warnings.warn(text, stacklevel=3)
-    if problem.many and not solution.success:
+    if not solution.success:
         warnings.warn(solution.message, stacklevel=3)
     return solution
 

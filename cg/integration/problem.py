@@ -46,6 +46,7 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.method.warnings import check_order, check_pair
 from cg.support.checks import check_flag
+from cg.support.copies import filled
 
 Rhs = CompiledRhs | PythonRhs
 
@@ -71,8 +72,8 @@ class Problem:
     of_time: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
-    # makes the solution of the problem from the fields of an `EnsembleSolution`
-    make_solution: Callable[[Problem, dict[str, Any]], EnsembleSolution]
+    # makes a solution with derivatives from the fields of an `EnsembleSolution`
+    make_solution: Callable[[Problem, dict[str, Any]], EnsembleSolution] | None
 
     @property
     def keeps_points(self) -> bool:
@@ -103,10 +104,6 @@ class Problem:
         """Return the problem of members, the first of which is number ``first`` of the ensemble."""
         rhs = self.rhs.with_data(self.rhs.args, parameters, inputs, first)
         return replace(self, points=points, rhs=rhs)
-
-
-def _make_solution(_: Problem, fields: dict[str, Any]) -> EnsembleSolution:
-    return EnsembleSolution(**fields)
 
 
 def _make_rhs(
@@ -305,8 +302,10 @@ def make_problem(
     dense = check_flag("dense_output", options["dense_output"])
     events = _make_events(options["events"], frame, rhs)
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
-    return Problem(
-        plan, in_algebra, rhs, points, start, stops, control, events, t_eval,
-        every if t_eval is None else 0, dense, stage_solver, many, common, of_time, jacobian,
-        observer, _make_solution,
-    )  # fmt: skip
+    return filled(Problem, {
+        "plan": plan, "in_algebra": in_algebra, "rhs": rhs, "points": points, "t0": start,
+        "stops": stops, "control": control, "events": events, "t_eval": t_eval,
+        "every": every if t_eval is None else 0, "dense": dense, "stage_solver": stage_solver,
+        "many": many, "common": common, "of_time": of_time, "jacobian": jacobian,
+        "observer": observer, "make_solution": None,
+    })  # fmt: skip
