@@ -14,12 +14,18 @@ from cg.support.parallel import raise_if_stopped
 
 def drive(run: Run, watch: Callable[[float], None] | None = None) -> None:
     """Advance all members to their ends; ``watch`` gets the time covered by all together."""
-    budget, check, record = StepBudget(), StepCheck(run), run.record
-    while record.ended < run.members:
-        record.budget = given = min(budget.start(), check.steps_left())
+    budget, record, check = StepBudget(), run.record, None
+    while True:
+        given = budget.start()
+        if check is not None:
+            given = min(given, check.steps_left())
+        record.budget = given
         run.call()
         raise_if_stopped()
-        budget.stop(max(given - record.budget, 1))
-        check.update(given - record.budget)
         if watch is not None:
             watch(float(np.abs(run.reached - run.t0).sum()))
+        if record.ended == run.members:
+            return
+        check = check or StepCheck(run)
+        budget.stop(max(given - record.budget, 1))
+        check.update(given - record.budget)

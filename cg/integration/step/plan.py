@@ -57,7 +57,7 @@ class Plan:
         self.core, self.frame, self.method = core, frame, method
         self.compiled = is_compiled(frame)
         self._measures = has_compiled_difference(frame) if self.compiled else None
-        self.dtype = frame.dtype
+        self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
         self.parts = 2 if self.dtype == np.complex128 else 1
         self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.parts
         self.series = series_order(method)  # order up to which that of dexp⁻¹ is needed
@@ -73,6 +73,7 @@ class Plan:
         if paths.polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
             self.exponent = 1.0 / (method.stages + paths.power)
+        self.implicit = self.collocation or paths.blocks > 0
         self.kept = len(paths.stages) if paths.registers is None else 1
         of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
         self.kept_nodes = method.stages if of_nodes else 0
@@ -151,11 +152,15 @@ class Plan:
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
         rows = np.ascontiguousarray(points, dtype=self.dtype)
-        return rows.reshape(-1).view(np.float64).reshape(-1, self.width)
+        if self.parts == 2:
+            rows = rows.reshape(-1).view(np.float64)
+        return rows.reshape(-1, self.width)
 
     def points(self, rows: Array, lead: tuple[int, ...]) -> Points:
         """Return points of shape ``(*lead, *point_shape)`` that share memory with doubles."""
-        return rows.reshape(-1).view(self.dtype).reshape(*lead, *self.frame.point_shape)
+        if self.parts == 2:
+            rows = rows.reshape(-1).view(self.dtype)
+        return rows.reshape(*lead, *self.point_shape)
 
 
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed

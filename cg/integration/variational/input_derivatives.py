@@ -61,7 +61,7 @@ def solve_with_input_derivatives(
     inside = np.unique(times[(sign * times > sign * t0) & (sign * times < sign * t1)])
     stops = np.append(inside[:: int(sign)], t1)
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, moments)
-    field = joint.make_solution.variational  # type: ignore[attr-defined]
+    field = joint.make_solution.variational  # type: ignore[union-attr]
     run = Run(replace(joint, stops=stops, every=0), keep_last=True, lanes=1)
     chain = _Chain(run, field, t0)
     messages = {}
