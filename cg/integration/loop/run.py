@@ -343,6 +343,8 @@ class Run:
         return of - 1, t, plan.points(y, (len(t), 2))
 
 
-def _joined(parts: list[list[Array]]) -> list[Array]:
+def _joined(parts: list[list[Any]]) -> list[Any]:
     """Return arrays that were collected in parts."""
-    return parts[0] if len(parts) == 1 else [np.concatenate(each) for each in zip(*parts)]
+    return (
+        parts[0] if len(parts) == 1 else [np.concatenate(each) for each in zip(*parts, strict=True)]
+    )

@@ -163,6 +163,7 @@ class Plan:
         return rows.reshape(*lead, *self.point_shape)
 
 
+_MAX_PLANS = 64  # of a frame that are kept
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
 
@@ -172,42 +173,43 @@ _Result = TypeVar("_Result")
 def cached(function: Callable[..., _Result]) -> Callable[..., _Result]:
     """Keep the last results of a function, unless a frame of the user can't be hashed."""
     results = lru_cache(maxsize=64)(function)
+    last: Any = None, None
 
     @wraps(function)
     def call(frame: Frame, *rest: Any) -> _Result:
+        nonlocal last
+        known, result = last
+        if known is frame and not rest:
+            return result  # type: ignore[no-any-return]
         try:
-            return results(frame, *rest)
+            result = results(frame, *rest)
         except TypeError:
             return function(frame, *rest)
+        if not rest:
+            last = frame, result
+        return result
 
     return call
 
 
 def plan_of(frame: Frame, method: Method) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
-    return _cached_plan(frame, _Same(method))
+    plans = _plans_on(frame)
+    plan = plans.get(id(method))  # hashing coefficients takes long
+    if plan is None:
+        if len(plans) == _MAX_PLANS:
+            plans.pop(next(iter(plans)), None)
+        plan = plans[id(method)] = Plan(frame, method)  # which keeps the method alive
+    return plan
+
+
+@cached
+def _plans_on(frame: Frame) -> dict[int, Plan]:
+    return {}
 
 
 def _restored(frame: Frame, method: str | Method) -> Plan:
     return plan_of(frame, resolve_method(method))
-
-
-class _Same:
-    """A method that equals itself alone: hashing its coefficients takes long."""
-
-    def __init__(self, method: Method) -> None:
-        self.method = method
-
-    def __hash__(self) -> int:
-        return id(self.method)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.method is self.method
-
-
-@cached
-def _cached_plan(frame: Frame, same: _Same) -> Plan:
-    return Plan(frame, same.method)
 
 
 def paths_on(frame: Frame, method: Method) -> MethodPaths:
