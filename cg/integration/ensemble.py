@@ -143,7 +143,8 @@ def solve_ensemble(
 def solve_one(problem: Problem, progress: Callable[[float, float], None] | None) -> Solution:
     """Integrate one point. Warnings name the caller of its caller."""
     watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
-    part = _integrate(problem, watch, _count_steps(problem))
+    steps = 0 if problem.control.h is None else _count_steps(problem)
+    part = _integrate(problem, watch, steps)
     if watch is not None:
         watch.finish()
     solution = solution_of(problem, part)

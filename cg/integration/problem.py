@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import (
+    RTOL,
     check_algebra,
     check_args,
     check_atol,
@@ -118,7 +120,7 @@ def _make_rhs(
     extra = check_args(args)
     vectorized = vectorized or (isinstance(f, TimeFunction) and f.vectorized)
     name = "a" if isinstance(f, TimeFunction) else "f"
-    compiled = compiled_rhs(f, name)
+    compiled = None if isinstance(f, FunctionType) else compiled_rhs(f, name)
     if compiled is None:
         if not callable(f):
             raise TypeError(f"f must be callable as f(t, y), got {f!r}")
@@ -241,10 +243,8 @@ def _output_times(t_eval: Any, start: float, stop: float, many: bool) -> Array |
     return np.array(ends) if many else None
 
 
-def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable | None:
-    """Return the events, None without any, after checking that compiled ones get their data."""
-    if events is None:
-        return None
+def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable:
+    """Return the events after checking that compiled ones get their data."""
     in_python = isinstance(rhs, PythonRhs)
     table = EventTable(events, frame, rhs.inputs is not None, in_python)
     if in_python and (rhs.inputs is not None or rhs.parameters is not None):
@@ -258,8 +258,9 @@ def _make_plan(f: Any, frame: Any, options: Options) -> Plan:
         raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
     rtol = None
     if options["h"] is None:
-        options["rtol"] = relative = check_rtol(options["rtol"])
-        rtol = float(relative.min())
+        given = options["rtol"]
+        options["rtol"] = relative = RTOL if given is None else check_rtol(given)
+        rtol = relative.item() if relative.size == 1 else float(relative.min())
     return plan_of(frame, _choose_method(options["method"], f, frame, rtol))
 
 
@@ -284,13 +285,16 @@ def make_problem(
     start, stop = check_span(t_span)
     members = len(points) if many else None
     name = "the initial time" if start == stop else "t_span"
-    inputs = check_inputs(options["inputs"], start, stop, members, plan.method, name)
+    inputs: Any = options["inputs"]
+    if inputs is not None:
+        inputs = check_inputs(inputs, start, stop, members, plan.method, name)
     rhs = _make_rhs(f, frame, (options["args"], numbers, inputs), vectorized, many)
     if isinstance(plan.method, Splitting) and isinstance(frame, PhaseSpace):
         check_force(rhs, start, points[0], frame)
         if np.isfinite(stop):  # a friction may vanish at the start
             check_force(rhs, stop, points[0], frame, ahead=True)
-    jacobian = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
+    if jac is not None:
+        jac = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
     if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
@@ -300,12 +304,13 @@ def make_problem(
     control = _make_control(plan, in_algebra, options, abs(stop - start))
     t_eval = _output_times(options["t_eval"], start, stop, many)
     dense = check_flag("dense_output", options["dense_output"])
-    events = _make_events(options["events"], frame, rhs)
+    if (events := options["events"]) is not None:
+        events = _make_events(events, frame, rhs)
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return filled(Problem, {
         "plan": plan, "in_algebra": in_algebra, "rhs": rhs, "points": points, "t0": start,
         "stops": stops, "control": control, "events": events, "t_eval": t_eval,
         "every": every if t_eval is None else 0, "dense": dense, "stage_solver": stage_solver,
-        "many": many, "common": common, "of_time": of_time, "jacobian": jacobian,
+        "many": many, "common": common, "of_time": of_time, "jacobian": jac,
         "observer": observer, "make_solution": None,
     })  # fmt: skip

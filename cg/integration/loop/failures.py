@@ -115,9 +115,8 @@ def find_mistakes(run: Run) -> list[str]:
             texts.append(MANY_REJECTIONS.format(steps=steps, nrejected=rejected))
         if h is not None and steps and takes_long_steps(run):
             texts.append(LONG_STEPS.format(h=h))
-    rows = np.ascontiguousarray(run.end)
-    if not plan.surely_on_manifold(rows):
-        points = plan.points(rows, (run.members,))
+    if not plan.surely_on_manifold(run.end):
+        points = plan.points(np.ascontiguousarray(run.end), (run.members,))
         finite = np.isfinite(points).reshape(len(points), -1).all(axis=1)
         distance = plan.distance_from_manifold(points if finite.all() else points[finite])
         if distance is not None:

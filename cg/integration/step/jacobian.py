@@ -115,12 +115,8 @@ class Jacobian:
         return np.concatenate([x.real, x.imag])
 
 
-def jacobian_of(
-    jac: Any, frame: Frame, method: Method, rhs: Rhs, t: float, y: Points
-) -> Jacobian | None:
+def jacobian_of(jac: Any, frame: Frame, method: Method, rhs: Rhs, t: float, y: Points) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
-    if jac is None:
-        return None
     if not is_collocation(method):
         raise ValueError(f'jac must be None unless method="RadauIIA5", and it is {method!r}')
     constant = isinstance(jac, np.ndarray | list | tuple) or hasattr(jac, "tocsc")

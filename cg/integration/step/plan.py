@@ -131,11 +131,11 @@ class Plan:
         rank = np.linalg.matrix_rank(fields.reshape(frame.dim, -1).view(np.float64))
         return bool(rank == frame.dim)
 
-    def surely_on_manifold(self, rows: Array) -> bool:
-        """Return whether a cheap bound shows that points, as doubles, are on the manifold."""
+    def surely_on_manifold(self, points: Points) -> bool:
+        """Return whether a cheap bound shows that points, or their doubles, are on the manifold."""
         if not self.compiled:
             return False
-        bound = self.core.plan_distance_bound(self.address, rows.T)
+        bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
         return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
 
     def distance_from_manifold(self, points: Points) -> float | None:
@@ -151,7 +151,7 @@ class Plan:
 
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
-        rows = np.ascontiguousarray(points, dtype=self.dtype)
+        rows = np.ascontiguousarray(points)
         if self.parts == 2:
             rows = rows.reshape(-1).view(np.float64)
         return rows.reshape(-1, self.width)
