@@ -18,10 +18,9 @@ from cg.executors import ExecutorLike, check_executor, completed
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.loop.drive import drive
+from cg.integration.loop.drive import Progress, drive
 from cg.integration.loop.failures import explain_failure, find_mistakes
 from cg.integration.loop.messages import TERMINAL_EVENT
-from cg.integration.loop.progress import Progress
 from cg.integration.loop.run import Run
 from cg.integration.member_results import MemberResults, Results, solution_of
 from cg.integration.options import Options, complete_options, expand_options

@@ -12,14 +12,26 @@ from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
 from cg.integration.loop.record import COUNTS
-from cg.integration.to_xarray import to_xarray
 from cg.method.method import Method
 from cg.support.copies import ReadOnly, filled
 
 _EVENT_FIELDS = "t_events", "y_events", "y_after"
+_DERIVATIVES = {  # with their last axes
+    "transition": "initial_coordinate",
+    "sensitivity": "parameter",
+    "covariance": "other_coordinate",
+}
+_NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
 
 
 class _Labelled(ReadOnly):
+    t: Array
+    y: Points
+    observed: Array | None
+    status: Any
+    method: Method
+    frame: Frame
+
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first.
 
@@ -29,7 +41,29 @@ class _Labelled(ReadOnly):
         ``parameter`` or ``other_coordinate``. Attributes are the name of the method, the frame,
         and what the integration took; of an ensemble these numbers are variables.
         """
-        return to_xarray(self)
+        import xarray
+
+        axes = len(self.frame.point_shape)
+        members = ["member"] if np.ndim(self.status) else []
+        points = {0: [], 1: ["component"], 2: ["row", "column"]}.get(
+            axes, [f"axis_{k}" for k in range(axes)]
+        )
+        attributes = {"method": self.method.name, "frame": repr(self.frame)}
+        variables = {} if self.y is None else {"y": (["t", *members, *points], self.y)}
+        if self.observed is not None:
+            last = [f"observable_{k}" for k in range(np.ndim(self.observed) - 1 - len(members))]
+            variables["observed"] = (["t", *members, *last], self.observed)
+        for name, axis in _DERIVATIVES.items():
+            value = getattr(self, name, None)
+            if value is not None:
+                variables[name] = (["t", *members, "coordinate", axis], value)
+        for name in _NUMBERS:
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                variables[name] = (members, value)
+            elif value is not None:
+                attributes[name] = value
+        return xarray.Dataset(variables, {"t": self.t}, attributes)
 
 
 @dataclass(frozen=True, eq=False)

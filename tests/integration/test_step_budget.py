@@ -4,14 +4,14 @@ from itertools import pairwise
 
 import pytest
 
-from cg.integration.loop import step_budget
-from cg.integration.loop.step_budget import StepBudget
+from cg.integration.loop import drive
+from cg.integration.loop.drive import StepBudget
 
 
 @pytest.fixture
 def clock(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(step_budget.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(drive.time, "perf_counter", lambda: now[0])
     return now
 
 
