@@ -31,13 +31,6 @@ _BOOLS = {bool, np.bool_}
 _MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 
 
-def check_unused(**arguments: object) -> None:
-    """Raise ValueError if an argument is given that has no effect on fixed steps."""
-    for name, value in arguments.items():
-        if value is not None:
-            raise ValueError(f"{name} must not be given together with h, got {value!r}")
-
-
 def check_t_eval(t_eval: ArrayLike, start: float, stop: float) -> Array:
     """Return the times to store the solution at, after checking them."""
     return _check_times(t_eval, "t_eval", "within t_span,", start, stop)

@@ -7,7 +7,7 @@ import pickle
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from functools import partial
 from typing import Any, Never, Unpack
 
 import numpy as np
@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.executors import ExecutorLike, check_executor, completed
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.loop.drive import Progress, drive
@@ -27,7 +26,6 @@ from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import Problem, make_problem
 from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction, Function
-from cg.integration.rhs.inputs import Inputs
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.support.checks import check_flag
@@ -235,25 +233,17 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _MemberTask:
-    """The work of one worker: a problem whose members come with each call.
-
-    ``problem`` holds the first member only, so that little is sent to other processes.
-    """
-
-    problem: Problem
-
-    def __call__(self, data: tuple[int, Points, Array | None, Inputs | None]) -> MemberResults:
-        """Integrate members with the place, points, parameters and inputs of `Problem.data`."""
-        return _integrate(self.problem.select(*data), None)
+def _integrate_part(problem: Problem, data: tuple[Any, ...]) -> MemberResults:
+    """Integrate members with the data of `Problem.data`, in a worker."""
+    return _integrate(problem.select(*data), None)
 
 
 def _distribute(
     problem: Problem, executor: Any, workers: Any, result: Results, watch: Progress
 ) -> None:
     """Integrate members on an executor."""
-    work = _MemberTask(problem.part(slice(0, 1)))
+    # only the first member, so that little is sent to other processes
+    work = partial(_integrate_part, problem.part(slice(0, 1)))
     if executor is not None and executor != "threads":
         _check_pickle(work)
     count = len(problem.points)
@@ -269,7 +259,7 @@ def _distribute(
             watch.update(0.0)
 
 
-def _check_pickle(work: _MemberTask) -> None:
+def _check_pickle(work: Any) -> None:
     try:
         pickle.dumps(work)
     except Exception as error:

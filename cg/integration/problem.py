@@ -27,7 +27,6 @@ from cg.integration.arguments import (
     check_step,
     check_stops,
     check_t_eval,
-    check_unused,
 )
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.loop.record import Control
@@ -144,7 +143,9 @@ def _make_control(plan: Plan, in_algebra: bool, options: Options, span: float) -
     rtol, atol, max_steps = options["rtol"], options["atol"], options["max_steps"]
     largest = check_step(options["max_step"], "max_step", infinite=True)
     if h is not None:
-        check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
+        for name in ("rtol", "atol", "first_step", "max_steps"):
+            if options[name] is not None:
+                raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
         check_order(plan.method, stacklevel=4)
         size = check_step(h, "h")
         if math.isinf(span):
@@ -235,14 +236,6 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
     return chosen
 
 
-def _output_times(t_eval: Any, start: float, stop: float, many: bool) -> Array | None:
-    """Return the times at which points are stored, by default the ends for an ensemble."""
-    if t_eval is not None:
-        return check_t_eval(t_eval, start, stop)
-    ends = [start, stop][: 1 + (start != stop and math.isfinite(stop))]
-    return np.array(ends) if many else None
-
-
 def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable:
     """Return the events after checking that compiled ones get their data."""
     in_python = isinstance(rhs, PythonRhs)
@@ -302,7 +295,11 @@ def make_problem(
         stops = inputs.add_stops(stops, start)
     in_algebra = plan.in_algebra(points[0])
     control = _make_control(plan, in_algebra, options, abs(stop - start))
-    t_eval = _output_times(options["t_eval"], start, stop, many)
+    t_eval: Any = options["t_eval"]
+    if t_eval is not None:
+        t_eval = check_t_eval(t_eval, start, stop)
+    elif many:
+        t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     dense = check_flag("dense_output", options["dense_output"])
     if (events := options["events"]) is not None:
         events = _make_events(events, frame, rhs)

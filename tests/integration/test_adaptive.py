@@ -13,7 +13,7 @@ from slow_cases import cases
 import cg
 from cg.analysis.convergence import observed_order
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.integration.step.blocks import is_compiled
+from cg.integration.step.flows import is_compiled
 from cg.integration.step.interpolant import extra_evaluations
 from cg.integration.step.plan import error_exponent
 from cg.method.tableau import Tableau

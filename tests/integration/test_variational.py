@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import cg
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
-from cg.integration.step.blocks import has_compiled_difference
+from cg.integration.step.flows import has_compiled_difference
 from cg.integration.step.plan import has_brackets
 
 KNOWN = [frame for frame in FRAMES if has_brackets(frame)]

@@ -78,7 +78,7 @@ from numpy.polynomial import Legendre, Polynomial
 
 from cg.catalogue import methods
 from cg.frames.arrays import Array
-from cg.integration.step.collocation import collocation_polynomial
+from cg.integration.step.implicit import collocation_polynomial
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas

@@ -14,7 +14,7 @@ from cg.integration.rhs.derivatives import Derivative, derivative_of
 from cg.integration.rhs.inputs import data_at
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.rhs.values import when
-from cg.integration.step.collocation import is_collocation
+from cg.integration.step.implicit import is_collocation
 from cg.method.method import Method
 
 Rhs = CompiledRhs | PythonRhs

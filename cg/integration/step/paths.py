@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.conditions import Rows
-from cg.integration.step.collocation import transformation
+from cg.integration.step.implicit import transformation
 from cg.method.end_weights import end_weights, kink_weights
 from cg.method.estimate import error_power
 from cg.method.low_storage import Registers, two_registers

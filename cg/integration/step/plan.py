@@ -16,13 +16,13 @@ from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
-from cg.integration.step.blocks import (
+from cg.integration.step.flows import (
     block_constants,
     describe_blocks,
     has_compiled_difference,
     is_compiled,
 )
-from cg.integration.step.collocation import is_collocation
+from cg.integration.step.implicit import is_collocation
 from cg.integration.step.interpolant import (
     ResultFlows,
     extension_of,
@@ -113,7 +113,7 @@ class Plan:
         """
         if self._measures is not None:
             return self._measures
-        return _has_coordinates(self.frame, _AnyPoint(point))
+        return self.frame.exp_coordinates(point, point) is not None
 
     def is_free(self, point: Points) -> bool:
         """Return whether the fields act freely: small coefficients that differ move points apart.
@@ -170,24 +170,22 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 _Result = TypeVar("_Result")
 
 
-def cached(function: Callable[..., _Result]) -> Callable[..., _Result]:
+def cached(function: Callable[[Frame], _Result]) -> Callable[[Frame], _Result]:
     """Keep the last results of a function, unless a frame of the user can't be hashed."""
     results = lru_cache(maxsize=64)(function)
     last: Any = None, None
 
     @wraps(function)
-    def call(frame: Frame, *rest: Any) -> _Result:
+    def call(frame: Frame) -> _Result:
         nonlocal last
         known, result = last
-        if known is frame and not rest:
-            return result  # type: ignore[no-any-return]
-        try:
-            result = results(frame, *rest)
-        except TypeError:
-            return function(frame, *rest)
-        if not rest:
+        if known is not frame:
+            try:
+                result = results(frame)
+            except TypeError:
+                return function(frame)
             last = frame, result
-        return result
+        return result  # type: ignore[no-any-return]
 
     return call
 
@@ -243,24 +241,6 @@ def error_exponent(method: Method) -> float:
         return 1.0 / max(second + 1 + error_power(advancing) * (second - third), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)
-
-
-class _AnyPoint:
-    """A point that equals all others: the answer at the first one is kept for all of them."""
-
-    def __init__(self, point: Points) -> None:
-        self.point = point
-
-    def __hash__(self) -> int:
-        return 0
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _AnyPoint)
-
-
-@cached
-def _has_coordinates(frame: Frame, at: _AnyPoint) -> bool:
-    return frame.exp_coordinates(at.point, at.point) is not None
 
 
 @cached
