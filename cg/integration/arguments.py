@@ -271,16 +271,12 @@ def _worst(frame: Frame, points: Points) -> int:
 
     Points are checked in chunks to limit memory.
     """
-    errors = np.empty(len(points))
-    axes = tuple(range(1, points.ndim))
-    for first in range(0, len(points), _POINTS_AT_A_TIME):
-        part = slice(first, first + _POINTS_AT_A_TIME)
-        finite = np.isfinite(points[part]).all(axis=axes)
-        all_finite = bool(finite.all())
-        errors[part] = (
-            frame.relative_error(points[part]) if all_finite else np.where(finite, 0.0, math.inf)
-        )
-    return int(np.argmax(errors))
+    finite = np.isfinite(points).all(axis=tuple(range(1, points.ndim)))
+    if not finite.all():
+        return int(np.argmin(finite))
+    starts = range(0, len(points), _POINTS_AT_A_TIME)
+    errors = [frame.relative_error(points[k : k + _POINTS_AT_A_TIME]) for k in starts]
+    return int(np.argmax(np.concatenate(errors)))
 
 
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:

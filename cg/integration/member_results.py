@@ -149,15 +149,12 @@ class Results:
         })  # fmt: skip
 
     def _output(self) -> EnsembleOutput:
-        outputs = [self._outputs.get(k) or self._start(k) for k in range(self.members)]
-        return EnsembleOutput(outputs)
-
-    def _start(self, member: int) -> DenseOutput:
-        """Return the continuous solution of a member whose worker died: its initial point."""
-        problem, plan = self.problem, self.problem.plan
-        shapes = (4,), (2, plan.width), (plan.columns * plan.frame.dim,)
-        nothing = Steps(plan, np.empty(0, np.int64), *(np.empty((0, *shape)) for shape in shapes))
-        return DenseOutput(nothing, problem.t0, problem.points[member])
+        """Return the continuous solution, only initial points of members whose worker died."""
+        nothing, t0 = Steps.none(self.problem.plan), self.problem.t0
+        return EnsembleOutput([
+            self._outputs.get(k) or DenseOutput(nothing, t0, point)
+            for k, point in enumerate(self.problem.points)
+        ])  # fmt: skip
 
     def _event_lists(self) -> dict[str, Any]:
         if self.problem.events is None:

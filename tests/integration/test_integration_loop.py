@@ -13,7 +13,7 @@ import cg
 from cg.catalogue import resolve_method
 from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
 from cg.integration.loop.run import Run
-from cg.integration.step.interpolant import extra_evaluations, node_count, result_flows
+from cg.integration.step.interpolant import extra_evaluations, flows_within, node_count
 
 pytestmark = pytest.mark.sanitize
 
@@ -101,7 +101,7 @@ def test_flows_of_output_between_steps(method, frame):
         assert extra + 2 <= flows_of_output <= extra + 4
         return
     else:
-        nodes, flows = node_count(without.method), len(result_flows(without.method)) + 1
+        nodes, flows = node_count(without.method), len(flows_within(without.method)[1]) + 1
         # the interpolant with n nodes is closed at its end; that with one less leads to n - 2
         flows_of_output = (nodes - 1) * flows + extra * flows
     assert solve(t_eval=[0.25, 0.6]).nexp == without.nexp + flows_of_output + flows

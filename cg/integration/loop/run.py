@@ -253,19 +253,15 @@ class Run:
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
         raised = np.flatnonzero(self.status == Stop.RAISED)
-        if self.callbacks.failed_event is not None:
-            name, t, member = self.callbacks.failed_event
-            self.callbacks.failed_event = None
+        unobserved = np.flatnonzero(self.flag == FieldFlag.OBSERVER_FAILED).tolist()
+        failed, self.callbacks.failed_event = self.callbacks.failed_event, None
+        if failed is None and unobserved:
+            failed = "observe", float(self.failed_at[unobserved[0]]), unobserved[0]
+        if failed is not None:
+            name, t, member = failed
             first = getattr(self.rhs, "first", None)
             which = "" if first is None else f" in member {first + member}"
             error.add_note(f"in {name}(t, y, ...) at t = {t:.17g}{which}")
-        elif (self.flag == FieldFlag.OBSERVER_FAILED).any():
-            member = int(np.flatnonzero(self.flag == FieldFlag.OBSERVER_FAILED)[0])
-            first = getattr(self.rhs, "first", None)
-            which = (
-                f" in member {first + member}" if self.problem.many and first is not None else ""
-            )
-            error.add_note(f"in observe(t, y, ...) at t = {self.failed_at[member]:.17g}{which}")
         elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
             member = int(raised[0])
             error.add_note(self.rhs.note(float(self.failed_at[member]), member))
@@ -284,16 +280,13 @@ class Run:
 
     def interpolants(self) -> Steps:
         """Return the stored interpolants in the order of the members."""
-        plan = self.plan
-        if self._dense:
-            member, *arrays = _joined(self._dense)
-            if self.members > 1 and (np.diff(member) < 0).any():
-                order = np.argsort(member, kind="stable")
-                member, arrays = member[order], [array[order] for array in arrays]
-        else:
-            shapes = (4,), (2, plan.width), (plan.columns * plan.dim,)
-            member, arrays = np.empty(0, dtype=np.int64), [np.empty((0, *s)) for s in shapes]
-        return Steps(plan, member - 1, *arrays)
+        if not self._dense:
+            return Steps.none(self.plan)
+        member, *arrays = _joined(self._dense)
+        if self.members > 1 and (np.diff(member) < 0).any():
+            order = np.argsort(member, kind="stable")
+            member, arrays = member[order], [array[order] for array in arrays]
+        return Steps(self.plan, member - 1, *arrays)
 
     def stop_interpolants(self) -> None:
         """Stop storing interpolants."""

@@ -24,14 +24,14 @@ from cg.integration.step.flows import (
 )
 from cg.integration.step.implicit import is_collocation
 from cg.integration.step.interpolant import (
-    ResultFlows,
     extension_of,
     flows_within,
     node_count,
     nodes_of,
+    result_flows,
     series_order,
 )
-from cg.integration.step.paths import MethodPaths, paths_of, polynomial_paths
+from cg.integration.step.paths import paths_of, polynomial_paths
 from cg.method.estimate import error_power
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
@@ -66,7 +66,9 @@ class Plan:
             blocks = describe_blocks(frame)
         else:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
-        self.paths = paths = paths_on(frame, method)
+        polynomial = isinstance(frame, LinearAction) and isinstance(method, MagnusMethod)
+        paths = (polynomial_paths(method) if polynomial else None) or paths_of(method)
+        self.paths = paths
         self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
         if paths.polynomial or not method.explicit:
             provide_lapack()
@@ -94,7 +96,7 @@ class Plan:
         method, polynomial = self.method, self.paths.polynomial
         nodes = method.stages if polynomial else node_count(method)
         extension = extension_of(method)
-        flows = ResultFlows(self.paths) if polynomial else flows_within(method)
+        flow_c, weights = result_flows(self.paths) if polynomial else flows_within(method)
         flat = isinstance(method, MuntheKaas)
         columns = max(len(extension.basis), nodes + 1)
         padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty
@@ -102,7 +104,7 @@ class Plan:
             self.address, columns, flat, extension.final + 1, self.series,
             np.append(extension.theta, 0.0), padded.T, extension.basis.T, polynomial,
             *_node_tables(nodes, self.paths.abscissae if polynomial else None),
-            flows.c, flows.weights.T,
+            flow_c, weights.T,
         )  # fmt: skip
         return columns
 
@@ -137,17 +139,6 @@ class Plan:
             return False
         bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
         return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
-
-    def distance_from_manifold(self, points: Points) -> float | None:
-        """Return the largest distance of finite points from the manifold, None if it is small.
-
-        Infinite distances are ignored: they occur for regular matrices without accurate digits.
-        """
-        if len(points) == 0:
-            return None
-        distances = self.frame.relative_error(points)
-        distance = float(distances[np.isfinite(distances)].max(initial=0.0))
-        return distance if distance > MEMBERSHIP_TOLERANCE else None
 
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
@@ -208,13 +199,6 @@ def _plans_on(frame: Frame) -> dict[int, Plan]:
 
 def _restored(frame: Frame, method: str | Method) -> Plan:
     return plan_of(frame, resolve_method(method))
-
-
-def paths_on(frame: Frame, method: Method) -> MethodPaths:
-    """Return the paths of a method on a frame."""
-    if isinstance(frame, LinearAction) and isinstance(method, MagnusMethod):
-        return polynomial_paths(method) or paths_of(method)
-    return paths_of(method)
 
 
 def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
