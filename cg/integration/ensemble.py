@@ -140,8 +140,7 @@ def solve_ensemble(
 def solve_one(problem: Problem, progress: Callable[[float, float], None] | None) -> Solution:
     """Integrate one point. Warnings name the caller of its caller."""
     watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
-    steps = 0 if problem.control.h is None else _count_steps(problem)
-    part = _integrate(problem, watch, steps)
+    part = _integrate(problem, watch, _count_steps(problem))
     if watch is not None:
         watch.finish()
     solution = solution_of(problem, part)
@@ -210,7 +209,7 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     elif steps and problem.events is None:
         capacity = steps // problem.every + len(problem.stops) + 2
     run = Run(problem, y=y, observed=observed, capacity=capacity)
-    drive(run, watch.update if watch is not None and watch.function is not None else None)
+    drive(run, None if watch is None else watch.update)
     messages, status = {}, np.zeros(members, dtype=np.int64)
     for member in [k for k, stop in enumerate(run.status.tolist()) if stop != _FINISHED]:
         failure = explain_failure(run, member)

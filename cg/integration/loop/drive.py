@@ -71,8 +71,7 @@ class Progress:
         self.function = function
         self.length = abs(stop - start)
         self.total = members * self.length
-        self._before = 0.0
-        self._done = 0.0
+        self._before = self._done = 0.0
         self._last_call = time.perf_counter()
 
     def update(self, covered: float) -> None:
@@ -81,7 +80,8 @@ class Progress:
             return
         self._done = max(self._done, self._before + covered)
         if time.perf_counter() - self._last_call >= _REPORT_SECONDS:
-            self._call()
+            self.function(self._done, self.total)
+            self._last_call = time.perf_counter()
 
     def count_finished(self, count: int) -> None:
         """Count the present trajectories as finished, even if they ended early."""
@@ -91,8 +91,4 @@ class Progress:
     def finish(self) -> None:
         """Report the final progress."""
         if self.function is not None:
-            self._call()
-
-    def _call(self) -> None:
-        self.function(self._done, self.total)
-        self._last_call = time.perf_counter()
+            self.function(self._done, self.total)
