@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from compiled_differences import difference_of
 from compiled_examples import FRAMES as STARTS
 from compiled_examples import ORBITS
 
@@ -17,7 +18,7 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
-from cg.integration.step.flows import Flows, _CompiledFlows, difference_of, flows_of
+from cg.integration.step.flows import Flows, _CompiledFlows, flows_of
 
 pytestmark = pytest.mark.sanitize
 

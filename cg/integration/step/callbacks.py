@@ -15,10 +15,8 @@ from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.flows import (
     Dexpinv,
-    Difference,
     Flows,
     dexpinv_of,
-    difference_of,
     flows_of,
 )
 from cg.integration.step.jacobian import Jacobian
@@ -53,10 +51,6 @@ class Callbacks:
         return flows_of(self.frame)
 
     @cached_property
-    def _difference(self) -> Difference:
-        return difference_of(self.frame)
-
-    @cached_property
     def _dexpinv(self) -> Dexpinv:
         return dexpinv_of(self.frame, self.plan.series)
 
@@ -83,7 +77,7 @@ class Callbacks:
         return self._flows.restore(self._point(y))
 
     def _coordinates(self, x: Array, y: Array) -> Array:
-        v = self._difference(self._point(x), self._point(y))
+        v = self.frame.exp_coordinates(self._point(x), self._point(y))
         return np.full(self.frame.dim, np.nan) if v is None else v
 
     def _nearby(self, x: Array, y: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Frames in compiled code: their blocks, and flows, differences and dexp⁻¹ by them."""
+"""Frames in compiled code: their blocks, and flows and dexp⁻¹ by them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,6 @@ _KNOWN = (
     "SO, SU, U, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them, real "
     "IsospectralOrbit, LinearAction"
 )
-
-
-Difference = Callable[[Points, Points], Array | None]
-"""``difference(y0, y1)`` is `Frame.exp_coordinates`."""
 
 
 Dexpinv = Callable[[Array, Array], Array]
@@ -82,23 +78,6 @@ def flows_of(frame: Frame) -> Flows:
     if is_compiled(frame):
         return _CompiledFlows(frame)
     return _GroupFlows(frame) if _has_compiled_group(frame) else Flows(frame)
-
-
-def difference_of(frame: Frame) -> Difference:
-    """Return the function that computes the flow from one point to another."""
-    import cg._core_r64 as core
-
-    if not has_compiled_difference(frame):
-        return frame.exp_coordinates
-    description, rank = describe_blocks(frame), len(frame.point_shape)
-
-    def difference(y0: Points, y1: Points) -> Array:
-        v = np.empty((*y0.shape[: y0.ndim - rank], frame.dim))
-        if v.size:
-            core.frame_difference(description, _flat(y0), _flat(y1), v.reshape(-1))
-        return v
-
-    return difference
 
 
 def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
@@ -169,7 +148,3 @@ class _GroupFlows(Flows):
 
     def restore(self, y: Points) -> Points:
         return self.frame.restore(y)
-
-
-def _flat(y: Points) -> Array:
-    return np.ascontiguousarray(y).reshape(-1).view(np.float64)
