@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, check_finite, real_array
+from cg.frames.arrays import Array, Points, check_finite, is_array, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.integration.step.plan import Plan
@@ -25,17 +25,10 @@ DEFAULT_MAX_STEPS = 10**6
 _POINTS_AT_A_TIME = 4096
 _MAX_STEPS = 2**53  # a step number must be an exact float, or times would not be distinct
 
-_RTOL, _ATOL = np.array(1e-3), np.array(1e-6)
+RTOL, _ATOL = np.array(1e-3), np.array(1e-6)
 _PLAIN = {float, int}
 _BOOLS = {bool, np.bool_}
 _MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
-
-
-def check_unused(**arguments: object) -> None:
-    """Raise ValueError if an argument is given that has no effect on fixed steps."""
-    for name, value in arguments.items():
-        if value is not None:
-            raise ValueError(f"{name} must not be given together with h, got {value!r}")
 
 
 def check_t_eval(t_eval: ArrayLike, start: float, stop: float) -> Array:
@@ -91,7 +84,7 @@ def check_resolution(h: float | None, t: float) -> None:
 
 def check_joined(frame: Product, y0: Any) -> None:
     """Raise ValueError if ``y0`` is a list of points of the factors of ``frame``."""
-    if not isinstance(y0, list | tuple) or len(y0) != len(frame.factors):
+    if len(y0) != len(frame.factors):
         return
     shapes = [factor.point_shape for factor in frame.factors]
     pairs = zip(frame.factors, y0, strict=True)
@@ -109,6 +102,8 @@ def check_joined(frame: Product, y0: Any) -> None:
 
 def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
     """Return a step size; TypeError or ValueError unless it is positive."""
+    if type(value) is float and value > 0.0 and (infinite or value < math.inf):
+        return value
     size = as_float(check_number(value, name))
     if not size > 0.0 or (math.isinf(size) and not infinite):
         raise ValueError(
@@ -133,9 +128,7 @@ def as_float(number: Any) -> float:
 
 
 def check_rtol(rtol: Any) -> Array:
-    """Return the relative tolerances or the default; tiny ones are raised with a warning."""
-    if rtol is None:
-        return _RTOL
+    """Return the relative tolerances; tiny ones are raised with a warning."""
     many = isinstance(rtol, list | tuple | np.ndarray)
     given = rtol if many else np.array(as_float(check_number(rtol, "rtol")))
     value = _check_tolerances(given, "rtol", rtol)
@@ -237,37 +230,39 @@ def check_points(
 
 
 def _check_points(plan: Plan, y0: ArrayLike, many: bool) -> Points:
-    frame = plan.frame
-    if isinstance(frame, Product):
+    frame, shape = plan.frame, plan.point_shape
+    if isinstance(y0, list | tuple) and isinstance(frame, Product):
         check_joined(frame, y0)
-    points: Points = frame.read_points(y0, "y0")
-    rank = len(frame.point_shape)
+    if plan.compiled and is_array(y0, plan.dtype):
+        points = y0.copy()
+    else:
+        points = frame.read_points(y0, "y0")
+    if points.shape == shape and plan.surely_on_manifold(points[None]):
+        return points[None]
+    rank = len(shape)
     batch = points.shape[: max(points.ndim - rank, 0)]
-    if batch and points.shape[len(batch) :] == frame.point_shape:
+    if batch and points.shape[len(batch) :] == shape:
         if not many:
             raise ValueError(
-                f"y0 must have shape {frame.point_shape}, got {points.shape}; cg.solve_ensemble "
+                f"y0 must have shape {shape}, got {points.shape}; cg.solve_ensemble "
                 "integrates many points"
             )
         if len(batch) != 1:
-            raise ValueError(
-                f"y0 must have one axis before shape {frame.point_shape}, got {points.shape}"
-            )
+            raise ValueError(f"y0 must have one axis before shape {shape}, got {points.shape}")
         if points.size == 0:
             raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
         # only the worst point gets the full check, whose message says what is wrong
-        if not plan.surely_on_manifold(plan.doubles(points)):
+        if not plan.surely_on_manifold(points):
             worst = _worst(frame, points)
             frame.check_point(points[worst], name=f"y0[{worst}]")
         return points
-    if many and rank and points.ndim == rank + 1 and points.shape[:rank] == frame.point_shape:
-        shape = ", ".join(map(str, frame.point_shape))
+    if many and rank and points.ndim == rank + 1 and points.shape[:rank] == shape:
+        axes = ", ".join(map(str, shape))
         raise ValueError(
-            f"y0 must have shape (members, {shape}), got {points.shape}: members come first, as in "
+            f"y0 must have shape (members, {axes}), got {points.shape}: members come first, as in "
             "np.moveaxis(y0, -1, 0)"
         )
-    if points.shape != frame.point_shape or not plan.surely_on_manifold(plan.doubles(points)):
-        frame.check_point(points, name="y0")
+    frame.check_point(points, name="y0")
     return points[None]
 
 
@@ -276,16 +271,12 @@ def _worst(frame: Frame, points: Points) -> int:
 
     Points are checked in chunks to limit memory.
     """
-    errors = np.empty(len(points))
-    axes = tuple(range(1, points.ndim))
-    for first in range(0, len(points), _POINTS_AT_A_TIME):
-        part = slice(first, first + _POINTS_AT_A_TIME)
-        finite = np.isfinite(points[part]).all(axis=axes)
-        all_finite = bool(finite.all())
-        errors[part] = (
-            frame.relative_error(points[part]) if all_finite else np.where(finite, 0.0, math.inf)
-        )
-    return int(np.argmax(errors))
+    finite = np.isfinite(points).all(axis=tuple(range(1, points.ndim)))
+    if not finite.all():
+        return int(np.argmin(finite))
+    starts = range(0, len(points), _POINTS_AT_A_TIME)
+    errors = [frame.relative_error(points[k : k + _POINTS_AT_A_TIME]) for k in starts]
+    return int(np.argmax(np.concatenate(errors)))
 
 
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
@@ -303,9 +294,11 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
             start, stop = times.tolist()
     except (ValueError, OverflowError) as error:
         raise ValueError(f"t_span must be two numbers, got {t_span!r}") from error
+    if math.isfinite(stop - start):
+        return start, stop
     if not math.isfinite(start) or math.isnan(stop):
         raise ValueError(f"t_span must be two numbers, the first one finite, got {t_span!r}")
-    if not (math.isinf(stop) or math.isfinite(stop - start)):
+    if not math.isinf(stop):
         raise ValueError(f"t_span must have a finite length, got {t_span!r}")
     return start, stop
 

@@ -7,7 +7,7 @@ import pickle
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from functools import partial
 from typing import Any, Never, Unpack
 
 import numpy as np
@@ -15,20 +15,17 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.executors import ExecutorLike, check_executor, completed
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.loop.drive import drive
+from cg.integration.loop.drive import Progress, drive
 from cg.integration.loop.failures import explain_failure, find_mistakes
 from cg.integration.loop.messages import TERMINAL_EVENT
-from cg.integration.loop.progress import Progress
 from cg.integration.loop.run import Run
-from cg.integration.member_results import MemberResults, Results
+from cg.integration.member_results import MemberResults, Results, solution_of
 from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import Problem, make_problem
-from cg.integration.results import EnsembleSolution
+from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction, Function
-from cg.integration.rhs.inputs import Inputs
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.support.checks import check_flag
@@ -140,6 +137,28 @@ def solve_ensemble(
     return solve_members(problem, progress, executor, workers, out)
 
 
+def solve_one(problem: Problem, progress: Callable[[float, float], None] | None) -> Solution:
+    """Integrate one point. Warnings name the caller of its caller."""
+    watch = None if progress is None else Progress(progress, problem.t0, problem.t1)
+    part = _integrate(problem, watch, _count_steps(problem))
+    if watch is not None:
+        watch.finish()
+    solution = solution_of(problem, part)
+    for text in part.warnings:
+        warnings.warn(text, stacklevel=3)
+    return solution
+
+
+def _count_steps(problem: Problem) -> int:
+    """Return the number of equal steps after checking it, 0 for adaptive ones."""
+    if (h := problem.control.h) is None:
+        return 0
+    steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
+    every = problem.every * problem.keeps_points
+    check_grid(problem.plan, h, steps * len(problem.points), every, problem.dense)
+    return steps
+
+
 def solve_members(
     problem: Problem,
     progress: Callable[[float, float], None] | None,
@@ -147,17 +166,14 @@ def solve_members(
     workers: int | None = None,
     out: Any = None,
 ) -> EnsembleSolution:
-    """Integrate one point or the members of an ensemble; arguments are those of `solve_ensemble`.
+    """Integrate the members of an ensemble; arguments are those of `solve_ensemble`.
 
     Warnings name the caller of its caller.
     """
-    members, steps = len(problem.points), 0
+    members = len(problem.points)
     if problem.common and problem.events is not None and problem.events.has_jumps:
         raise ValueError("events must have no jumps with common_steps, which all members share")
-    if (h := problem.control.h) is not None:
-        steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
-        every = problem.every * problem.keeps_points
-        check_grid(problem.plan, h, steps * members, every, problem.dense)
+    _count_steps(problem)
     distributed = executor is not None or workers is not None
     if distributed and problem.common:
         raise ValueError("executor and workers must be None with common_steps")
@@ -165,8 +181,6 @@ def solve_members(
     watch = Progress(progress, problem.t0, problem.t1, members)
     if distributed:
         _distribute(problem, *check_executor(executor, workers), result, watch)
-    elif not problem.many:
-        result.add(slice(0, 1), _integrate(problem, watch, steps))
     else:
         size = members if problem.common else _MEMBERS_PER_RUN
         with single_threads():  # as with workers, so that they change no bit
@@ -178,7 +192,7 @@ def solve_members(
     solution = result.solution()
     for text in dict.fromkeys(result.joint().warnings):
         warnings.warn(text, stacklevel=3)
-    if problem.many and not solution.success:
+    if not solution.success:
         warnings.warn(solution.message, stacklevel=3)
     return solution
 
@@ -199,7 +213,7 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     if watch is None:  # in a worker, whose warnings the caller's process gives
         drive(run, None, texts.append)
     else:
-        drive(run, watch.update if watch.function is not None else None)
+        drive(run, watch.update)
     messages, status = {}, np.zeros(members, dtype=np.int64)
     for member in [k for k, stop in enumerate(run.status.tolist()) if stop != _FINISHED]:
         failure = explain_failure(run, member)
@@ -222,25 +236,17 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _MemberTask:
-    """The work of one worker: a problem whose members come with each call.
-
-    ``problem`` holds the first member only, so that little is sent to other processes.
-    """
-
-    problem: Problem
-
-    def __call__(self, data: tuple[int, Points, Array | None, Inputs | None]) -> MemberResults:
-        """Integrate members with the place, points, parameters and inputs of `Problem.data`."""
-        return _integrate(self.problem.select(*data), None)
+def _integrate_part(problem: Problem, data: tuple[Any, ...]) -> MemberResults:
+    """Integrate members with the data of `Problem.data`, in a worker."""
+    return _integrate(problem.select(*data), None)
 
 
 def _distribute(
     problem: Problem, executor: Any, workers: Any, result: Results, watch: Progress
 ) -> None:
     """Integrate members on an executor."""
-    work = _MemberTask(problem.part(slice(0, 1)))
+    # only the first member, so that little is sent to other processes
+    work = partial(_integrate_part, problem.part(slice(0, 1)))
     if executor is not None and executor != "threads":
         _check_pickle(work)
     count = len(problem.points)
@@ -256,7 +262,7 @@ def _distribute(
             watch.update(0.0)
 
 
-def _check_pickle(work: _MemberTask) -> None:
+def _check_pickle(work: Any) -> None:
     try:
         pickle.dumps(work)
     except Exception as error:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Frame
-from cg.integration.ensemble import solve_members
+from cg.integration.ensemble import solve_one
 from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import make_problem
 from cg.integration.results import Solution
@@ -170,7 +170,7 @@ def solve_ivp(
         f, t_span, y0, frame=frame, options=complete_options(solve_ivp, rest, options),
         stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
-    return solve_members(problem, progress)[0]
+    return solve_one(problem, progress)
 
 
 def integrate(
@@ -270,4 +270,4 @@ def integrate(
         f, t_span, y0, frame=frame, options=complete_options(integrate, (), options),
         stage_solver=stage_solver, jac=jac, every=every,
     )  # fmt: skip
-    return solve_members(problem, progress)[0]
+    return solve_one(problem, progress)

@@ -18,7 +18,7 @@ from cg.frames.linear_action import LinearAction
 from cg.integration.adjoint import check_derivatives
 from cg.integration.arguments import check_args
 from cg.integration.default_method import AUTO
-from cg.integration.ensemble import solve_members
+from cg.integration.ensemble import solve_members, solve_one
 from cg.integration.linear_adjoint import with_linear_adjoint
 from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import Problem, make_problem
@@ -123,7 +123,7 @@ def solve_linear(
         problem = with_linear_adjoint(problem, da_dp)
     elif da_dp is not None:
         raise ValueError(f"da_dp must be None without derivatives='adjoint', got {da_dp!r}")
-    return solve_members(problem, progress)[0]
+    return solve_one(problem, progress)
 
 
 @expand_options

@@ -13,7 +13,8 @@ from cg.integration.loop.dense import DenseOutput, EnsembleOutput, Steps
 from cg.integration.loop.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.loop.record import COUNTS
 from cg.integration.problem import Problem
-from cg.integration.results import EnsembleSolution
+from cg.integration.results import EnsembleSolution, Solution, member_fields
+from cg.support.copies import filled
 
 
 class MemberResults(NamedTuple):
@@ -130,7 +131,7 @@ class Results:
                 array.flags.writeable = False
         if not failures and len(joint.messages) == self.members:
             message = TERMINAL_EVENT
-        return problem.make_solution(problem, {
+        return (problem.make_solution or _make_solution)(problem, {
             "t": joint.t,
             "y": joint.y,
             "sol": self._output() if problem.dense else None,
@@ -148,15 +149,12 @@ class Results:
         })  # fmt: skip
 
     def _output(self) -> EnsembleOutput:
-        outputs = [self._outputs.get(k) or self._start(k) for k in range(self.members)]
-        return EnsembleOutput(outputs)
-
-    def _start(self, member: int) -> DenseOutput:
-        """Return the continuous solution of a member whose worker died: its initial point."""
-        problem, plan = self.problem, self.problem.plan
-        shapes = (4,), (2, plan.width), (plan.columns * plan.frame.dim,)
-        nothing = Steps(plan, np.empty(0, np.int64), *(np.empty((0, *shape)) for shape in shapes))
-        return DenseOutput(nothing, problem.t0, problem.points[member])
+        """Return the continuous solution, only initial points of members whose worker died."""
+        nothing, t0 = Steps.none(self.problem.plan), self.problem.t0
+        return EnsembleOutput([
+            self._outputs.get(k) or DenseOutput(nothing, t0, point)
+            for k, point in enumerate(self.problem.points)
+        ])  # fmt: skip
 
     def _event_lists(self) -> dict[str, Any]:
         if self.problem.events is None:
@@ -169,6 +167,25 @@ class Results:
             "y_events": [[row[i][1][:, 0] for row in rows] for i in events],
             "y_after": [[row[i][1][:, 1] for row in rows] for i in events],
         }
+
+
+def solution_of(problem: Problem, part: MemberResults) -> Solution:
+    """Return the solution of a problem of one point."""
+    if problem.events is not None or problem.dense or problem.make_solution is not None:
+        result = Results(problem, None)
+        result.add(slice(0, 1), part)
+        return result.solution()[0]
+    part.t.setflags(write=False)
+    ends = part.reached.item(0), part.status[0], part.counts[0].tolist()
+    return filled(Solution, {
+        **member_fields(part, 0, *ends), "sol": None, "t_events": None, "y_events": None,
+        "y_after": None, "method": problem.plan.method, "frame": problem.plan.frame,
+        "h": problem.control.h,
+    })  # fmt: skip
+
+
+def _make_solution(_: Problem, fields: dict[str, Any]) -> EnsembleSolution:
+    return filled(EnsembleSolution, fields)
 
 
 def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:

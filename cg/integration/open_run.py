@@ -12,10 +12,10 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_stops
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
+from cg.integration.loop.drive import StepBudget
 from cg.integration.loop.failures import explain_failure
 from cg.integration.loop.messages import TERMINAL_EVENT, failed_members
 from cg.integration.loop.run import Run
-from cg.integration.loop.step_budget import StepBudget
 from cg.integration.problem import Problem
 from cg.integration.rhs.inputs import Inputs
 from cg.method.method import Method

@@ -73,7 +73,8 @@ def complete_options(
         names = [each.name for each in parameters if each.kind == each.KEYWORD_ONLY]
         hint = similar_names(wrong, names) or f"; the options are {', '.join(names)}"
         raise TypeError(f"{name}() got an unexpected keyword argument {wrong!r}{hint}")
-    return cast(Options, {**_DEFAULTS, **options})
+    complete: Any = {**_DEFAULTS, **options}
+    return complete  # type: ignore[no-any-return]
 
 
 def expand_options(function: _Function) -> _Function:

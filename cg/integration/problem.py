@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import (
+    RTOL,
     check_algebra,
     check_args,
     check_atol,
@@ -25,7 +27,6 @@ from cg.integration.arguments import (
     check_step,
     check_stops,
     check_t_eval,
-    check_unused,
 )
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.loop.record import Control
@@ -46,6 +47,7 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.method.warnings import check_order, check_pair
 from cg.support.checks import check_flag
+from cg.support.copies import filled
 
 Rhs = CompiledRhs | PythonRhs
 
@@ -71,8 +73,8 @@ class Problem:
     of_time: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
-    # makes the solution of the problem from the fields of an `EnsembleSolution`
-    make_solution: Callable[[Problem, dict[str, Any]], EnsembleSolution]
+    # makes a solution with derivatives from the fields of an `EnsembleSolution`
+    make_solution: Callable[[Problem, dict[str, Any]], EnsembleSolution] | None
 
     @property
     def keeps_points(self) -> bool:
@@ -105,10 +107,6 @@ class Problem:
         return replace(self, points=points, rhs=rhs)
 
 
-def _make_solution(_: Problem, fields: dict[str, Any]) -> EnsembleSolution:
-    return EnsembleSolution(**fields)
-
-
 def _make_rhs(
     f: Any,
     frame: Frame,
@@ -121,7 +119,7 @@ def _make_rhs(
     extra = check_args(args)
     vectorized = vectorized or (isinstance(f, TimeFunction) and f.vectorized)
     name = "a" if isinstance(f, TimeFunction) else "f"
-    compiled = compiled_rhs(f, name)
+    compiled = None if isinstance(f, FunctionType) else compiled_rhs(f, name)
     if compiled is None:
         if not callable(f):
             raise TypeError(f"f must be callable as f(t, y), got {f!r}")
@@ -145,7 +143,9 @@ def _make_control(plan: Plan, in_algebra: bool, options: Options, span: float) -
     rtol, atol, max_steps = options["rtol"], options["atol"], options["max_steps"]
     largest = check_step(options["max_step"], "max_step", infinite=True)
     if h is not None:
-        check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
+        for name in ("rtol", "atol", "first_step", "max_steps"):
+            if options[name] is not None:
+                raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
         check_order(plan.method, stacklevel=4)
         size = check_step(h, "h")
         if math.isinf(span):
@@ -237,18 +237,8 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
     return chosen
 
 
-def _output_times(t_eval: Any, start: float, stop: float, many: bool) -> Array | None:
-    """Return the times at which points are stored, by default the ends for an ensemble."""
-    if t_eval is not None:
-        return check_t_eval(t_eval, start, stop)
-    ends = [start, stop][: 1 + (start != stop and math.isfinite(stop))]
-    return np.array(ends) if many else None
-
-
-def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable | None:
-    """Return the events, None without any, after checking that compiled ones get their data."""
-    if events is None:
-        return None
+def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable:
+    """Return the events after checking that compiled ones get their data."""
     in_python = isinstance(rhs, PythonRhs)
     table = EventTable(events, frame, rhs.inputs is not None, in_python)
     if in_python and (rhs.inputs is not None or rhs.parameters is not None):
@@ -262,8 +252,9 @@ def _make_plan(f: Any, frame: Any, options: Options) -> Plan:
         raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
     rtol = None
     if options["h"] is None:
-        options["rtol"] = relative = check_rtol(options["rtol"])
-        rtol = float(relative.min())
+        given = options["rtol"]
+        options["rtol"] = relative = RTOL if given is None else check_rtol(given)
+        rtol = relative.item() if relative.size == 1 else float(relative.min())
     return plan_of(frame, _choose_method(options["method"], f, frame, rtol))
 
 
@@ -288,13 +279,16 @@ def make_problem(
     start, stop = check_span(t_span)
     members = len(points) if many else None
     name = "the initial time" if start == stop else "t_span"
-    inputs = check_inputs(options["inputs"], start, stop, members, plan.method, name)
+    inputs: Any = options["inputs"]
+    if inputs is not None:
+        inputs = check_inputs(inputs, start, stop, members, plan.method, name)
     rhs = _make_rhs(f, frame, (options["args"], numbers, inputs), vectorized, many)
     if isinstance(plan.method, Splitting) and isinstance(frame, PhaseSpace):
         check_force(rhs, start, points[0], frame)
         if np.isfinite(stop):  # a friction may vanish at the start
             check_force(rhs, stop, points[0], frame, ahead=True)
-    jacobian = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
+    if jac is not None:
+        jac = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
     if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
@@ -302,12 +296,19 @@ def make_problem(
     control = _make_control(plan, in_algebra, options, abs(stop - start))
     if inputs is not None:
         stops = inputs.add_stops(stops, start, control.tolerance)
-    t_eval = _output_times(options["t_eval"], start, stop, many)
+    t_eval: Any = options["t_eval"]
+    if t_eval is not None:
+        t_eval = check_t_eval(t_eval, start, stop)
+    elif many:
+        t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     dense = check_flag("dense_output", options["dense_output"])
-    events = _make_events(options["events"], frame, rhs)
+    if (events := options["events"]) is not None:
+        events = _make_events(events, frame, rhs)
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
-    return Problem(
-        plan, in_algebra, rhs, points, start, stops, control, events, t_eval,
-        every if t_eval is None else 0, dense, stage_solver, many, common, of_time, jacobian,
-        observer, _make_solution,
-    )  # fmt: skip
+    return filled(Problem, {
+        "plan": plan, "in_algebra": in_algebra, "rhs": rhs, "points": points, "t0": start,
+        "stops": stops, "control": control, "events": events, "t_eval": t_eval,
+        "every": every if t_eval is None else 0, "dense": dense, "stage_solver": stage_solver,
+        "many": many, "common": common, "of_time": of_time, "jacobian": jac,
+        "observer": observer, "make_solution": None,
+    })  # fmt: skip

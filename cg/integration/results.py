@@ -12,14 +12,26 @@ from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
 from cg.integration.loop.record import COUNTS
-from cg.integration.to_xarray import to_xarray
 from cg.method.method import Method
-from cg.support.copies import ReadOnly
+from cg.support.copies import ReadOnly, filled
 
 _EVENT_FIELDS = "t_events", "y_events", "y_after"
+_DERIVATIVES = {  # with their last axes
+    "transition": "initial_coordinate",
+    "sensitivity": "parameter",
+    "covariance": "other_coordinate",
+}
+_NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
 
 
 class _Labelled(ReadOnly):
+    t: Array
+    y: Points
+    observed: Array | None
+    status: Any
+    method: Method
+    frame: Frame
+
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first.
 
@@ -29,7 +41,29 @@ class _Labelled(ReadOnly):
         ``parameter`` or ``other_coordinate``. Attributes are the name of the method, the frame,
         and what the integration took; of an ensemble these numbers are variables.
         """
-        return to_xarray(self)
+        import xarray
+
+        axes = len(self.frame.point_shape)
+        members = ["member"] if np.ndim(self.status) else []
+        points = {0: [], 1: ["component"], 2: ["row", "column"]}.get(
+            axes, [f"axis_{k}" for k in range(axes)]
+        )
+        attributes = {"method": self.method.name, "frame": repr(self.frame)}
+        variables = {} if self.y is None else {"y": (["t", *members, *points], self.y)}
+        if self.observed is not None:
+            last = [f"observable_{k}" for k in range(np.ndim(self.observed) - 1 - len(members))]
+            variables["observed"] = (["t", *members, *last], self.observed)
+        for name, axis in _DERIVATIVES.items():
+            value = getattr(self, name, None)
+            if value is not None:
+                variables[name] = (["t", *members, "coordinate", axis], value)
+        for name in _NUMBERS:
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                variables[name] = (members, value)
+            elif value is not None:
+                attributes[name] = value
+        return xarray.Dataset(variables, {"t": self.t}, attributes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,41 +228,40 @@ class EnsembleSolution(_Labelled):
         return len(self.status)
 
     def __getitem__(self, member: int) -> Solution:
-        return Solution(**self._fields_of(range(len(self))[member]))
+        return filled(Solution, self._fields_of(range(len(self))[member]))
 
     def _fields_of(self, member: int) -> dict[str, Any]:
         """Return the fields of the solution of a member."""
-        t, end = self.t, self.t_end[member]
-        if len(t) and t[-1] != end:
-            sign = 1.0 if t[-1] >= t[0] else -1.0
-            t = t[: int((sign * (t - end) <= 0.0).sum())]
-        y, observed = (
-            None if values is None else _member_values(values, len(t), member)
-            for values in (self.y, self.observed)
-        )
-        status = int(self.status[member])
-        message = self.messages.get(member, FINISHED)
-        return {
-            "t": t,
-            "y": y,
-            "sol": None if self.sol is None else self.sol[member],
-            **{name: _of_member(getattr(self, name), member) for name in _EVENT_FIELDS},
-            **{name: int(getattr(self, name)[member]) for name in COUNTS},
-            "status": status,
-            "message": f"Failure: {message}." if status < 0 else message,
-            "success": status >= 0,
-            "method": self.method,
-            "frame": self.frame,
-            "h": self.h,
-            "observed": observed,
-        }
+        events = {name: getattr(self, name) for name in _EVENT_FIELDS}
+        for name, lists in events.items():
+            events[name] = None if lists is None else [members[member] for members in lists]
+        counts = [int(getattr(self, name)[member]) for name in COUNTS]
+        fields = member_fields(self, member, self.t_end[member], self.status[member], counts)
+        fields |= {"method": self.method, "frame": self.frame, "h": self.h}
+        return fields | events | {"sol": None if self.sol is None else self.sol[member]}
 
 
-def _member_values(values: Any, count: int, member: int) -> Any:
-    own = np.ascontiguousarray(values[:count, member])
-    own.flags.writeable = False
-    return own
-
-
-def _of_member(events: list[list[Any]] | None, member: int) -> list[Any] | None:
-    return None if events is None else [members[member] for members in events]
+def member_fields(
+    joint: Any, member: int, end: float, status: Any, counts: list[int]
+) -> dict[str, Any]:
+    """Return fields of the solution of a member up to its last time, of what all have jointly."""
+    t, y, observed = joint.t, joint.y, joint.observed
+    if len(t) and t[-1] != end:
+        sign = 1.0 if t[-1] >= t[0] else -1.0
+        t = t[: int((sign * (t - end) <= 0.0).sum())]
+    if y is not None:
+        y = np.ascontiguousarray(y[: len(t), member])
+        y.setflags(write=False)
+    if observed is not None:
+        observed = np.ascontiguousarray(observed[: len(t), member])
+        observed.setflags(write=False)
+    message = joint.messages.get(member, FINISHED)
+    return {
+        "t": t,
+        "y": y,
+        "observed": observed,
+        **dict(zip(COUNTS, counts, strict=True)),
+        "status": int(status),
+        "message": f"Failure: {message}." if status < 0 else message,
+        "success": bool(status >= 0),
+    }

@@ -197,7 +197,7 @@ def _flow_schemes(method: Method) -> list[_Scheme]:
     A flow has weights :math:`\theta \sum_k w_k L_j(c_k \theta)` of the coefficients at nodes,
     with Lagrange's polynomials, and the last one the blend.
     """
-    flows = flows_within(method)
+    c, flows = flows_within(method)
     schemes = []
     for count in range(2, node_count(method) + 1):
         at = nodes_of(count)
@@ -206,7 +206,7 @@ def _flow_schemes(method: Method) -> list[_Scheme]:
             others = np.delete(at.nodes, j)
             lagrange = Polynomial.fromroots(others) / np.prod(at.nodes[j] - others)
             for m, coefficient in enumerate(lagrange.coef):
-                weights[:-1, j, m] = coefficient * (flows.weights @ flows.c**m)
+                weights[:-1, j, m] = coefficient * (flows @ c**m)
         weights[-1, -1, :] = at.blend.coef[1 : count + 2]
         schemes.append(_Scheme(weights))
     return schemes

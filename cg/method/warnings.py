@@ -15,21 +15,21 @@ MIN_DIFFERENCE = 1e-6
 """Smallest useful difference of elementary weights of both results of a pair."""
 
 
+_NO_ORDER = "{} has order 0: its solutions don't converge"
+
+
 def check_order(method: Method, *, stacklevel: int = 2) -> None:
     """Warn if a method has order 0: the weights of its result don't add up to one."""
     if not _converges(method):
-        warnings.warn(
-            f"{_name(method)} has order 0: its solutions don't converge", stacklevel=stacklevel + 1
-        )
+        warnings.warn(_NO_ORDER.format(_name(method)), stacklevel=stacklevel + 1)
 
 
 def check_pair(method: Method, *, stacklevel: int = 2) -> None:
     """Warn if the orders of a pair are equal, one is 0, or its results nearly coincide."""
     if method.embedded_order is None:
         raise ValueError(f"method must be a pair, got {method!r}")
-    check_order(method, stacklevel=stacklevel + 1)
-    if message := _fault(method):
-        warnings.warn(f"{_name(method)}: {message}", stacklevel=stacklevel + 1)
+    for message in _faults(method):
+        warnings.warn(message, stacklevel=stacklevel + 1)
 
 
 @cached
@@ -39,6 +39,13 @@ def _converges(method: Method) -> bool:
 
 
 @cached
+def _faults(method: Method) -> list[str]:
+    """Return what is to warn about a pair."""
+    texts = [] if _converges(method) else [_NO_ORDER.format(_name(method))]
+    fault = _fault(method)
+    return [*texts, f"{_name(method)}: {fault}"] if fault else texts
+
+
 def _fault(method: Method) -> str:
     """Return the reason why the error estimate of a pair is unreliable, or an empty text."""
     order, second = method.order, method.embedded_order

@@ -29,6 +29,13 @@ class ReadOnly:
             state[name].flags.writeable = False
 
 
+def filled(kind: type[Result], fields: dict[str, Any]) -> Result:
+    """Return an object of a frozen dataclass with all its fields, much faster than by its class."""
+    record = object.__new__(kind)
+    vars(record).update(fields)
+    return record
+
+
 def cached(compute: Callable[[Keyed], Result]) -> Callable[[Keyed], Result]:
     """Return a function that computes its value once for each object.
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from compiled_differences import difference_of
 from compiled_examples import FRAMES as STARTS
 from compiled_examples import ORBITS
 
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Semidirect, Sphere, U, UnitQuaternion
-from cg.integration.step.flows import Flows, _CompiledFlows, difference_of, flows_of
+from cg.integration.step.flows import Flows, _CompiledFlows, flows_of
 
 FRAMES = [
     SO3(), SO3("space"), SO(3), UnitQuaternion(),

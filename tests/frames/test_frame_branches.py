@@ -4,10 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
+from compiled_differences import difference_of
 from slow_cases import cases
 
 from cg.frames import GL, SL, SO, SU, Semidirect, Sp, Sphere, U
-from cg.integration.step.flows import difference_of
 
 
 def off(frame, v, y0, y1):

@@ -11,7 +11,7 @@ from scipy import LowLevelCallable
 import cg
 from cg.frames import GL, SL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
-from cg.integration.loop.step_budget import StepBudget
+from cg.integration.loop.drive import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
 
 

@@ -9,8 +9,7 @@ from frame_examples import generic
 
 import cg
 from cg.frames import SO3, Euclidean, IsospectralOrbit, Product
-from cg.integration.step.blocks import block_constants, is_compiled
-from cg.integration.step.flows import Flows, flows_of
+from cg.integration.step.flows import Flows, block_constants, flows_of, is_compiled
 from cg.support.shared_numbers import BlockKind
 
 

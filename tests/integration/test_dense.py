@@ -30,7 +30,7 @@ from cg.frames import (
     UnitQuaternion,
 )
 from cg.integration.loop import run
-from cg.integration.loop.step_budget import StepBudget
+from cg.integration.loop.drive import StepBudget
 from cg.integration.step.callbacks import _HANDLERS
 from cg.integration.step.interpolant import extra_evaluations, nodes_of
 from cg.support.shared_numbers import Operation

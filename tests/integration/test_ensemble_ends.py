@@ -12,7 +12,7 @@ from test_solve_ensemble import check, members_alone
 
 import cg
 from cg.frames import SO3, SU, Euclidean, Stiefel
-from cg.integration.loop import progress, step_budget
+from cg.integration.loop import drive
 
 LINE = {"frame": Euclidean(1)}
 RATES, NEVER = np.array([-1.0, -2.0, 0.5, 0.0]), 1e9
@@ -104,8 +104,8 @@ def test_terminal_events_of_all_members_end_it_all(options, function):
 
 @pytest.mark.parametrize("kind", ["compiled", "python", "vectorized"])
 def test_progress_is_the_sum_over_members(kind, function, monkeypatch):
-    monkeypatch.setattr(progress, "_SECONDS", 0.0)
-    monkeypatch.setattr(step_budget, "_SECONDS", 0.0)
+    monkeypatch.setattr(drive, "_REPORT_SECONDS", 0.0)
+    monkeypatch.setattr(drive, "_SECONDS", 0.0)
     reports = []
     cg.solve_ensemble(
         function("growth") if kind == "compiled" else lambda t, y: y, (0, 2), np.ones((5, 1)),

@@ -169,9 +169,9 @@ def test_methods_of_the_package_travel_by_name(monkeypatch):
     renamed = cg.catalogue.loads(cg.catalogue.dumps(pair).replace("CF4(3)", "Mine", 1))
     for method in ("CF4(3)", pair, "RKMK5(4)", renamed):
         cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, method=method, workers=2)
-    again = [pickle.loads(pickle.dumps(work)).problem.plan.method for work in known]
+    again = [pickle.loads(pickle.dumps(work)).args[0].plan.method for work in known]
     assert again[0] is again[1] is pair
-    assert again[2] is known[2].problem.plan.method
+    assert again[2] is known[2].args[0].plan.method
     assert again[3] == renamed
 
 

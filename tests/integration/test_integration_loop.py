@@ -13,9 +13,9 @@ from equal_grids import make_grid
 import cg
 from cg.catalogue import resolve_method
 from cg.frames import SO3, Euclidean, MatrixFrame, Stiefel
-from cg.integration.loop import step_budget
+from cg.integration.loop import drive as loop_drive
+from cg.integration.loop.drive import StepBudget
 from cg.integration.loop.run import Run
-from cg.integration.loop.step_budget import StepBudget
 from cg.integration.step.interpolant import extra_evaluations
 
 EXTRA = {
@@ -141,7 +141,7 @@ def test_memory_for_steps_grows(monkeypatch):
 @pytest.fixture
 def clock(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(step_budget.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(loop_drive.time, "perf_counter", lambda: now[0])
     return now
 
 

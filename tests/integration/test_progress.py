@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import cg
-from cg.integration.loop import progress as module
+from cg.integration.loop import drive
 
 FRAME = cg.frames.SO3()
 
@@ -19,7 +19,7 @@ class Reports(list):
 
 @pytest.fixture
 def reports(monkeypatch):
-    monkeypatch.setattr(module, "_SECONDS", 0.0)
+    monkeypatch.setattr(drive, "_REPORT_SECONDS", 0.0)
     return Reports()
 
 

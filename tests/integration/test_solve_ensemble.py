@@ -11,8 +11,8 @@ import cg
 from cg.frames import GL, SE3, SO3, SU, Euclidean, Sphere, Stiefel, UnitQuaternion
 from cg.integration import ensemble
 from cg.integration.arguments import check_points
+from cg.integration.loop import drive
 from cg.integration.loop import run as run_module
-from cg.integration.loop import step_budget
 from cg.integration.step.plan import plan_of
 
 COUNTS = ("steps", "nrejected", "nfev", "nexp", "njev", "nlu", "status", "success")
@@ -233,7 +233,7 @@ def test_results_do_not_depend_on_parts_and_pauses(size, function, monkeypatch):
         np.testing.assert_allclose(whole.y[..., 0], np.exp(np.outer(whole.t, rates)), rtol=1e-7)
         with monkeypatch.context() as patched:
             patched.setattr(ensemble, "_MEMBERS_PER_RUN", size)
-            patched.setattr(step_budget, "_SECONDS", 0.0)
+            patched.setattr(drive, "_SECONDS", 0.0)
             parts = run()
         np.testing.assert_array_equal(parts.y, whole.y)
         np.testing.assert_array_equal(parts.sol(whole.t), whole.sol(whole.t))

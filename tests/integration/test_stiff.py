@@ -12,7 +12,7 @@ from scipy.linalg import expm
 import cg
 from cg.analysis.convergence import final_errors, observed_order
 from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, UnitQuaternion
-from cg.integration.step.collocation import transformation
+from cg.integration.step.implicit import transformation
 
 RADAU = cg.methods["RadauIIA5"]
 PLANE = Euclidean(2)

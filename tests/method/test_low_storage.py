@@ -130,9 +130,7 @@ class TestSteps:
 
     @staticmethod
     def general(monkeypatch):
-        monkeypatch.setattr(
-            plan, "_cached_plan", lambda frame, same: plan.Plan(frame, same.method)
-        )  # none is prepared yet
+        monkeypatch.setattr(plan, "_plans_on", lambda frame: {})  # none is prepared yet
         monkeypatch.setattr(
             plan, "paths_of", lambda method: replace(paths_of(method), registers=None)
         )

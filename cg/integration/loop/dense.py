@@ -27,6 +27,12 @@ class Steps:
     y: Array  # points at both ends of the full step, as doubles, shape (n, 2, width)
     field: Array  # the interpolants' vectors, shape (n, columns dim)
 
+    @classmethod
+    def none(cls, plan: Plan) -> Steps:
+        """Return no steps."""
+        shapes = (4,), (2, plan.width), (plan.columns * plan.dim,)
+        return cls(plan, np.empty(0, np.int64), *(np.empty((0, *shape)) for shape in shapes))
+
     def of(self, member: int) -> Steps:
         """Return the steps of one member."""
         first, last = np.searchsorted(self.member, [member, member + 1]).tolist()

@@ -7,20 +7,7 @@ import math
 import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.integration.loop.messages import (
-    DERIVATIVES,
-    FLOW_NOT_FINITE,
-    LEFT_MANIFOLD,
-    LONG_STEPS,
-    MANY_REJECTIONS,
-    MAX_STEPS,
-    NO_PROGRESS,
-    RESTS,
-    STEP_TOO_SMALL,
-    ZERO_TOLERANCE,
-    StageOverflowError,
-    StepTooLongError,
-)
+from cg.integration.loop.messages import DERIVATIVES, StageOverflowError, StepTooLongError
 from cg.integration.loop.record import COUNTS
 from cg.integration.loop.run import Run
 from cg.integration.loop.stiffness import find_difficulty
@@ -45,9 +32,13 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:
         case Stop.TOO_MANY_STEPS:
             return _explain_number_of_steps(run, member, t)
         case Stop.JUMPS_WITHOUT_PROGRESS:
-            return NO_PROGRESS.format(t=t)
+            return f"jumps of events follow each other without progress at t = {t:.17g}"
         case Stop.RESTING_CONTACT:
-            return RESTS.format(event=flag - 1, t=t)
+            return (
+                f"the jump of events[{flag - 1}] leaves its function at zero at t = {t:.17g}, and "
+                "f doesn't move it off, as where a contact rests: continue from there with f of "
+                "the contact; if the solution shall pass, let the jump move it past the zero"
+            )
     return _exception(run, stop, member, t, flag)
 
 
@@ -66,7 +57,10 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
             slope = run.rhs.at_member(member, t, point)
             error = OverflowError(f"f is too large to choose a step {where}, got {slope}")
             if not run.control.atol.all() and np.abs(slope).max() < _LARGE:
-                error = ValueError(ZERO_TOLERANCE.format(t=t, point=point))
+                error = ValueError(
+                    f"atol must be positive for coordinates that are zero, got 0 at t = {t:.17g}, "
+                    f"y = {point}"
+                )
         case Stop.STOPPED_BY_FIELD:
             error = RuntimeError(f"{name} returned the error code {flag} {where}")
         case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
@@ -88,21 +82,21 @@ def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
     reason = f"; {rejected} of them were rejected" if 2 * rejected > limit // 10 else ""
     if difficulty := find_difficulty(run, member, t):
         reason += f"; {difficulty}"
-    return MAX_STEPS.format(steps=limit, t=t, reason=reason)
+    return f"max_steps = {limit} steps, rejected ones included, led only to t = {t:.17g}{reason}"
 
 
 def _explain_step_failure(run: Run, member: int, t: float) -> str:
     """Return the message for a step size that became too small."""
-    plan, message = run.plan, STEP_TOO_SMALL.format(smallest=10.0 * math.ulp(t), t=t)
-    point = plan.points(run.end[member].copy(), ())
+    frame, smallest = run.plan.frame, 10.0 * math.ulp(t)
+    point = run.plan.points(run.end[member].copy(), ())
     try:
         slope = run.rhs.at_member(member, t, point)
-        moved = plan.frame.flow(run.record.step_size * slope, point)
+        is_finite = bool(np.isfinite(frame.flow(run.record.step_size * slope, point)).all())
     except (ValueError, ArithmeticError, RuntimeError):
-        return message
-    if np.isfinite(moved).all():
-        return message
-    return FLOW_NOT_FINITE.format(frame=plan.frame, t=t)
+        is_finite = True
+    if is_finite:
+        return f"the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
+    return f"the flow of {frame!r} returned NaN or infinity at t = {t:.17g}, however small the step"
 
 
 def find_mistakes(run: Run) -> list[str]:
@@ -112,16 +106,28 @@ def find_mistakes(run: Run) -> list[str]:
         *_, steps, rejected = run.counts[0].tolist()
         many = rejected >= _REJECTIONS and 2 * rejected > steps
         if many and run.status[0] != Stop.TOO_MANY_STEPS:  # whose message names the reason
-            texts.append(MANY_REJECTIONS.format(steps=steps, nrejected=rejected))
+            texts.append(
+                f"{rejected} steps were rejected beside {steps} accepted ones: if f has kinks or "
+                "jumps at known times, name them as breakpoints"
+            )
         if h is not None and steps and takes_long_steps(run):
-            texts.append(LONG_STEPS.format(h=h))
-    rows = np.ascontiguousarray(run.end)
-    if not plan.surely_on_manifold(rows):
-        points = plan.points(rows, (run.members,))
-        finite = np.isfinite(points).reshape(len(points), -1).all(axis=1)
-        distance = plan.distance_from_manifold(points if finite.all() else points[finite])
-        if distance is not None:
-            texts.append(LEFT_MANIFOLD.format(distance=distance, tolerance=MEMBERSHIP_TOLERANCE))
+            texts.append(
+                f"h = {h:.6g} is far too long a step: between the stages of the last step h f "
+                "changes by more than the radius of dexp⁻¹, for rotations a full turn; take a "
+                "smaller h"
+            )
+    if not plan.surely_on_manifold(run.end):
+        points = plan.points(np.ascontiguousarray(run.end), (run.members,))
+        points = points[np.isfinite(points).reshape(len(points), -1).all(axis=1)]
+        distances = plan.frame.relative_error(points) if len(points) else np.zeros(0)
+        # regular matrices without accurate digits are infinitely far
+        distance = float(distances[np.isfinite(distances)].max(initial=0.0))
+        if distance > MEMBERSHIP_TOLERANCE:
+            texts.append(
+                f"the solution has left the manifold: its relative distance at the end is "
+                f"{distance:.3g}, more than {MEMBERSHIP_TOLERANCE:.3g}; a restore of the frame "
+                "would keep it there, and cg.frames.check(frame) tells whether its flows do"
+            )
     return texts
 
 

@@ -3,40 +3,6 @@
 from __future__ import annotations
 
 FINISHED = "The end of t_span was reached."
-LEFT_MANIFOLD = (
-    "the solution has left the manifold: its relative distance at the end is {distance:.3g}, more "
-    "than {tolerance:.3g}; a restore of the frame would keep it there, and cg.frames.check(frame) "
-    "tells whether its flows do"
-)
-LONG_STEPS = (
-    "h = {h:.6g} is far too long a step: between the stages of the last step h f changes by more "
-    "than the radius of dexp⁻¹, for rotations a full turn; take a smaller h"
-)
-MANY_REJECTIONS = (
-    "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at "
-    "known times, name them as breakpoints"
-)
-MAX_STEPS = "max_steps = {steps} steps, rejected ones included, led only to t = {t:.17g}{reason}"
-STEP_TOO_SMALL = "the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
-FLOW_NOT_FINITE = (
-    "the flow of {frame!r} returned NaN or infinity at t = {t:.17g}, however small the step"
-)
-NO_PROGRESS = "jumps of events follow each other without progress at t = {t:.17g}"
-RESTS = (
-    "the jump of events[{event}] leaves its function at zero at t = {t:.17g}, and f doesn't move "
-    "it off, as where a contact rests: continue from there with f of the contact; if the solution "
-    "shall pass, let the jump move it past the zero"
-)
-ZERO_TOLERANCE = (
-    "atol must be positive for coordinates that are zero, got 0 at t = {t:.17g}, y = {point}"
-)
-MANY_STEPS = "the integration takes many steps, since {reason}"
-STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'
-DISCONTINUOUS = (
-    "f is discontinuous near the solution: name known times of jumps as breakpoints; where the "
-    "solution meets a jump, end it by a terminal event, and continue with f of the other side; "
-    "where it would stay on the jump, as in static friction, use a smooth f and method='RadauIIA5'"
-)
 DERIVATIVES = "derivatives of the solution"
 TERMINAL_EVENT = "A terminal event ended the integration."
 

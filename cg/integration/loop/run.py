@@ -26,7 +26,6 @@ from cg.support.shared_records import COUNTERS
 
 _MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
-_STEP_PARTS = "step_y", "step_observed"
 _LANES = 1024  # members integrated at the same time by a vectorized function
 
 
@@ -70,19 +69,23 @@ class Run:
             jacobian = jacobian.for_run(self._lanes)
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        self.kept = plan.kept + plan.kept_nodes + self._choose_stage_solver()
+        self.kept = plan.kept + plan.kept_nodes
+        if plan.implicit:
+            self.kept += self._choose_stage_solver()
         self._buffers: dict[str, Any] = {}
-        self._dense: list[tuple[Array, ...]] = []
-        self._steps: list[tuple[Array, ...]] = []
-        self._events: list[tuple[Array, ...]] = []
+        self._dense: list[list[Array]] = []
+        self._steps: list[list[Array]] = []
+        self._events: list[list[Array]] = []
         self._share_members(plan.doubles(problem.points))
-        self._share_output(y, observed)
+        if problem.t_eval is not None or problem.observer is not None:
+            self._share_output(y, observed)
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
-        self._share("stops", np.array(problem.stops))
-        self._share_inputs()
-        for name in ("rtols", "atol"):
-            self._share(name, getattr(self.control, name.removesuffix("s")).flatten())
+        self._share("stops", problem.stops)
+        if self.rhs.inputs is not None:
+            self._share_inputs()
+        self._share("rtols", self.control.rtol.ravel())
+        self._share("atol", self.control.atol.ravel())
         if events is not None and self._functions:
             self._share("event_table", events.rows)
         self._open()
@@ -91,13 +94,14 @@ class Run:
         plan, problem, control = self.plan, self.problem, self.control
         in_entries = control.h is None and not problem.in_algebra
         function, data, stride = self.rhs.addresses()
+        rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
         return Record(
             members=self.members, lanes=self._lanes, common=problem.common, keep_last=keep_last,
             t0=problem.t0, segments=len(problem.stops), context=id(self.callbacks),
             function=function, vectorized=self.rhs.vectorized, data=data, data_stride=stride,
             of_time=problem.of_time, functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
-            h=control.h or 0.0, rtol=control.rtol.min(), tolerances=control.atol.size,
+            h=control.h or 0.0, rtol=rtol, tolerances=control.atol.size,
             in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
             max_step=control.max_step, first_step=control.first_step or 0.0,
             max_steps=control.max_steps, every=max(problem.every, 1), dense=problem.dense,
@@ -111,7 +115,7 @@ class Run:
             self.record.jacobian = JacobianKind.SPARSE if jacobian.sparse else JacobianKind.MATRIX
         elif problem.stage_solver == "fixed-point" and not plan.collocation:
             self.record.jacobian = JacobianKind.SPARSE
-        factors = plan.frame.dim if self.record.jacobian != JacobianKind.SPARSE else 0
+        factors = plan.dim if self.record.jacobian != JacobianKind.SPARSE else 0
         if plan.collocation:
             return stages - 1 + factors
         blocks = plan.paths.blocks
@@ -125,7 +129,7 @@ class Run:
             record.free = plan.is_free(problem.points[0])
         rows = plan.kept + 4 * (self.kept - plan.kept)
         rows += 2 * plan.columns if within else 0
-        needed = lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
+        needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
         self.address = self._reserving(
             needed, self._core.loop_open, plan.address, ctypes.addressof(record)
         )
@@ -184,13 +188,16 @@ class Run:
         problem, width = self.problem, self.plan.width
         if problem.every:
             self.record.step_capacity = capacity
+            self._step_names = ["step_t"]
             stored = width if problem.keeps_points else 0
             block = self._share("step_t", np.empty(capacity * (1 + stored)))
             if stored:
                 self._buffers["step_y"] = block[capacity:].reshape(capacity, width)
                 self.record.step_y = self.record.step_t + 8 * capacity
+                self._step_names.append("step_y")
             if problem.observer is not None:
                 self._share("step_observed", np.empty((capacity, problem.observer.count)))
+                self._step_names.append("step_observed")
         spare = min(capacity, _MAX_BUFFER)
         if self._functions:
             self.record.event_capacity = self._functions * self._lanes + spare
@@ -208,12 +215,12 @@ class Run:
         self._share("dense_member", np.empty(capacity, dtype=np.int64))
         self._share("dense_t", np.empty((capacity, 4)))
         self._share("dense_y", np.empty((capacity, 2, plan.width)))
-        self._share("dense_field", np.empty((capacity, plan.columns * plan.frame.dim)))
+        self._share("dense_field", np.empty((capacity, plan.columns * plan.dim)))
 
     def call(self) -> None:
         """Call compiled code once and collect its output."""
         try:
-            needed = 32 * self._lanes * (self.plan.width + self.plan.frame.dim + 2)
+            needed = 32 * self._lanes * (self.plan.width + self.plan.dim + 2)
             self._reserving(needed, self._core.loop_drive, self.address)
         except Exception as error:
             self._add_note(error)
@@ -228,8 +235,7 @@ class Run:
                 f"t = {float(self.failed_at.max()):.17g}"
             )
         if record.steps:
-            names = [name for name in _STEP_PARTS if name in self._buffers]
-            self._collect(self._steps, record.steps, "step_t", *names)
+            self._collect(self._steps, record.steps, *self._step_names)
         if record.interpolants:
             parts = ("dense_member", "dense_t", "dense_y", "dense_field")
             self._collect(self._dense, record.interpolants, *parts)
@@ -247,49 +253,40 @@ class Run:
     def _add_note(self, error: Exception) -> None:
         """Add to an exception of a function of the user when it happened, and in which member."""
         raised = np.flatnonzero(self.status == Stop.RAISED)
-        if self.callbacks.failed_event is not None:
-            name, t, member = self.callbacks.failed_event
-            self.callbacks.failed_event = None
+        unobserved = np.flatnonzero(self.flag == FieldFlag.OBSERVER_FAILED).tolist()
+        failed, self.callbacks.failed_event = self.callbacks.failed_event, None
+        if failed is None and unobserved:
+            failed = "observe", float(self.failed_at[unobserved[0]]), unobserved[0]
+        if failed is not None:
+            name, t, member = failed
             first = getattr(self.rhs, "first", None)
             which = "" if first is None else f" in member {first + member}"
             error.add_note(f"in {name}(t, y, ...) at t = {t:.17g}{which}")
-        elif (self.flag == FieldFlag.OBSERVER_FAILED).any():
-            member = int(np.flatnonzero(self.flag == FieldFlag.OBSERVER_FAILED)[0])
-            first = getattr(self.rhs, "first", None)
-            which = (
-                f" in member {first + member}" if self.problem.many and first is not None else ""
-            )
-            error.add_note(f"in observe(t, y, ...) at t = {self.failed_at[member]:.17g}{which}")
         elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
             member = int(raised[0])
             error.add_note(self.rhs.note(float(self.failed_at[member]), member))
 
-    def _collect(self, taken: list[tuple[Array, ...]], count: int, *names: str) -> None:
+    def _collect(self, taken: list[list[Array]], count: int, *names: str) -> None:
         """Collect the used parts of buffers, as copies if the buffers are used again."""
         parts = [self._buffers[name][:count] for name in names]
-        if self.record.ended < self.members:
+        if self.record.ended < self.members or 2 * count < self._capacity:  # or little is used
             parts = [part.copy() for part in parts]
-        taken.append(tuple(parts))
+        taken.append(parts)
 
     def steps(self) -> tuple[Array, Array | None, Array | None]:
         """Return times, points as doubles and observations of the start and all stored steps."""
-        t, *parts = map(np.concatenate, zip(*self._steps, strict=True))
-        names = [name for name in _STEP_PARTS if name in self._buffers]
-        stored = dict(zip(names, parts, strict=True))
-        return t, stored.get("step_y"), stored.get("step_observed")
+        stored = dict(zip(self._step_names, _joined(self._steps), strict=True))
+        return stored["step_t"], stored.get("step_y"), stored.get("step_observed")
 
     def interpolants(self) -> Steps:
         """Return the stored interpolants in the order of the members."""
-        plan = self.plan
-        if self._dense:
-            member, *arrays = (np.concatenate(parts) for parts in zip(*self._dense, strict=True))
-            if self.members > 1 and (np.diff(member) < 0).any():
-                order = np.argsort(member, kind="stable")
-                member, arrays = member[order], [array[order] for array in arrays]
-        else:
-            shapes = (4,), (2, plan.width), (plan.columns * plan.frame.dim,)
-            member, arrays = np.empty(0, dtype=np.int64), [np.empty((0, *s)) for s in shapes]
-        return Steps(plan, member - 1, *arrays)
+        if not self._dense:
+            return Steps.none(self.plan)
+        member, *arrays = _joined(self._dense)
+        if self.members > 1 and (np.diff(member) < 0).any():
+            order = np.argsort(member, kind="stable")
+            member, arrays = member[order], [array[order] for array in arrays]
+        return Steps(self.plan, member - 1, *arrays)
 
     def stop_interpolants(self) -> None:
         """Stop storing interpolants."""
@@ -302,7 +299,7 @@ class Run:
         reals = np.empty((lanes, StateSize.REALS + 5 * self._functions))
         integers = np.empty((lanes, StateSize.INTEGERS), dtype=np.int64)
         points = np.empty((lanes, 2, self.plan.width))
-        slopes = np.empty((lanes, 2 + self.kept, self.plan.frame.dim))
+        slopes = np.empty((lanes, 2 + self.kept, self.plan.dim))
         self._core.loop_state(
             self.address, False, reals.T, integers.T, points.transpose(2, 1, 0),
             slopes.transpose(2, 1, 0),
@@ -335,5 +332,12 @@ class Run:
         if not self._events:
             empty = plan.points(np.empty((0, plan.width)), (0, 2))
             return np.empty((0, 2), dtype=np.int64), np.empty(0), empty
-        of, t, y = (np.concatenate(parts) for parts in zip(*self._events, strict=True))
+        of, t, y = _joined(self._events)
         return of - 1, t, plan.points(y, (len(t), 2))
+
+
+def _joined(parts: list[list[Any]]) -> list[Any]:
+    """Return arrays that were collected in parts."""
+    return (
+        parts[0] if len(parts) == 1 else [np.concatenate(each) for each in zip(*parts, strict=True)]
+    )

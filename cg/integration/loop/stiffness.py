@@ -10,7 +10,6 @@ import numpy as np
 from cg.catalogue.summary import summary_of
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.loop.messages import DISCONTINUOUS, MANY_STEPS, STIFF
 from cg.integration.loop.record import COUNTS
 from cg.integration.loop.run import Run
 from cg.integration.rhs.compiled import CompiledRhs
@@ -20,6 +19,12 @@ from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.support.shared_numbers import Stop
 
+_STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'
+_DISCONTINUOUS = (
+    "f is discontinuous near the solution: name known times of jumps as breakpoints; where the "
+    "solution meets a jump, end it by a terminal event, and continue with f of the other side; "
+    "where it would stay on the jump, as in static friction, use a smooth f and method='RadauIIA5'"
+)
 _MAX_DIM = 300
 _STEP = float(np.sqrt(np.finfo(np.float64).eps))
 # of the real stability limit, where steps whose size stability limits end up
@@ -64,7 +69,7 @@ class StepCheck:
             return
         difficulty = find_difficulty(run, member, float(run.reached[member]))
         if difficulty and difficulty == self._last:
-            text = MANY_STEPS.format(reason=difficulty)
+            text = f"the integration takes many steps, since {difficulty}"
             if self._warn is None:
                 warnings.warn(text, stacklevel=6)
             else:
@@ -90,8 +95,8 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     arguments = run.rhs, member, t, point, h
     try:
         if rejected > _FEW_REJECTED * steps and is_discontinuous(plan.frame, *arguments):
-            return DISCONTINUOUS
-        return STIFF if is_stiff(plan.frame, plan.method, *arguments) else None
+            return _DISCONTINUOUS
+        return _STIFF if is_stiff(plan.frame, plan.method, *arguments) else None
     except Exception:  # f needn't exist at points that the integration doesn't evaluate it at
         return None
 

@@ -15,10 +15,8 @@ from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.flows import (
     Dexpinv,
-    Difference,
     Flows,
     dexpinv_of,
-    difference_of,
     flows_of,
 )
 from cg.integration.step.jacobian import Jacobian
@@ -53,10 +51,6 @@ class Callbacks:
         return flows_of(self.frame)
 
     @cached_property
-    def _difference(self) -> Difference:
-        return difference_of(self.frame)
-
-    @cached_property
     def _dexpinv(self) -> Dexpinv:
         return dexpinv_of(self.frame, self.plan.series)
 
@@ -83,7 +77,7 @@ class Callbacks:
         return self._flows.restore(self._point(y))
 
     def _coordinates(self, x: Array, y: Array) -> Array:
-        v = self._difference(self._point(x), self._point(y))
+        v = self.frame.exp_coordinates(self._point(x), self._point(y))
         return np.full(self.frame.dim, np.nan) if v is None else v
 
     def _nearby(self, x: Array, y: Array) -> Array:
@@ -112,21 +106,16 @@ class Callbacks:
         points = y.view(self.frame.dtype).reshape(-1, *self.frame.point_shape)
         return self.rhs.at_members(t, members.astype(np.intp), points)
 
-    def _event(self, a: Array, y: Array) -> Any:
-        assert self.events is not None
-        return self._call_event(self.events.value, "events[{}]", a, y)
-
-    def _jump(self, a: Array, y: Array) -> Any:
-        assert self.events is not None
-        return self._call_event(self.events.jump, "events[{}].jump", a, y)
-
-    def _call_event(self, function: Any, name: str, a: Array, y: Array) -> Any:
+    def _call_event(self, a: Array, y: Array, is_jump: bool) -> Any:
         assert self.rhs is not None
+        assert self.events is not None
         t, member, event = a.tolist()
+        member, event = int(member), int(event)
+        function = self.events.jump if is_jump else self.events.value
         try:
-            return function(int(event), t, self._point(y), self.rhs.arguments(int(member)))
+            return function(event, t, self._point(y), self.rhs.arguments(member))
         except Exception:
-            self.failed_event = name.format(int(event)), t, int(member)
+            self.failed_event = f"events[{event}]{'.jump' * is_jump}", t, member
             raise
 
 
@@ -141,8 +130,8 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.DEXPINV: lambda self, u, v: self._dexpinv(u, v),
     Operation.BRACKET: lambda self, u, v: self.frame.bracket(u, v),
     Operation.FIELDS: Callbacks._evaluate,
-    Operation.EVENT: Callbacks._event,
-    Operation.JUMP: Callbacks._jump,
+    Operation.EVENT: lambda self, a, y: self._call_event(a, y, False),
+    Operation.JUMP: lambda self, a, y: self._call_event(a, y, True),
     Operation.JACOBIAN: Callbacks._evaluate_jacobian,
     Operation.FACTOR: Callbacks._factor,
     Operation.SOLVE: Callbacks._solve,

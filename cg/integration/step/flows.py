@@ -1,4 +1,4 @@
-"""Flows, differences and dexp⁻¹ of frames, compiled where possible."""
+"""Frames in compiled code: their blocks, and flows and dexp⁻¹ by them."""
 
 from __future__ import annotations
 
@@ -7,23 +7,49 @@ from functools import partial
 from typing import TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
+from cg.frames.block_kinds import compared_by_entries, needs_lapack
 from cg.frames.homogeneous import HomogeneousSpace
-from cg.integration.step.blocks import (
-    block_constants,
-    describe_blocks,
-    has_compiled_difference,
-    is_compiled,
-)
+from cg.support.capsules import provide_lapack
 
-Difference = Callable[[Points, Points], Array | None]
-"""``difference(y0, y1)`` is `Frame.exp_coordinates`."""
+_KNOWN = (
+    "SO, SU, U, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them, real "
+    "IsospectralOrbit, LinearAction"
+)
 
 
 Dexpinv = Callable[[Array, Array], Array]
 """``dexpinv(u, v)`` is `Frame.dexpinv`."""
+
+
+def describe_blocks(frame: Frame) -> NDArray[np.int32]:
+    """Return the blocks of a frame, shape ``(3, blocks)``; ValueError if it isn't compiled."""
+    blocks = frame.compiled_blocks()
+    if blocks is None:
+        raise ValueError(f"frame must be one that is compiled, {_KNOWN}; {frame!r} is not")
+    if any(needs_lapack(block) for block in blocks):
+        provide_lapack()
+    return np.array([block[:3] for block in blocks], dtype=np.int32, order="C").T
+
+
+def block_constants(frame: Frame) -> NDArray[np.float64]:
+    """Return the constants of all blocks of a frame, and a zero, since no array may be empty."""
+    constants = [np.ravel(x) for block in frame.compiled_blocks() or () for x in block[3:]]
+    return np.concatenate([*constants, [0.0]])
+
+
+def is_compiled(frame: Frame) -> bool:
+    """Return whether compiled code has the flows of a frame."""
+    return frame.compiled_blocks() is not None
+
+
+def has_compiled_difference(frame: Frame) -> bool:
+    """Return whether compiled code computes the flow from one point to another."""
+    blocks = frame.compiled_blocks()
+    return blocks is not None and not compared_by_entries(blocks)
 
 
 class Flows:
@@ -52,23 +78,6 @@ def flows_of(frame: Frame) -> Flows:
     if is_compiled(frame):
         return _CompiledFlows(frame)
     return _GroupFlows(frame) if _has_compiled_group(frame) else Flows(frame)
-
-
-def difference_of(frame: Frame) -> Difference:
-    """Return the function that computes the flow from one point to another."""
-    import cg._core_r64 as core
-
-    if not has_compiled_difference(frame):
-        return frame.exp_coordinates
-    description, rank = describe_blocks(frame), len(frame.point_shape)
-
-    def difference(y0: Points, y1: Points) -> Array:
-        v = np.empty((*y0.shape[: y0.ndim - rank], frame.dim))
-        if v.size:
-            core.frame_difference(description, _flat(y0), _flat(y1), v.reshape(-1))
-        return v
-
-    return difference
 
 
 def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
@@ -139,7 +148,3 @@ class _GroupFlows(Flows):
 
     def restore(self, y: Points) -> Points:
         return self.frame.restore(y)
-
-
-def _flat(y: Points) -> Array:
-    return np.ascontiguousarray(y).reshape(-1).view(np.float64)

@@ -78,8 +78,9 @@ from numpy.polynomial import Legendre, Polynomial
 
 from cg.catalogue import methods
 from cg.frames.arrays import Array
-from cg.integration.step.collocation import collocation_polynomial
+from cg.integration.step.implicit import collocation_polynomial
 from cg.integration.step.paths import MethodPaths, paths_of
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
@@ -115,16 +116,9 @@ def nodes_of(count: int) -> NodeSet:
     return NodeSet(nodes, integral / integral(1.0))
 
 
-def advances_by_embedded(method: Method) -> bool:
-    """Return whether the second result of a pair has higher order and is used."""
-    embedded = method.embedded_order
-    return embedded is not None and embedded > method.order
-
-
 def node_count(method: Method) -> int:
     """Return the number of nodes with which interpolants without stages are accurate enough."""
-    order = method.embedded_order if advances_by_embedded(method) else method.order
-    enough = max(2, (order or 0) - 1)
+    enough = max(2, max(method.order, method.embedded_order or 0) - 1)
     return enough + (enough > 2 and _evaluations(enough + 1) <= method.stages)
 
 
@@ -312,32 +306,21 @@ def _least_norm(known: Array, targets: Array) -> Array:
     return solution + np.linalg.lstsq(known, targets - known @ solution, rcond=_NO_RANK)[0]
 
 
-class ResultFlows:
-    """The flows from the start to the result of a method, for fields that depend on time only.
+def result_flows(paths: MethodPaths) -> tuple[Array, Array]:
+    """Return the flows to the result of a method, for fields that depend on time only.
 
-    Of the stages that the flows use ``c`` are the abscissae and ``weights`` those in the flows,
-    shape ``(flows, stages)``.
+    They are the abscissae of the stages that the flows use, and their weights in the flows, shape
+    ``(flows, stages)``.
     """
-
-    def __init__(self, paths: MethodPaths) -> None:
-        flows = [dict(flow) for flow in paths.result_flows]
-        used = sorted({stage for flow in flows for stage in flow})
-        self.c: Array = paths.abscissae[used]
-        self.weights = np.array([[float(flow.get(k, 0)) for k in used] for flow in flows])
-
-    def __len__(self) -> int:
-        return len(self.weights)
+    flows = [dict(flow) for flow in paths.result_flows]
+    used = sorted({stage for flow in flows for stage in flow})
+    weights = [[float(flow.get(k, 0)) for k in used] for flow in flows]
+    return paths.abscissae[used], np.array(weights)
 
 
-@cached
-def result_flows(method: Method) -> ResultFlows:
-    """Return the flows to the result of a method."""
-    return ResultFlows(paths_of(method))
-
-
-def flows_within(method: Method) -> ResultFlows:
+def flows_within(method: Method) -> tuple[Array, Array]:
     """Return the flows of interpolants: those of a method, or of another one for a splitting."""
-    if not isinstance(method, Splitting) and not getattr(method, "brackets", ()):
-        return result_flows(method)
-    fitting = (name for name in _WITH_FLOWS if methods[name].order >= method.order)
-    return result_flows(methods[next(fitting, _WITH_FLOWS[-1])])
+    if isinstance(method, Splitting) or (isinstance(method, MagnusMethod) and method.brackets):
+        fitting = (name for name in _WITH_FLOWS if methods[name].order >= method.order)
+        method = methods[next(fitting, _WITH_FLOWS[-1])]
+    return result_flows(paths_of(method))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,23 +15,15 @@ from cg.integration.rhs.derivatives import Derivative, derivative_of
 from cg.integration.rhs.inputs import data_at
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.rhs.values import when
-from cg.integration.step.collocation import is_collocation
+from cg.integration.step.implicit import is_collocation
 from cg.method.method import Method
 
 Rhs = CompiledRhs | PythonRhs
 
 
-@dataclass(frozen=True, eq=False)
-class _Constant:
-    """A matrix that was given as ``jac``, as a function."""
-
-    matrix: Any
-
-    def __call__(self, t: Any, *_: Any) -> Any:
-        """Return the matrix, or a stack of it for an array of times."""
-        if np.ndim(t) == 0:
-            return self.matrix
-        return np.broadcast_to(self.matrix, (*t.shape, *self.matrix.shape))
+def _constant(matrix: Any, t: Any, *_: Any) -> Any:
+    """Return a matrix that was given as ``jac``, or a stack of it for an array of times."""
+    return matrix if np.ndim(t) == 0 else np.broadcast_to(matrix, (*t.shape, *matrix.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,18 +108,14 @@ class Jacobian:
         return np.concatenate([x.real, x.imag])
 
 
-def jacobian_of(
-    jac: Any, frame: Frame, method: Method, rhs: Rhs, t: float, y: Points
-) -> Jacobian | None:
+def jacobian_of(jac: Any, frame: Frame, method: Method, rhs: Rhs, t: float, y: Points) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
-    if jac is None:
-        return None
     if not is_collocation(method):
         raise ValueError(f'jac must be None unless method="RadauIIA5", and it is {method!r}')
     constant = isinstance(jac, np.ndarray | list | tuple) or hasattr(jac, "tocsc")
     if constant:
         dense = jac.toarray() if rhs.vectorized and hasattr(jac, "tocsc") else jac
-        jac = _Constant(dense if hasattr(dense, "tocsc") else np.asarray(dense))
+        jac = partial(_constant, dense if hasattr(dense, "tocsc") else np.asarray(dense))
     shape = frame.dim, frame.dim
     derivative = derivative_of(jac, "jac", frame, shape, rhs.vectorized, rhs.inputs)
     assert derivative is not None

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import ctypes
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -30,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.conditions import Rows
-from cg.integration.step.collocation import transformation
+from cg.integration.step.implicit import transformation
 from cg.layouts.points import START
 from cg.method.end_weights import end_weights, kink_weights
 from cg.method.estimate import error_power
@@ -125,8 +124,8 @@ class MethodPaths:
         terms = [term for flow in flows for term in flow]
         integers = {
             "origin": [path.origin for path in self.paths],
-            "path_first": _starts([path.flows for path in self.paths]),
-            "flow_first": _starts(flows),
+            "path_first": [*accumulate((len(path.flows) for path in self.paths), initial=1)],
+            "flow_first": [*accumulate(map(len, flows), initial=1)],
             "flow_stage": [stage + 1 for stage, _ in terms],
             "stage_path": self.stages,
         }
@@ -199,10 +198,12 @@ def paths_of(method: Method) -> MethodPaths:
         errors, factor = end.rows, end.factor
     if kinks := kink_weights(method):
         errors = (*errors[:-1], kinks, errors[-1])
+    together = isinstance(method, Tableau) and method.rows is Rows.FULL
+    blocks = 0 if method.explicit else 1 if together else method.stages
     registers = None if series or isinstance(method, MagnusMethod) else two_registers(method)
     return MethodPaths(
         tuple(builder.paths), stages, result_path, embedded_path, final, c, registers, series,
-        errors, third=third, power=error_power(method), factor=factor, blocks=_blocks(method),
+        errors, third=third, power=error_power(method), factor=factor, blocks=blocks,
         brackets=_brackets(method),
     )  # fmt: skip
 
@@ -276,12 +277,6 @@ def polynomial_paths(method: Method) -> MethodPaths | None:
     )  # fmt: skip
 
 
-def _blocks(method: Method) -> int:
-    if method.explicit:
-        return 0
-    return 1 if isinstance(method, Tableau) and method.rows is Rows.FULL else method.stages
-
-
 class _Builder:
     """Builds the paths, merging equal points and leaving out unused ones."""
 
@@ -318,13 +313,6 @@ class _Builder:
             self.paths.append(Path(origin, flows))
             self.index[point] = len(self.paths)
         return self.index[point]
-
-
-def _starts(parts: Sequence[Sequence[object]]) -> list[int]:
-    starts = [1]
-    for part in parts:
-        starts.append(starts[-1] + len(part))
-    return starts
 
 
 def _abscissae(method: Method) -> tuple[Fraction, ...]:

@@ -16,19 +16,19 @@ from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.phase_space import PhaseSpace
-from cg.integration.step.blocks import (
+from cg.integration.step.flows import (
     block_constants,
     describe_blocks,
     has_compiled_difference,
     is_compiled,
 )
-from cg.integration.step.collocation import is_collocation
+from cg.integration.step.implicit import is_collocation
 from cg.integration.step.interpolant import (
-    ResultFlows,
     extension_of,
     flows_within,
     node_count,
     nodes_of,
+    result_flows,
     series_order,
 )
 from cg.integration.step.paths import MethodPaths, paths_of, polynomial_paths
@@ -57,7 +57,7 @@ class Plan:
         self.core, self.frame, self.method = core, frame, method
         self.compiled = is_compiled(frame)
         self._measures = has_compiled_difference(frame) if self.compiled else None
-        self.dtype = frame.dtype
+        self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
         self.parts = 2 if self.dtype == np.complex128 else 1
         self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.parts
         self.series = series_order(method)  # order up to which that of dexp⁻¹ is needed
@@ -73,6 +73,7 @@ class Plan:
         if paths.polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
             self.exponent = 1.0 / (method.stages + paths.power)
+        self.implicit = self.collocation or paths.blocks > 0
         columns = len(paths.stages) + len(paths.brackets)
         self.kept = columns if paths.registers is None else 1
         of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
@@ -94,7 +95,7 @@ class Plan:
         method, polynomial = self.method, self.paths.polynomial
         nodes = method.stages if polynomial else node_count(method)
         extension = extension_of(method)
-        flows = ResultFlows(self.paths) if polynomial else flows_within(method)
+        flow_c, weights = result_flows(self.paths) if polynomial else flows_within(method)
         flat = isinstance(method, MuntheKaas)
         columns = max(len(extension.basis), nodes + 1)
         padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty
@@ -102,7 +103,7 @@ class Plan:
             self.address, columns, flat, extension.final + 1, self.series,
             np.append(extension.theta, 0.0), padded.T, extension.basis.T, polynomial,
             *_node_tables(nodes, self.paths.abscissae if polynomial else None),
-            flows.c, flows.weights.T,
+            flow_c, weights.T,
         )  # fmt: skip
         return columns
 
@@ -113,7 +114,7 @@ class Plan:
         """
         if self._measures is not None:
             return self._measures
-        return _has_coordinates(self.frame, _AnyPoint(point))
+        return self.frame.exp_coordinates(point, point) is not None
 
     def is_free(self, point: Points) -> bool:
         """Return whether the fields act freely: small coefficients that differ move points apart.
@@ -131,79 +132,72 @@ class Plan:
         rank = np.linalg.matrix_rank(fields.reshape(frame.dim, -1).view(np.float64))
         return bool(rank == frame.dim)
 
-    def surely_on_manifold(self, rows: Array) -> bool:
-        """Return whether a cheap bound shows that points, as doubles, are on the manifold."""
+    def surely_on_manifold(self, points: Points) -> bool:
+        """Return whether a cheap bound shows that points, or their doubles, are on the manifold."""
         if not self.compiled:
             return False
-        bound = self.core.plan_distance_bound(self.address, rows.T)
+        bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
         return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
-
-    def distance_from_manifold(self, points: Points) -> float | None:
-        """Return the largest distance of finite points from the manifold, None if it is small.
-
-        Infinite distances are ignored: they occur for regular matrices without accurate digits.
-        """
-        if len(points) == 0:
-            return None
-        distances = self.frame.relative_error(points)
-        distance = float(distances[np.isfinite(distances)].max(initial=0.0))
-        return distance if distance > MEMBERSHIP_TOLERANCE else None
 
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
-        rows = np.ascontiguousarray(points, dtype=self.dtype)
-        return rows.reshape(-1).view(np.float64).reshape(-1, self.width)
+        rows = np.ascontiguousarray(points)
+        if self.parts == 2:
+            rows = rows.reshape(-1).view(np.float64)
+        return rows.reshape(-1, self.width)
 
     def points(self, rows: Array, lead: tuple[int, ...]) -> Points:
         """Return points of shape ``(*lead, *point_shape)`` that share memory with doubles."""
-        return rows.reshape(-1).view(self.dtype).reshape(*lead, *self.frame.point_shape)
+        if self.parts == 2:
+            rows = rows.reshape(-1).view(self.dtype)
+        return rows.reshape(*lead, *self.point_shape)
 
 
+_MAX_PLANS = 64  # of a frame that are kept
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
 
 _Result = TypeVar("_Result")
 
 
-def cached(function: Callable[..., _Result]) -> Callable[..., _Result]:
+def cached(function: Callable[[Frame], _Result]) -> Callable[[Frame], _Result]:
     """Keep the last results of a function, unless a frame of the user can't be hashed."""
     results = lru_cache(maxsize=64)(function)
+    last: Any = None, None
 
     @wraps(function)
-    def call(frame: Frame, *rest: Any) -> _Result:
-        try:
-            return results(frame, *rest)
-        except TypeError:
-            return function(frame, *rest)
+    def call(frame: Frame) -> _Result:
+        nonlocal last
+        known, result = last
+        if known is not frame:
+            try:
+                result = results(frame)
+            except TypeError:
+                return function(frame)
+            last = frame, result
+        return result  # type: ignore[no-any-return]
 
     return call
 
 
 def plan_of(frame: Frame, method: Method) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
-    return _cached_plan(frame, _Same(method))
+    plans = _plans_on(frame)
+    plan = plans.get(id(method))  # hashing coefficients takes long
+    if plan is None:
+        if len(plans) == _MAX_PLANS:
+            plans.pop(next(iter(plans)), None)
+        plan = plans[id(method)] = Plan(frame, method)  # which keeps the method alive
+    return plan
+
+
+@cached
+def _plans_on(frame: Frame) -> dict[int, Plan]:
+    return {}
 
 
 def _restored(frame: Frame, method: str | Method) -> Plan:
     return plan_of(frame, resolve_method(method))
-
-
-class _Same:
-    """A method that equals itself alone: hashing its coefficients takes long."""
-
-    def __init__(self, method: Method) -> None:
-        self.method = method
-
-    def __hash__(self) -> int:
-        return id(self.method)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.method is self.method
-
-
-@cached
-def _cached_plan(frame: Frame, same: _Same) -> Plan:
-    return Plan(frame, same.method)
 
 
 def paths_on(frame: Frame, method: Method) -> MethodPaths:
@@ -237,24 +231,6 @@ def error_exponent(method: Method) -> float:
         return 1.0 / max(second + 1 + error_power(advancing) * (second - third), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)
-
-
-class _AnyPoint:
-    """A point that equals all others: the answer at the first one is kept for all of them."""
-
-    def __init__(self, point: Points) -> None:
-        self.point = point
-
-    def __hash__(self) -> int:
-        return 0
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _AnyPoint)
-
-
-@cached
-def _has_coordinates(frame: Frame, at: _AnyPoint) -> bool:
-    return frame.exp_coordinates(at.point, at.point) is not None
 
 
 @cached

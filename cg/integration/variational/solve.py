@@ -16,7 +16,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.adjoint import check_derivatives, tolerance_of, with_adjoint
 from cg.integration.adjoint_equation import Equation
-from cg.integration.ensemble import solve_members
+from cg.integration.ensemble import solve_members, solve_one
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.options import Options, complete_options, expand_options
 from cg.integration.problem import Problem, make_problem
@@ -163,7 +163,7 @@ def solve_variational(
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise, adjoint)
     if adjoint:
         joint = with_adjoint(problem, partial(_equation_along, joint))
-    return cast(VariationalSolution, solve_members(joint, progress)[0])
+    return cast(VariationalSolution, solve_one(joint, progress))
 
 
 @expand_options

@@ -1,0 +1,21 @@
+"""The flow from one point to another, as compiled code computes it."""
+
+import numpy as np
+
+import cg._core_r64 as core
+from cg.integration.step.flows import describe_blocks, has_compiled_difference
+
+
+def difference_of(frame):
+    """Return `Frame.exp_coordinates`, compiled where possible."""
+    if not has_compiled_difference(frame):
+        return frame.exp_coordinates
+    description, rank = describe_blocks(frame), len(frame.point_shape)
+
+    def difference(y0, y1):
+        v = np.empty((*y0.shape[: y0.ndim - rank], frame.dim))
+        flat = (np.ascontiguousarray(y).reshape(-1).view(np.float64) for y in (y0, y1))
+        core.frame_difference(description, *flat, v.reshape(-1))
+        return v
+
+    return difference
