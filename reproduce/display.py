@@ -18,10 +18,7 @@ class Display:
     """
 
     def __init__(
-        self,
-        stream: TextIO,
-        items: Sequence[Item],
-        clock: Callable[[], float] = time.perf_counter,
+        self, stream: TextIO, items: Sequence[Item], clock: Callable[[], float] = time.perf_counter
     ) -> None:
         self._line = ProgressLine(stream, clock=clock)
         self._places = {

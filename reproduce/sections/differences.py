@@ -44,11 +44,7 @@ def _algorithms() -> tuple[tuple[str, str, str], ...]:
             "over the independent ones, as in the table with its zeros: CG6a as printed has "
             f"{number(_square(independent=True), 2)}, over all {number(_square(), 2)}",
         ),
-        (
-            "extended precision",
-            "the kind is not stated",
-            "real(16), IEEE binary128 in software",
-        ),
+        ("extended precision", "the kind is not stated", "real(16), IEEE binary128 in software"),
     )
 
 

@@ -111,13 +111,7 @@ def compute(plan: Plan, context: Context) -> Data:
     while True:
         done = min(starts, (done // plan.starts + 1) * plan.starts)
         try:
-            search(
-                **arguments,
-                starts=done,
-                workers=context.workers,
-                store=path,
-                progress=clock,
-            )
+            search(**arguments, starts=done, workers=context.workers, store=path, progress=clock)
         except KeyboardInterrupt:
             if finished := _finished(path):
                 context.publish(data_of(min(finished, starts)))
