@@ -24,7 +24,7 @@ from typing import Any
 
 import mpmath
 import numpy as np
-from magnus_series import Array, Numbers, Words, letters_at, lobatto, minimum, texts, zero
+from magnus_series import Array, Numbers, Words, letters_at, lobatto, minimum, written, zero
 
 from cg.catalogue import save
 from cg.conditions.linear_equations import Series, as_decimal, bracket, combined, times
@@ -181,8 +181,8 @@ def method_of(z: Numbers) -> MagnusMethod:
     third = [3 * x / 4 + mpmath.mpf(e) / 4 for x, e in zip(b, edge, strict=True)]
     third += [3 * first / 4, *rest]
     return MagnusMethod(
-        texts(nodes), [texts(row(exponent, len(nodes) + len(PATTERN)))], [texts(second)],
-        brackets=[[texts(side) for side in pair] for pair in brackets], third=texts(third),
+        written(nodes), [written(row(exponent, len(nodes) + len(PATTERN)))], [written(second)],
+        brackets=[[written(side) for side in pair] for pair in brackets], third=written(third),
         third_factor=FACTOR, name="Magnus8(4)",
         source="research/find_bracket_methods.py: one exponential and eight brackets",
     )  # fmt: skip

@@ -18,7 +18,7 @@ from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
-from magnus_series import Array, Numbers, Words, letters_at, lobatto, minimum, texts, zero
+from magnus_series import Array, Numbers, Words, letters_at, lobatto, minimum, written, zero
 
 from cg.catalogue import save
 from cg.conditions.linear_equations import Series, as_decimal, combined, exponential, times
@@ -106,8 +106,10 @@ def method_of(x: list[Numbers], name: str) -> MagnusMethod:
     """Return the method that evaluates A at Lobatto's nodes, its coefficients to 36 places."""
     nodes, quadrature = lobatto(len(x[0]) + 1)
     letters = np.array(letters_at(nodes, quadrature, len(x[0])))
-    weights = [texts(list(row)) for row in np.array(x) @ letters]
-    return MagnusMethod(texts(nodes), weights, name=name, source="research/find_magnus_methods.py")
+    weights = [written(list(row)) for row in np.array(x) @ letters]
+    return MagnusMethod(
+        written(nodes), weights, name=name, source="research/find_magnus_methods.py"
+    )
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import mpmath
 import numpy as np
 from numpy.typing import NDArray
+from recipes import texts
 from scipy.optimize import least_squares
 
 from cg.conditions.linear_equations import Series, Word, as_decimal
@@ -176,11 +177,6 @@ def letters_at(nodes: Numbers, weights: Numbers, letters: int) -> list[Numbers]:
     ]
 
 
-def texts(row: Numbers) -> list[str]:
-    """Return twelfths as quotients, and other numbers with 36 places."""
-    twelfths = [Fraction(int(mpmath.nint(12 * x)), 12) for x in row]
-    return [
-        str(near) if abs(number(near) - x) < mpmath.mpf(10) ** -40
-        else mpmath.nstr(mpmath.nint(x * 10**36) / mpmath.mpf(10) ** 36, 38)
-        for near, x in zip(twelfths, row, strict=True)
-    ]  # fmt: skip
+def written(row: Numbers) -> list[str]:
+    """Return numbers as `texts` of fractions."""
+    return texts(Fraction(int(mpmath.nint(x * 10**60)), 10**60) for x in row)
