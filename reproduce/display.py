@@ -7,8 +7,7 @@ from typing import TextIO
 
 from cg.runs.progress import ProgressLine, duration
 
-from .context import Progress
-from .item import Item
+from .context import Item, Progress
 
 
 class Display:

@@ -6,8 +6,7 @@ from cg import conditions
 from cg.catalogue import methods
 
 from ..blocks import Block, Data, Table, Text, number
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from .search import PLANS
 
 

@@ -25,8 +25,7 @@ from cg.support.shared_numbers import Status
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number
 from ..coefficients import coefficient_table, largest_coefficient, method_data
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from ..statistics import quartiles
 from ..style import PALETTE, grid
 
