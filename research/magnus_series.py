@@ -18,7 +18,7 @@ from recipes import texts
 from scipy.optimize import least_squares
 
 from cg.conditions.linear_equations import Series, Word, as_decimal
-from cg.construction.solvers.rational import refine_rational
+from cg.construction.solvers.polish import refine_rational
 from cg.construction.solvers.singular import pseudo_inverse
 
 Array = NDArray[Any]
@@ -142,9 +142,7 @@ def zero(residuals: Callable[[list[Decimal]], list[Decimal]], start: Array) -> N
         moved = [exact([v + step * (i == j) for i, v in enumerate(x)]) for j in range(len(x))]
         jac = [[(b - a) / step for a, b in zip(now, row, strict=True)] for row in moved]
         inverse, _ = pseudo_inverse(np.array(jac, np.float64).T, _GAP)
-        end = refine_rational(
-            exact, x, lambda r: inverse @ r, below=_BELOW, grid=10**75, max_iterations=12
-        )
+        end = refine_rational(exact, x, inverse, below=_BELOW, grid=10**75)
     print(f"largest residual {float(end.largest_residual):.3g}")
     return list(map(number, end.x))
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from recipes import run
 
 from cg import conditions
-from cg.construction.solvers.rational import refine_rational
+from cg.construction.solvers.polish import refine_rational
 from cg.construction.solvers.singular import pseudo_inverse
 from cg.method.commutator_free import CommutatorFree
 from cg.method.low_storage import from_two_registers
@@ -89,7 +89,6 @@ STARTS = {
         FOUND,
     ),
 }
-GRID = 10**60  # parameters are multiples of 1/GRID, so that they don't grow
 ENOUGH = Fraction(1, 10**44)
 RANK_CUT = 1e-9  # singular values below this fraction of the largest count as zero
 
@@ -123,9 +122,7 @@ def make(name: str) -> CommutatorFree:
         method = method_of(start, parameters)
         return conditions.residuals(method, start.order, independent=True, arithmetic="exact")
 
-    end = refine_rational(
-        residuals, parameters, lambda r: inverse @ r, below=ENOUGH, grid=GRID, max_iterations=10
-    )
+    end = refine_rational(residuals, parameters, inverse)
     if end.largest_residual > ENOUGH:
         raise RuntimeError(f"residuals are still {float(end.largest_residual):.1e}")
     exact, known = method_of(start, end.x), method_of(start, parameters)
