@@ -262,13 +262,10 @@ def _packed(
         return order, Layout.tableau(tableau[1].size, rows), pack(*tableau, rows)
     if rows is not None:
         raise ValueError(f"rows must be None with a layout, got {rows!r}")
-    try:
-        array = np.asarray(b)
-    except ValueError:  # lists of several lengths
-        array = np.array(None)
-    if np.ma.is_masked(b) or array.dtype.kind not in "iuf" or array.shape != (a.size,):
+    array = real_array(b, "b")
+    if array.shape != (a.size,):
         raise ValueError(f"b must have {a.size} real numbers for the layout, got {b!r}")
-    return order, a, array.astype(np.float64, copy=False)
+    return order, a, array
 
 
 def _trees(order: int, independent: bool) -> NDArray[np.intc]:
