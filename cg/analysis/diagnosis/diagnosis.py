@@ -130,10 +130,10 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     Diagnosis
         Printed, it shows the order, the first violated order condition with its tree, and the
         mistakes recognised: reversed flows of stages, a transposed, one or two coefficients changed
-        in a method of the catalogue, one wrong coefficient of another
-        method with the value that it should have, truncated coefficients, rounded
-        numbers given as exact fractions, second weights equal to the first, rows that don't sum to
-        c, and a classical tableau used on manifolds without lifting.
+        in a method of the catalogue, one wrong coefficient of another method with the value that it
+        should have, truncated coefficients, rounded numbers given as exact fractions, second
+        weights equal to the first, rows that don't sum to c, and a classical tableau used on
+        manifolds without lifting.
 
     Raises
     ------
