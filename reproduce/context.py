@@ -1,12 +1,12 @@
-"""The input of an item: settings of the run, resources, and earlier results."""
+"""Items, the parts of the report, and their input: settings, resources and earlier results."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from cg.support.parallel import available_cores
 
-from .blocks import Data
+from .blocks import Block, Data
 
 Progress = Callable[[int, int], None]
 """Function of the numbers of finished and of all parts of an item."""
@@ -43,3 +43,23 @@ class Context:
     publish: Callable[[Data], None] = lambda numbers: None
     limit: float | None = None
     results: Mapping[str, Data] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Item:
+    """One part of the report, with its name for ``--only``.
+
+    Items are computed in ascending order of `turn`, and shown in that of `place`. `compute` returns
+    plain data for a `Context`; if these have an entry ``partial`` that is not null, it has the
+    numbers of finished ``starts`` and ``of`` all starts. `present` returns the blocks of a section
+    for these data, without further computation. `needs` are the items whose data `compute` reads
+    from ``context.results``.
+    """
+
+    name: str
+    title: str
+    turn: int
+    place: int
+    compute: Callable[[Context], Data]
+    present: Callable[[Data], Sequence[Block]]
+    needs: Sequence[str] = ()

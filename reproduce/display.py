@@ -7,8 +7,7 @@ from typing import TextIO
 
 from cg.runs.progress import ProgressLine, duration
 
-from .context import Progress
-from .item import Item
+from .context import Item, Progress
 
 
 class Display:
@@ -18,10 +17,7 @@ class Display:
     """
 
     def __init__(
-        self,
-        stream: TextIO,
-        items: Sequence[Item],
-        clock: Callable[[], float] = time.perf_counter,
+        self, stream: TextIO, items: Sequence[Item], clock: Callable[[], float] = time.perf_counter
     ) -> None:
         self._line = ProgressLine(stream, clock=clock)
         self._places = {

@@ -136,13 +136,7 @@ def _drift(solver: Literal["RK45", "DOP853"]) -> list[float]:
     def slope(t: float, y: Array) -> Array:
         return np.asarray(top.frame.field(top.f(t, y), y), dtype=np.float64)
 
-    solution = solve_ivp(
-        slope,
-        (0.0, _DRIFT_TIMES[-1]),
-        top.y0,
-        method=solver,
-        t_eval=_DRIFT_TIMES,
-    )
+    solution = solve_ivp(slope, (0.0, _DRIFT_TIMES[-1]), top.y0, method=solver, t_eval=_DRIFT_TIMES)
     rotations = solution.y[:9].T.reshape(-1, 3, 3)
     away = rotations.swapaxes(1, 2) @ rotations - np.eye(3)
     return [float(size) for size in np.linalg.norm(away, 2, axis=(1, 2))]

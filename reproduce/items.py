@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from importlib import import_module
 
 from . import sections
-from .item import Item
+from .context import Item
 
 
 def _all_items() -> list[Item]:

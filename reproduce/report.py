@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .blocks import Block, Chart, Data, Table, Text
-from .item import Item
+from .context import Item
 from .items import ITEMS
 from .style import render
 

@@ -14,9 +14,8 @@ from cg.support.parsing import write_file
 
 from . import fingerprint
 from .blocks import Data
-from .context import Context, Settings
+from .context import Context, Item, Settings
 from .display import Display
-from .item import Item
 from .items import ITEMS
 from .report import page, section
 

@@ -56,8 +56,8 @@ def reference_error(reading: Reading, steps: int) -> float:
 @cache
 def reference_end(reading: Reading) -> tuple[tuple[Fraction, ...], float]:
     """Return the exact numbers of the reference at t = 1, and its estimated error."""
-    reference = HeavyTop(reading).reference([1])
-    return reference.values[0], reference.errors[0]
+    errors, values = _reference(reading, 1)
+    return values[-1], float(errors[-1])
 
 
 @cache

@@ -10,30 +10,26 @@ a bracket combines letters and earlier brackets of one parity, as `PATTERN` says
 pattern of four or five brackets came to no solution; with six the bracket of α_2 with seven α_1,
 which dominates where A(t) changes little in a step, is left in the error. scipy's least_squares
 solves the conditions from random starts, then moves along the set of solutions towards smaller
-coefficients of words of degree nine, each times the `SIZES` of its letters. Newton's method in
-multiple precision (mpmath) refines the best solution.
+coefficients of words of degree nine, each times the `SIZES` of its letters. The best solution is
+refined.
 
 The second result leaves out the middle node and has the bracket of order four; the third has three
 quarters of the method's weights and a quarter of the trapezoidal rule.
 """
 
 import argparse
-from fractions import Fraction
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import mpmath
 import numpy as np
-from find_magnus_methods import Words, lobatto
-from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from magnus_series import Array, Numbers, Words, letters_at, lobatto, minimum, written, zero
 
 from cg.catalogue import save
-from cg.conditions.linear_equations import Series, times
+from cg.conditions.linear_equations import Series, as_decimal, bracket, combined, times
 from cg.method.estimate import estimate_ratio
 from cg.method.magnus import MagnusMethod
-
-Array = NDArray[Any]
 
 LETTERS, ORDER = 4, 8
 PATTERN = (("odd", "even"), ("odd", "odd"), ("odd", "even"), ("odd", "even"), ("odd", "odd"),
@@ -74,20 +70,13 @@ class Search:
     def __init__(self) -> None:
         self.scheme = Scheme()
         self.algebra = algebra = Words(LETTERS, ORDER + 1)
-        degrees = np.array([sum(word) for word in algebra.words])
-        self.low = [i for i in algebra.lyndon if degrees[i] < ORDER and degrees[i] % 2]
+        degrees = np.array(list(map(sum, algebra.words)))
+        self.low = algebra.conditions(ORDER, odd=True)
         self.high = np.flatnonzero(degrees == ORDER + 1)
-        self.exact = self._logarithm(np.array(algebra.solution(), dtype=np.float64))
+        self.logarithm = logarithm(algebra.solution(), ORDER + 1)
+        self.exact = np.array([self.logarithm.get(word, 0) for word in algebra.words], np.float64)
         products = [np.prod([SIZES[j - 1] for j in algebra.words[i]]) for i in self.high]
         self.weights = np.array(products)
-
-    def _logarithm(self, series: Array) -> Array:
-        rest, total = series - (np.arange(series.size) == 0), np.zeros_like(series)
-        power = rest
-        for n in range(1, ORDER + 2):
-            total = total - (-1) ** n * power / n
-            power = self.algebra.multiply(power, rest)
-        return total
 
     def errors(self, unknowns: Array) -> Array:
         """Return the coefficients of words in the exponent less those of the solution."""
@@ -115,13 +104,7 @@ class Search:
                 parts += [100 * weight * self.weights * errors[..., self.high], 1e-6 * weight * z]
             return np.concatenate(parts, axis=-1)
 
-        def jacobian(z: Array) -> Array:
-            step = 1e-30
-            return (residuals(z + 1j * step * np.eye(z.size)).imag / step).T
-
-        return least_squares(
-            residuals, unknowns, jac=jacobian, max_nfev=most, xtol=1e-14, ftol=1e-14, gtol=1e-14
-        ).x
+        return minimum(residuals, unknowns, most, 1e-14)
 
     def best(self, starts: int, rng: np.random.Generator) -> Array:
         """Return the solution with the smallest error."""
@@ -139,65 +122,42 @@ class Search:
         return min(found, key=self.size_of)
 
 
-def refine(unknowns: Array, search: Search) -> list[mpmath.mpf]:
-    """Return the unknowns to 60 digits by Newton's method, with changes of least norm."""
-    mpmath.mp.dps = 80
-    words = [search.algebra.words[i] for i in search.low]
-    one: Series = {(): mpmath.mpf(1)}
-    series = dict(zip(search.algebra.words, map(_exact, search.algebra.solution()), strict=True))
-    rest = {w: x for w, x in series.items() if 0 < sum(w) < ORDER}
-    exact: Series = {}
-    power = one
-    for n in range(1, ORDER):
-        power = times(power, rest, ORDER - 1)
-        for word, x in power.items():
-            exact[word] = exact.get(word, 0) - (-1) ** n * x / n
-
-    def residuals(z: list[mpmath.mpf]) -> list[mpmath.mpf]:
-        letters: list[Series] = [{(j + 1,): mpmath.mpf(1)} for j in range(LETTERS)]
-        *sides, exponent = search.scheme.rows(np.array(z, dtype=object))
-        for left, right in zip(sides[::2], sides[1::2], strict=True):
-            a, b = _combined(left, letters), _combined(right, letters)
-            ab, ba = times(a, b, ORDER - 1), times(b, a, ORDER - 1)
-            letters.append({w: ab.get(w, 0) - ba.get(w, 0) for w in {*ab, *ba}})
-        total = _combined(exponent, letters)
-        return [total.get(word, 0) - exact[word] for word in words]
-
-    z = [mpmath.mpf(float(x)) for x in unknowns]
-    for _ in range(4):
-        now, step = residuals(z), mpmath.mpf(10) ** -40
-        columns = []
-        for j in range(len(z)):
-            moved = [x + step * (i == j) for i, x in enumerate(z)]
-            columns.append([(b - a) / step for a, b in zip(now, residuals(moved), strict=True)])
-        jacobian = mpmath.matrix(columns).T
-        normal = mpmath.lu_solve(jacobian * jacobian.T, mpmath.matrix([-x for x in now]))
-        z = [x + d for x, d in zip(z, jacobian.T * normal, strict=True)]
-    print("largest residual", mpmath.nstr(max(map(abs, residuals(z))), 3))
-    return z
-
-
-def _exact(x: Fraction) -> mpmath.mpf:
-    return mpmath.mpf(x.numerator) / x.denominator
-
-
-def _combined(side: list[tuple[int, Any]], letters: list[Series]) -> Series:
+def logarithm(series: Series, order: int) -> Series:
+    """Return the logarithm of a series whose constant is 1, through a degree."""
+    rest = {word: x for word, x in series.items() if word}
+    power: Series = {(): 1}
     total: Series = {}
-    for letter, weight in side:
-        for word, x in letters[letter].items():
-            total[word] = total.get(word, 0) + weight * x
+    for n in range(1, order + 1):
+        power = times(power, rest, order)
+        for word, x in power.items():
+            total[word] = total.get(word, 0) - (-1) ** n * x / n
     return total
 
 
-def method_of(z: list[mpmath.mpf]) -> MagnusMethod:
+def refine(unknowns: Array, search: Search) -> Numbers:
+    """Return the unknowns to 60 digits."""
+    words = [search.algebra.words[i] for i in search.low]
+
+    def of(side: list[tuple[int, Any]], letters: list[Series]) -> Series:
+        return combined([x for _, x in side], [letters[k] for k, _ in side])
+
+    def residuals(z: list[Decimal]) -> list[Decimal]:
+        letters: list[Series] = [{(j + 1,): 1} for j in range(LETTERS)]
+        *sides, exponent = search.scheme.rows(np.array(z, dtype=object))
+        for left, right in zip(sides[::2], sides[1::2], strict=True):
+            letters.append(bracket(of(left, letters), of(right, letters), ORDER - 1))
+        total = of(exponent, letters)
+        return [total.get(word, 0) - as_decimal(search.logarithm[word]) for word in words]
+
+    return zero(residuals, unknowns)
+
+
+def method_of(z: Numbers) -> MagnusMethod:
     """Return the pair that evaluates A at Lobatto's nodes, its coefficients to 36 places."""
     nodes, b = lobatto(LETTERS + 1)
-    letters = [
-        [(2 * j + 1) * w * mpmath.legendre(j, 2 * c - 1) for c, w in zip(nodes, b, strict=True)]
-        for j in range(LETTERS)
-    ]
+    letters = letters_at(nodes, b, LETTERS)
 
-    def row(side: list[tuple[int, Any]], length: int) -> list[mpmath.mpf]:
+    def row(side: list[tuple[int, Any]], length: int) -> Numbers:
         entries = [mpmath.mpf(0)] * length
         for letter, weight in side:
             if letter < LETTERS:
@@ -221,21 +181,11 @@ def method_of(z: list[mpmath.mpf]) -> MagnusMethod:
     third = [3 * x / 4 + mpmath.mpf(e) / 4 for x, e in zip(b, edge, strict=True)]
     third += [3 * first / 4, *rest]
     return MagnusMethod(
-        _texts(nodes), [_texts(row(exponent, len(nodes) + len(PATTERN)))], [_texts(second)],
-        brackets=[[_texts(side) for side in pair] for pair in brackets], third=_texts(third),
+        written(nodes), [written(row(exponent, len(nodes) + len(PATTERN)))], [written(second)],
+        brackets=[[written(side) for side in pair] for pair in brackets], third=written(third),
         third_factor=FACTOR, name="Magnus8(4)",
         source="research/find_bracket_methods.py: one exponential and eight brackets",
     )  # fmt: skip
-
-
-def _texts(row: list[mpmath.mpf]) -> list[str]:
-    """Return twelfths as quotients, and other numbers with 36 places."""
-    twelfths = [Fraction(int(mpmath.nint(12 * x)), 12) for x in row]
-    return [
-        str(near) if abs(_exact(near) - x) < mpmath.mpf(10) ** -40
-        else mpmath.nstr(mpmath.nint(x * 10**36) / mpmath.mpf(10) ** 36, 38)
-        for near, x in zip(twelfths, row, strict=True)
-    ]  # fmt: skip
 
 
 def main() -> None:

@@ -69,41 +69,16 @@ SEVEN = (
 """The tree of points that order seven starts from: 11 stages, 30 flows."""
 
 RECIPES = (
-    Recipe(
-        "CF4(3)",
-        4,
-        ((-1, 0, 1, 2, 3, 4, 1), (-1, 0, 1, 3, 4), 5, 6),
-        60,
-    ),
+    Recipe("CF4(3)", 4, ((-1, 0, 1, 2, 3, 4, 1), (-1, 0, 1, 3, 4), 5, 6), 60),
     Recipe("CF4c", 4, ((-1, 0, 1, 2, 3), (-1, 0, 1, 2, 3)), 60, certified=True),
     # of the family that it leads to, the catalogue has the rational method with c_3 = 3/5
     Recipe("CF4d", 4, ((-1, 0, 0, -1, 3), (-1, 0, 1, 2)), 60),
     Recipe("CF5e", 5, None, (25, 174), flows=10, stages=7, first_flows=10),
     Recipe("CF5d", 5, ((-1, 0, 1, 2, 3, 4, 5, 6, 7), (-1, 0, 1, 2, 3, 4, 7)), 200),
-    Recipe(
-        "CF5a",
-        5,
-        ((-1, 0, 1, 2, 3, 4, 5, 5, 7), (-1, 0, 1, 2, 3, 6)),
-        120,
-    ),
-    Recipe(
-        "CF5b",
-        5,
-        ((-1, 0, 1, 2, 3, 4, 0, 6, 7), (-1, 0, 1, 2, 3, 5)),
-        120,
-    ),
-    Recipe(
-        "CF5c",
-        5,
-        ((-1, 0, 1, 0, 3, 0, 5, 6), (-1, 0, 1, 2, 3, 4)),
-        400,
-    ),
-    Recipe(
-        "CF5(4)",
-        5,
-        ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 7), (-1, 0, 1, 3, 4, 5, 7), 8, 9),
-        120,
-    ),
+    Recipe("CF5a", 5, ((-1, 0, 1, 2, 3, 4, 5, 5, 7), (-1, 0, 1, 2, 3, 6)), 120),
+    Recipe("CF5b", 5, ((-1, 0, 1, 2, 3, 4, 0, 6, 7), (-1, 0, 1, 2, 3, 5)), 120),
+    Recipe("CF5c", 5, ((-1, 0, 1, 0, 3, 0, 5, 6), (-1, 0, 1, 2, 3, 4)), 400),
+    Recipe("CF5(4)", 5, ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 7), (-1, 0, 1, 3, 4, 5, 7), 8, 9), 120),
     Recipe(
         "CF6d",
         6,
@@ -117,29 +92,12 @@ RECIPES = (
     Recipe(
         "CF6(5)", 6, None, (88,), flows=17, stages=8, first_flows=22, pair=True, certified=False
     ),
-    Recipe(
-        "CF7a",
-        7,
-        SEVEN,
-        (13,),
-        flows=26,
-    ),
+    Recipe("CF7a", 7, SEVEN, (13,), flows=26),
     Recipe("CF7b", 7, SEVEN, (12,), flows=25, stages=10, certified=False),
     Recipe("CF7c", 7, SEVEN, (13,), flows=28, stages=9),
+    Recipe("CF6a", 6, None, 27, stages=7, first_flows=16, seed=101),
     Recipe(
-        "CF6a",
-        6,
-        None,
-        27,
-        stages=7,
-        first_flows=16,
-        seed=101,
-    ),
-    Recipe(
-        "CF6b",
-        6,
-        ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 8, -1, 10, 11, 12), (-1, 0, 1, 3, 4, 7, 9)),
-        400,
+        "CF6b", 6, ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 8, -1, 10, 11, 12), (-1, 0, 1, 3, 4, 7, 9)), 400
     ),
     Recipe(
         "CF6c",

@@ -94,11 +94,7 @@ def solutions(recipe: Recipe) -> list[Candidate]:
             return index, _constructed(system, index)
         guess = random_start(SEED, index, system.size, 1.0)
         guess[fixed] = 0
-        fit = fit_conditions(
-            guess,
-            system,
-            max_iterations=recipe.iterations,
-        )
+        fit = fit_conditions(guess, system, max_iterations=recipe.iterations)
         return index, Candidate(system, fit.x)
 
     results = dict(as_finished(run, range(recipe.starts), available_cores()))

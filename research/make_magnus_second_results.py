@@ -10,11 +10,9 @@ rule. Then all errors of the difference have the same orders, five and three.
     python research/make_magnus_second_results.py FOLDER [NAME ...]
 """
 
-from collections.abc import Sequence
-from decimal import Decimal, localcontext
 from fractions import Fraction
 
-from recipes import run
+from recipes import run, texts
 
 import cg
 from cg.method.estimate import estimate_ratio
@@ -43,8 +41,8 @@ def make(name: str) -> cg.MagnusMethod:
     ends = _symmetric("1/2", "0", "0")
     third = [3 * weight / 4 + end / 4 for weight, end in zip(b, ends, strict=True)]
     result = cg.MagnusMethod(
-        _texts(c), list(map(_texts, flows)), [_texts(first), _texts(first[::-1])],
-        third=_texts(third), third_factor=FACTORS[name], name=name,
+        texts(c), list(map(texts, flows)), [texts(first), texts(first[::-1])],
+        third=texts(third), third_factor=FACTORS[name], name=name,
         source=method.source.split(";")[0] + NOTE,
     )  # fmt: skip
     print(f"{name}: ratio of error to estimate {estimate_ratio(result):.3g}")
@@ -53,19 +51,6 @@ def make(name: str) -> cg.MagnusMethod:
 
 def _symmetric(first: str, second: str, middle: str) -> list[Fraction]:
     return list(map(Fraction, (first, second, middle, second, first)))
-
-
-def _texts(row: Sequence[Fraction]) -> list[str]:
-    """Return short fractions as they are, and other numbers with 36 places."""
-    with localcontext(prec=60):
-        return [
-            str(x) if x.denominator < 1000 else f"{Decimal(x.numerator) / x.denominator:.36f}"
-            for x in (x.limit_denominator(999) if _is_near(x) else x for x in row)
-        ]
-
-
-def _is_near(x: Fraction) -> bool:
-    return abs(x - x.limit_denominator(999)) < Fraction(1, 10**34)
 
 
 if __name__ == "__main__":

@@ -6,20 +6,20 @@ conditions of order four to 5e-26 only; of the others A and B are known in doubl
 are moved to the closest solution with two registers, by corrections of least norm in A and B whose
 residuals are exact.
 
-    python research/make_two_register_methods.py [FOLDER]
+    python research/make_two_register_methods.py FOLDER [NAME ...]
 """
 
-import sys
 from collections.abc import Sequence
 from fractions import Fraction
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from recipes import run
 
 from cg import conditions
-from cg.catalogue import save
+from cg.construction.solvers.polish import refine_rational
+from cg.construction.solvers.singular import pseudo_inverse
 from cg.method.commutator_free import CommutatorFree
 from cg.method.low_storage import from_two_registers
 from cg.support.quads import to_decimal
@@ -33,16 +33,14 @@ FOUND = (
 class Start(NamedTuple):
     """A method to some digits; A is without A_1, which has no effect."""
 
-    name: str
     order: int
     a: tuple[str, ...]
     b: tuple[str, ...]
     source: str
 
 
-STARTS = (
-    Start(
-        "CF4b",
+STARTS = {
+    "CF4b": Start(
         4,
         (
             "-567301805773/1357537059087",
@@ -61,8 +59,7 @@ STARTS = (
         "TM-109112 (1994), five stages; its rationals moved to the closest solution with two "
         "registers and 36 digits. As a commutator-free method: A. Bazavov, arXiv:2007.04225",
     ),
-    Start(
-        "CF5r",
+    "CF5r": Start(
         5,
         (
             "-0.605056024890579",
@@ -91,62 +88,53 @@ STARTS = (
         ),
         FOUND,
     ),
-)
-GRID = 10**60  # parameters are multiples of 1/GRID, so that they don't grow
+}
 ENOUGH = Fraction(1, 10**44)
 RANK_CUT = 1e-9  # singular values below this fraction of the largest count as zero
 
 
-def derivatives(a: Sequence[Fraction], b: Sequence[Fraction]) -> NDArray[np.float64]:
-    """Return the derivatives of all weights by A and B; shape (weights, parameters)."""
-    parameters = [*a, *b]
-    here = from_two_registers([Fraction(0), *a], b)
+def method_of(start: Start, parameters: Sequence[Fraction]) -> CommutatorFree:
+    """Return the method with given A and B."""
+    first = len(start.a)
+    return from_two_registers([Fraction(0), *parameters[:first]], parameters[first:])
+
+
+def derivatives(start: Start, parameters: Sequence[Fraction]) -> NDArray[np.float64]:
+    """Return the derivatives of the residuals by A and B; shape (conditions, parameters)."""
+    here = method_of(start, parameters)
     columns = []
     for k in range(len(parameters)):
         # weights are products of parameters, each to the power of one at most
-        moved = [p + (j == k) for j, p in enumerate(parameters)]
-        there = from_two_registers([Fraction(0), *moved[: len(a)]], moved[len(a) :])
+        there = method_of(start, [p + (j == k) for j, p in enumerate(parameters)])
         pairs = zip(there.coefficients, here.coefficients, strict=True)
         columns.append([float(new.value - old.value) for new, old in pairs])
-    return np.array(columns).T
+    x = np.array([float(weight.value) for weight in here.coefficients])
+    return conditions.jacobian(here.layout, x, start.order, independent=True) @ np.array(columns).T
 
 
-def closest(a: Sequence[Fraction], b: Sequence[Fraction], order: int) -> CommutatorFree:
-    """Return the exact method of this order close to given parameters."""
-    parameters = [*a, *b]
-    for _ in range(10):
-        a, b = parameters[: len(a)], parameters[len(a) :]
-        method = from_two_registers([Fraction(0), *a], b)
-        residuals = conditions.residuals(method, order, independent=True, arithmetic="exact")
-        size = max(map(abs, residuals))
-        if size < ENOUGH:
-            return method
-        x = np.array([float(weight.value) for weight in method.coefficients])
-        slopes = conditions.jacobian(method.layout, x, order, independent=True) @ derivatives(a, b)
-        step = np.linalg.pinv(slopes, rcond=RANK_CUT) @ [float(r / size) for r in residuals]
-        parameters = [
-            p - Fraction(round(Fraction(move) * size * GRID), GRID)
-            for p, move in zip(parameters, step.tolist(), strict=True)
-        ]
-    raise RuntimeError(f"residuals are still {float(size):.1e}")
+def make(name: str) -> CommutatorFree:
+    """Return the closest exact method, and say how far weights are from those at the start."""
+    start = STARTS[name]
+    parameters = list(map(Fraction, (*start.a, *start.b)))
+    inverse, _ = pseudo_inverse(derivatives(start, parameters), RANK_CUT)
 
+    def residuals(parameters: Sequence[Fraction]) -> Sequence[Fraction]:
+        method = method_of(start, parameters)
+        return conditions.residuals(method, start.order, independent=True, arithmetic="exact")
 
-def main(folder: Path) -> None:
-    """Write the files and say how far weights are from those at the start."""
-    for start in STARTS:
-        a, b = list(map(Fraction, start.a)), list(map(Fraction, start.b))
-        known = from_two_registers([Fraction(0), *a], b)
-        exact = closest(a, b, start.order)
-        rounded = [
-            (point.parent, {k: to_decimal(weight) for k, weight in point.weights.items()})
-            for point in exact.points
-        ]
-        method = CommutatorFree(rounded, exact.stage_points, name=start.name, source=start.source)
-        save(method, folder / f"{method.name}.toml")
-        pairs = zip(method.coefficients, known.coefficients, strict=True)
-        moved = max(abs(float(new.value - old.value)) for new, old in pairs)
-        print(f"{method.name}: order {method.order}, weights moved by at most {moved:.1e}")
+    end = refine_rational(residuals, parameters, inverse)
+    if end.largest_residual > ENOUGH:
+        raise RuntimeError(f"residuals are still {float(end.largest_residual):.1e}")
+    exact, known = method_of(start, end.x), method_of(start, parameters)
+    rounded = [
+        (point.parent, {k: to_decimal(weight) for k, weight in point.weights.items()})
+        for point in exact.points
+    ]
+    pairs = zip(exact.coefficients, known.coefficients, strict=True)
+    moved = max(abs(float(new.value - old.value)) for new, old in pairs)
+    print(f"{name}: weights moved by at most {moved:.1e}")
+    return CommutatorFree(rounded, exact.stage_points, name=name, source=start.source)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "cg/catalogue"))
+    run(make, STARTS, __doc__)

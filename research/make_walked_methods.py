@@ -44,11 +44,7 @@ class Walk:
 WALKS = (
     Walk("CF7(6)", "Verner7(6)", Goals(bound=2.0, bound_weight=1e-4, abscissae=0.05), 20),
     Walk(
-        "CF8a",
-        "CooperVerner8",
-        Goals(bound=3.0, bound_weight=1e-5, abscissae=0.05),
-        5,
-        wide=False,
+        "CF8a", "CooperVerner8", Goals(bound=3.0, bound_weight=1e-5, abscissae=0.05), 5, wide=False
     ),
 )
 

@@ -1,8 +1,10 @@
-"""What programs that make methods share: a measure of candidates, and the command line."""
+"""What programs that make methods share: a measure, texts of coefficients, the command line."""
 
 import sys
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
+from decimal import Decimal, localcontext
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,18 @@ def merit(candidate: Candidate) -> float:
     outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
     large = max(0.0, candidate.largest - 1.5)
     return float(candidate.principal_error * (1 + large + 2 * outside))
+
+
+def texts(row: Iterable[Fraction]) -> list[str]:
+    """Return fractions with short denominators as they are, and other numbers with 36 places."""
+    short = [(x, x.limit_denominator(999)) for x in row]
+    with localcontext(prec=60):
+        return [
+            str(near)
+            if abs(near - x) < Fraction(1, 10**34)
+            else f"{Decimal(x.numerator) / x.denominator:.36f}"
+            for x, near in short
+        ]
 
 
 def run(make: Callable[[str], Method], names: Collection[str], usage: str | None) -> None:

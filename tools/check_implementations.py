@@ -14,7 +14,7 @@ import numpy as np
 
 from cg.analysis.convergence import final_errors, observed_order
 from cg.analysis.diagnosis import Diagnosis
-from cg.analysis.diagnosis.files import diagnose_entry
+from cg.analysis.diagnosis.diagnosis import diagnose_entry
 from cg.method.method import Method
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation

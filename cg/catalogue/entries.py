@@ -25,17 +25,18 @@ CERTIFICATE_SUFFIX = ".certificate.toml"
 
 _SUFFIXES = (".toml", ".json")
 
-_REQUIRED = {"name", "source", "a", "b"}
-_OPTIONAL = {"b_embedded", "nominal"}
-_OPTIONAL_OF_ALGEBRAS = {"kind", "b_embedded", "b_third"}
-_KIND = "Munthe-Kaas"
-_MAGNUS = "Magnus"
-_SPLITTING = "splitting"
-_REQUIRED_OF_MAGNUS = {"name", "source", "kind", "nodes", "weights"}
-_OPTIONAL_OF_MAGNUS = {"brackets", "embedded", "b_third", "third_factor"}
+_KIND, _MAGNUS, _SPLITTING = "Munthe-Kaas", "Magnus", "splitting"
+_POINTS, _TABLEAU = "points", "tableau"  # files without the key kind
 _KEYS_OF_POINTS = {"points", "stage_points", "result"}  # not in files of tableaux
-_REQUIRED_OF_POINTS = {"name", "source"} | _KEYS_OF_POINTS
-_OPTIONAL_OF_POINTS = {"embedded_result", "b_third", "nominal"}
+_KEYS = {
+    _KIND: ({"kind", "a", "b"}, {"b_embedded", "b_third"}),
+    _MAGNUS: ({"kind", "nodes", "weights"}, {"brackets", "embedded", "b_third", "third_factor"}),
+    _SPLITTING: ({"kind", "drifts", "kicks"}, set[str]()),
+    _POINTS: (_KEYS_OF_POINTS, {"embedded_result", "b_third", "nominal"}),
+    _TABLEAU: ({"a", "b"}, {"b_embedded", "nominal"}),
+}
+"""The keys that a file must and may have beside its name and source."""
+
 _POINT = {"parent", "weights"}
 _NOMINAL = {"order", "residual"}
 _STAGE = re.compile(r"\d{1,6}", re.ASCII)
@@ -60,22 +61,18 @@ def from_entry(entry: dict[str, Any], name: str = "") -> Method:
 
 
 def _from_entry(entry: dict[str, Any]) -> Method:
-    points = not _KEYS_OF_POINTS.isdisjoint(entry)
-    if entry.get("kind") == _MAGNUS:
-        check_keys(entry, _REQUIRED_OF_MAGNUS, _OPTIONAL_OF_MAGNUS, "the entry")
-        entry.pop("kind")
-        third = entry.pop("b_third", None)
-        return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), third=third, **entry)
-    if entry.get("kind") == _SPLITTING:
-        check_keys(entry, {"name", "source", "kind", "drifts", "kicks"}, set(), "the entry")
-        entry.pop("kind")
+    kind = entry.get("kind", _TABLEAU if _KEYS_OF_POINTS.isdisjoint(entry) else _POINTS)
+    if "kind" in entry and kind not in (_KIND, _MAGNUS, _SPLITTING):
+        kinds = f"{_KIND!r}, {_MAGNUS!r} or {_SPLITTING!r}"
+        raise MethodError(f"kind must be {kinds}, got {kind!r}")
+    required, optional = _KEYS[kind]
+    check_keys(entry, {"name", "source", *required}, optional, "the entry")
+    entry.pop("kind", None)
+    third = {"third": entry.pop("b_third")} if "b_third" in entry else {}
+    if kind == _MAGNUS:
+        return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), **third, **entry)
+    if kind == _SPLITTING:
         return Splitting(**entry)
-    if "kind" in entry:
-        return _read_munthe_kaas(entry)
-    if points:
-        check_keys(entry, _REQUIRED_OF_POINTS, _OPTIONAL_OF_POINTS, "the entry")
-    else:
-        check_keys(entry, _REQUIRED, _OPTIONAL, "the entry")
     nominal: dict[str, Any] = {}
     if "nominal" in entry:
         table = entry.pop("nominal")
@@ -83,10 +80,10 @@ def _from_entry(entry: dict[str, Any]) -> Method:
             raise TableauError(f"nominal must be a table, got {table!r}")
         check_keys(table, _NOMINAL, set(), "nominal")
         nominal = {f"nominal_{key}": value for key, value in table.items()}
-    if points:
-        third = entry.pop("b_third", None)
-        return CommutatorFree(_read_points(entry.pop("points")), third=third, **entry, **nominal)
-    return Tableau(entry.pop("a"), entry.pop("b"), **entry, **nominal)
+    if kind == _POINTS:
+        return CommutatorFree(_read_points(entry.pop("points")), **third, **entry, **nominal)
+    tableau = Tableau(entry.pop("a"), entry.pop("b"), **entry, **nominal)
+    return MuntheKaas(tableau, **third) if kind == _KIND else tableau
 
 
 def read_entry(text: str) -> dict[str, Any]:
@@ -94,15 +91,6 @@ def read_entry(text: str) -> dict[str, Any]:
     if text.lstrip().startswith("{"):  # no line of TOML begins with a brace
         return read_json(text, TableauError)
     return read_toml(text, TableauError, parse_float=str)
-
-
-def _read_munthe_kaas(entry: dict[str, Any]) -> MuntheKaas:
-    check_keys(entry, _REQUIRED, _OPTIONAL_OF_ALGEBRAS, "the entry")
-    if (kind := entry.pop("kind")) != _KIND:
-        kinds = f"{_KIND!r}, {_MAGNUS!r} or {_SPLITTING!r}"
-        raise MethodError(f"kind must be {kinds}, got {kind!r}")
-    third = entry.pop("b_third", None)
-    return MuntheKaas(Tableau(entry.pop("a"), entry.pop("b"), **entry), third=third)
 
 
 def _read_points(tables: Any) -> list[Any]:

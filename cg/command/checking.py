@@ -28,9 +28,8 @@ def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int
 
     Prints the order, the first violated order condition with its tree, and known mistakes:
     reversed rows, a transposed, a changed coefficient and the value that it should have, truncated
-    digits, rounded numbers given as
-    fractions, second weights equal to the first, rows that don't sum to c, a classical tableau that
-    isn't lifted.
+    digits, rounded numbers given as fractions, second weights equal to the first, rows that don't
+    sum to c, a classical tableau that isn't lifted.
 
     A file is TOML or JSON with a, b and optionally b_embedded, c, name and source; or with points,
     as in the catalogue. Numbers are strings, which keep all digits. Decimals with eight places or

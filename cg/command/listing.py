@@ -102,10 +102,5 @@ def _row(summary: MethodSummary, proof: str) -> tuple[str, ...]:
     pair = "" if summary.embedded_order is None else f"({summary.embedded_order})"
     error = "" if summary.principal_error is None else f"{summary.principal_error:.3g}"
     about = "≈" if summary.approximate else ""
-    numbers = (
-        f"{about}{summary.order}{pair}",
-        str(summary.evaluations),
-        summary.all_flows,
-        error,
-    )
+    numbers = (f"{about}{summary.order}{pair}", str(summary.evaluations), summary.all_flows, error)
     return visible(summary.name), summary.kind, proof, *numbers

@@ -82,12 +82,7 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     """Run the command with the arguments of the process, or others; return the exit code."""
     given = None if arguments is None else list(arguments)
     try:
-        code = group.main(
-            given,
-            prog_name=program,
-            standalone_mode=False,
-            complete_var=COMPLETE,
-        )
+        code = group.main(given, prog_name=program, standalone_mode=False, complete_var=COMPLETE)
     except (click.Abort, KeyboardInterrupt) as end:
         print(f"{program}: {_with_notes('interrupted', end.__cause__ or end)}", file=sys.stderr)
         return INTERRUPTED

@@ -1,6 +1,7 @@
 """``runs``: results of long runs, from their store."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import wraps
 from pathlib import Path
@@ -187,20 +188,8 @@ def _solution_data(solution: StoredSolution) -> dict[str, Any]:
 
 
 def _data(run: RunSummary) -> dict[str, Any]:
-    return {
-        "run": run.number,
-        "kind": run.kind,
-        "settings": run.settings,
-        "versions": run.versions,
-        "created": _time(run.created),
-        "changed": _time(run.changed),
-        "starts": run.starts,
-        "solved": run.solved,
-        "failed": run.failed,
-        "smallest_f": run.best,
-        "seconds": run.seconds,
-        "running": run.running,
-    }
+    data = asdict(run) | {"created": _time(run.created), "changed": _time(run.changed)}
+    return {"run": data.pop("number"), "smallest_f": data.pop("best"), **data}
 
 
 def _time(seconds: float) -> str:

@@ -61,10 +61,7 @@ Option = Callable[[F], F]
 
 _SIZE_OPTIONS: Sequence[Option[Any]] = (
     count_option("--order", "Order of the methods.", required=True),
-    count_option(
-        "--stages",
-        "Evaluations in a step; required unless --tree is given.",
-    ),
+    count_option("--stages", "Evaluations in a step; required unless --tree is given."),
 )
 
 _POINTS: Sequence[Option[Any]] = (

@@ -35,6 +35,7 @@ from cg.conditions.counts import (
 )
 from cg.conditions.exact import exact_tree, result_tree, tree_residuals
 from cg.conditions.symbolic import equations
+from cg.frames.arrays import check_finite, real_array
 from cg.layouts.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
 from cg.layouts.points import PointTree, check_not_sums
 from cg.support.checks import check_flag
@@ -238,28 +239,16 @@ def jacobian(
 
 def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     check_not_sums(a)
-    checked = []
-    for name, value in (("a", a), ("b", b)):
-        try:
-            if np.ma.is_masked(value):
-                raise TypeError("masked")
-            given = np.asarray(value)
-            if given.dtype.kind not in "iufO":  # a cast would drop imaginary parts
-                raise TypeError("not real")
-            array = given.astype(np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"{name} must be an array of real numbers, got {value!r}") from None
-        if not np.isfinite(array).all():
-            raise ValueError(f"{name} must be finite, got {array}")
-        checked.append(array)
-    weights_, stages = checked[1], checked[1].size
-    if weights_.ndim != 1 or stages == 0:
-        raise ValueError(f"b must have shape (s,) with s at least 1, got {weights_.shape}")
-    if checked[0].shape != (stages, stages):
+    matrix, row = real_array(a, "a"), real_array(b, "b")
+    check_finite(matrix, "a")
+    check_finite(row, "b")
+    if row.ndim != 1 or row.size == 0:
+        raise ValueError(f"b must have shape (s,) with s at least 1, got {row.shape}")
+    if matrix.shape != (row.size, row.size):
         raise ValueError(
-            f"a must have shape ({stages}, {stages}) to match b, got {checked[0].shape}"
+            f"a must have shape ({row.size}, {row.size}) to match b, got {matrix.shape}"
         )
-    return checked[0], weights_
+    return matrix, row
 
 
 def _packed(
@@ -273,13 +262,10 @@ def _packed(
         return order, Layout.tableau(tableau[1].size, rows), pack(*tableau, rows)
     if rows is not None:
         raise ValueError(f"rows must be None with a layout, got {rows!r}")
-    try:
-        array = np.asarray(b)
-    except ValueError:  # lists of several lengths
-        array = np.array(None)
-    if np.ma.is_masked(b) or array.dtype.kind not in "iuf" or array.shape != (a.size,):
+    array = real_array(b, "b")
+    if array.shape != (a.size,):
         raise ValueError(f"b must have {a.size} real numbers for the layout, got {b!r}")
-    return order, a, array.astype(np.float64, copy=False)
+    return order, a, array
 
 
 def _trees(order: int, independent: bool) -> NDArray[np.intc]:

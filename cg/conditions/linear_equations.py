@@ -49,7 +49,8 @@ def words(order: int) -> tuple[Word, ...]:
     return tuple(word for words in by_degree[1:] for word in words)
 
 
-def _decimal(value: Fraction) -> Decimal:
+def as_decimal(value: Fraction) -> Decimal:
+    """Return a fraction with the digits of the current context."""
     return Decimal(value.numerator) / value.denominator
 
 
@@ -92,7 +93,7 @@ def _each(function: Callable[..., Any], *values: Any) -> Any:
 
 
 def _product_of_exponentials(
-    values: Values, order: int, number: Callable[[Fraction], Any] = _decimal, sign: int = -1
+    values: Values, order: int, number: Callable[[Fraction], Any] = as_decimal, sign: int = -1
 ) -> Series:
     """Return the coefficients of words through degree `order` in the result of a step.
 
@@ -104,22 +105,28 @@ def _product_of_exponentials(
         {(j,): c ** (j - 1) if j > 1 else c * 0 + 1 for j in degrees} for c in nodes
     ]
     for left, right in brackets:
-        a, b = _combined(left, letters), _combined(right, letters)
-        bracket = times(a, b, order)
-        for word, x in times(b, a, order).items():
-            bracket[word] = bracket.get(word, 0) + sign * x
-        letters.append(bracket)
+        sides = combined(left, letters), combined(right, letters)
+        letters.append(bracket(*sides, order, sign))
     product: Series = {(): number(Fraction(1))}
     for row in rows:
-        product = times(_exponential(_combined(row, letters), order), product, order)
+        product = times(exponential(combined(row, letters), order), product, order)
     return product
 
 
-def _combined(row: Sequence[Any], letters: Sequence[Series]) -> Series:
+def combined(row: Sequence[Any], letters: Sequence[Series]) -> Series:
+    """Return a combination of series."""
     total: Series = {}
     for weight, letter in zip(row, letters, strict=False):
         for word, x in letter.items() if weight else ():
             total[word] = total.get(word, 0) + weight * x
+    return total
+
+
+def bracket(a: Series, b: Series, order: int, sign: int = -1) -> Series:
+    """Return the bracket of two series through a degree; with a `sign` of 1 both products add."""
+    total = times(a, b, order)
+    for word, x in times(b, a, order).items():
+        total[word] = total.get(word, 0) + sign * x
     return total
 
 
@@ -136,7 +143,8 @@ def times(a: Series, b: Series, order: int) -> Series:
     return product
 
 
-def _exponential(exponent: Series, order: int) -> Series:
+def exponential(exponent: Series, order: int) -> Series:
+    """Return the exponential of a series without a constant, through a degree."""
     power: Series = {(): 1}
     total = dict(power)
     for n in range(1, order + 1):

@@ -95,10 +95,7 @@ def shuffle(left: Word, right: Word) -> dict[Word, int]:
     if not left or not right:
         return {left + right: 1}
     product: dict[Word, int] = {}
-    for first, parts in (
-        (left[0], shuffle(left[1:], right)),
-        (right[0], shuffle(left, right[1:])),
-    ):
+    for first, parts in ((left[0], shuffle(left[1:], right)), (right[0], shuffle(left, right[1:]))):
         for word, multiplicity in parts.items():
             product[(first, *word)] = product.get((first, *word), 0) + multiplicity
     return product

@@ -144,10 +144,8 @@ def _acceptable(settings: ConstructionSettings, candidate: Candidate) -> bool:
 def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -> Attempt:
     good = _acceptable(settings, candidate)
     layout, x = candidate.system.layout, tuple(candidate.x.tolist())
-    if layout.rows is not None:
-        return Attempt(index, layout.stages, good, candidate.f, x)
-    flows = _flows(settings, layout)
-    return Attempt(index, layout.stages, good, candidate.f, x, flows, layout)
+    points = (_flows(settings, layout), layout) if layout.rows is None else ()
+    return Attempt(index, layout.stages, good, candidate.f, x, *points)
 
 
 def refined(

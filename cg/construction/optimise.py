@@ -202,10 +202,7 @@ def _objective(candidate: Candidate, goals: Goals) -> Terms:
     parts: list[Terms] = []
     if goals.principal_error:
         problem = candidate.next_order
-        values, jac = (
-            core_calls.residuals(*problem),
-            core_calls.jacobian(*problem),
-        )
+        values, jac = (core_calls.residuals(*problem), core_calls.jacobian(*problem))
         parts.append((goals.principal_error * values, goals.principal_error * jac))
     x = candidate.x
     if goals.coefficients:

@@ -1,11 +1,13 @@
 """A step in C: a header file."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from cg.formats.language import Language
 from cg.formats.program import Program
-from cg.formats.text import comment, fill, real, wrapped
+from cg.formats.text import real, wrapped
 
-_HEADER = """
+_HEADER = """@heading@
+
 #ifndef @NAME@_H
 #define @NAME@_H
 
@@ -84,9 +86,14 @@ _ALGEBRA = {
     "derivative": _DERIVATIVE,
 }
 
-_PAIR = """    if (second)
+_PAIR = {
+    "output": """    if (second)
         for (i = 0; i < n; i++) second[i] = work[@second_slot@ * n + i];
-"""
+""",
+    "remark": """
+   Writes the second result, of order @lower@, to second unless that is a null pointer.""",
+    "second": "@NAME@_REAL *second, ",
+}
 
 _ERROR = """    if (error)
         for (k = 0; k < @errors@; k++)
@@ -98,9 +105,6 @@ _ERROR = """    if (error)
             }
 """
 
-_PAIR_REMARK = """
-   Writes the second result, of order @lower@, to second unless that is a null pointer."""
-
 _ERROR_REMARKS = {
     1: """
    Writes the m coefficients of its error to error unless that is a null pointer: the
@@ -111,29 +115,7 @@ _ERROR_REMARKS = {
 }
 
 
-def to_c(program: Program) -> str:
-    """Return a header."""
-    output, remark, second = "", "", ""
-    real_type = f"{program.name.upper()}_REAL"
-    if program.second is not None:
-        output, remark, second = _PAIR, _PAIR_REMARK, f"{real_type} *second, "
-    elif program.errors:
-        output, remark = _ERROR, _ERROR_REMARKS[len(program.errors)]
-        second = f"{real_type} *error, "
-    parts: dict[str, object] = {
-        **program.if_on_algebra(_ALGEBRA),
-        "tables": _tables(program),
-        "remark": remark,
-        "second": second,
-        "output": output,
-        "NAME": program.name.upper(),
-        "rows": program.stages + (program.slots if program.on_algebra else 1),
-        **program.numbers(),
-    }
-    return comment(program.heading, "//") + "\n" + fill(_HEADER, parts)
-
-
-def _tables(program: Program) -> str:
+def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
     numbers = {"weight": program.term_weights, "c": program.c}
     if program.errors:
         numbers["error"] = tuple(weight for row in program.errors for weight in row)
@@ -142,7 +124,7 @@ def _tables(program: Program) -> str:
         "   number of moves before it, and a slot. Each move is a flow from one slot to another,",
         "   along the weighted sum of the fields at stages. */",
     ]
-    for name, entries in program.integer_tables(slot=0, term=0).items():
+    for name, entries in integers.items():
         lines.append(_array(f"static const int {program.name}_{name}", entries))
     for name, texts in numbers.items():
         values = [f"{program.name.upper()}_NUMBER({real(text)})" for text in texts]
@@ -154,3 +136,11 @@ def _tables(program: Program) -> str:
 def _array(declared: str, entries: Sequence[str]) -> str:
     entries = entries or ["0"]  # C has no empty arrays
     return f"{declared}[{len(entries)}] = {{\n{wrapped(entries, '    ')}\n}};"
+
+
+C = Language(
+    _HEADER, mark="//", slot=0, term=0, tables=_tables,
+    pair=_PAIR,
+    error={"output": _ERROR, "second": "@NAME@_REAL *error, "}, remarks=_ERROR_REMARKS,
+    algebra=_ALGEBRA,
+)  # fmt: skip

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from cg.catalogue import dumps, dumps_json, resolve_method
-from cg.formats.c import to_c
+from cg.formats.c import C
 from cg.formats.digits import numbers_of
-from cg.formats.fortran import to_fortran
-from cg.formats.julia import to_julia
+from cg.formats.fortran import FORTRAN
+from cg.formats.julia import JULIA
 from cg.formats.latex import to_latex
-from cg.formats.matlab import to_matlab
-from cg.formats.program import Program, make_program
-from cg.formats.python import to_python
+from cg.formats.matlab import MATLAB
+from cg.formats.program import make_program
+from cg.formats.python import PYTHON
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.splitting import Splitting
@@ -22,12 +21,12 @@ from cg.support.parsing import visible
 if TYPE_CHECKING:
     from cg.proofs import Certificate
 
-_CODE: dict[str, Callable[[Program], str]] = {
-    "python": to_python,
-    "c": to_c,
-    "fortran": to_fortran,
-    "julia": to_julia,
-    "matlab": to_matlab,
+_CODE = {
+    "python": PYTHON,
+    "c": C,
+    "fortran": FORTRAN,
+    "julia": JULIA,
+    "matlab": MATLAB,
 }
 
 FORMATS = {
@@ -110,7 +109,7 @@ def export(
         return dumps(numbers.rounded())
     if format == "latex":
         return to_latex(numbers, summary(method))
-    return _CODE[format](make_program(numbers, summary(method)))
+    return _CODE[format].write(make_program(numbers, summary(method)))
 
 
 def summary(method: Method) -> str:

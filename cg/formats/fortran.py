@@ -1,14 +1,16 @@
 """A step in Fortran: a module."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from cg.formats.language import Language
 from cg.formats.program import Program
-from cg.formats.text import comment, fill, real, wrapped
+from cg.formats.text import real, wrapped
 
 _MAX_ENTRIES = 200  # of an array in one statement; older standards allow 255 continuation lines
 _MAX_WIDTH = 120  # of a piece of a number; the standard allows lines of 132 characters
 
-_MODULE = """module @name@_method
+_MODULE = """@heading@
+module @name@_method
   implicit none
   private
   public :: @name@_step
@@ -105,18 +107,12 @@ _ALGEBRA = {
     ),
 }
 
-_PAIR = """    if (present(second)) second = points(:, @second_slot@)
-"""
-
-_ERROR = """    if (present(error)) then
-      do k = 1, @errors@
-        error(:, k) = (h * error_weight(1, k)) * fields(:, 1)
-        do j = 2, @stages@
-          error(:, k) = error(:, k) + (h * error_weight(j, k)) * fields(:, j)
-        end do
-      end do
-    end if
-"""
+_PAIR = {
+    "remark": ". The second result is of order @lower@.",
+    "argument": ", second",
+    "declare": "    real(wp), intent(out), optional :: second(:)   ! (n)\n",
+    "output": "    if (present(second)) second = points(:, @second_slot@)\n",
+}
 
 _ERROR_REMARKS = {
     1: """. The coefficients of its
@@ -126,29 +122,23 @@ _ERROR_REMARKS = {
 }
 
 
-def to_fortran(program: Program) -> str:
-    """Return a module."""
-    parts: dict[str, object] = dict.fromkeys(
-        ["remark", "argument", "declare", "output", "index"], ""
-    )
-    if program.second is not None:
-        parts["remark"] = f". The second result is of order {program.lower_order}."
-        parts["argument"] = ", second"
-        parts["declare"] = "    real(wp), intent(out), optional :: second(:)   ! (n)\n"
-        parts["output"] = _PAIR
-    elif program.errors:
-        count = len(program.errors)
-        parts["remark"] = _ERROR_REMARKS[count]
-        parts["argument"] = ", error"
-        parts["declare"] = f"    real(wp), intent(out), optional :: error(:, :) ! (m, {count})\n"
-        parts["output"] = _ERROR
-        parts["index"] = ", j, k"
-    parts |= program.if_on_algebra(_ALGEBRA) | {"tables": _tables(program)} | program.numbers()
-    return comment(program.heading, "!") + "\n" + fill(_MODULE, parts)
+_ERROR = {
+    "argument": ", error",
+    "declare": "    real(wp), intent(out), optional :: error(:, :) ! (m, @errors@)\n",
+    "output": """    if (present(error)) then
+      do k = 1, @errors@
+        error(:, k) = (h * error_weight(1, k)) * fields(:, 1)
+        do j = 2, @stages@
+          error(:, k) = error(:, k) + (h * error_weight(j, k)) * fields(:, j)
+        end do
+      end do
+    end if
+""",
+    "index": ", j, k",
+}
 
 
-def _tables(program: Program) -> str:
-    integers = program.integer_tables(slot=0, term=1)
+def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
     lines = [
         *(line for name, values in integers.items() for line in _array("integer", name, values)),
         *_array("real(wp)", "weight", _numbers(program.term_weights)),
@@ -188,3 +178,9 @@ def _array(kind: str, name: str, entries: Sequence[str]) -> list[str]:
         lines += _array(kind, names[-1], entries[k : k + _MAX_ENTRIES])
     joined = wrapped(names, "    ", end=" &")
     return [*lines, f"  {kind}, parameter :: {name}({len(entries)}) = [ &\n{joined}]"]
+
+
+FORTRAN = Language(
+    _MODULE, mark="!", slot=0, term=1, tables=_tables, pair=_PAIR, error=_ERROR,
+    remarks=_ERROR_REMARKS, algebra=_ALGEBRA,
+)  # fmt: skip

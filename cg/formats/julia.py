@@ -1,11 +1,13 @@
 """A step in Julia: a module."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from cg.formats.language import Language
 from cg.formats.program import Program
-from cg.formats.text import comment, fill, wrapped
+from cg.formats.text import wrapped
 
-_MODULE = '''module @Module@
+_MODULE = '''@heading@
+module @Module@
 
 # The module exports nothing, since Base has a function step: call @Module@.step.
 
@@ -87,7 +89,7 @@ _ERROR = '''
 """
     step_error(f, flow, @dexpinv@t, y, h)
 
-Return the point after a step, and the coefficients of its error: @shape@
+Return the point after a step, and the coefficients of its error: @remark@
 """
 function step_error(f, flow, @dexpinv@t, y, h)
     points, fields = stages(f, flow, @dexpinv@t, y, h)
@@ -102,22 +104,7 @@ _ERROR_REMARKS = {
 }
 
 
-def to_julia(program: Program) -> str:
-    """Return a module."""
-    output = _PAIR if program.second is not None else _ERROR if program.errors else ""
-    parts = {
-        "output": output,
-        **program.if_on_algebra(_ALGEBRA),
-        "Module": program.name.capitalize(),
-        "tables": _tables(program),
-        "shape": _ERROR_REMARKS.get(len(program.errors), ""),
-        **program.numbers(slot=1),
-    }
-    return comment(program.heading, "#") + "\n" + fill(_MODULE, parts)
-
-
-def _tables(program: Program) -> str:
-    integers = program.integer_tables(slot=1, term=1)
+def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
     lines = [
         *(_vector(name.upper(), values) for name, values in integers.items()),
         _vector("WEIGHTS", _texts(program.term_weights)),
@@ -135,3 +122,9 @@ def _texts(numbers: Sequence[str]) -> list[str]:
 
 def _vector(name: str, entries: Sequence[str]) -> str:
     return f"const {name} = [\n{wrapped(entries, '    ')}\n]"
+
+
+JULIA = Language(
+    _MODULE, mark="#", slot=1, term=1, tables=_tables, pair={"output": _PAIR},
+    error={"output": _ERROR}, remarks=_ERROR_REMARKS, algebra=_ALGEBRA,
+)  # fmt: skip

@@ -116,18 +116,7 @@ def _tableau(method: Method, numbers: Numbers) -> list[list[str]]:
 def _butcher(rows: list[list[str]], method: Method) -> str:
     s = method.stages
     lines = [" & ".join(f"${entry}$" if entry else "" for entry in row) + r" \\" for row in rows]
-    columns = "r@{\\qquad}" + "r" * s
-    return "\n".join(
-        [
-            f"\\begin{{tabular}}{{{columns}}}",
-            r"\toprule",
-            *lines[:s],
-            r"\midrule",
-            *lines[s:],
-            r"\bottomrule",
-            r"\end{tabular}",
-        ]
-    )
+    return _table("r@{\\qquad}" + "r" * s, lines[:s], lines[s:])
 
 
 def _list(method: Method) -> str:
@@ -141,7 +130,7 @@ def _list(method: Method) -> str:
         for j, entry in enumerate(row, 1)
         if entry is not None and entry.value
     ]
-    return _table("ll", "Coefficient & Value", lines)
+    return _table("ll", [r"Coefficient & Value \\"], lines)
 
 
 def _points(method: CommutatorFree) -> str:
@@ -163,22 +152,17 @@ def _points(method: CommutatorFree) -> str:
             for stage, weight in enumerate(method.third_weights, 1)
             if weight.value
         ]
-    return _table("rrrll", "Point & From & Stage & Weight & Evaluated as", lines)
+    head = r"Point & From & Stage & Weight & Evaluated as \\"
+    return _table("rrrll", [head], lines)
 
 
-def _table(columns: str, head: str, lines: Sequence[str]) -> str:
-    environment = "longtable" if len(lines) > _MAX_ROWS else "tabular"
-    end_of_head = [r"\midrule", r"\endhead"] if environment == "longtable" else [r"\midrule"]
-    body = [
-        f"\\begin{{{environment}}}{{{columns}}}",
-        r"\toprule",
-        f"{head} \\\\",
-        *end_of_head,
-        *lines,
-        r"\bottomrule",
-        f"\\end{{{environment}}}",
-    ]
-    return "\n".join(body)
+def _table(columns: str, head: Sequence[str], lines: Sequence[str]) -> str:
+    long = len(lines) > _MAX_ROWS
+    environment = "longtable" if long else "tabular"
+    return "\n".join([
+        f"\\begin{{{environment}}}{{{columns}}}", r"\toprule", *head,
+        r"\midrule", *[r"\endhead"] * long, *lines, r"\bottomrule", f"\\end{{{environment}}}",
+    ])  # fmt: skip
 
 
 def _number(entry: Coefficient) -> str:

@@ -1,15 +1,16 @@
 """A step in MATLAB or Octave: a function file."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from cg.formats.language import Language
 from cg.formats.program import Program
-from cg.formats.text import comment, fill, wrapped
+from cg.formats.text import wrapped
 
-_FUNCTION = """function @returns@ = @name@_step(f, flow, @dexpinv@t, y, h)
+_FUNCTION = """function [y@returns@] = @name@_step(f, flow, @dexpinv@t, y, h)
 % Return the point after a step of size h. f(t, y) returns the coefficients of the fields as a
 % column, flow(v, y) the time-1 flow through y of the field with coefficients v.@algebra@@remark@
 %
-@head@
+@heading@
 
 % Slots hold points; slot 1 holds the initial one. Each stage has an abscissa c, the number of
 % moves before it, and a slot. Each move is a flow from one slot to another, along the weighted sum
@@ -63,7 +64,11 @@ _ALGEBRA = {
     ),
 }
 
-_PAIR = "second = points{@second_slot@};\n"
+_PAIR = {
+    "returns": ", second",
+    "output": "second = points{@second_slot@};\n",
+    "remark": "\n% second is the other result, of order @lower@.",
+}
 
 _ERROR = """error_of_step = zeros(size(fields, 1), size(error_weight, 1));
 for k = 1:size(error_weight, 1)
@@ -84,29 +89,7 @@ _ERROR_REMARKS = {
 }
 
 
-def to_matlab(program: Program) -> str:
-    """Return a function file."""
-    remark, returns, output = "", "y", ""
-    if program.second is not None:
-        returns, output = "[y, second]", _PAIR
-        remark = f"\n% second is the other result, of order {program.lower_order}."
-    elif program.errors:
-        returns, output = "[y, error_of_step]", _ERROR
-        remark = _ERROR_REMARKS[len(program.errors)]
-    parts = {
-        **program.if_on_algebra(_ALGEBRA),
-        "output": output,
-        "returns": returns,
-        "remark": remark,
-        "head": comment(program.heading, "%"),
-        "tables": _tables(program),
-        **program.numbers(slot=1),
-    }
-    return fill(_FUNCTION, parts)
-
-
-def _tables(program: Program) -> str:
-    integers = program.integer_tables(slot=1, term=1)
+def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
     lines = [
         *(_row(name, values) for name, values in integers.items()),
         _row("weight", program.term_weights),
@@ -120,3 +103,10 @@ def _tables(program: Program) -> str:
 
 def _row(name: str, entries: Sequence[str]) -> str:
     return f"{name} = [ ...\n{wrapped(entries, '  ', end=' ...')}];"
+
+
+MATLAB = Language(
+    _FUNCTION, mark="%", slot=1, term=1, tables=_tables, pair=_PAIR,
+    error={"returns": ", error_of_step", "output": _ERROR}, remarks=_ERROR_REMARKS,
+    algebra=_ALGEBRA,
+)  # fmt: skip

@@ -7,7 +7,6 @@ chain of flows takes a single slot.
 """
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate
@@ -54,29 +53,12 @@ class Program:
         """Title and source, a line each."""
         return f"{self.title}\n{self.source}" if self.source else self.title
 
-    def if_on_algebra(self, parts: Mapping[str, str]) -> dict[str, str]:
-        """Return parts of a template if the method works in the algebra, else empty texts."""
-        return dict(parts) if self.on_algebra else dict.fromkeys(parts, "")
-
-    def numbers(self, slot: int = 0) -> dict[str, object]:
-        """Return the parts of a template that are numbers or the name; `slot` is the first slot."""
-        return {
-            "name": self.name,
-            "slots": self.slots,
-            "stages": self.stages,
-            "moves": len(self.moves),
-            "result": self.result + slot,
-            "second_slot": (self.second or 0) + slot,
-            "errors": len(self.errors),
-            "lower": self.lower_order,
-        }
-
     @property
     def term_weights(self) -> tuple[str, ...]:
         """The weights of the terms of all moves."""
         return tuple(weight for move in self.moves for _, weight in move.terms)
 
-    def integer_tables(self, *, slot: int, term: int) -> dict[str, list[str]]:
+    def integer_tables(self, slot: int, term: int) -> dict[str, list[str]]:
         """Return the integers of the moves by array, from numbers of the first slot and term."""
         first_terms = accumulate((len(move.terms) for move in self.moves), initial=term)
         stages = (stage for move in self.moves for stage, _ in move.terms)

@@ -1,11 +1,14 @@
 """A step in Python: for NumPy, or as a pure function for JAX."""
 
+from collections.abc import Mapping
+
+from cg.formats.language import Language
 from cg.formats.program import Program
-from cg.formats.text import comment, fill, wrapped
+from cg.formats.text import wrapped
 
 _MODULE = '''"""A step of a Runge-Kutta method on manifolds."""
 
-@head@
+@heading@
 
 import numpy as np
 
@@ -95,7 +98,7 @@ _ERROR = '''
 def step_error(@call@):
     """Return the point after a step, and the coefficients of its error.
 
-    The arguments are those of `step`. @shape@
+    The arguments are those of `step`. @remark@
     """
     points, fields = _stages(@call@)
     return points[RESULT], np.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
@@ -108,23 +111,7 @@ _ERROR_REMARKS = {
 }
 
 
-def to_python(program: Program) -> str:
-    """Return a module that needs NumPy only."""
-    output = _PAIR if program.second is not None else ""
-    output += _ERROR if program.errors else ""
-    # the docstring comes first, since Python looks for an encoding in comments of two lines
-    parts = {
-        "output": output,
-        **(_ALGEBRA if program.on_algebra else _ON_MANIFOLD),
-        "shape": _ERROR_REMARKS.get(len(program.errors), ""),
-        "lower": program.lower_order,
-        "tables": _tables(program),
-        "head": comment(program.heading, "#"),
-    }
-    return fill(_MODULE, parts)
-
-
-def _tables(program: Program) -> str:
+def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
     lines = [
         "# slots hold points; slot 0 holds the initial one",
         f"SLOTS = {program.slots}",
@@ -135,8 +122,8 @@ def _tables(program: Program) -> str:
     lines += [
         "# of each stage: abscissa, number of moves before it, slot",
         f"C = (\n{wrapped(program.c, '    ')},\n)",
-        f"BEFORE = (\n{wrapped(map(str, program.before), '    ')},\n)",
-        f"STAGE_SLOTS = (\n{wrapped(map(str, program.stage_slots), '    ')},\n)",
+        f"BEFORE = (\n{wrapped(integers['before'], '    ')},\n)",
+        f"STAGE_SLOTS = (\n{wrapped(integers['slot'], '    ')},\n)",
         "# moves: from slot, to slot, (stage, weight) of the fields whose sum the flow is along",
         "MOVES = (",
     ]
@@ -150,3 +137,10 @@ def _tables(program: Program) -> str:
             lines.append(f"    (\n{wrapped(row, '        ')},\n    ),")
         lines.append(")")
     return "\n".join(lines)
+
+
+# the docstring comes first, since Python looks for an encoding in comments of two lines
+PYTHON = Language(
+    _MODULE, mark="#", slot=0, term=0, tables=_tables, pair={"output": _PAIR},
+    error={"output": _ERROR}, remarks=_ERROR_REMARKS, algebra=_ALGEBRA, manifold=_ON_MANIFOLD,
+)  # fmt: skip

@@ -20,7 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.layouts.points import START, PointTree
+from cg.conditions.word_weights import Quantity, Weights
+from cg.conditions.words import condition_words
+from cg.layouts.layout import Layout
+from cg.layouts.points import PointTree
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
@@ -88,16 +91,12 @@ def kink_weights(method: Method) -> tuple[Fraction, ...] | None:
 
 def _values(tree: PointTree, result: int, order: int) -> Matrix:
     """Return the elementary weights of trees up to an order at stages and at the result."""
-    trees, ends = forest(order), [*tree.stage_points, result]
-    used = sorted({point for end in ends for point in tree.path(end)})
-    flows = [{k: float(weight) for k, weight in point.weights.items()} for point in tree.points]
-    letters: dict[int, list[Any]] = {}
-    rows = []
-    for t in range(1, trees.with_nodes(order).stop):
-        at = _word_weights(tree, used, trees.children[t - 1], letters)
-        rows.append([at[end] for end in ends])
-        letters[t] = [sum(weight * rows[-1][k] for k, weight in flow.items()) for flow in flows]
-    return np.array(rows)
+    layout = Layout.of_tree(tree)
+    ends = [*range(layout.stages), layout.stages + layout.results.index(result)]
+    words = [(), *(condition_words(order - 1, False) if order > 1 else ())]
+    weights = Weights(layout, [Quantity(end, word) for word in words for end in ends])
+    x = [float(weight) for point in tree.points for weight in point.weights.values()]
+    return np.array(weights.evaluate(x)).reshape(len(words), -1)
 
 
 def _flat_values(method: Method, order: int) -> Matrix:
@@ -108,23 +107,6 @@ def _flat_values(method: Method, order: int) -> Matrix:
         factors = [method.a @ rows[child - 1] for child in trees.children[t - 1]]
         rows.append(np.prod([np.ones(method.stages), *factors], axis=0))
     return np.array(rows)
-
-
-def _word_weights(
-    tree: PointTree, points: list[int], word: Any, letters: dict[int, list[Any]]
-) -> dict[int, float]:
-    """Return the character of each point on a word of trees; see `cg.conditions`."""
-    prefixes = {START: [1.0] + [0.0] * len(word)}  # by the length of the prefix
-    for m in points:
-        before = prefixes[tree.points[m].parent]
-        after = before.copy()
-        for end in range(1, len(word) + 1):
-            product = 1.0
-            for begin in range(end - 1, -1, -1):
-                product *= letters[word[begin]][m] / (end - begin)
-                after[end] += before[begin] * product
-        prefixes[m] = after
-    return {m: row[-1] for m, row in prefixes.items()}
 
 
 def _vanishing(values: Matrix) -> NDArray[np.float64] | None:

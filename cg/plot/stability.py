@@ -12,6 +12,7 @@ from cg.catalogue import resolve_method
 from cg.method.method import Method
 from cg.method.stability import stability_function, too_large
 from cg.plot.style import COLOURS, axes_for, verbatim
+from cg.support.checks import check_interval
 
 _POINTS = 301
 _DASHES = ("solid", "dashed", "dashdot", "dotted")
@@ -63,8 +64,8 @@ def stability_region(
     if not methods:
         raise ValueError("method must be one or more methods, got none")
     box = _box(methods) if x is None or y is None else ((0.0, 0.0), (0.0, 0.0))
-    left, right = _range("x", x, box[0])
-    low, high = _range("y", y, box[1])
+    left, right = box[0] if x is None else check_interval("x", x)
+    low, high = box[1] if y is None else check_interval("y", y)
     ax = axes_for(ax)
     grid = np.meshgrid(np.linspace(left, right, _POINTS), np.linspace(low, high, _POINTS))
     z = grid[0] + 1j * grid[1]
@@ -122,15 +123,3 @@ def _boundary(method: Method) -> tuple[NDArray[np.complex128], bool]:
         if not cut:
             break
     return z[edge], cut
-
-
-def _range(name: str, limits: Any, default: tuple[float, float]) -> tuple[float, float]:
-    if limits is None:
-        return default
-    try:
-        low, high = map(float, limits)
-    except (TypeError, ValueError):
-        low = high = np.nan
-    if not (np.isfinite([low, high]).all() and low < high):
-        raise ValueError(f"{name} must be a pair of increasing finite numbers, got {limits!r}")
-    return low, high

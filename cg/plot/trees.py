@@ -1,5 +1,6 @@
 """Plots of ordered trees."""
 
+from itertools import count
 from typing import Any
 
 from cg.plot.style import COLOURS, axes_for, blank
@@ -64,29 +65,18 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
 
 def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
     """Return the places of nodes, root first, leaves one apart, and edges (parent, child)."""
-    order: list[OrderedTree] = []
-    parents: list[int] = []
-    depths: list[int] = []
-    pending = [(tree, -1, 0)]
-    while pending:
-        node, parent, depth = pending.pop()
-        number = len(order)
-        order.append(node)
-        parents.append(parent)
-        depths.append(depth)
-        pending += [(child, number, depth + 1) for child in reversed(node.children)]
-    x = [0.0] * len(order)
-    leaves = 0
-    for number, node in enumerate(order):
-        if not node.children:
-            x[number] = float(leaves)
-            leaves += 1
-    children: list[list[int]] = [[] for _ in order]
-    for number, parent in enumerate(parents):
-        if parent >= 0:
-            children[parent].append(number)
-    for number in range(len(order) - 1, -1, -1):  # children come after their parents
-        if children[number]:
-            x[number] = (x[children[number][0]] + x[children[number][-1]]) / 2
-    positions = [(x[k] - x[0], float(depths[k])) for k in range(len(order))]
-    return positions, [(parent, k) for k, parent in enumerate(parents) if parent >= 0]
+    places: list[tuple[float, float]] = []
+    edges: list[tuple[int, int]] = []
+    leaves = count()
+
+    def place(node: OrderedTree, height: float) -> int:
+        number = len(places)
+        places.append((0.0, height))
+        below = [place(child, height + 1.0) for child in node.children]
+        edges.extend((number, child) for child in below)
+        x = (places[below[0]][0] + places[below[-1]][0]) / 2 if below else float(next(leaves))
+        places[number] = x, height
+        return number
+
+    place(tree, 0.0)
+    return [(x - places[0][0], height) for x, height in places], edges

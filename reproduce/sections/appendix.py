@@ -14,8 +14,7 @@ from cg.support.quads import to_decimal
 from ..appendix_a import compare, nearest_exact, printed
 from ..blocks import Block, Data, Table, Text, number
 from ..coefficients import labels
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 
 
 def compute(context: Context) -> Data:

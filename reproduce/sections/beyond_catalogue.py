@@ -14,8 +14,7 @@ from cg.proofs.files import certificate_names
 
 from ..blocks import Block, Data, Table, Text, number, places
 from ..coefficients import RANK_THRESHOLD, singular_values
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from ..markdown import table as markdown_table
 
 _EXPLANATION = (

@@ -14,8 +14,7 @@ from cg.method.splitting import Splitting
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from ..quad_orders import FIT, convergence
 from ..style import PALETTE, grid, label_panel, lines
 from .fig4_2 import draw_errors, mark_roundoff

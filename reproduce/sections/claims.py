@@ -7,9 +7,8 @@ from functools import partial
 
 from .. import judges
 from ..blocks import Block, Data, Table, Text
-from ..context import Context
+from ..context import Context, Item
 from ..evidence import gather
-from ..item import Item
 
 NEEDS = (
     "table3.2", "appendix", "fig4.1", "fig4.2", "fig4.2quad", "search4", "search5", "search6",

@@ -6,8 +6,7 @@ from cg import conditions
 from cg.catalogue import methods
 
 from ..blocks import Block, Data, Table, Text, number
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from .search import PLANS
 
 
@@ -44,11 +43,7 @@ def _algorithms() -> tuple[tuple[str, str, str], ...]:
             "over the independent ones, as in the table with its zeros: CG6a as printed has "
             f"{number(_square(independent=True), 2)}, over all {number(_square(), 2)}",
         ),
-        (
-            "extended precision",
-            "the kind is not stated",
-            "real(16), IEEE binary128 in software",
-        ),
+        ("extended precision", "the kind is not stated", "real(16), IEEE binary128 in software"),
     )
 
 

@@ -11,8 +11,7 @@ from cg.construction.search.random_starts import RandomStart
 
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from ..statistics import median, quartiles
 from ..style import PALETTE, grid
 from .search import PLANS, Plan

@@ -6,8 +6,7 @@ from matplotlib.figure import Figure
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from ..style import LINES, grid, label_panel
 
 STEPS = 10

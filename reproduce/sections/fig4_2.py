@@ -15,8 +15,7 @@ from cg.analysis.convergence import observed_order
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from ..style import LINES, PALETTE, grid, label_panel
 
 _STEPS = (4, 8, 10, 16, 32, 64, 128, 256, 512, 1024, 2048)

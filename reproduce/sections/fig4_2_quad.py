@@ -6,8 +6,7 @@ from matplotlib.figure import Figure
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from ..quad_orders import FIT, convergence
 from ..style import label_panel
 from .fig4_2 import draw_errors, mark_roundoff

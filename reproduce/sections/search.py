@@ -25,8 +25,7 @@ from cg.support.shared_numbers import Status
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number
 from ..coefficients import coefficient_table, largest_coefficient, method_data
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 from ..statistics import quartiles
 from ..style import PALETTE, grid
 
@@ -111,13 +110,7 @@ def compute(plan: Plan, context: Context) -> Data:
     while True:
         done = min(starts, (done // plan.starts + 1) * plan.starts)
         try:
-            search(
-                **arguments,
-                starts=done,
-                workers=context.workers,
-                store=path,
-                progress=clock,
-            )
+            search(**arguments, starts=done, workers=context.workers, store=path, progress=clock)
         except KeyboardInterrupt:
             if finished := _finished(path):
                 context.publish(data_of(min(finished, starts)))

@@ -6,8 +6,7 @@ from cg.conditions import count, table_rows, unknowns
 from cg.trees.rooted import rooted_trees_through
 
 from ..blocks import Block, Data, Table, Text, number
-from ..context import Context
-from ..item import Item
+from ..context import Context, Item
 
 PAPER = (
     {"q": 4, "s": 5, "n": 15, "N_CG": 13, "N_RK": 8},

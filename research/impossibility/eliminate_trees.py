@@ -21,7 +21,7 @@ from typing import Any
 from cg.conditions import condition_trees
 from cg.trees.ordered import forest
 from research.impossibility import PointsShape, point_shapes
-from research.impossibility.ring import Ring
+from research.impossibility.ring import Ring, singular
 from research.impossibility.weights import word_weights
 
 MIN_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: research.impossibility
@@ -82,19 +82,9 @@ def has_none(conditions: Conditions, characteristic: int, seconds: float) -> boo
         "print(slimgb(I)); quit;\n"
     )
     try:
-        run = subprocess.run(
-            ["Singular", "-q"],
-            input=program,
-            capture_output=True,
-            text=True,
-            timeout=seconds,
-            check=True,
-        )
+        return singular(program, seconds).strip() == "1"
     except subprocess.TimeoutExpired:
         return None
-    if "?" in run.stdout:
-        raise RuntimeError(f"Singular: {run.stdout[:300]}")
-    return run.stdout.strip() == "1"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -5,7 +5,6 @@
 """
 
 import argparse
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 
 from cg.conditions import condition_trees
 from cg.trees.ordered import forest
+from research.impossibility.ring import singular
 from research.impossibility.shapes import PathShape, Shape, TableauShape, point_shapes
 
 
@@ -29,17 +29,10 @@ def lift(
         "int k; for (k = 1; k <= ncols(I); k++) { print(string(M[k, 1])); }",
         "quit;",
     ]
-    run = subprocess.run(
-        ["Singular", "-q"],
-        input="\n".join(program),
-        capture_output=True,
-        text=True,
-        timeout=seconds,
-        check=True,
-    )
-    rows = run.stdout.split("\n")[: len(names)]
-    if len(rows) < len(names) or "?" in run.stdout:
-        raise RuntimeError(f"Singular found no factors for {shape}: {run.stdout[:300]}")
+    output = singular("\n".join(program), seconds)
+    rows = output.split("\n")[: len(names)]
+    if len(rows) < len(names):
+        raise RuntimeError(f"Singular found no factors for {shape}: {output[:300]}")
     return {name: row for name, row in zip(names, rows, strict=True) if row.strip() != "0"}
 
 

@@ -1,6 +1,7 @@
-"""Polynomials with rational coefficients, and how they are written."""
+"""Polynomials with rational coefficients, how they are written, and calls of Singular."""
 
 import re
+import subprocess
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
@@ -69,3 +70,14 @@ class Ring:
                     f"{', '.join(self.names)}, got {factor!r}"
                 )
         return tuple(exponents), coefficient
+
+
+def singular(program: str, seconds: float) -> str:
+    """Return what a program of Singular prints; RuntimeError if it complains."""
+    run = subprocess.run(
+        ["Singular", "-q"], input=program, capture_output=True, text=True, timeout=seconds,
+        check=True,
+    )  # fmt: skip
+    if "?" in run.stdout:
+        raise RuntimeError(f"Singular: {run.stdout[:300]}")
+    return run.stdout

@@ -15,7 +15,7 @@ import pytest
 from refusals import refuses
 
 import cg
-from cg.analysis.diagnosis.files import diagnose_file
+from cg.analysis.diagnosis import diagnose_file
 from cg.catalogue import loads, save
 from cg.formats.notebooks import to_formula, to_html
 from cg.layouts.points import MethodError

@@ -200,7 +200,7 @@ class TestCheck:
         file.write_text(text)
         code, output, _ = run("check", str(file))
         assert code == 1
-        assert "mistake: it is CG4a with a misprint" in output
+        assert "mistake: it differs from CG4a in a_5,4 only" in output
         code, output, _ = run("check", str(file), "--json")
         assert code == 1
-        assert [f["kind"] for f in json.loads(output)["findings"]] == ["slip"]
+        assert [f["kind"] for f in json.loads(output)["findings"]] == ["changed"]

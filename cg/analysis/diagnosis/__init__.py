@@ -1,10 +1,9 @@
 """Diagnosis of methods: true order, first violated condition, known mistakes."""
 
-from cg.analysis.diagnosis.diagnosis import Diagnosis, diagnose
+from cg.analysis.diagnosis.diagnosis import Diagnosis, diagnose, diagnose_file
 from cg.analysis.diagnosis.drawing import draw_points, draw_tree
 from cg.analysis.diagnosis.failing import FailingCondition
-from cg.analysis.diagnosis.files import diagnose_file
-from cg.analysis.diagnosis.findings import Finding
+from cg.analysis.diagnosis.mistakes import Finding
 
 __all__ = [
     "Diagnosis",

@@ -1,20 +1,22 @@
-"""The result of diagnosing a method, and the function that diagnoses."""
+"""The result of diagnosing a method, and the functions that diagnose one, or a file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from os import PathLike
 from typing import Any
 
 from cg.analysis.diagnosis.failing import FailingCondition, first_failing
-from cg.analysis.diagnosis.findings import Finding
-from cg.analysis.diagnosis.mistakes import recognise_all
+from cg.analysis.diagnosis.mistakes import Finding, recognise_all
 from cg.analysis.diagnosis.variants import order_on_vector_spaces
 from cg.catalogue import resolve_method
+from cg.catalogue.entries import check_path, errors_naming, from_entry, read_entry
 from cg.method.abscissae import read_abscissae
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
-from cg.support.parsing import visible
+from cg.method.tableau import Tableau, TableauError
+from cg.support.parsing import read_file, visible
 
 
 @dataclass(frozen=True)
@@ -128,10 +130,10 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     Diagnosis
         Printed, it shows the order, the first violated order condition with its tree, and the
         mistakes recognised: reversed flows of stages, a transposed, one or two coefficients changed
-        in a method of the catalogue (among them CG4a's a_54), one wrong coefficient of another
-        method with the value that it should have, truncated coefficients, rounded
-        numbers given as exact fractions, second weights equal to the first, rows that don't sum to
-        c, and a classical tableau used on manifolds without lifting.
+        in a method of the catalogue, one wrong coefficient of another method with the value that it
+        should have, truncated coefficients, rounded numbers given as exact fractions, second
+        weights equal to the first, rows that don't sum to c, and a classical tableau used on
+        manifolds without lifting.
 
     Raises
     ------
@@ -171,3 +173,36 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
         first_failing(method),
         tuple(recognise_all(method, abscissae)),
     )
+
+
+def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
+    """Diagnose the method in a file; unlike `cg.load`, accept wrong ``c`` and equal weights."""
+    path = check_path(path)
+    with errors_naming(path):
+        return diagnose_entry(read_entry(read_file(path, TableauError)), path.stem)
+
+
+def diagnose_entry(entry: dict[str, Any], name: str = "") -> Diagnosis:
+    """Diagnose the method in the keys and values of a file; see `diagnose_file`."""
+    entry = dict(entry)
+    c = entry.pop("c", None)
+    try:
+        method = from_entry(entry, name)
+    except TableauError:
+        if "b_embedded" not in entry or not _same(entry["b"], entry["b_embedded"]):
+            raise
+        entry.pop("b_embedded")
+        diagnosis = diagnose(from_entry(entry, name), c=c)
+        finding = Finding(
+            "equal weights",
+            "b_embedded equals b: the difference of the results is zero and estimates no error",
+        )
+        return replace(diagnosis, findings=(finding, *diagnosis.findings))
+    return diagnose(method, c=c)
+
+
+def _same(b: Any, second: Any) -> bool:
+    # compare values, since texts such as 1/2 and 0.5 differ
+    stages = len(b) if isinstance(b, list) else 0
+    zeros = [[0] * stages] * stages
+    return Tableau(zeros, b).exact[1] == Tableau(zeros, second).exact[1]

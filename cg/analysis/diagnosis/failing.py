@@ -46,16 +46,8 @@ class FailingCondition:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the condition as a dict for JSON."""
-        return {
-            "order": self.order,
-            "tree": str(self.tree),
-            "drawing": draw_tree(self.tree),
-            "weight": self.weight,
-            "right_side": str(self.right_side),
-            "residual": self.residual,
-            "failing": self.failing,
-            "of": self.of,
-        }
+        texts = {"tree": str(self.tree), "right_side": str(self.right_side)}
+        return vars(self) | texts | {"drawing": draw_tree(self.tree), "weight": self.weight}
 
 
 def first_failing(method: Method) -> FailingCondition | None:

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from fractions import Fraction
+from operator import itemgetter
 
 import numpy as np
 
 from cg.analysis.diagnosis.correction import corrections
-from cg.analysis.diagnosis.findings import Finding
 from cg.analysis.diagnosis.matching import CatalogueMatch, closest_match
 from cg.analysis.diagnosis.variants import order_on_vector_spaces, reversals, transposed
 from cg.layouts.points import MethodError
@@ -25,7 +26,22 @@ _FULL_DOUBLE = 15  # significant digits of the shortest text of a double that wa
 _SINGLE = Fraction(1, 2**24)
 _HARMLESS = 1e-13
 _MAX_SHOWN = 5  # corrections
-_MISPRINT = ("CG4a", "a_5,4", Fraction("-1.1092979392113565"))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A recognised mistake, or a known property of a method, as a sentence."""
+
+    kind: str  # such as "reversed", "changed" or "digits"; "known" and "close" are no mistakes
+    message: str
+
+    @property
+    def mistake(self) -> bool:
+        """Whether the finding is a mistake."""
+        return self.kind not in ("known", "close")
+
+    def __str__(self) -> str:
+        return self.message
 
 
 def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Iterator[Finding]:
@@ -35,20 +51,16 @@ def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Ite
     place = _truncation_unit(method.coefficients)
     match = closest_match(method, within=Fraction(0) if place is None else place)
     order = method.exact_order
-    undone = [*_transposed(method, order), *_reversed(method, order)]
-    # a reversed or transposed method has no other mistake
-    known = (
-        []
-        if undone
-        else [
-            *_match_findings(method, match),
-            *_decimals_as_fractions(method, order),
-            *_truncated_digits(method, order, place),
-        ]
-    )
-    yield from undone
+    if undone := [*_transposed(method, order), *_reversed(method, order)]:
+        yield from undone  # such a method has no other mistake
+        return
+    known = [
+        *_match_findings(method, match),
+        *_decimals_as_fractions(method, order),
+        *_truncated_digits(method, order, place),
+    ]
     yield from known
-    if not undone and not any(finding.mistake for finding in known):
+    if not any(finding.mistake for finding in known):
         yield from _unlifted(method, order)
         if match is None and not method.approximate:
             with suppress(MissingQuadsError):
@@ -78,16 +90,6 @@ def _match_findings(method: Method, match: CatalogueMatch | None) -> Iterator[Fi
         if method is not match.method:
             yield Finding("known", f"its coefficients are those of {name}{aside}")
         return
-    if [(name, *change[:1]) for change in match.changed] == [_MISPRINT[:2]]:
-        coefficient = match.changed[0][1]
-        if abs(coefficient.value - _MISPRINT[2]) <= coefficient.unit:
-            yield Finding(
-                "slip",
-                "it is CG4a with a misprint known from several codes: "
-                f"a_5,4 = {_text(coefficient)} has one wrong digit; -1.1092979392113465 in the "
-                "paper agrees with c_5",
-            )
-            return
     labels = " and ".join(change[0] for change in match.changed)
     values = "; ".join(f"{_text(x)} here, {_text(y)} there" for _, x, y in match.changed)
     yield Finding("changed", f"it differs from {name}{aside} in {labels} only: {values}")
@@ -196,12 +198,9 @@ def _transposed(method: Method, order: int) -> Iterator[Finding]:
 
 
 def _reversed(method: Method, order: int) -> Iterator[Finding]:
-    best: tuple[int, str, Method] | None = None
-    for what, turned in reversals(method):
-        if turned.exact_order > max(order, best[0] if best else 1):
-            best = turned.exact_order, what, turned
-    if best is not None:
-        highest, what, turned = best
+    orders = [(turned.exact_order, what, turned) for what, turned in reversals(method)]
+    highest, what, turned = max(orders, key=itemgetter(0), default=(0, "", method))
+    if highest > max(order, 1):
         are, they = ("is", "it gives") if what == "b" else ("are", "they give")
         yield Finding(
             "reversed",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import condition_words, nodes, reciprocal_density
 from cg.construction.lifting.splitting import Splitting
-from cg.construction.solvers.rational import refine_rational
+from cg.construction.solvers.polish import refine_rational
 from cg.construction.solvers.singular import pseudo_inverse
 from cg.support.balls import exact_midpoint, to_ball, working_precision
 from cg.support.quads import DECIMAL_DIGITS, to_decimal
@@ -23,7 +23,6 @@ _BITS = 400
 _GRID = 10**80
 _BELOW = Fraction(1, 10**60)
 _CLOSE, _MAX_DENOMINATOR = Fraction(1, 10**40), 10**5  # of rational numbers
-_MAX_ITERATIONS = 11
 _GAP = 1e-10
 """Singular values below this fraction of the largest count as zero."""
 
@@ -41,14 +40,13 @@ def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
     """Refine weights x, shape (size,), to more digits than are written."""
     # the pseudo-inverse is in orthonormal directions, the unknowns are entries themselves
     along, rank = pseudo_inverse(splitting.jacobian(x), _GAP)
-    inverse = splitting.directions[splitting.movable] @ along
+    inverse = splitting.directions[splitting.movable] @ along * splitting.scale
     end = refine_rational(
         lambda movable: _residuals(splitting, movable),
         [Fraction(value) for value in x[splitting.movable].tolist()],
-        lambda residuals: inverse @ (splitting.scale * residuals),
+        inverse,
         below=_BELOW,
         grid=_GRID,
-        max_iterations=_MAX_ITERATIONS,
     )
     texts = list(map(_text, end.x))
     weights: list[str | Fraction] = list(splitting.full([Fraction(text) for text in texts]))

@@ -1,27 +1,70 @@
-"""Refinement of zeros of the order conditions beyond binary128, in rational arithmetic.
+"""Refinement of zeros beyond binary128, in rational arithmetic.
 
-Newton's method ``x - span J⁺ r(x)`` with exact residuals r, fractions, and the pseudo-inverse J⁺ of
-the double Jacobian along the columns of `span`, computed once. `cg.construction.solvers.refine`
+A step of Newton's method subtracts the product of J⁺ and the residuals r(x), which are fractions.
+The pseudo-inverse J⁺ is that of the double Jacobian and stays fixed, so that no linear algebra in
+fractions is needed; each correction gains about ten digits. `cg.construction.solvers.refine`
 computes r in real(16), whose rounding errors exceed a unit in the last digit that is written.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg import conditions
-from cg.construction.solvers.rational import RationalZero, refine_rational
 from cg.construction.solvers.singular import pseudo_inverse
 from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.frames.arrays import check_finite, real_array
 
 _ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _BELOW = Fraction(1, 10**44)
-_GRID = 10**60  # corrections are multiples of 1/_GRID
+_GRID = 10**60
 _RANK_TOLERANCE = 1e-10  # of the largest singular value; smaller ones count as zero
 _MAX_ITERATIONS = 20
+
+
+@dataclass(frozen=True)
+class RationalZero:
+    """The best point of a refinement, its residuals, and the number of useful corrections."""
+
+    x: tuple[Fraction, ...]
+    residuals: tuple[Fraction, ...]
+    iterations: int
+
+    @property
+    def largest_residual(self) -> Fraction:
+        """Magnitude of the largest residual."""
+        return max(map(abs, self.residuals), default=Fraction(0))
+
+
+def refine_rational(
+    residuals: Callable[[Sequence[Fraction]], Sequence[Fraction]],
+    x: Sequence[Fraction],
+    inverse: NDArray[np.float64],
+    *,
+    below: Fraction = _BELOW,
+    grid: int = _GRID,
+) -> RationalZero:
+    """Correct a point until its residuals are at most `below` or stop getting smaller.
+
+    `inverse` is J⁺. Corrections are rounded to multiples of ``1/grid``, so that numerators and
+    denominators stay short.
+    """
+    best = RationalZero(tuple(x), tuple(residuals(x)), 0)
+    largest = best.largest_residual
+    while largest > below and best.iterations < _MAX_ITERATIONS:
+        scaled = np.array([float(residual / largest) for residual in best.residuals])
+        trial = tuple(
+            entry - Fraction(round(Fraction(move) * largest * grid), grid)
+            for entry, move in zip(best.x, (inverse @ scaled).tolist(), strict=True)
+        )
+        corrected = RationalZero(trial, tuple(residuals(trial)), best.iterations + 1)
+        if corrected.largest_residual >= largest:
+            break
+        best, largest = corrected, corrected.largest_residual
+    return best
 
 
 def polish(
@@ -50,14 +93,8 @@ def polish(
         ]
         return tuple(system.complete(moved))
 
-    end = refine_rational(
-        lambda steps: _residuals(moved(steps), system),
-        [Fraction()] * span.shape[1],
-        lambda residuals: inverse @ residuals,
-        below=_BELOW,
-        grid=_GRID,
-        max_iterations=_MAX_ITERATIONS,
-    )
+    start_steps = [Fraction()] * span.shape[1]
+    end = refine_rational(lambda steps: _residuals(moved(steps), system), start_steps, inverse)
     return replace(end, x=moved(end.x))
 
 
@@ -90,11 +127,10 @@ def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction
 
 
 def _directions(directions: ArrayLike, size: int) -> NDArray[np.float64]:
-    span = np.array(directions, dtype=np.float64)
+    span = real_array(directions, "directions")
     if span.ndim != 2 or span.shape[0] != size or span.shape[1] == 0:
         raise ValueError(
             f"directions must have shape ({size}, k) with k at least 1, got {span.shape}"
         )
-    if not np.isfinite(span).all():
-        raise ValueError(f"directions must be finite, got {span}")
+    check_finite(span, "directions")
     return span

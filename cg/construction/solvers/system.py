@@ -28,10 +28,7 @@ from cg.support.shared_numbers import ConditionOwner, StageEquation
 from cg.trees.ordered import OrderedTree, forest
 
 _STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
-_REMAINING = {
-    1: (1, 1, 2, 6, 19, 56, 176, 550),
-    2: (1, 0, 1, 4, 12, 36, 112, 352),
-}
+_REMAINING = {1: (1, 1, 2, 6, 19, 56, 176, 550), 2: (1, 0, 1, 4, 12, 36, 112, 352)}
 """Numbers of conditions on 1, 2, ... nodes that a structure and smaller ones don't imply."""
 
 

@@ -47,10 +47,7 @@ _Doubles = NDArray[np.float64]
 
 
 def follow(
-    layout: Layout,
-    orders: Sequence[int],
-    y: Sequence[flint.arb],
-    left_out: Sequence[Condition],
+    layout: Layout, orders: Sequence[int], y: Sequence[flint.arb], left_out: Sequence[Condition]
 ) -> bool:
     """Return whether conditions left out hold wherever all others do, for coefficients in y."""
     relations = _Relations(layout, orders, y)
