@@ -234,7 +234,7 @@ subroutine loop_interpolate(address)
 
   run => run_at(address)
   do i = 1, size(run%lanes)
-    call request_interpolant(run%problem, run%lanes(i))
+    call request_interpolant(run%lanes(i))
   end do
   run%busy = .true.
 end subroutine loop_interpolate
@@ -261,7 +261,7 @@ subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, int
   do i = 1, members
     if (write) then
       call load_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
-      call refactor(run%problem, run%lanes(i))
+      call refactor(run%lanes(i))
     else
       call save_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
     end if

@@ -137,7 +137,7 @@ contains
         if (.not. run%busy(i)) return
         status = lane%status
         if (status == needs_minimum .or. status == needs_maximum) return
-        if (status /= out_of_memory) call resume(run%problem, lane, run%output, budget)
+        if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
         if (any(status == [needs_field, needs_minimum, needs_maximum, paused, buffer_full])) return

@@ -3,14 +3,13 @@
 ! they don't (R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4).
 module root_m
   use kinds, only: wp
-  use trajectory_m, only: problem_t, trajectory_t
+  use trajectory_m, only: trajectory_t
   use within_step_m, only: point_at, time_at
   implicit none
   private
   public :: event_function_t, find_root
 
   type :: event_function_t
-    type(problem_t), pointer :: problem => null()
     type(trajectory_t), pointer :: trajectory => null()
     integer :: event = 0
     real(wp), allocatable :: y(:)            ! (point_size)
@@ -32,9 +31,11 @@ contains
     real(wp), intent(out) :: y
     logical, intent(out) :: stop             ! whether there is no value
 
-    call point_at(self%problem, self%trajectory, x, self%y)
-    call self%problem%events%value(self%trajectory%member, self%event, &
-                                   time_at(self%trajectory, x), self%y, y, stop)
+    associate (trajectory => self%trajectory)
+      call point_at(trajectory, x, self%y)
+      call trajectory%problem%events%value(trajectory%member, self%event, &
+                                           time_at(trajectory, x), self%y, y, stop)
+    end associate
   end subroutine value
 
   ! Finds a zero of g between low and high.

@@ -3,7 +3,7 @@ module simultaneous_events_m
   use controller_m, only: smallest_size
   use kinds, only: wp
   use output_m, only: store_event, output_t
-  use trajectory_m, only: problem_t, trajectory_t
+  use trajectory_m, only: trajectory_t
   use within_step_m, only: point_at, time_at
   use iso_fortran_env, only: int64
   implicit none
@@ -17,8 +17,7 @@ module simultaneous_events_m
 contains
 
   ! Records zeros in the order of their times, up to the first one that ends the step.
-  subroutine record_zeros(problem, x, output, until, ended, after, full, stopped)
-    type(problem_t), intent(in) :: problem
+  subroutine record_zeros(x, output, until, ended, after, full, stopped)
     type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
@@ -33,23 +32,23 @@ contains
     until = 1.0_wp
     ended = .false.
     stopped = .false.
-    associate (state => x%events, events => problem%events, zeros => x%events%zeros)
+    associate (state => x%events, events => x%problem%events, zeros => x%events%zeros)
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
         happen = zeros%at <= zeros(k)%at + together
         ended = any(happen .and. (events%jumps(zeros%event) &
                                   .or. state%count(zeros%event) + 1 >= events%most(zeros%event)))
-        call point_at(problem, x, zeros(k)%at, y)
+        call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
         if (ended) then
           until = zeros(k)%at
-          call find_together(problem, x, until, y, happen, stopped)
+          call find_together(x, until, y, happen, stopped)
           if (stopped) return
         end if
         full = output%events + count(happen, kind=int64) > output%event_capacity
         if (full) return
-        call record_together(problem, x, zeros(k)%at, y, happen, output, after, stopped)
+        call record_together(x, zeros(k)%at, y, happen, output, after, stopped)
         if (ended) state%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
         if (stopped .or. ended) return
         zeros(k)%at = 2.0_wp
@@ -60,8 +59,7 @@ contains
 
   ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
   ! are accurate, or where rounding has changed the sign already.
-  subroutine find_together(problem, x, until, y, happen, stopped)
-    type(problem_t), intent(in) :: problem
+  subroutine find_together(x, until, y, happen, stopped)
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: until                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
@@ -77,7 +75,7 @@ contains
         happen(k) = zeros(k)%at <= until + together &
                     .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
         if (happen(k)) cycle
-        call problem%events%value(x%member, zeros(k)%event, t, y, value, stopped)
+        call x%problem%events%value(x%member, zeros(k)%event, t, y, value, stopped)
         if (stopped) return
         happen(k) = value * real(zeros(k)%from, wp) <= 0
       end do
@@ -86,8 +84,7 @@ contains
 
   ! Records events that happen together. Those without a jump come first, at the point before all
   ! jumps; then each jump starts from the point that the one before has left.
-  subroutine record_together(problem, x, theta, y, happen, output, after, stopped)
-    type(problem_t), intent(in) :: problem
+  subroutine record_together(x, theta, y, happen, output, after, stopped)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: theta                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
@@ -101,7 +98,7 @@ contains
 
     stopped = .false.
     after = y
-    associate (events => problem%events, zeros => x%events%zeros, t => time_at(x, theta))
+    associate (events => x%problem%events, zeros => x%events%zeros, t => time_at(x, theta))
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
           if (happen(k)) x%events%count(of) = x%events%count(of) + 1

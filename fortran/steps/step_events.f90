@@ -11,7 +11,7 @@ module step_events_m
   use requests_m, only: evaluate_events
   use root_m, only: event_function_t, find_root
   use shared_numbers, only: resting_contact
-  use trajectory_m, only: fail, problem_t, trajectory_t, zero_t
+  use trajectory_m, only: fail, trajectory_t, zero_t
   use within_step_m, only: point_at, time_at
   implicit none
   private
@@ -35,8 +35,7 @@ contains
 
   ! Finds the zeros of all events in a step. If `detects` is true, the times of zeros aren't
   ! computed.
-  subroutine find_zeros(problem, x, detects, stopped)
-    type(problem_t), target, intent(in) :: problem
+  subroutine find_zeros(x, detects, stopped)
     type(trajectory_t), target, intent(inout) :: x  ! its zeros are set
     logical, intent(in) :: detects
     logical, intent(out) :: stopped
@@ -45,21 +44,20 @@ contains
     real(wp), allocatable :: own(:)                    ! (0:parts) values of one event
     integer :: first, i, k, n
 
-    n = parts(problem, x)
+    n = parts(x)
     allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n))
     theta = [(real(k, wp) / real(n, wp), k=0, n)]
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
-    allocate (g%y(problem%frame%point_size))
-    g%problem => problem
+    allocate (g%y(x%problem%frame%point_size))
     g%trajectory => x
     g%detects = detects
     x%events%zeros = [zero_t ::]
     stopped = .false.
     do first = 2, 1, -1
       do k = first, n - 1, 2
-        call point_at(problem, x, theta(k), g%y)
-        call evaluate_events(problem, x, time_at(x, theta(k)), g%y, values(:, k), stopped)
+        call point_at(x, theta(k), g%y)
+        call evaluate_events(x, time_at(x, theta(k)), g%y, values(:, k), stopped)
         if (stopped) return
       end do
       if (first == 2 .and. n == min_parts .and. all(x%events%came_from == 0)) then
@@ -86,12 +84,11 @@ contains
   end function are_far
 
   ! The number of parts whose ends are compared
-  pure integer function parts(problem, x)
-    type(problem_t), intent(in) :: problem
+  pure integer function parts(x)
     type(trajectory_t), intent(in) :: x
     real(wp) :: angle
 
-    angle = max(turn(problem%frame, x%h * x%slope), turn(problem%frame, x%h * x%end_slope))
+    angle = max(turn(x%problem%frame, x%h * x%slope), turn(x%problem%frame, x%h * x%end_slope))
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
   end function parts
 
@@ -179,7 +176,7 @@ contains
     real(wp) :: zero
 
     stopped = .false.
-    if (.not. crosses(values(1), values(2), g%problem%events%direction(g%event))) return
+    if (.not. crosses(values(1), values(2), g%trajectory%problem%events%direction(g%event))) return
     zero = ends(2)
     if (abs(values(2)) > 0 .and. .not. g%detects) &
       call find_root(g, ends(1), ends(2), values(1), values(2), zero, stopped)
@@ -241,7 +238,7 @@ contains
       end do
       associate (power => power_of(elapsed, at, near, rounding, 1))
         if (power < 0) return
-        if (power < 1.5_wp .or. .not. g%problem%events%jumps(g%event)) then
+        if (power < 1.5_wp .or. .not. g%trajectory%problem%events%jumps(g%event)) then
           from = 0
           return
         end if
@@ -283,7 +280,7 @@ contains
     integer :: n
 
     associate (x => g%trajectory)
-      n = g%problem%events%width
+      n = g%trajectory%problem%events%width
       sizes = [maxval(abs(x%y(:n, 0))), at * maxval(abs(x%y(:n, x%result))), at * abs(last)]
       rounding_at = max(8 * abs(x%events%value_after(g%event)), &
                         32 * epsilon(1.0_wp) * maxval(sizes))

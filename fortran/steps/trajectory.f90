@@ -105,6 +105,7 @@ module trajectory_m
   end type last_step_t
 
   type :: trajectory_t
+    type(problem_t), pointer :: problem => null()
     integer :: member = 1
     integer :: phase = phase_begin_segment
     integer :: status = paused               ! a Stop
@@ -156,13 +157,14 @@ contains
 
   ! Allocates the memory of a trajectory.
   subroutine start(problem, within, keep_last, x, memory)
-    type(problem_t), intent(in) :: problem
+    type(problem_t), target, intent(in) :: problem
     logical, intent(in) :: within            ! whether interpolants are needed
     logical, intent(in) :: keep_last         ! whether that of the last step may be requested
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
     integer :: k, n
 
+    x%problem => problem
     associate (frame => problem%frame, method => problem%method, &
                most => maxval([1, problem%method%path_first(2:) - problem%method%path_first]))
       x%result = merge(1, method%result, method%two_registers)
