@@ -2,7 +2,7 @@
 ! and takes the next one when it has ended: one lane for a function of one point, many lanes for a
 ! vectorized function, which is called once for all lanes that need coefficients.
 module run_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use callback_m, only: callback_t
   use events_m, only: events_t
@@ -22,7 +22,7 @@ module run_m
   use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, drive, at_address, plan_at, run_at
+  public :: plan_t, run_t, c_intptr_t, drive, plan_at, run_at, wp
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -50,13 +50,6 @@ module run_m
   end type run_t
 
 contains
-
-  ! The integer value of a pointer
-  integer(c_intptr_t) function at_address(pointer)
-    type(c_ptr), intent(in) :: pointer
-
-    at_address = transfer(pointer, at_address)
-  end function at_address
 
   ! The plan at an address
   function plan_at(address) result(plan)
@@ -90,6 +83,7 @@ contains
     run%output%steps = 0
     run%output%interpolants = 0
     run%output%events = 0
+    run%output%failed = .false.
     drive_all: do
       count = 0
       waits = .false.
@@ -155,7 +149,6 @@ contains
   subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
-    logical :: failed
 
     if (run%next > size(run%states, 2)) return
     associate (lane => run%lanes(i), member => run%next, n => run%frame%point_size)
@@ -164,14 +157,14 @@ contains
       lane%control%attempts = 0
       lane%outputs_done = 0
       call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
-      call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true., failed)
+      call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%outputs > 0) then
         if (.not. abs(run%output%times(1) - run%record%t0) > 0) then
-          call store_point(run%output, member, 1, lane%y(:, 0), failed)
+          call store_point(run%output, member, 1, lane%y(:, 0))
           lane%outputs_done = 1
         end if
       end if
-      if (failed) call fail_to_observe(lane, run%record%t0)
+      if (run%output%failed) call fail_to_observe(lane, run%record%t0)
       run%busy(i) = .true.
       run%next = run%next + 1
     end associate

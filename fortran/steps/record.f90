@@ -15,8 +15,7 @@ module record_m
   use trajectory_m, only: fail, forget_step, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, jumps_without_progress, observer_failed, &
-                            paused, raised, &
+  use shared_numbers, only: finished, jumps_without_progress, observer_failed, paused, raised, &
                             terminal_event
   implicit none
   private
@@ -55,10 +54,9 @@ contains
   subroutine examine_events(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: values(size(x%events%before))
-    logical :: stopped
 
-    call evaluate_events(x, x%t_end, x%y(:, x%result), values, stopped)
-    if (stopped) return
+    call evaluate_events(x, x%t_end, x%y(:, x%result), values)
+    if (x%status /= finished) return
     x%events%after = values
     x%needs_interpolant = x%needs_interpolant .or. any(x%events%came_from /= 0) &
       .or. any(crosses(x%events%before, values, x%problem%events%direction) &
@@ -69,18 +67,16 @@ contains
   ! at the end of the step don't need it.
   subroutine detect_events(x)
     type(trajectory_t), intent(inout) :: x
-    logical :: stopped
 
-    call find_zeros(x, .true., stopped)
+    call find_zeros(x, .true.)
     x%phase = phase_record_step
-    if (stopped .and. x%status == finished) call fail(x, raised, x%t_end)
     associate (zeros => x%events%zeros)
       x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &
                                 .or. x%last%kept)
       x%seeks_events = size(zeros) > 0
     end associate
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
-    if (x%needs_interpolant .and. .not. stopped) call interpolate(x)
+    if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
 
   ! Records the output of a step, up to the first event that ends it, and starts the next step.
@@ -108,19 +104,11 @@ contains
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
     real(wp) :: until, t, y(x%problem%frame%point_size), after(x%problem%frame%point_size)
-    logical :: ended, full, stopped
+    logical :: ended
 
-    stopped = .false.
-    if (.not. allocated(x%events%zeros)) call find_zeros(x, .false., stopped)
-    if (.not. stopped) call record_zeros(x, output, until, ended, after, full, stopped)
-    if (stopped) then
-      if (x%status == finished) call fail(x, raised, x%t_end)
-      return
-    end if
-    if (full) then
-      x%status = buffer_full
-      return
-    end if
+    if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
+    if (x%status == finished) call record_zeros(x, output, until, ended, after)
+    if (x%status /= finished) return
     deallocate (x%events%zeros)
     t = x%t_end
     if (until < 1) t = x%t + until * (x%t_end - x%t)
@@ -139,13 +127,12 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether by an event
     type(output_t), intent(inout) :: output
-    logical :: failed
 
-    call record_outputs(x, t, y, output, failed)
+    call record_outputs(x, t, y, output)
     if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
-    if (.not. failed) call store_step(output, x%counts%steps, t, y, &
-                      .not. abs(t - x%problem%stops(size(x%problem%stops))) > 0 .or. ended, failed)
-    if (failed) then
+    if (.not. output%failed) call store_step(output, x%counts%steps, t, y, &
+                        .not. abs(t - x%problem%stops(size(x%problem%stops))) > 0 .or. ended)
+    if (output%failed) then
       call fail_to_observe(x, t)
       return
     end if
@@ -165,9 +152,10 @@ contains
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
-    logical :: ends
+    logical :: ends, jumps                             ! whether f or the solution may jump
 
     ends = .not. abs(t - x%problem%stops(x%segment)) > 0
+    jumps = ended .or. (ends .and. x%segment < size(x%problem%stops))
     if (ended) then
       if (abs(t - x%t) > 10 * smallest_size(t)) x%events%jumps_in_place = 0
       x%events%jumps_in_place = x%events%jumps_in_place + 1
@@ -175,9 +163,9 @@ contains
     x%t = t
     x%y(:, 0) = y
     x%phase = phase_choose_step
-    x%slope_known = x%end_known .and. .not. (ended .or. ends .and. x%segment < size(x%problem%stops))
+    x%slope_known = x%end_known .and. .not. jumps
     if (x%slope_known) x%slope(:) = x%end_slope
-    if (ended .or. (ends .and. x%segment < size(x%problem%stops))) call forget_step(x)
+    if (jumps) call forget_step(x)
     if (ends) x%phase = phase_begin_segment
     if (size(x%events%before) > 0) call begin_after_events(x, t, y, ended)
   end subroutine begin_next_step
@@ -188,7 +176,7 @@ contains
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
-    logical :: stopped, terminal
+    logical :: terminal
     real(wp) :: sizes(size(x%events%before))
 
     sizes = max(abs(x%events%before), abs(x%events%after))
@@ -204,8 +192,8 @@ contains
       call fail(x, jumps_without_progress, t)
       return
     end if
-    call evaluate_at_start(x, t, y, small_value * sizes, stopped)
-    if (stopped) return
+    call evaluate_at_start(x, t, y, small_value * sizes)
+    if (x%status == raised) return
     x%control%step_size = 0.0_wp
     x%control%last_error = 1.0_wp
     x%phase = phase_begin_segment
@@ -215,14 +203,12 @@ contains
   end subroutine begin_after_events
 
   ! Records the points at the output times up to t, where the solution is y.
-  subroutine record_outputs(x, t, y, output, failed)
+  subroutine record_outputs(x, t, y, output)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
-    logical, intent(out) :: failed                     ! whether a function of the user did
 
-    failed = .false.
     associate (point => x%request%y)    ! which isn't used now
       do while (x%outputs_done < output%outputs)
         associate (time => output%times(x%outputs_done + 1))
@@ -234,9 +220,9 @@ contains
             call prepare_next(x, output)
             associate (inner => x%problem%frame%blocks(1)%action%inner)
               call store_point(output, x%member, x%outputs_done, &
-                               inner%y(:, x%outputs_done - x%inner_from), failed)
+                               inner%y(:, x%outputs_done - x%inner_from))
             end associate
-            if (failed) return
+            if (output%failed) return
             cycle
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
@@ -244,8 +230,8 @@ contains
                             + int(flows_of_evaluation(x%problem%scheme, x%interpolant), int64)
           end if
         end associate
-        call store_point(output, x%member, x%outputs_done, point, failed)
-        if (failed) return
+        call store_point(output, x%member, x%outputs_done, point)
+        if (output%failed) return
       end do
     end associate
   end subroutine record_outputs
@@ -307,7 +293,7 @@ contains
       end = x%y(:, 0)
       associate (first => method%path_first(method%result), &
                  last => method%path_first(method%result + 1) - 1)
-        call combine_flows(x%flows, first, last, x%problem%frame%dimension, x%f, x%v)
+        call combine_flows(method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
         call apply_flows(x%problem%frame, last - first + 1, x%v, end)
       end associate
       x%counts%nexp = x%counts%nexp + 1

@@ -136,39 +136,36 @@ contains
   end subroutine reject_stage
 
   ! Evaluates the functions of all events at a point; the trajectory fails if one of them does.
-  subroutine evaluate_events(x, t, y, values, stopped)
+  subroutine evaluate_events(x, t, y, values)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(inout) :: values(:)               ! (events)
-    logical, intent(out) :: stopped
+    logical :: failed
     integer :: i
 
-    stopped = .false.
     do i = 1, size(values)
-      call x%problem%events%value(x%member, i, t, y, values(i), stopped)
-      if (.not. stopped) cycle
-      call fail(x, raised, t)
-      return
+      call x%problem%events%value(x%member, i, t, y, values(i), failed)
+      if (failed) call fail(x, raised, t)
+      if (failed) return
     end do
   end subroutine evaluate_events
 
   ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
   ! or a jump has left its function at zero, this zero isn't another event.
-  subroutine evaluate_at_start(x, t, y, small, stopped)
+  subroutine evaluate_at_start(x, t, y, small)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(in) :: small(:)                   ! (events) values that count as zero
-    logical, intent(out) :: stopped
     real(wp) :: values(size(small))
 
-    call evaluate_events(x, t, y, values, stopped)
-    if (stopped) return
-    associate (events => x%events)
+    call evaluate_events(x, t, y, values)
+    if (x%status == raised) return
+    associate (events => x%events, size_of_y => maxval(abs(y(:x%problem%events%width))))
       events%before = values
       where (events%came_from /= 0 &
-             .and. abs(values) <= max(small, epsilon(t) * maxval(abs(y(:x%problem%events%width)))))
+             .and. abs(values) <= max(small, epsilon(t) * size_of_y))
         events%before = 0.0_wp
         events%value_after = values
       elsewhere

@@ -3,7 +3,8 @@
 ! they don't (R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4).
 module root_m
   use kinds, only: wp
-  use trajectory_m, only: trajectory_t
+  use shared_numbers, only: raised
+  use trajectory_m, only: fail, trajectory_t
   use within_step_m, only: point_at, time_at
   implicit none
   private
@@ -14,6 +15,7 @@ module root_m
     integer :: event = 0
     real(wp), allocatable :: y(:)            ! (point_size)
     logical :: detects = .false.             ! whether any number serves as the zero of an interval
+    logical :: stopped = .false.             ! whether there was no value
   contains
     procedure :: value
   end type event_function_t
@@ -24,33 +26,31 @@ module root_m
 
 contains
 
-  ! Evaluates the function at a fraction of the step.
-  subroutine value(self, x, y, stop)
+  ! Evaluates the function at a fraction of the step; the trajectory fails if there is no value.
+  subroutine value(self, x, y)
     class(event_function_t), intent(inout) :: self
     real(wp), intent(in) :: x
     real(wp), intent(out) :: y
-    logical, intent(out) :: stop             ! whether there is no value
 
     associate (trajectory => self%trajectory)
       call point_at(trajectory, x, self%y)
       call trajectory%problem%events%value(trajectory%member, self%event, &
-                                           time_at(trajectory, x), self%y, y, stop)
+                                           time_at(trajectory, x), self%y, y, self%stopped)
+      if (self%stopped) call fail(trajectory, raised, trajectory%t_end)
     end associate
   end subroutine value
 
   ! Finds a zero of g between low and high.
-  subroutine find_root(g, low, high, at_low, at_high, x, stopped)
+  subroutine find_root(g, low, high, at_low, at_high, x)
     type(event_function_t), intent(inout) :: g
     real(wp), intent(in) :: low, high              ! the ends
     real(wp), intent(in) :: at_low, at_high        ! values there, of opposite signs
     real(wp), intent(out) :: x
-    logical, intent(out) :: stopped                ! by the function
     ! the best estimate, the one before, and one on the other side of the zero
     real(wp) :: a, b, c, fa, fb, fc
     real(wp) :: middle, enough, step, last_step, p, q, r, s
     integer :: i
 
-    stopped = .false.
     a = low
     fa = at_low
     b = high
@@ -108,8 +108,8 @@ contains
       else
         b = b + sign(enough, middle)
       end if
-      call g%value(b, fb, stopped)
-      if (stopped) exit
+      call g%value(b, fb)
+      if (g%stopped) exit
     end do
     x = b
   end subroutine find_root

@@ -147,27 +147,26 @@ contains
   subroutine follow_paths(x, last)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: last
-    integer :: i
+    integer :: i, begin, end
 
     associate (method => x%problem%method, frame => x%problem%frame)
       do i = x%paths + 1, last
         if (x%problem%of_time .and. .not. method%leads(i)) cycle
+        begin = method%path_first(i)
+        end = method%path_first(i + 1)
         call copy(frame%point_size, x%y(:, method%origin(i)), x%y(:, i))
         if (method%on_algebra) then
           call combine_coordinates(method, i, x)
           call apply_flows(frame, 1, x%u, x%y(:, i))
         else if (method%splitting) then
-          call move_by_kicks(frame, x%flows, x%h * method%drift, method%path_first(i), &
-                             method%path_first(i + 1) - 1, x%f, x%y(:, i))
+          call move_by_kicks(frame, method%flows, x%weight, x%h * method%drift, begin, end - 1, &
+                             x%f, x%y(:, i))
         else
-          call combine_flows(x%flows, method%path_first(i), method%path_first(i + 1) - 1, &
-                             frame%dimension, x%f, x%v)
-          call apply_flows(frame, method%path_first(i + 1) - method%path_first(i), x%v, x%y(:, i))
+          call combine_flows(method%flows, x%weight, begin, end - 1, frame%dimension, x%f, x%v)
+          call apply_flows(frame, end - begin, x%v, x%y(:, i))
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
-        x%counts%nexp = x%counts%nexp &
-                        + int(merge(1, method%path_first(i + 1) - method%path_first(i), &
-                                    method%polynomial), int64)
+        x%counts%nexp = x%counts%nexp + int(merge(1, end - begin, method%polynomial), int64)
       end do
       x%paths = max(x%paths, last)
     end associate
@@ -180,8 +179,9 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     x%path_of_u = path
-    call combine_flows(x%flows, method%path_first(path), method%path_first(path), size(x%u), &
-                       x%f, x%u)
+    associate (flow => method%path_first(path))
+      call combine_flows(method%flows, x%weight, flow, flow, size(x%u), x%f, x%u)
+    end associate
   end subroutine combine_coordinates
 
   ! Moves the point of a two-register method along h b Z.

@@ -11,8 +11,7 @@ module step_size_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: needs_minimum, slope_not_finite, step_too_small, &
-                            too_many_steps
+  use shared_numbers, only: needs_minimum, raised, slope_not_finite, step_too_small, too_many_steps
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, request_curvature
@@ -22,7 +21,6 @@ contains
   ! Starts the next segment that isn't empty, or ends the trajectory.
   subroutine begin_segment(x)
     type(trajectory_t), intent(inout) :: x
-    logical :: stopped
 
     if (.not. abs(x%problem%stops(x%segment) - x%t) > 0) then
       if (x%segment == size(x%problem%stops)) then
@@ -45,8 +43,8 @@ contains
     end if
     if (.not. associated(x%problem%events)) return
     if (x%events%known) return
-    call evaluate_at_start(x, x%t, x%y(:, 0), 8 * abs(x%events%value_after), stopped)
-    if (.not. stopped) x%events%known = .true.
+    call evaluate_at_start(x, x%t, x%y(:, 0), 8 * abs(x%events%value_after))
+    x%events%known = x%status /= raised
   end subroutine begin_segment
 
   ! Makes the grid of equal steps to a stop, unless the present one leads there.
@@ -171,7 +169,7 @@ contains
         x%h = x%t_end - x%t
       end if
       if (abs(x%h - x%weighted_by) > 0) then
-        x%flows%weight(:) = x%h * x%problem%method%flows%weight
+        x%weight(:) = x%h * x%problem%method%flows%weight
         x%weighted_by = x%h
       end if
       x%stage = 1

@@ -4,7 +4,6 @@ module trajectory_m
   use kinds, only: wp
   use error_norm_m, only: tolerances_t, width
   use events_m, only: events_t
-  use blocks_m, only: flow_sequence_t
   use frames_m, only: frame_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use method_m, only: method_t
@@ -129,7 +128,7 @@ module trajectory_m
     real(wp) :: t_end = 0.0_wp
     real(wp) :: h = 0.0_wp                   ! signed size
     real(wp) :: error = 0.0_wp               ! in tolerances
-    type(flow_sequence_t) :: flows           ! of the method, with weights times the step size
+    real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
     real(wp) :: weighted_by = 0.0_wp         ! step size that these weights are multiplied by
     ! (dimension, stages) coefficients at the stages; of a two-register method the register Z
     real(wp), allocatable :: f(:, :)
@@ -173,15 +172,9 @@ contains
                 x%request%y(frame%point_size), &
                 x%request%received(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
-                x%v(frame%dimension, most), &
-                x%flows%first(size(method%flows%first)), &
-                x%flows%stage(size(method%flows%stage)), &
-                x%flows%weight(size(method%flows%weight)), stat=memory)
+                x%v(frame%dimension, most), x%weight(size(method%flows%weight)), stat=memory)
       if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory /= 0) return
-      x%flows%first(:) = method%flows%first  ! assigning the type checks no memory
-      x%flows%stage(:) = method%flows%stage
-      x%flows%weight(:) = method%flows%weight
       if (method%collocation) then
         call reserve(frame%dimension, .not. problem%dense, x%newton, memory)
       else if (method%implicit) then
