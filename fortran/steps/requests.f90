@@ -63,7 +63,7 @@ contains
     x%problem%field%member = x%member
     call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
     if (guarded) then
-      if (.not. all(abs(y - x%request%y) <= 0)) call copy(size(y), x%request%y, y)
+      if (count(abs(y - x%request%y) <= 0) < size(y)) call copy(size(y), x%request%y, y)
     end if
     call check_coefficients(x, y, f)
   end subroutine request
