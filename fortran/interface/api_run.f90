@@ -268,7 +268,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   real(wp), intent(in) :: fields(m, steps)             ! (dimension * columns, steps)
   real(wp), intent(inout) :: y(n, count)
   type(plan_t), pointer :: plan
-  type(frame_t) :: frame
+  type(frame_t), target :: frame
   type(callback_t), target :: python
   type(interpolant_t) :: interpolant
   type(inner_points_t), target :: inner
@@ -302,11 +302,11 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
       last_in_step = min(count, i + 31)
       last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
                                       .and. theta(i:last_in_step) < 1, .false.], .false., 1)
-      call evaluate_inner(frame, plan%scheme, interpolant, inner, theta(i:last_in_step), &
+      call evaluate_inner(interpolant, inner, theta(i:last_in_step), &
                           y(:, i:last_in_step))
       i = last_in_step
     else
-      call evaluate_interpolant(frame, plan%scheme, interpolant, theta(i), y(:, i))
+      call evaluate_interpolant(interpolant, theta(i), y(:, i))
     end if
   end do
 end subroutine plan_interpolate

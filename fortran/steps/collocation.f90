@@ -41,14 +41,14 @@ contains
           return
         end if
         if (abs(x%h - newton%factored_h) > noise * abs(x%h)) then
-          call factor(frame, method%transformation, x%h, newton, singular)
+          call factor(newton, x%h, singular)
           x%counts%nlu = x%counts%nlu + 2
           if (singular) then
             call give_up(x)
             return
           end if
         end if
-        call predict(frame, method%series, method%transformation, method%c(2:), x%h, newton)
+        call predict(newton, method%series, method%c(2:), x%h)
         newton%rate_factor = max(newton%rate_factor, epsilon(1.0_wp))**0.8_wp
         newton%iteration = 1
         x%stage = 2
@@ -68,8 +68,7 @@ contains
 
     if (.not. abs(x%newton%factored_h) > 0) return
     x%newton%member = x%member
-    call factor(x%problem%frame, x%problem%method%transformation, x%newton%factored_h, &
-                x%newton, singular)
+    call factor(x%newton, x%newton%factored_h, singular)
   end subroutine refactor
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
@@ -98,7 +97,7 @@ contains
     logical :: slow, solved
 
     associate (newton => x%newton, method => x%problem%method)
-      call correction(x%problem%frame, method%transformation, x%h, x%f(:, 2:), newton, dz)
+      call correction(newton, x%h, x%f(:, 2:), dz)
       remaining = merge(max_iterations, max_rounds, x%problem%adaptive) - newton%iteration
       tolerance = rounding
       associate (rtol => max(x%problem%tolerances%rtol, epsilon(1.0_wp)))
@@ -121,7 +120,7 @@ contains
       newton%norm = size_of
       if (solved) then
         newton%z = newton%z + dz
-        call derivatives(method%transformation, x%h, newton%z, x%f(:, 2:))
+        call derivatives(newton, x%h, x%f(:, 2:))
         x%phase = phase_finish_step
       else if (slow .or. remaining == 0) then
         call give_up(x)

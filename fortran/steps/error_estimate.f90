@@ -46,7 +46,7 @@ contains
       x%path_of_u = 0
       do i = 1, sums
         call combine(size(v), size(x%f, 2), x%h * method%error(:, i), x%f, v)
-        if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
+        if (method%collocation) call filtered(x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         place = merge(2 + i - sums, 1 + 2 * (i - 1) / sums, method%embedded > 0)
         if (method%power == 0) place = 1 + i

@@ -227,7 +227,7 @@ contains
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp &
-                            + int(flows_of_evaluation(x%problem%scheme, x%interpolant), int64)
+                            + int(flows_of_evaluation(x%interpolant), int64)
           end if
         end associate
         call store_point(output, x%member, x%outputs_done, point)

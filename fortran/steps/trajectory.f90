@@ -176,7 +176,7 @@ contains
       if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory /= 0) return
       if (method%collocation) then
-        call reserve(frame%dimension, .not. problem%dense, x%newton, memory)
+        call reserve(frame, method%transformation, .not. problem%dense, x%newton, memory)
       else if (method%implicit) then
         x%solver%fixed_point = .not. problem%dense
         n = merge(size(x%f) / method%blocks, 0, problem%dense)

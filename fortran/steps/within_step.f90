@@ -32,7 +32,7 @@ contains
     else if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
     else if (x%slope_known) then
-      call interpolate_last(x, x%slope)
+      call interpolate(x)
     end if
   end subroutine request_interpolant
 
@@ -65,56 +65,39 @@ contains
     if (x%interpolate_only) then
       x%slope(:) = x%request%received
       x%slope_known = abs(x%t - x%request%t) <= 0
-      call interpolate_last(x, x%slope)
     else
       x%end_slope(:) = x%request%received
       x%end_known = .true.
-      call interpolate(x)
     end if
+    call interpolate(x)
   end subroutine store_end
 
-  ! Starts the interpolant of the present step. If only events may need it, they are sought first
-  ! along what is known of it from the ends of the step.
+  ! Starts the interpolant of the present step, or of the one before. If only events may need it,
+  ! they are sought first along what is known of it from the ends of the step.
   subroutine interpolate(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
-                  x%end_slope)
-    call complete_ends(x)
-    call begin_interpolant(x%problem%frame, x%problem%scheme, x%problem%unique_flows, x%f, &
-                           x%interpolant, exists)
-    if (x%needs_interpolant .or. x%interpolant%complete) then
-      call advance_interpolant(x, exists, x%interpolant%nexp)
-    else
-      call make_cubic(x%problem%scheme, exists, x%interpolant)
-      x%phase = phase_detect_events
-    end if
-  end subroutine interpolate
-
-  ! Adds the free motion to the coefficients of splitting methods at both ends.
-  subroutine complete_ends(x)
-    type(trajectory_t), intent(inout) :: x
-
-    if (.not. x%problem%method%splitting) return
-    associate (interpolant => x%interpolant)
-      call add_free_motion(x%problem%frame, interpolant%y0, interpolant%field(:, 1))
-      call add_free_motion(x%problem%frame, interpolant%y1, interpolant%field(:, 2))
+    associate (last => x%last, interpolant => x%interpolant)
+      if (x%interpolate_only) then
+        call set_ends(interpolant, last%t, last%h, last%y, x%y(:, 0), last%slope, x%slope)
+      else
+        call set_ends(interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
+                      x%end_slope)
+      end if
+      if (x%problem%method%splitting) then
+        call add_free_motion(x%problem%frame, interpolant%y0, interpolant%field(:, 1))
+        call add_free_motion(x%problem%frame, interpolant%y1, interpolant%field(:, 2))
+      end if
+      call begin_interpolant(x%problem%unique_flows, x%f, interpolant, exists)
+      if (x%needs_interpolant .or. x%interpolate_only .or. interpolant%complete) then
+        call advance_interpolant(x, exists, interpolant%nexp)
+      else
+        call make_cubic(exists, interpolant)
+        x%phase = phase_detect_events
+      end if
     end associate
-  end subroutine complete_ends
-
-  ! Starts the interpolant of the step before.
-  subroutine interpolate_last(x, slope)
-    type(trajectory_t), intent(inout) :: x
-    real(wp), contiguous, intent(in) :: slope(:)       ! (dimension) at its end
-    logical :: exists
-
-    call set_ends(x%interpolant, x%last%t, x%last%h, x%last%y, x%y(:, 0), x%last%slope, slope)
-    call complete_ends(x)
-    call begin_interpolant(x%problem%frame, x%problem%scheme, x%problem%unique_flows, x%f, &
-                           x%interpolant, exists)
-    call advance_interpolant(x, exists, x%interpolant%nexp)
-  end subroutine interpolate_last
+  end subroutine interpolate
 
   ! Chooses the phase after a node of the interpolant.
   subroutine advance_interpolant(x, exists, flows)
@@ -136,8 +119,8 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: theta
 
-    call next_node(x%problem%frame, x%problem%scheme, x%interpolant, theta)
-    x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%problem%scheme, x%interpolant), int64)
+    call next_node(x%interpolant, theta)
+    x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
     call request(x, x%interpolant%t0 + theta * x%interpolant%h, &
                  x%interpolant%y, phase_node_received, x%request%received)
   end subroutine request_node
@@ -151,7 +134,7 @@ contains
     before = x%interpolant%nexp
     if (x%problem%method%splitting) &
       call add_free_motion(x%problem%frame, x%interpolant%y, x%request%received)
-    call add_node(x%problem%frame, x%problem%scheme, x%request%received, x%interpolant, exists)
+    call add_node(x%request%received, x%interpolant, exists)
     call advance_interpolant(x, exists, x%interpolant%nexp - before)
   end subroutine store_node
 
@@ -166,7 +149,7 @@ contains
     else if (.not. theta > 0) then
       y = x%y(:, 0)
     else
-      call evaluate_interpolant(x%problem%frame, x%problem%scheme, x%interpolant, theta, y)
+      call evaluate_interpolant(x%interpolant, theta, y)
     end if
   end subroutine point_at
 
