@@ -19,15 +19,13 @@ subroutine fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, moving,
   use conditions_m, only: order_conditions_t
   use minimum_norm_m, only: minimise_norm
   implicit none
-  integer, intent(in) :: order, l, n, m, k
-  integer, intent(in) :: layout(l)      ! see read_layout
+  integer, intent(in) :: order, l, n, m, k, layout(l)    ! layout: see read_layout
   real(wp), intent(in) :: x0(n)         ! packed weights
   integer, intent(in) :: trees(m)       ! none of them zero
   integer, intent(in) :: owner(m)       ! zero for the first result, see order_conditions_t
   integer, intent(in) :: moving(k)      ! indices of the unknowns that may move, from 1
   real(wp), intent(in) :: ftol, damping
-  integer, intent(in) :: max_iterations
-  integer, intent(in) :: accurate       ! zero or one
+  integer, intent(in) :: max_iterations, accurate        ! accurate: zero or one
   integer, intent(inout), target :: stop_flag(1)  ! zero; set by another thread, never copied
   real(wp), intent(out) :: x(n), f
   integer, intent(out) :: iterations, evaluations, status

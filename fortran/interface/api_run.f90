@@ -9,8 +9,7 @@ subroutine plan_open(blocks, description, numbers, constants, method_address, ad
   use run_m, only: c_intptr_t, plan_t, wp
   use shared_numbers, only: method_record_t
   implicit none
-  integer, intent(in) :: blocks, numbers
-  integer, intent(in) :: description(3, blocks)
+  integer, intent(in) :: blocks, numbers, description(3, blocks)
   real(wp), intent(in) :: constants(numbers)
   integer(c_intptr_t), intent(in) :: method_address    ! of a method_record_t
   integer(c_intptr_t), intent(out) :: address
@@ -30,8 +29,7 @@ subroutine plan_set_bodies(address, bodies, columns, numbers, constants)
   use run_m, only: c_intptr_t, plan_at, plan_t, wp
   implicit none
   integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: bodies, numbers
-  integer, intent(in) :: columns(bodies)
+  integer, intent(in) :: bodies, numbers, columns(bodies)
   real(wp), intent(in) :: constants(numbers)
   type(plan_t), pointer :: plan
 
@@ -165,13 +163,10 @@ subroutine loop_continue(address, segments, stops)
   integer, intent(in) :: segments
   real(wp), intent(in) :: stops(segments)
   type(run_t), pointer :: run
-  integer :: i
 
   run => run_at(address)
   run%problem%stops = stops
-  do i = 1, size(run%lanes)
-    call continue_run(run%lanes(i))
-  end do
+  call continue_run(run%lanes)
   run%busy = .true.
   run%next = size(run%lanes) + 1
 end subroutine loop_continue
@@ -184,8 +179,7 @@ subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, members
-  real(wp), intent(in) :: t, y(n, members)
-  real(wp), intent(in) :: first_step                   ! zero to choose it
+  real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: zero to choose it
   integer(c_intptr_t), intent(in) :: data_address
   type(run_t), pointer :: run
   integer :: i
@@ -208,12 +202,9 @@ subroutine loop_interpolate(address)
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
-  integer :: i
 
   run => run_at(address)
-  do i = 1, size(run%lanes)
-    call request_interpolant(run%lanes(i))
-  end do
+  call request_interpolant(run%lanes)
   run%busy = .true.
 end subroutine loop_interpolate
 
@@ -261,10 +252,8 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   use run_m, only: c_intptr_t, plan_at, plan_t, wp
   implicit none
   integer(c_intptr_t), intent(in) :: address, context
-  integer, intent(in) :: count, steps, n, m
-  integer, intent(in) :: which(count)                  ! steps, from 0
-  real(wp), intent(in) :: theta(count)
-  real(wp), intent(in) :: t(4, steps), y_ends(n, 2, steps)
+  integer, intent(in) :: count, steps, n, m, which(count)  ! which: steps, from 0
+  real(wp), intent(in) :: theta(count), t(4, steps), y_ends(n, 2, steps)
   real(wp), intent(in) :: fields(m, steps)             ! (dimension * columns, steps)
   real(wp), intent(inout) :: y(n, count)
   type(plan_t), pointer :: plan
@@ -302,8 +291,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
       last_in_step = min(count, i + 31)
       last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
                                       .and. theta(i:last_in_step) < 1, .false.], .false., 1)
-      call evaluate_inner(interpolant, inner, theta(i:last_in_step), &
-                          y(:, i:last_in_step))
+      call evaluate_inner(interpolant, inner, theta(i:last_in_step), y(:, i:last_in_step))
       i = last_in_step
     else
       call evaluate_interpolant(interpolant, theta(i), y(:, i))

@@ -7,8 +7,7 @@ module open_run_m
   use error_norm_m, only: tolerances_t
   use kinds, only: wp
   use run_m, only: plan_t, run_t
-  use shared_numbers, only: counters_t, differences_jacobian, event_record_t, paused, &
-                            sparse_jacobian
+  use shared_numbers
   use trajectory_m, only: start
   use vector_field_m, only: field_at
   implicit none
@@ -78,8 +77,7 @@ contains
       n = merge(run%frame%point_size, run%frame%dimension, record%in_entries /= 0)
       call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerances)])
       call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerances)])
-      problem%tolerances = tolerances_t( &
-        atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
+      problem%tolerances = tolerances_t(atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
         rtols=[(rtols(1 + (i - 1) / (n / size(rtols))), i = 1, n)], rtol=record%rtol, &
         in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
         max_step=record%max_step)
@@ -104,8 +102,7 @@ contains
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
-      within = run%problem%scheme%columns > 0 &
-               .and. (record%dense /= 0 .or. record%outputs > 0 &
+      within = run%problem%scheme%columns > 0 .and. (record%dense /= 0 .or. record%outputs > 0 &
                       .or. associated(run%problem%events))
       allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
       if (memory /= 0) return

@@ -15,9 +15,7 @@ module run_m
   use observer_m, only: observer_t
   use output_m, only: store_point, store_step, output_t
   use record_m, only: fail_to_observe
-  use shared_numbers, only: buffer_full, counters_t, fields_operation, finished, needs_field, &
-                            needs_maximum, needs_minimum, out_of_memory, paused, raised, record_t, &
-                            terminal_event
+  use shared_numbers
   use trajectory_m, only: problem_t, set_start, trajectory_t
   use vector_field_m, only: vector_field_t
   implicit none

@@ -154,8 +154,7 @@ contains
     type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(inout) :: y(:)
-    real(wp) :: basis(self%known, size(self%scheme%c))
-    real(wp) :: w
+    real(wp) :: basis(self%known, size(self%scheme%c)), w
     integer :: i
 
     associate (n => self%known, last => size(self%scheme%weight, 2) + 1, v => self%v)

@@ -178,8 +178,7 @@ contains
   subroutine correct(x, block)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
-    real(wp) :: scale(size(x%f, 1)), d(size(x%f, 1), x%solver%first: x%solver%last)
-    real(wp) :: correction
+    real(wp) :: scale(size(x%f, 1)), d(size(x%f, 1), x%solver%first: x%solver%last), correction
     integer :: i, info, limit
 
     associate (solver => x%solver)

@@ -24,8 +24,7 @@ module loop_m
   use trajectory_m, only: trajectory_t
   use within_step_m, only: store_begin, store_node, store_end, request_node
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, needs_field, needs_maximum, needs_minimum, &
-                            paused
+  use shared_numbers, only: buffer_full, finished, needs_field, needs_maximum, needs_minimum, paused
   implicit none
   private
   public :: resume

@@ -63,8 +63,7 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
 
     if (associated(output%y)) output%y(:, member, number) = y
-    if (associated(output%observed)) &
-      call output%observer%observe(member, output%times(number), y, &
+    if (associated(output%observed)) call output%observer%observe(member, output%times(number), y, &
                                    output%observed(:, member, number), output%failed)
   end subroutine store_point
 

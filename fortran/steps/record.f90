@@ -15,8 +15,7 @@ module record_m
   use trajectory_m, only: fail, forget_step, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends
   use iso_fortran_env, only: int64
-  use shared_numbers, only: finished, jumps_without_progress, observer_failed, paused, raised, &
-                            terminal_event
+  use shared_numbers
   implicit none
   private
   public :: detect_events, examine_step, fail_to_observe, prepare_inner, record_step
@@ -38,30 +37,23 @@ contains
     x%grid_done = x%grid_done + 1
     x%needs_interpolant = output%dense
     if (x%outputs_done < output%outputs) then
-      if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) &
-        x%needs_interpolant = .true.
+      x%needs_interpolant = x%needs_interpolant .or. &
+        (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
     end if
     x%seeks_events = size(x%events%before) > 0
     x%phase = phase_record_step
-    if (x%seeks_events) call examine_events(x)
-    if (x%status /= finished) return
+    if (x%seeks_events) then
+      associate (events => x%events)
+        call evaluate_events(x, x%t_end, x%y(:, x%result), events%after)
+        if (x%status /= finished) return
+        x%needs_interpolant = x%needs_interpolant .or. any(events%came_from /= 0) &
+          .or. any(crosses(events%before, events%after, x%problem%events%direction) &
+                   .and. (abs(events%after) > 0 .or. x%last%kept))
+      end associate
+    end if
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
     call request_ends(x)
   end subroutine examine_step
-
-  ! Evaluates the functions of events at the end of the step. In a procedure of its own, arrays of
-  ! their size are made for steps with events only.
-  subroutine examine_events(x)
-    type(trajectory_t), intent(inout) :: x
-    real(wp) :: values(size(x%events%before))
-
-    call evaluate_events(x, x%t_end, x%y(:, x%result), values)
-    if (x%status /= finished) return
-    x%events%after = values
-    x%needs_interpolant = x%needs_interpolant .or. any(x%events%came_from /= 0) &
-      .or. any(crosses(x%events%before, values, x%problem%events%direction) &
-               .and. (abs(values) > 0 .or. x%last%kept))
-  end subroutine examine_events
 
   ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just
   ! at the end of the step don't need it.
@@ -226,8 +218,7 @@ contains
             cycle
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
-            x%counts%nexp = x%counts%nexp &
-                            + int(flows_of_evaluation(x%interpolant), int64)
+            x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
           end if
         end associate
         call store_point(output, x%member, x%outputs_done, point)

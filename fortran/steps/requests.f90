@@ -6,8 +6,7 @@ module requests_m
   use controller_m, only: rejected_size
   use frames_m, only: complete_coefficients
   use free_motion_m, only: add_free_motion, take_forces
-  use shared_numbers, only: field_not_finite, finished, needs_field, needs_maximum, raised, &
-                            raised_in_python, stage_not_finite, stopped_by_field
+  use shared_numbers
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vector_field_m, only: evaluate
@@ -78,8 +77,7 @@ contains
     if (x%request%flag == 0) then
       if (x%problem%frame%forces > 0) then
         call take_forces(x%problem%frame, y, f)
-        if (.not. x%problem%method%splitting) &
-          call add_free_motion(x%problem%frame, y, f)
+        if (.not. x%problem%method%splitting) call add_free_motion(x%problem%frame, y, f)
       end if
       if (x%problem%frame%ambient) call complete_coefficients(x%problem%frame, y, f)
       if (finite(size(f), f)) then
@@ -164,8 +162,7 @@ contains
     if (x%status == raised) return
     associate (events => x%events, size_of_y => maxval(abs(y(:x%problem%events%width))))
       events%before = values
-      where (events%came_from /= 0 &
-             .and. abs(values) <= max(small, epsilon(t) * size_of_y))
+      where (events%came_from /= 0 .and. abs(values) <= max(small, epsilon(t) * size_of_y))
         events%before = 0.0_wp
         events%value_after = values
       elsewhere

@@ -49,6 +49,7 @@ contains
     ! the best estimate, the one before, and one on the other side of the zero
     real(wp) :: a, b, c, fa, fb, fc
     real(wp) :: middle, enough, step, last_step, p, q, r, s
+    logical :: converges
     integer :: i
 
     a = low
@@ -77,6 +78,7 @@ contains
       enough = tolerance * (abs(b) + 1) / 2
       middle = (c - b) / 2
       if (abs(middle) <= enough .or. .not. abs(fb) > 0) exit
+      converges = .false.
       if (abs(last_step) >= enough .and. abs(fa) > abs(fb)) then
         s = fb / fa
         if (abs(a - c) > 0) then               ! inverse quadratic interpolation
@@ -90,24 +92,14 @@ contains
         end if
         if (p > 0) q = -q
         p = abs(p)
-        if (2 * p < min(3 * middle * q - abs(enough * q), abs(last_step * q))) then
-          last_step = step
-          step = p / q
-        else
-          step = middle
-          last_step = middle
-        end if
-      else
-        step = middle
-        last_step = middle
+        converges = 2 * p < min(3 * middle * q - abs(enough * q), abs(last_step * q))
       end if
+      last_step = merge(step, middle, converges)
+      step = middle
+      if (converges) step = p / q
       a = b
       fa = fb
-      if (abs(step) > enough) then
-        b = b + step
-      else
-        b = b + sign(enough, middle)
-      end if
+      b = b + merge(step, sign(enough, middle), abs(step) > enough)
       call g%value(b, fb)
       if (g%stopped) exit
     end do

@@ -18,8 +18,7 @@ module step_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy, finite
   use iso_fortran_env, only: int64
-  use shared_numbers, only: fields_operation, needs_maximum, raised, solution_not_finite, &
-                            step_too_long
+  use shared_numbers
   implicit none
   private
   public :: store_error, store_stage, finish_step, accept_or_reject, request_stage
@@ -58,11 +57,10 @@ contains
       path = merge(1, method%stage_path(x%stage), method%two_registers)
       if (x%problem%of_time) path = 0
       associate (t => x%t + method%c(x%stage) * x%h)
+        if (.not. method%two_registers) call follow_paths(x, path)
         if (method%two_registers .or. method%implicit) then
-          if (method%implicit) call follow_paths(x, path)
           call request(x, t, x%y(:, path), phase_stage_received, x%request%received)
         else
-          call follow_paths(x, path)
           call request(x, t, x%y(:, path), phase_stage_received, x%f(:, x%stage), &
                        method%goes_on(path))
         end if

@@ -85,8 +85,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     associate (moved => x%y(:, x%result))
-      x%control%guessed_size = max(min(x%request%shared, span(x), &
-                                       x%problem%tolerances%max_step), smallest_first(x))
+      x%control%guessed_size = limited(x, x%request%shared)
       x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
       x%u = x%h * x%slope
@@ -100,20 +99,16 @@ contains
   ! Chooses the first size from the curvature.
   subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: start_value(size(x%control%v))
+    real(wp) :: start_value(size(x%control%v)), curvature
 
-    associate (tolerances => x%problem%tolerances)
-      x%request%shared = x%control%guessed_size
+    associate (tolerances => x%problem%tolerances, control => x%control)
+      x%request%shared = control%guessed_size
       if (all(abs(x%request%received) < huge(1.0_wp))) then
         call tangent(x%problem%frame, tolerances, x%slope, x%y(:, 0), start_value)
-        call tangent(x%problem%frame, tolerances, x%request%received, x%y(:, x%result), x%control%v)
-        x%control%norms(3) = norm(tolerances, x%control%v - start_value, x%control%scale)
-        associate (control => x%control, shared => x%request%shared)
-          shared = first_size(control%norms(1), control%norms(2), &
-                              control%norms(3) / control%guessed_size, tolerances%exponent)
-          shared = max(min(100 * control%guessed_size, shared, span(x), &
-                           tolerances%max_step), smallest_first(x))
-        end associate
+        call tangent(x%problem%frame, tolerances, x%request%received, x%y(:, x%result), control%v)
+        curvature = norm(tolerances, control%v - start_value, control%scale) / control%guessed_size
+        x%request%shared = limited(x, min(100 * control%guessed_size, first_size( &
+          control%norms(1), control%norms(2), curvature, tolerances%exponent)))
       end if
     end associate
     x%phase = phase_size_shared
@@ -128,12 +123,14 @@ contains
     if (.not. span <= huge(span)) span = 1.0_wp        ! no end: one unit of time
   end function span
 
-  ! The smallest first size, which is never zero
-  pure real(wp) function smallest_first(x)
+  ! A first size within limits, which is never zero
+  pure real(wp) function limited(x, first)
     type(trajectory_t), intent(in) :: x
+    real(wp), intent(in) :: first
 
-    smallest_first = min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(x))
-  end function smallest_first
+    limited = max(min(first, span(x), x%problem%tolerances%max_step), &
+                  min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(x)))
+  end function limited
 
   ! Chooses the size of a step and starts it. Full steps of a grid have exactly its step size, not
   ! differences of rounded times, so that all are equal.
@@ -182,8 +179,7 @@ contains
       ! splitting methods that begin with a drift need no force at the start
       if (x%problem%method%splitting .and. .not. x%last%kept .and. abs(x%problem%method%c(1)) > 0) &
         return
-      if (.not. x%slope_known) &
-        call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
+      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step
 

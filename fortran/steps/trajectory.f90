@@ -69,7 +69,7 @@ module trajectory_m
     integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
     logical :: shortened = .false.           ! whether the step ends at the end of the segment
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
-    real(wp) :: norms(3) = 0.0_wp            ! of point, slope and curvature, for the first size
+    real(wp) :: norms(2) = 0.0_wp            ! of point and slope, for the first size
     real(wp) :: guessed_size = 0.0_wp
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
   end type control_t
@@ -221,10 +221,6 @@ contains
     x%control%last_error = 1.0_wp
     x%control%after_rejection = .false.
     x%control%suspicion = 0
-    x%phase = phase_begin_segment
-    x%status = paused
-    x%segment = 1
-    x%interpolate_only = .false.
     x%events%jumps_in_place = 0
     x%grid = grid_t()
     x%grid_done = 0
@@ -234,7 +230,7 @@ contains
     x%events%known = .false.
     x%events%before = 0.0_wp
     x%events%count = 0
-    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+    call continue_run(x)
     if (same) return
     x%events%time = huge(1.0_wp)
     x%events%came_from = 0
@@ -254,7 +250,7 @@ contains
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
-  pure subroutine continue_run(x)
+  elemental subroutine continue_run(x)
     type(trajectory_t), intent(inout) :: x
 
     x%status = paused
