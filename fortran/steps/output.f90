@@ -19,13 +19,13 @@ module output_m
     logical :: failed = .false.              ! whether the observer has failed
     ! ends of steps, for a single trajectory
     integer(int64) :: every = 1              ! every so many steps are stored, and the last one
-    integer(int64) :: steps = 0
+    integer(int64) :: step_capacity = 0, steps = 0
     real(wp), pointer, contiguous :: step_t(:) => null()       ! (capacity)
     ! (point_size, capacity), (observations, capacity)
     real(wp), pointer, contiguous :: step_y(:, :) => null(), step_observed(:, :) => null()
     ! interpolants of steps
     logical :: dense = .false.               ! of all steps
-    integer(int64) :: interpolants = 0
+    integer(int64) :: dense_capacity = 0, interpolants = 0
     integer(int64), pointer, contiguous :: dense_member(:) => null()
     ! (4, capacity) start, size, end, 1 on an algebra
     real(wp), pointer, contiguous :: dense_t(:, :) => null()
@@ -33,7 +33,7 @@ module output_m
     ! (dimension, columns, capacity)
     real(wp), pointer, contiguous :: dense_field(:, :, :) => null()
     ! events
-    integer(int64) :: events = 0
+    integer(int64) :: event_capacity = 0, events = 0
     integer(int64) :: functions = 0          ! number of event functions
     integer(int64) :: lanes = 1              ! trajectories that may each write one step
     integer(int64), pointer, contiguous :: event_of(:, :) => null()    ! (2, capacity) member, event
@@ -47,13 +47,10 @@ contains
   pure logical function has_room(output)
     type(output_t), intent(in) :: output
 
-    associate (steps => size(output%step_t, kind=int64), &
-               dense => size(output%dense_member, kind=int64), &
-               events => size(output%event_t, kind=int64))
-      has_room = (steps == 0 .or. output%steps < steps) &
-                 .and. (.not. output%dense .or. output%interpolants + output%lanes <= dense) &
-                 .and. output%events + output%functions * output%lanes <= events
-    end associate
+    has_room = (output%step_capacity == 0 .or. output%steps < output%step_capacity) &
+               .and. (.not. output%dense &
+                      .or. output%interpolants + output%lanes <= output%dense_capacity) &
+               .and. output%events + output%functions * output%lanes <= output%event_capacity
   end function has_room
 
   ! Stores the point at an output time.
@@ -75,7 +72,8 @@ contains
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     logical, intent(in) :: last                        ! whether to store it in any case
 
-    if (size(output%step_t) == 0 .or. .not. (last .or. mod(number, output%every) == 0)) return
+    if (output%step_capacity == 0) return
+    if (.not. (last .or. mod(number, output%every) == 0)) return
     output%steps = output%steps + 1
     output%step_t(output%steps) = t
     if (associated(output%step_y)) output%step_y(:, output%steps) = y

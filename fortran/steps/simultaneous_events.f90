@@ -45,7 +45,7 @@ contains
           call find_together(x, until, y, happen)
           if (x%status /= finished) return
         end if
-        if (output%events + count(happen, kind=int64) > size(output%event_t, kind=int64)) &
+        if (output%events + count(happen, kind=int64) > output%event_capacity) &
           x%status = buffer_full
         if (x%status /= finished) return
         call record_together(x, zeros(k)%at, y, happen, output, after)

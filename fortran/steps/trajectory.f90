@@ -165,14 +165,15 @@ contains
 
     x%problem => problem
     associate (frame => problem%frame, method => problem%method, &
-               most => maxval([1, problem%method%path_first(2:) - problem%method%path_first]))
+               first => problem%method%path_first, paths => size(problem%method%origin))
       x%result = merge(1, method%result, method%two_registers)
-      allocate (x%y(frame%point_size, 0:merge(1, size(method%origin), method%two_registers)), &
+      allocate (x%y(frame%point_size, 0:merge(1, paths, method%two_registers)), &
                 x%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
                 x%request%y(frame%point_size), &
                 x%request%received(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
-                x%v(frame%dimension, most), x%weight(size(method%flows%weight)), stat=memory)
+                x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &
+                x%weight(size(method%flows%weight)), stat=memory)
       if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory /= 0) return
       if (method%collocation) then
