@@ -157,7 +157,7 @@ end subroutine loop_set_output
 ! Lets all trajectories continue with other ends of segments. There are as many lanes as members.
 subroutine loop_continue(address, segments, stops)
   use run_m, only: c_intptr_t, run_at, run_t, wp
-  use trajectory_m, only: continue_run
+  use trajectory_m, only: continue_trajectory
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: segments
@@ -166,7 +166,7 @@ subroutine loop_continue(address, segments, stops)
 
   run => run_at(address)
   run%problem%stops = stops
-  call continue_run(run%lanes)
+  call continue_trajectory(run%lanes)
   run%busy = .true.
   run%next = size(run%lanes) + 1
 end subroutine loop_continue

@@ -14,7 +14,7 @@ module run_m
   use method_m, only: method_t
   use observer_m, only: observer_t
   use output_m, only: store_point, store_step, output_t
-  use record_m, only: fail_to_observe
+  use accepted_step_m, only: fail_to_observe
   use shared_numbers
   use trajectory_m, only: problem_t, set_start, trajectory_t
   use vector_field_m, only: vector_field_t

@@ -13,8 +13,8 @@ module interpolant_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use flow_interpolant_m, only: add_flow_node, begin_flows, difference_nearby, follow_flows, &
-                                interpolant_t, scheme_t
-  use frames_m, only: apply_flows, frame_t
+                                interpolant_t
+  use frames_m, only: apply_flows
   use linear_action_m, only: inner_points_t
   use vectors_m, only: combine
   implicit none

@@ -2,19 +2,19 @@
 ! The same loop serves functions in C of one point and vectorized functions.
 !
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
-! returns with a status (needs_field: coefficients at request_t, request_y; needs_minimum,
+! returns with a status (needs_field: coefficients at request%t and request%y; needs_minimum,
 ! needs_maximum: of a number over all trajectories with common steps; buffer_full; paused) and is
 ! called again with the answer. The phase says where to continue. Phases follow each other as
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
 !        |                               '------------- rejected --------------'          v
-!        '-------- [jump] <- record step <- [interpolant] <- [detect events] <------------'
+!        '-------- [jump] <- store output <- [interpolant] <- [detect events] <-----------'
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
   use output_m, only: has_room, output_t
-  use record_m, only: detect_events, examine_step, prepare_inner, record_step
+  use accepted_step_m, only: detect_events, examine_step, prepare_inner, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
@@ -97,8 +97,8 @@ contains
         call store_node(x)
       case (phase_detect_events)
         call detect_events(x)
-      case (phase_record_step)
-        call record_step(x, output)
+      case (phase_store_output)
+        call store_output(x, output)
       end select
     end do
   end subroutine resume

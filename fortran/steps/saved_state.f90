@@ -4,7 +4,7 @@ module saved_state_m
   use time_grid_m, only: grid_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: integers_of_state, reals_of_state
-  use trajectory_m, only: continue_run, trajectory_t
+  use trajectory_m, only: continue_trajectory, trajectory_t
   implicit none
   private
   public :: load_state, save_state
@@ -102,7 +102,7 @@ contains
       end if
     end associate
     x%weighted_by = 0.0_wp
-    call continue_run(x)
+    call continue_trajectory(x)
   end subroutine load_state
 
 end module saved_state_m

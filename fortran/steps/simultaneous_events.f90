@@ -9,7 +9,7 @@ module simultaneous_events_m
   use shared_numbers, only: buffer_full, finished, raised
   implicit none
   private
-  public :: record_zeros
+  public :: store_zeros
 
   ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
   ! where rounding of the function decides its sign
@@ -17,9 +17,9 @@ module simultaneous_events_m
 
 contains
 
-  ! Records zeros in the order of their times, up to the first one that ends the step. The status
+  ! Stores zeros in the order of their times, up to the first one that ends the step. The status
   ! tells whether a function has failed, or there is no room for an event.
-  subroutine record_zeros(x, output, until, ended, after)
+  subroutine store_zeros(x, output, until, ended, after)
     type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
@@ -48,13 +48,13 @@ contains
         if (output%events + count(happen, kind=int64) > output%event_capacity) &
           x%status = buffer_full
         if (x%status /= finished) return
-        call record_together(x, zeros(k)%at, y, happen, output, after)
+        call store_together(x, zeros(k)%at, y, happen, output, after)
         if (ended) state%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
         if (x%status /= finished .or. ended) return
         zeros(k)%at = 2.0_wp
       end do
     end associate
-  end subroutine record_zeros
+  end subroutine store_zeros
 
   ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
   ! are accurate, or where rounding has changed the sign already.
@@ -81,9 +81,9 @@ contains
     end associate
   end subroutine find_together
 
-  ! Records events that happen together. Those without a jump come first, at the point before all
+  ! Stores events that happen together. Those without a jump come first, at the point before all
   ! jumps; then each jump starts from the point that the one before has left.
-  subroutine record_together(x, theta, y, happen, output, after)
+  subroutine store_together(x, theta, y, happen, output, after)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: theta                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
@@ -119,6 +119,6 @@ contains
         call store_event(output, x%member, zeros(k)%event, t, before, after)
       end do
     end associate
-  end subroutine record_together
+  end subroutine store_together
 
 end module simultaneous_events_m

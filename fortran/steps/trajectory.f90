@@ -15,7 +15,8 @@ module trajectory_m
   use shared_numbers, only: counters_t, paused
   implicit none
   private
-  public :: problem_t, trajectory_t, zero_t, continue_run, fail, forget_step, set_start, start
+  public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, set_start, &
+            start
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
@@ -76,7 +77,7 @@ module trajectory_m
 
   ! A zero of the function of an event within a step
   type :: zero_t
-    real(wp) :: at = 0.0_wp                  ! fraction of the step, 2 when it has been recorded
+    real(wp) :: at = 0.0_wp                  ! fraction of the step, 2 when it has been stored
     integer :: event = 0
     integer :: from = 0                      ! sign of the function before
   end type zero_t
@@ -91,7 +92,7 @@ module trajectory_m
     ! if there is none, and the function then
     integer, allocatable :: came_from(:)
     real(wp), allocatable :: value_after(:)
-    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is recorded
+    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
   end type event_state_t
 
@@ -231,7 +232,7 @@ contains
     x%events%known = .false.
     x%events%before = 0.0_wp
     x%events%count = 0
-    call continue_run(x)
+    call continue_trajectory(x)
     if (same) return
     x%events%time = huge(1.0_wp)
     x%events%came_from = 0
@@ -251,7 +252,7 @@ contains
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
-  elemental subroutine continue_run(x)
+  elemental subroutine continue_trajectory(x)
     type(trajectory_t), intent(inout) :: x
 
     x%status = paused
@@ -259,7 +260,7 @@ contains
     x%phase = phase_begin_segment
     x%interpolate_only = .false.
     if (allocated(x%events%zeros)) deallocate (x%events%zeros)
-  end subroutine continue_run
+  end subroutine continue_trajectory
 
   ! Ends a trajectory with an error.
   subroutine fail(x, status, t)

@@ -28,7 +28,7 @@ contains
     x%phase = phase_request_end
     call reserve_interpolant(x%problem%frame, x%problem%scheme, x%interpolant, memory)
     if (x%last%cut) then
-      x%phase = phase_record_step
+      x%phase = phase_store_output
     else if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
     else if (x%slope_known) then
@@ -110,7 +110,7 @@ contains
     if (.not. exists) then
       call reject_stage(x, step_too_long, x%interpolant%t0)
     else
-      x%phase = merge(phase_record_step, phase_next_node, x%interpolant%complete)
+      x%phase = merge(phase_store_output, phase_next_node, x%interpolant%complete)
     end if
   end subroutine advance_interpolant
 

@@ -1,6 +1,6 @@
 ! The output of an accepted step: events, points at output times, and its end.
 ! Then the next step starts, at the end or after a jump.
-module record_m
+module accepted_step_m
   use kinds, only: wp
   use blocks_m, only: combine_flows
   use controller_m, only: smallest_size
@@ -8,7 +8,7 @@ module record_m
   use interpolant_m, only: flows_of_evaluation
   use linear_action_m, only: inner_points_t
   use output_m, only: store_interpolant, store_point, store_step, output_t
-  use simultaneous_events_m, only: record_zeros
+  use simultaneous_events_m, only: store_zeros
   use step_events_m, only: crosses, find_zeros
   use requests_m, only: evaluate_at_start, evaluate_events
   use phases_m
@@ -18,7 +18,7 @@ module record_m
   use shared_numbers
   implicit none
   private
-  public :: detect_events, examine_step, fail_to_observe, prepare_inner, record_step
+  public :: detect_events, examine_step, fail_to_observe, prepare_inner, store_output
 
   integer, parameter :: max_stuck = 20
   ! of an event's function, relative to its values at both ends
@@ -41,7 +41,7 @@ contains
         (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
     end if
     x%seeks_events = size(x%events%before) > 0
-    x%phase = phase_record_step
+    x%phase = phase_store_output
     if (x%seeks_events) then
       associate (events => x%events)
         call evaluate_events(x, x%t_end, x%y(:, x%result), events%after)
@@ -61,7 +61,7 @@ contains
     type(trajectory_t), intent(inout) :: x
 
     call find_zeros(x, .true.)
-    x%phase = phase_record_step
+    x%phase = phase_store_output
     associate (zeros => x%events%zeros)
       x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &
                                 .or. x%last%kept)
@@ -71,8 +71,8 @@ contains
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
 
-  ! Records the output of a step, up to the first event that ends it, and starts the next step.
-  subroutine record_step(x, output)
+  ! Stores the output of a step, up to the first event that ends it, and starts the next step.
+  subroutine store_output(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
 
@@ -84,22 +84,22 @@ contains
       return
     end if
     if (x%seeks_events) then
-      call record_with_events(x, output)
+      call store_with_events(x, output)
     else
-      call record_until(x, x%t_end, x%y(:, x%result), .false., output)
+      call store_until(x, x%t_end, x%y(:, x%result), .false., output)
     end if
-  end subroutine record_step
+  end subroutine store_output
 
-  ! Locates the events of a step and records its output up to the one that ends it. While there is
+  ! Locates the events of a step and stores its output up to the one that ends it. While there is
   ! no room for them, the phase remains.
-  subroutine record_with_events(x, output)
+  subroutine store_with_events(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
     real(wp) :: until, t, y(x%problem%frame%point_size), after(x%problem%frame%point_size)
     logical :: ended
 
     if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
-    if (x%status == finished) call record_zeros(x, output, until, ended, after)
+    if (x%status == finished) call store_zeros(x, output, until, ended, after)
     if (x%status /= finished) return
     deallocate (x%events%zeros)
     t = x%t_end
@@ -109,18 +109,18 @@ contains
     else
       call point_at(x, until, y)
     end if
-    call record_until(x, t, y, ended, output)
-  end subroutine record_with_events
+    call store_until(x, t, y, ended, output)
+  end subroutine store_with_events
 
-  ! Records the output of a step up to time t, where the solution is y.
-  subroutine record_until(x, t, y, ended, output)
+  ! Stores the output of a step up to time t, where the solution is y.
+  subroutine store_until(x, t, y, ended, output)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether by an event
     type(output_t), intent(inout) :: output
 
-    call record_outputs(x, t, y, output)
+    call store_outputs(x, t, y, output)
     if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
     if (.not. output%failed) call store_step(output, x%counts%steps, t, y, &
                         .not. abs(t - x%problem%stops(size(x%problem%stops))) > 0 .or. ended)
@@ -136,7 +136,7 @@ contains
       x%last%cut = ended
     end if
     call begin_next_step(x, t, y, ended)
-  end subroutine record_until
+  end subroutine store_until
 
   ! Starts the next step at time t and point y.
   subroutine begin_next_step(x, t, y, ended)
@@ -194,8 +194,8 @@ contains
     where (x%events%count >= x%problem%events%most) x%events%count = 0
   end subroutine begin_after_events
 
-  ! Records the points at the output times up to t, where the solution is y.
-  subroutine record_outputs(x, t, y, output)
+  ! Stores the points at the output times up to t, where the solution is y.
+  subroutine store_outputs(x, t, y, output)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
@@ -225,7 +225,7 @@ contains
         if (output%failed) return
       end do
     end associate
-  end subroutine record_outputs
+  end subroutine store_outputs
 
   ! Ends a trajectory after a failure of a function that is evaluated at output times.
   subroutine fail_to_observe(x, t)
@@ -291,4 +291,4 @@ contains
     end associate
   end subroutine prepare_next
 
-end module record_m
+end module accepted_step_m
