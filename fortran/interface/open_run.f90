@@ -187,8 +187,7 @@ contains
       if (record%observed /= 0) &
         call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
                          [observations, members, outputs])
-      output%every = record%every
-      output%step_capacity = steps
+      output%record => record
       call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
       if (record%step_y /= 0) &
         call c_f_pointer(transfer(record%step_y, c_null_ptr), output%step_y, [n, steps])
@@ -196,13 +195,11 @@ contains
         call c_f_pointer(transfer(record%step_observed, c_null_ptr), output%step_observed, &
                          [observations, steps])
       output%dense = record%dense /= 0
-      output%dense_capacity = dense
       call c_f_pointer(transfer(record%dense_member, c_null_ptr), output%dense_member, [dense])
       call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [4_int64, dense])
       call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2_int64, dense])
       call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
                        [columns, dense])
-      output%event_capacity = events
       output%lanes = size(run%lanes, kind=int64)
       output%functions = 0
       if (associated(run%problem%events)) output%functions = int(run%problem%events%count, int64)

@@ -78,9 +78,9 @@ contains
     associate (lanes => size(run%lanes, kind=int64))
       share = (budget + lanes - 1) / lanes
     end associate
-    run%output%steps = 0
-    run%output%interpolants = 0
-    run%output%events = 0
+    run%record%steps = 0
+    run%record%interpolants = 0
+    run%record%events = 0
     run%output%failed = .false.
     drive_all: do
       count = 0
@@ -194,9 +194,6 @@ contains
     run%record%budget = max(budget, 0_int64)
     run%record%step_size = run%lanes(1)%h
     run%record%residual = run%lanes(1)%solver%residual
-    run%record%steps = run%output%steps
-    run%record%interpolants = run%output%interpolants
-    run%record%events = run%output%events
   end subroutine store_counters
 
   ! Exchanges the minimum or maximum that trajectories with common steps wait for.

@@ -45,7 +45,7 @@ contains
           call find_together(x, until, y, happen)
           if (x%status /= finished) return
         end if
-        if (output%events + count(happen, kind=int64) > output%event_capacity) &
+        if (output%record%events + count(happen, kind=int64) > output%record%event_capacity) &
           x%status = buffer_full
         if (x%status /= finished) return
         call store_together(x, zeros(k)%at, y, happen, output, after)
