@@ -112,7 +112,7 @@ class StateSize(IntEnum):
     """Numbers of a trajectory's state between steps; see ``fortran/steps/saved_state.f90``."""
 
     REALS = 14
-    INTEGERS = 13
+    INTEGERS = 17
 
 
 class Status(IntEnum):

@@ -99,8 +99,7 @@ contains
     real(wp), intent(inout) :: jac(:, :)           ! (conditions, unknowns)
     real(wp), intent(inout) :: adjoint(:, :, :)    ! (conditions, stage_trees, inner segments)
     real(wp), allocatable :: e(:, :), left(:, :), right(:, :)  ! (path, stage_trees)
-    real(wp) :: whole(1, weights%stage_trees)
-    real(wp) :: z(size(path), weights%order)
+    real(wp) :: whole(1, weights%stage_trees), z(size(path), weights%order)
     integer :: c, m, u, i, k, n, place(weights%pattern%points)  ! of points on the path, else 0
 
     n = size(path)
@@ -224,11 +223,9 @@ contains
   subroutine by_letter(order, e, left, right, t, points, z)
     integer, intent(in) :: order
     real(wp), intent(in), contiguous :: e(:, :), left(:, :), right(:, :)  ! (points.., stage_trees)
-    integer, intent(in) :: t                         ! the word
-    integer, intent(in) :: points
+    integer, intent(in) :: t, points                     ! t: the word
     real(wp), intent(inout), contiguous :: z(:, :)   ! (points, order), columns 1..children set
-    integer :: children, m, p, q, before, after, n
-    integer :: head(0:order), tail(0:order)
+    integer :: children, m, p, q, before, after, n, head(0:order), tail(0:order)
     real(wp) :: earlier(points)
 
     n = points

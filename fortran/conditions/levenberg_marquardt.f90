@@ -9,9 +9,7 @@ module levenberg_marquardt_m
   use least_squares_m, only: least_squares_t
   use linalg_m, only: enorm, lmpar, qrfac, reflect
   use stop_flag_m, only: stop_requested
-  use shared_numbers, only: stopped_by_user, improper_input, small_reduction, small_step, &
-      small_reduction_and_step, small_gradient, too_many_evaluations, &
-      ftol_too_small, xtol_too_small, gtol_too_small
+  use shared_numbers
   implicit none
   private
   public :: lmdif, lmdif_t
@@ -184,8 +182,7 @@ contains
   pure real(wp) function scaled_gradient(r, ipvt, qtf, fnorm, acnorm)
     real(wp), intent(in), contiguous :: r(:,:)  ! (m, n): R in the upper triangle
     integer, intent(in) :: ipvt(:)              ! (n)
-    real(wp), intent(in) :: qtf(:)              ! (n)
-    real(wp), intent(in) :: fnorm
+    real(wp), intent(in) :: qtf(:), fnorm                ! qtf: (n)
     real(wp), intent(in) :: acnorm(:)           ! (n): norms of the Jacobian's columns
     integer :: j
 
@@ -201,11 +198,9 @@ contains
   ! Relative reduction of |f|**2 in the linear model, and half its derivative along the step.
   pure subroutine predict(solver, step, fnorm, par, pnorm, reduction, slope)
     type(lmdif_t), intent(in) :: solver        ! whose fjac has R in the upper triangle
-    real(wp), intent(in) :: step(:)             ! (n)
-    real(wp), intent(in) :: fnorm, par, pnorm
+    real(wp), intent(in) :: step(:), fnorm, par, pnorm   ! step: (n)
     real(wp), intent(out) :: reduction, slope
-    real(wp) :: image(size(step))
-    real(wp) :: linear, damping
+    real(wp) :: image(size(step)), linear, damping
     integer :: j
 
     image = 0

@@ -60,8 +60,7 @@ contains
   pure subroutine read_layout(layout, pattern)
     integer, intent(in) :: layout(:)
     type(pattern_t), intent(inout) :: pattern
-    integer :: m, k, begin
-    integer :: stage_point(layout(1))  ! (stages)
+    integer :: m, k, begin, stage_point(layout(1))       ! stage_point: (stages)
     logical :: ends(0:layout(2))       ! (0:points) whether a segment must end at a point
 
     pattern%stages = layout(1)
@@ -145,10 +144,8 @@ contains
   ! Allocates the workspace for a method and an order.
   subroutine set_up(self, order, layout)
     class(weights_t), intent(inout) :: self
-    integer, intent(in) :: order
-    integer, intent(in) :: layout(:)  ! see read_layout
-    integer :: t, children, cuts, trees, n
-    integer :: head(0:order), tail(0:order)
+    integer, intent(in) :: order, layout(:)              ! layout: see read_layout
+    integer :: t, children, cuts, trees, n, head(0:order), tail(0:order)
 
     call read_layout(layout, self%pattern)
     self%order = order
@@ -256,10 +253,8 @@ contains
   ! The weight at the end of a path
   function along(self, t, path) result(phi)
     class(weights_t), intent(in) :: self
-    integer, intent(in) :: t
-    integer, intent(in) :: path(:)  ! points, increasing
-    real(wp) :: phi
-    real(wp) :: change(self%pattern%points)
+    integer, intent(in) :: t, path(:)                    ! path: points, increasing
+    real(wp) :: phi, change(self%pattern%points)
 
     phi = 0.0_wp
     if (size(path) == 0) return

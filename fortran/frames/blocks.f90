@@ -42,19 +42,19 @@ module blocks_m
 contains
 
   ! Computes the coefficients of some flows from those of the fields.
-  pure subroutine combine_flows(flows, begin, last, m, f, v)
+  pure subroutine combine_flows(flows, weight, begin, last, m, f, v)
     type(flow_sequence_t), intent(in) :: flows
     integer, intent(in) :: begin, last, m
-    real(wp), intent(in) :: f(m, *)
+    real(wp), intent(in) :: weight(*), f(m, *)         ! weight: those of the flows times the step
     real(wp), intent(out) :: v(m, begin:last)
     integer :: j
 
     do j = begin, last
       associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
         if (m == 6) then                     ! the most frequent size
-          call combine_six(terms, flows%weight(k), flows%stage(k), f, v(1, j))
+          call combine_six(terms, weight(k), flows%stage(k), f, v(1, j))
         else
-          call combine_columns(m, terms, flows%weight(k), flows%stage(k), f, v(1, j))
+          call combine_columns(m, terms, weight(k), flows%stage(k), f, v(1, j))
         end if
       end associate
     end do

@@ -93,10 +93,11 @@ contains
 
   ! Moves a point by some flows of a sequence: each adds a sum of forces to the momenta, then the
   ! bodies move freely for its time.
-  subroutine move_by_kicks(frame, flows, times, begin, last, f, y)
+  subroutine move_by_kicks(frame, flows, weight, times, begin, last, f, y)
     type(frame_t), intent(in) :: frame
     type(flow_sequence_t), intent(in) :: flows
     integer, intent(in) :: begin, last
+    real(wp), intent(in) :: weight(:)        ! (terms) in the flows, times the step
     real(wp), intent(in) :: times(:)         ! (flows) of free motion
     real(wp), intent(in) :: f(frame%dimension, *)            ! (dimension, stages) forces
     real(wp), intent(inout) :: y(frame%point_size)
@@ -106,7 +107,7 @@ contains
       associate (momentum => y(frame%point_size - m + 1:))
         do j = begin, last
           do k = flows%first(j), flows%first(j + 1) - 1
-            momentum = momentum + flows%weight(k) * f(m + 1:2 * m, flows%stage(k))
+            momentum = momentum + weight(k) * f(m + 1:2 * m, flows%stage(k))
           end do
           if (abs(times(j)) > 0) call drift(frame, times(j), y)
         end do

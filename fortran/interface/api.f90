@@ -50,8 +50,7 @@ subroutine core_weights(order, l, layout, n, x, m, trees, phi)
   use kinds, only: wp
   use weights_m, only: weights_t
   implicit none
-  integer, intent(in) :: order, l, n, m
-  integer, intent(in) :: layout(l)   ! see read_layout
+  integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
   real(wp), intent(in) :: x(n)       ! weights, packed
   integer, intent(in) :: trees(m)    ! indices, at most order + 1 nodes each
   real(wp), intent(out) :: phi(m)
@@ -71,8 +70,7 @@ subroutine core_residuals(order, l, layout, n, x, m, trees, owner, r)
   use kinds, only: wp
   use conditions_m, only: order_conditions_t
   implicit none
-  integer, intent(in) :: order, l, n, m
-  integer, intent(in) :: layout(l)   ! see read_layout
+  integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
   real(wp), intent(in) :: x(n)
   integer, intent(in) :: trees(m), owner(m)
   real(wp), intent(out) :: r(m)
@@ -88,8 +86,7 @@ subroutine core_jacobian(order, l, layout, n, x, m, trees, owner, jac)
   use kinds, only: wp
   use conditions_m, only: order_conditions_t
   implicit none
-  integer, intent(in) :: order, l, n, m
-  integer, intent(in) :: layout(l)   ! see read_layout
+  integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
   real(wp), intent(in) :: x(n)
   integer, intent(in) :: trees(m), owner(m)
   real(wp), intent(out) :: jac(m, n)

@@ -10,12 +10,10 @@ subroutine call_field(function_address, data_address, data_stride, table_address
   use vector_field_m, only: evaluate, field_at, vector_field_t
   use kinds, only: wp
   implicit none
-  integer(c_intptr_t), intent(in) :: function_address
-  integer(c_intptr_t), intent(in) :: data_address    ! 0 for none
+  integer(c_intptr_t), intent(in) :: function_address, data_address  ! data_address: 0 for none
   integer(c_intptr_t), intent(in) :: data_stride     ! bytes from one member's data to the next
   integer(c_intptr_t), intent(in) :: table_address   ! of inputs, which are written into the data
-  integer, intent(in) :: curves                      ! their number
-  integer, intent(in) :: times, members, n, m
+  integer, intent(in) :: curves, times, members, n, m    ! curves: their number
   real(wp), intent(in) :: t(times)
   real(wp), intent(inout) :: y(n, members), f(m, members)
   integer, intent(out) :: done                       ! how many were evaluated before one failed
@@ -58,8 +56,7 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
   use kinds, only: wp
   use frames_m, only: frame_t, make_frame
   implicit none
-  integer, intent(in) :: blocks, points, fields
-  integer, intent(in) :: description(3, blocks)
+  integer, intent(in) :: blocks, points, fields, description(3, blocks)
   real(wp), intent(in) :: x(points), y(points)   ! (point_size, trajectories)
   real(wp), intent(inout) :: v(fields)           ! (dimension, trajectories)
   type(frame_t) :: frame
@@ -82,9 +79,7 @@ subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   use kinds, only: wp
   use frames_m, only: frame_t, make_frame
   implicit none
-  integer, intent(in) :: blocks, fields
-  integer, intent(in) :: description(3, blocks)
-  integer, intent(in) :: order               ! of the method
+  integer, intent(in) :: blocks, fields, description(3, blocks), order  ! order: of the method
   real(wp), intent(in) :: u(fields)          ! (dimension, trajectories)
   real(wp), intent(inout) :: v(fields)
   type(frame_t) :: frame
@@ -107,31 +102,20 @@ subroutine frame_move(blocks, description, numbers, constants, flows, fields, v,
   use kinds, only: wp
   use frames_m, only: apply_flows, frame_t, make_frame, restore
   implicit none
-  integer, intent(in) :: blocks, numbers, flows, fields, points
-  integer, intent(in) :: description(3, blocks)
-  real(wp), intent(in) :: constants(numbers)
-  real(wp), intent(in) :: v(fields)          ! (dimension, flows, trajectories)
+  integer, intent(in) :: blocks, numbers, flows, fields, points, description(3, blocks)
+  real(wp), intent(in) :: constants(numbers), v(fields)  ! v: (dimension, flows, trajectories)
   logical, intent(in) :: restoring           ! whether to remove rounding off the manifold
   real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
   type(frame_t) :: frame
   integer :: i
 
   call make_frame(description, constants, frame)
-  call move_all(frame%dimension, frame%point_size, points / frame%point_size, v, y)
-
-contains
-
-  subroutine move_all(dimension, point_size, trajectories, v, y)
-    integer, intent(in) :: dimension, point_size, trajectories
-    real(wp), intent(in) :: v(dimension, flows, trajectories)
-    real(wp), intent(inout) :: y(point_size, trajectories)
-
-    do i = 1, trajectories
-      call apply_flows(frame, flows, v(:, :, i), y(:, i))
-      if (restoring) call restore(frame, y(:, i))
+  associate (n => frame%point_size)
+    do i = 0, points / n - 1
+      call apply_flows(frame, flows, v(i * flows * frame%dimension + 1), y(i * n + 1))
+      if (restoring) call restore(frame, y(i * n + 1:(i + 1) * n))
     end do
-  end subroutine move_all
-
+  end associate
 end subroutine frame_move
 
 ! Counts the products by flows of LinearAction so far.

@@ -3,15 +3,13 @@
 
 ! Makes a plan from a frame and a method.
 subroutine plan_open(blocks, description, numbers, constants, method_address, address)
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_null_ptr
   use frames_m, only: make_frame
-  use kinds, only: wp
   use method_m, only: make_method
-  use run_m, only: at_address, plan_t
+  use run_m, only: c_intptr_t, plan_t, wp
   use shared_numbers, only: method_record_t
   implicit none
-  integer, intent(in) :: blocks, numbers
-  integer, intent(in) :: description(3, blocks)
+  integer, intent(in) :: blocks, numbers, description(3, blocks)
   real(wp), intent(in) :: constants(numbers)
   integer(c_intptr_t), intent(in) :: method_address    ! of a method_record_t
   integer(c_intptr_t), intent(out) :: address
@@ -22,19 +20,16 @@ subroutine plan_open(blocks, description, numbers, constants, method_address, ad
   call make_frame(description, constants, plan%frame)
   call c_f_pointer(transfer(method_address, c_null_ptr), record)
   call make_method(record, plan%method)
-  address = at_address(c_loc(plan))
+  address = transfer(c_loc(plan), address)
 end subroutine plan_open
 
 ! Gives the frame of a plan inertia; see make_bodies.
 subroutine plan_set_bodies(address, bodies, columns, numbers, constants)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
   use free_motion_m, only: make_bodies
-  use kinds, only: wp
-  use run_m, only: plan_at, plan_t
+  use run_m, only: c_intptr_t, plan_at, plan_t, wp
   implicit none
   integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: bodies, numbers
-  integer, intent(in) :: columns(bodies)
+  integer, intent(in) :: bodies, numbers, columns(bodies)
   real(wp), intent(in) :: constants(numbers)
   type(plan_t), pointer :: plan
 
@@ -46,9 +41,7 @@ end subroutine plan_set_bodies
 subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
                            degree, basis, at_stages, nodes, node, blend, used, used_c, flows, &
                            result_weight)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use kinds, only: wp
-  use run_m, only: plan_at, plan_t
+  use run_m, only: c_intptr_t, plan_at, plan_t, wp
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
@@ -82,10 +75,8 @@ end subroutine plan_set_scheme
 ! No less than the distances of points from the manifold; see distance_bound.
 subroutine plan_distance_bound(address, n, members, y, bound)
   !f2py threadsafe
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
   use frames_m, only: distance_bound
-  use kinds, only: wp
-  use run_m, only: plan_at, plan_t
+  use run_m, only: c_intptr_t, plan_at, plan_t, wp
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, members
@@ -103,8 +94,7 @@ end subroutine plan_distance_bound
 
 ! Frees a plan.
 subroutine plan_close(address)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run_m, only: plan_at, plan_t
+  use run_m, only: c_intptr_t, plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(plan_t), pointer :: plan
@@ -115,9 +105,9 @@ end subroutine plan_close
 
 ! Makes the run that a record describes.
 subroutine loop_open(plan_address, record_address, address)
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_null_ptr
   use open_run_m, only: open_run
-  use run_m, only: at_address, plan_at, run_t
+  use run_m, only: c_intptr_t, plan_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: plan_address, record_address
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
@@ -127,18 +117,15 @@ subroutine loop_open(plan_address, record_address, address)
   allocate (run)
   call c_f_pointer(transfer(record_address, c_null_ptr), run%record)
   call open_run(plan_at(plan_address), run, memory)
+  address = transfer(c_loc(run), address)
+  if (memory == 0) return
   address = 0
-  if (memory == 0) then
-    address = at_address(c_loc(run))
-  else
-    deallocate (run)
-  end if
+  deallocate (run)
 end subroutine loop_open
 
 ! Frees a run.
 subroutine loop_close(address)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run_m, only: run_at, run_t
+  use run_m, only: c_intptr_t, run_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -150,63 +137,49 @@ end subroutine loop_close
 ! Advances a run until all members have ended, the budget is used up, or a buffer is full.
 subroutine loop_drive(address)
   !f2py threadsafe
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run_m, only: drive, run_at, run_t
+  use run_m, only: c_intptr_t, drive, run_at
   implicit none
   integer(c_intptr_t), intent(in) :: address
-  type(run_t), pointer :: run
 
-  run => run_at(address)
-  call drive(run)
+  call drive(run_at(address))
 end subroutine loop_drive
 
 ! Takes new buffers from the record.
 subroutine loop_set_output(address)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
   use open_run_m, only: set_output
-  use run_m, only: run_at, run_t
+  use run_m, only: c_intptr_t, run_at
   implicit none
   integer(c_intptr_t), intent(in) :: address
-  type(run_t), pointer :: run
 
-  run => run_at(address)
-  call set_output(run)
+  call set_output(run_at(address))
 end subroutine loop_set_output
 
 ! Lets all trajectories continue with other ends of segments. There are as many lanes as members.
 subroutine loop_continue(address, segments, stops)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use kinds, only: wp
-  use run_m, only: run_at, run_t
-  use trajectory_m, only: continue_run
+  use run_m, only: c_intptr_t, run_at, run_t, wp
+  use trajectory_m, only: continue_trajectory
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: segments
   real(wp), intent(in) :: stops(segments)
   type(run_t), pointer :: run
-  integer :: i
 
   run => run_at(address)
   run%problem%stops = stops
-  do i = 1, size(run%lanes)
-    call continue_run(run%lanes(i))
-  end do
+  call continue_trajectory(run%lanes)
   run%busy = .true.
   run%next = size(run%lanes) + 1
 end subroutine loop_continue
 
 ! Starts all trajectories from other points or another time, with other data of the field.
 subroutine loop_restart(address, n, members, t, y, first_step, data_address)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use kinds, only: wp
   use open_run_m, only: set_inputs
-  use run_m, only: run_at, run_t
+  use run_m, only: c_intptr_t, run_at, run_t, wp
   use trajectory_m, only: set_start
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, members
-  real(wp), intent(in) :: t, y(n, members)
-  real(wp), intent(in) :: first_step                   ! zero to choose it
+  real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: zero to choose it
   integer(c_intptr_t), intent(in) :: data_address
   type(run_t), pointer :: run
   integer :: i
@@ -224,28 +197,23 @@ end subroutine loop_restart
 
 ! Requests the interpolants of the last steps, which the next call of loop_drive stores.
 subroutine loop_interpolate(address)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run_m, only: run_at, run_t
+  use run_m, only: c_intptr_t, run_at, run_t
   use within_step_m, only: request_interpolant
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
-  integer :: i
 
   run => run_at(address)
-  do i = 1, size(run%lanes)
-    call request_interpolant(run%problem, run%lanes(i))
-  end do
+  call request_interpolant(run%lanes)
   run%busy = .true.
 end subroutine loop_interpolate
 
 ! Reads or writes the states of all trajectories.
 subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, integers, points, &
                       slopes)
-  use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
-  use kinds, only: wp
+  use, intrinsic :: iso_c_binding, only: c_int64_t
   use collocation_m, only: refactor
-  use run_m, only: run_at, run_t
+  use run_m, only: c_intptr_t, run_at, run_t, wp
   use saved_state_m, only: load_state, save_state
   implicit none
   integer(c_intptr_t), intent(in) :: address
@@ -261,7 +229,7 @@ subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, int
   do i = 1, members
     if (write) then
       call load_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
-      call refactor(run%problem, run%lanes(i))
+      call refactor(run%lanes(i))
     else
       call save_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
     end if
@@ -275,24 +243,21 @@ end subroutine loop_state
 subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, &
                             fields, y)
   !f2py threadsafe
-  use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_null_ptr
   use callback_m, only: callback_t
   use frames_m, only: frame_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant
   use interpolant_m, only: evaluate_inner, evaluate_interpolant
-  use kinds, only: wp
   use linear_action_m, only: inner_points_t
-  use run_m, only: plan_at, plan_t
+  use run_m, only: c_intptr_t, plan_at, plan_t, wp
   implicit none
   integer(c_intptr_t), intent(in) :: address, context
-  integer, intent(in) :: count, steps, n, m
-  integer, intent(in) :: which(count)                  ! steps, from 0
-  real(wp), intent(in) :: theta(count)
-  real(wp), intent(in) :: t(4, steps), y_ends(n, 2, steps)
+  integer, intent(in) :: count, steps, n, m, which(count)  ! which: steps, from 0
+  real(wp), intent(in) :: theta(count), t(4, steps), y_ends(n, 2, steps)
   real(wp), intent(in) :: fields(m, steps)             ! (dimension * columns, steps)
   real(wp), intent(inout) :: y(n, count)
   type(plan_t), pointer :: plan
-  type(frame_t) :: frame
+  type(frame_t), target :: frame
   type(callback_t), target :: python
   type(interpolant_t) :: interpolant
   type(inner_points_t), target :: inner
@@ -326,11 +291,10 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
       last_in_step = min(count, i + 31)
       last_in_step = i - 2 + findloc([which(i:last_in_step) == k - 1 &
                                       .and. theta(i:last_in_step) < 1, .false.], .false., 1)
-      call evaluate_inner(frame, plan%scheme, interpolant, inner, theta(i:last_in_step), &
-                          y(:, i:last_in_step))
+      call evaluate_inner(interpolant, inner, theta(i:last_in_step), y(:, i:last_in_step))
       i = last_in_step
     else
-      call evaluate_interpolant(frame, plan%scheme, interpolant, theta(i), y(:, i))
+      call evaluate_interpolant(interpolant, theta(i), y(:, i))
     end if
   end do
 end subroutine plan_interpolate

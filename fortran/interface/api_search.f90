@@ -9,15 +9,13 @@ subroutine core_fit_lmdif(order, l, layout, n, x0, m, trees, ftol, xtol, maxfev,
   use conditions_m, only: order_conditions_t
   use levenberg_marquardt_m, only: lmdif, lmdif_t
   implicit none
-  integer, intent(in) :: order, l, n, m
-  integer, intent(in) :: layout(l)   ! see read_layout
+  integer, intent(in) :: order, l, n, m, layout(l)       ! layout: see read_layout
   real(wp), intent(in) :: x0(n)               ! packed weights
   integer, intent(in) :: trees(m)
   real(wp), intent(in) :: ftol(1), xtol(1)
   integer, intent(in) :: maxfev
   integer, intent(inout), target :: stop_flag(1)  ! zero; set by another thread to end the fit
-  real(wp), intent(out) :: x(n)
-  real(wp), intent(out) :: f(1)               ! sum of squared residuals
+  real(wp), intent(out) :: x(n), f(1)                    ! f: sum of squared residuals
   integer, intent(out) :: info, nfev
   type(order_conditions_t) :: conditions
   type(lmdif_t) :: solver

@@ -7,8 +7,7 @@ module open_run_m
   use error_norm_m, only: tolerances_t
   use kinds, only: wp
   use run_m, only: plan_t, run_t
-  use shared_numbers, only: counters_t, differences_jacobian, event_record_t, paused, &
-                            sparse_jacobian
+  use shared_numbers
   use trajectory_m, only: start
   use vector_field_m, only: field_at
   implicit none
@@ -78,8 +77,7 @@ contains
       n = merge(run%frame%point_size, run%frame%dimension, record%in_entries /= 0)
       call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerances)])
       call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerances)])
-      problem%tolerances = tolerances_t( &
-        atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
+      problem%tolerances = tolerances_t(atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
         rtols=[(rtols(1 + (i - 1) / (n / size(rtols))), i = 1, n)], rtol=record%rtol, &
         in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
         max_step=record%max_step)
@@ -104,8 +102,7 @@ contains
       call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [members])
       run%states(n + 1:, :) = record%t0
       run%counters(:) = counters_t(status=paused)
-      within = run%problem%scheme%columns > 0 &
-               .and. (record%dense /= 0 .or. record%outputs > 0 &
+      within = run%problem%scheme%columns > 0 .and. (record%dense /= 0 .or. record%outputs > 0 &
                       .or. associated(run%problem%events))
       allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
       if (memory /= 0) return
@@ -177,44 +174,38 @@ contains
   ! Makes the views of the caller's output arrays, which may have changed.
   subroutine set_output(run)
     type(run_t), target, intent(inout) :: run
-    integer :: dense, events, steps, outputs, members
 
-    associate (record => run%record, output => run%output, n => run%frame%point_size, &
-               m => run%frame%dimension)
-      members = int(record%members)
-      outputs = int(record%outputs)
-      steps = int(record%step_capacity)
-      dense = int(record%dense_capacity)
-      events = int(record%event_capacity)
-      output%outputs = outputs
+    associate (record => run%record, output => run%output, n => int(run%frame%point_size, int64), &
+               columns => int([run%frame%dimension, run%problem%scheme%columns], int64), &
+               outputs => run%record%outputs, members => run%record%members, &
+               observations => run%record%observations, steps => run%record%step_capacity, &
+               dense => run%record%dense_capacity, events => run%record%event_capacity)
+      output%outputs = int(outputs)
       call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [outputs])
       if (record%y /= 0) &
         call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, outputs])
       if (record%observed /= 0) &
         call c_f_pointer(transfer(record%observed, c_null_ptr), output%observed, &
-                         [int(record%observations), members, outputs])
-      output%every = record%every
-      output%step_capacity = record%step_capacity
+                         [observations, members, outputs])
+      output%record => record
       call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
       if (record%step_y /= 0) &
         call c_f_pointer(transfer(record%step_y, c_null_ptr), output%step_y, [n, steps])
       if (record%step_observed /= 0) &
         call c_f_pointer(transfer(record%step_observed, c_null_ptr), output%step_observed, &
-                         [int(record%observations), steps])
+                         [observations, steps])
       output%dense = record%dense /= 0
-      output%dense_capacity = record%dense_capacity
       call c_f_pointer(transfer(record%dense_member, c_null_ptr), output%dense_member, [dense])
-      call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [4, dense])
-      call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2, dense])
+      call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [4_int64, dense])
+      call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2_int64, dense])
       call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
-                       [m, run%problem%scheme%columns, dense])
-      output%event_capacity = record%event_capacity
+                       [columns, dense])
       output%lanes = size(run%lanes, kind=int64)
       output%functions = 0
       if (associated(run%problem%events)) output%functions = int(run%problem%events%count, int64)
-      call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2, events])
+      call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2_int64, events])
       call c_f_pointer(transfer(record%event_t, c_null_ptr), output%event_t, [events])
-      call c_f_pointer(transfer(record%event_y, c_null_ptr), output%event_y, [n, 2, events])
+      call c_f_pointer(transfer(record%event_y, c_null_ptr), output%event_y, [n, 2_int64, events])
     end associate
   end subroutine set_output
 

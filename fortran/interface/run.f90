@@ -2,7 +2,7 @@
 ! and takes the next one when it has ended: one lane for a function of one point, many lanes for a
 ! vectorized function, which is called once for all lanes that need coefficients.
 module run_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use callback_m, only: callback_t
   use events_m, only: events_t
@@ -14,15 +14,13 @@ module run_m
   use method_m, only: method_t
   use observer_m, only: observer_t
   use output_m, only: store_point, store_step, output_t
-  use record_m, only: fail_to_observe
-  use shared_numbers, only: buffer_full, counters_t, fields_operation, finished, needs_field, &
-                            needs_maximum, needs_minimum, out_of_memory, paused, raised, record_t, &
-                            terminal_event
+  use accepted_step_m, only: fail_to_observe
+  use shared_numbers
   use trajectory_m, only: problem_t, set_start, trajectory_t
   use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, drive, at_address, plan_at, run_at
+  public :: plan_t, run_t, c_intptr_t, drive, plan_at, run_at, wp
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -50,13 +48,6 @@ module run_m
   end type run_t
 
 contains
-
-  ! The integer value of a pointer
-  integer(c_intptr_t) function at_address(pointer)
-    type(c_ptr), intent(in) :: pointer
-
-    at_address = transfer(pointer, at_address)
-  end function at_address
 
   ! The plan at an address
   function plan_at(address) result(plan)
@@ -87,9 +78,10 @@ contains
     associate (lanes => size(run%lanes, kind=int64))
       share = (budget + lanes - 1) / lanes
     end associate
-    run%output%steps = 0
-    run%output%interpolants = 0
-    run%output%events = 0
+    run%record%steps = 0
+    run%record%interpolants = 0
+    run%record%events = 0
+    run%output%failed = .false.
     drive_all: do
       count = 0
       waits = .false.
@@ -137,7 +129,7 @@ contains
         if (.not. run%busy(i)) return
         status = lane%status
         if (status == needs_minimum .or. status == needs_maximum) return
-        if (status /= out_of_memory) call resume(run%problem, lane, run%output, budget)
+        if (status /= out_of_memory) call resume(lane, run%output, budget)
         if (record%raised /= 0) lane%status = raised
         status = lane%status
         if (any(status == [needs_field, needs_minimum, needs_maximum, paused, buffer_full])) return
@@ -155,7 +147,6 @@ contains
   subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
-    logical :: failed
 
     if (run%next > size(run%states, 2)) return
     associate (lane => run%lanes(i), member => run%next, n => run%frame%point_size)
@@ -164,14 +155,14 @@ contains
       lane%control%attempts = 0
       lane%outputs_done = 0
       call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
-      call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true., failed)
+      call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%outputs > 0) then
         if (.not. abs(run%output%times(1) - run%record%t0) > 0) then
-          call store_point(run%output, member, 1, lane%y(:, 0), failed)
+          call store_point(run%output, member, 1, lane%y(:, 0))
           lane%outputs_done = 1
         end if
       end if
-      if (failed) call fail_to_observe(lane, run%record%t0)
+      if (run%output%failed) call fail_to_observe(lane, run%record%t0)
       run%busy(i) = .true.
       run%next = run%next + 1
     end associate
@@ -203,9 +194,6 @@ contains
     run%record%budget = max(budget, 0_int64)
     run%record%step_size = run%lanes(1)%h
     run%record%residual = run%lanes(1)%solver%residual
-    run%record%steps = run%output%steps
-    run%record%interpolants = run%output%interpolants
-    run%record%events = run%output%events
   end subroutine store_counters
 
   ! Exchanges the minimum or maximum that trajectories with common steps wait for.

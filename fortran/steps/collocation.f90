@@ -10,7 +10,7 @@ module collocation_m
   use newton_m, only: correction, derivatives, factor, predict
   use requests_m, only: reject_stage, request
   use phases_m
-  use trajectory_m, only: fail, problem_t, trajectory_t
+  use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
   use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
   implicit none
@@ -28,88 +28,83 @@ module collocation_m
 contains
 
   ! Requests the coefficients at the next stage, or first a column of the Jacobian.
-  subroutine request_collocation(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine request_collocation(x)
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
-    associate (newton => x%newton, method => problem%method)
+    associate (newton => x%newton, method => x%problem%method, frame => x%problem%frame)
       if (newton%iteration == 0) then
         newton%member = x%member
         x%f(:, 1) = x%slope
         if (.not. newton%has_jacobian) then
-          call request_jacobian(problem, x)
+          call request_jacobian(x)
           return
         end if
         if (abs(x%h - newton%factored_h) > noise * abs(x%h)) then
-          call factor(problem%frame, method%transformation, x%h, newton, singular)
+          call factor(newton, x%h, singular)
           x%counts%nlu = x%counts%nlu + 2
           if (singular) then
-            call give_up(problem, x)
+            call give_up(x)
             return
           end if
         end if
-        call predict(problem%frame, method%series, method%transformation, method%c(2:), x%h, newton)
+        call predict(newton, method%series, method%c(2:), x%h)
         newton%rate_factor = max(newton%rate_factor, epsilon(1.0_wp))**0.8_wp
         newton%iteration = 1
         x%stage = 2
       end if
-      call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call apply_flows(problem%frame, 1, newton%z(:, x%stage - 1), x%y(:, x%result))
+      call copy(frame%point_size, x%y(:, 0), x%y(:, x%result))
+      call apply_flows(frame, 1, newton%z(:, x%stage - 1), x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
-      call request(problem, x, x%t + method%c(x%stage) * x%h, x%y(:, x%result), &
+      call request(x, x%t + method%c(x%stage) * x%h, x%y(:, x%result), &
                    phase_stage_received, x%request%received)
     end associate
   end subroutine request_collocation
 
   ! Factors the matrices of a restored state again.
-  subroutine refactor(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine refactor(x)
     type(trajectory_t), intent(inout) :: x
     logical :: singular
 
     if (.not. abs(x%newton%factored_h) > 0) return
     x%newton%member = x%member
-    call factor(problem%frame, problem%method%transformation, x%newton%factored_h, &
-                x%newton, singular)
+    call factor(x%newton, x%newton%factored_h, singular)
   end subroutine refactor
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
-  subroutine store_collocation(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine store_collocation(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    associate (z => x%newton%z)
+    associate (z => x%newton%z, frame => x%problem%frame, series => x%problem%method%series)
       x%f(:, x%stage) = x%request%received
-      call dexpinv(problem%frame, problem%method%series, z(:, x%stage - 1), x%f(:, x%stage), exists)
+      call dexpinv(frame, series, z(:, x%stage - 1), x%f(:, x%stage), exists)
       if (.not. exists) then
-        call reject_stage(problem, x, step_too_long, x%t)
+        call reject_stage(x, step_too_long, x%t)
         return
       end if
       x%stage = x%stage + 1
       x%phase = phase_next_stage
-      if (x%stage > size(problem%method%c)) call correct_stages(problem, x)
+      if (x%stage > size(x%problem%method%c)) call correct_stages(x)
     end associate
   end subroutine store_collocation
 
   ! Corrects the coordinates of the stages, and decides whether they are accurate.
-  subroutine correct_stages(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine correct_stages(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: dz(size(x%newton%z, 1), size(x%newton%z, 2)), size_of, tolerance
     integer :: remaining
     logical :: slow, solved
 
-    associate (newton => x%newton, method => problem%method)
-      call correction(problem%frame, method%transformation, x%h, x%f(:, 2:), newton, dz)
-      remaining = merge(max_iterations, max_rounds, problem%adaptive) - newton%iteration
+    associate (newton => x%newton, method => x%problem%method)
+      call correction(newton, x%h, x%f(:, 2:), dz)
+      remaining = merge(max_iterations, max_rounds, x%problem%adaptive) - newton%iteration
       tolerance = rounding
-      associate (rtol => max(problem%tolerances%rtol, epsilon(1.0_wp)))
-        if (problem%adaptive) tolerance = max(10 * epsilon(1.0_wp) / rtol, &
-                                              min(0.03_wp, sqrt(problem%tolerances%rtol)))
+      associate (rtol => max(x%problem%tolerances%rtol, epsilon(1.0_wp)))
+        if (x%problem%adaptive) tolerance = max(10 * epsilon(1.0_wp) / rtol, &
+                                              min(0.03_wp, sqrt(x%problem%tolerances%rtol)))
       end associate
-      size_of = correction_norm(problem, x, dz)
+      size_of = correction_norm(x, dz)
       slow = .not. size_of <= huge(1.0_wp)
       solved = size_of <= 0
       if (newton%iteration > 1) then
@@ -119,16 +114,16 @@ contains
           newton%rate_factor = newton%rate / (1 - newton%rate)
           slow = newton%rate**remaining * size_of / (1 - newton%rate) > tolerance
         end if
-        if (.not. problem%adaptive .and. slow .and. size_of <= noise) solved = .true.
+        if (.not. x%problem%adaptive .and. slow .and. size_of <= noise) solved = .true.
       end if
       solved = solved .or. newton%rate_factor * size_of <= tolerance .and. .not. slow
       newton%norm = size_of
       if (solved) then
         newton%z = newton%z + dz
-        call derivatives(method%transformation, x%h, newton%z, x%f(:, 2:))
+        call derivatives(newton, x%h, x%f(:, 2:))
         x%phase = phase_finish_step
       else if (slow .or. remaining == 0) then
-        call give_up(problem, x)
+        call give_up(x)
       else
         newton%z = newton%z + dz
         newton%iteration = newton%iteration + 1
@@ -138,14 +133,13 @@ contains
   end subroutine correct_stages
 
   ! The norm of a correction: in tolerances, or relative to the point where there are none
-  real(wp) function correction_norm(problem, x, dz)
-    type(problem_t), intent(in) :: problem
+  real(wp) function correction_norm(x, dz)
     type(trajectory_t), intent(inout) :: x
     real(wp), contiguous, intent(in) :: dz(:, :)       ! (dimension, stages)
     integer :: i
 
-    associate (frame => problem%frame, tolerances => problem%tolerances)
-      if (.not. problem%adaptive) then
+    associate (frame => x%problem%frame, tolerances => x%problem%tolerances)
+      if (.not. x%problem%adaptive) then
         call sizes(frame, x%y(:, 0), x%u)
         correction_norm = abs(sum(dz))       ! NaN if an entry is, which maxval leaves out
         if (all(abs(dz) <= huge(dz))) correction_norm = maxval(abs(dz)) &
@@ -163,15 +157,14 @@ contains
   end function correction_norm
 
   ! Tries again with the Jacobian of the present point, or else with a smaller step.
-  subroutine give_up(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine give_up(x)
     type(trajectory_t), intent(inout) :: x
 
     associate (newton => x%newton)
       newton%rate_factor = 1.0_wp
       x%request%flag = newton%iteration
       if (newton%fresh) then
-        call reject_stage(problem, x, stages_not_solved, x%t)
+        call reject_stage(x, stages_not_solved, x%t)
       else
         newton%has_jacobian = .false.
         newton%iteration = 0
@@ -181,28 +174,27 @@ contains
   end subroutine give_up
 
   ! Requests the Jacobian of dexp^-1_u f(exp(u) y) at u = 0, from Python or by differences.
-  subroutine request_jacobian(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine request_jacobian(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: answer(max(1, size(x%newton%jacobian)))
 
     associate (newton => x%newton)
       x%counts%njev = x%counts%njev + 1
-      if (.not. problem%has_jacobian) then
-        call displacements(problem, x, newton%z(:, 1))
+      if (.not. x%problem%has_jacobian) then
+        call displacements(x, newton%z(:, 1))
         newton%column = 1
-        call request_column(problem, x)
+        call request_column(x)
         return
       end if
       answer = -huge(1.0_wp)
-      call problem%frame%callback%apply(jacobian_operation, &
+      call x%problem%frame%callback%apply(jacobian_operation, &
                                          [x%t, real(x%member - 1, wp), x%slope], x%y(:, 0), answer)
       if (.not. all(abs(answer) < huge(1.0_wp))) then
         call fail(x, raised, x%t)
         return
       end if
       newton%jacobian = reshape(answer(:size(newton%jacobian)), shape(newton%jacobian))
-      if (.not. newton%sparse) call add_brackets(problem, x)
+      if (.not. newton%sparse) call add_brackets(x)
       call finish_jacobian(x)
     end associate
   end subroutine request_jacobian
@@ -211,16 +203,15 @@ contains
   ! unit of the point makes no difference, or to the absolute tolerance where that is larger, since
   ! smaller changes may have no digits in f. A coordinate of zero without one has the size that its
   ! slope gives it within a step. Those without control share the size of the largest of them.
-  subroutine displacements(problem, x, d)
-    type(problem_t), intent(in) :: problem
+  subroutine displacements(x, d)
     type(trajectory_t), intent(in) :: x
     real(wp), contiguous, intent(out) :: d(:)          ! (dimension)
 
-    associate (tolerances => problem%tolerances)
-      call sizes(problem%frame, x%y(:, 0), d)
-      if (problem%adaptive .and. .not. tolerances%in_entries) &
-        d = max(d, merge(maxval(d, without_control(problem, size(d))), tolerances%atol, &
-                         without_control(problem, size(d))))
+    associate (tolerances => x%problem%tolerances)
+      call sizes(x%problem%frame, x%y(:, 0), d)
+      if (x%problem%adaptive .and. .not. tolerances%in_entries) &
+        d = max(d, merge(maxval(d, without_control(x, size(d))), tolerances%atol, &
+                         without_control(x, size(d))))
       where (.not. d > 0) d = abs(x%h * x%slope)
       where (.not. d > 0) d = merge(maxval(d), 1.0_wp, maxval(d) > 0)
       d = sqrt(epsilon(1.0_wp)) * d
@@ -228,50 +219,48 @@ contains
   end subroutine displacements
 
   ! The coordinates without control of errors, of which the derivatives of a solution are examples
-  pure function without_control(problem, n)
-    type(problem_t), intent(in) :: problem
+  pure function without_control(x, n)
+    type(trajectory_t), intent(in) :: x
     integer, intent(in) :: n                           ! dimension
     logical :: without_control(n)
 
     without_control = .false.
-    if (problem%adaptive .and. .not. problem%tolerances%in_entries) &
-      without_control = problem%tolerances%atol > huge(1.0_wp)
+    if (x%problem%adaptive .and. .not. x%problem%tolerances%in_entries) &
+      without_control = x%problem%tolerances%atol > huge(1.0_wp)
   end function without_control
 
   ! Requests the coefficients at a point displaced along a field of the frame.
-  subroutine request_column(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine request_column(x)
     type(trajectory_t), intent(inout) :: x
 
     associate (column => x%newton%column)
       x%u = 0.0_wp
       x%u(column) = x%newton%z(column, 1)
-      call copy(problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
-      call apply_flows(problem%frame, 1, x%u, x%y(:, x%result))
+      call copy(x%problem%frame%point_size, x%y(:, 0), x%y(:, x%result))
+      call apply_flows(x%problem%frame, 1, x%u, x%y(:, x%result))
       x%counts%nexp = x%counts%nexp + 1
-      call request(problem, x, x%t, x%y(:, x%result), phase_column_received, x%request%received)
+      call request(x, x%t, x%y(:, x%result), phase_column_received, x%request%received)
     end associate
   end subroutine request_column
 
   ! Stores a column of the Jacobian. How coordinates without control depend on others is left out:
   ! of derivatives it would be second differences, which have no digits.
-  subroutine store_column(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine store_column(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists, uncontrolled(size(x%u))
 
-    associate (newton => x%newton, column => x%newton%column)
+    associate (newton => x%newton, column => x%newton%column, series => x%problem%method%series)
       x%u = 0.0_wp
       x%u(column) = newton%z(column, 1)
       newton%jacobian(:, column) = x%request%received
-      call dexpinv(problem%frame, problem%method%series, x%u, newton%jacobian(:, column), exists)
+      call dexpinv(x%problem%frame, series, x%u, newton%jacobian(:, column), exists)
       newton%jacobian(:, column) = (newton%jacobian(:, column) - x%slope) / newton%z(column, 1)
-      uncontrolled = without_control(problem, size(uncontrolled))
+      uncontrolled = without_control(x, size(uncontrolled))
       if (.not. uncontrolled(column)) &
         newton%jacobian(:, column) = merge(0.0_wp, newton%jacobian(:, column), uncontrolled)
       column = column + 1
       if (column <= size(newton%jacobian, 2)) then
-        call request_column(problem, x)
+        call request_column(x)
       else
         call finish_jacobian(x)
       end if
@@ -279,8 +268,7 @@ contains
   end subroutine store_column
 
   ! Adds the derivative of dexp^-1_u f at u = 0, which is the only odd term of the series.
-  subroutine add_brackets(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine add_brackets(x)
     type(trajectory_t), intent(inout) :: x
     real(wp), dimension(size(x%u)) :: ahead, behind
     logical :: exists
@@ -291,9 +279,9 @@ contains
       x%u(j) = 1.0_wp
       ahead = x%slope
       behind = x%slope
-      call dexpinv(problem%frame, problem%method%series, x%u, ahead, exists)
+      call dexpinv(x%problem%frame, x%problem%method%series, x%u, ahead, exists)
       x%u(j) = -1.0_wp
-      call dexpinv(problem%frame, problem%method%series, x%u, behind, exists)
+      call dexpinv(x%problem%frame, x%problem%method%series, x%u, behind, exists)
       x%newton%jacobian(:, j) = x%newton%jacobian(:, j) + (ahead - behind) / 2
     end do
   end subroutine add_brackets

@@ -15,13 +15,10 @@ module controller_m
             max_suspicion, raised_by_rejection, suspected_error, &
             min_last_predicted, predicted_size, smallest_size, tried_size
 
-  real(wp), parameter :: safety = 0.9_wp
-  real(wp), parameter :: smallest_factor = 0.2_wp
-  real(wp), parameter :: largest_factor = 5.0_wp
+  real(wp), parameter :: safety = 0.9_wp, smallest_factor = 0.2_wp, largest_factor = 5.0_wp
   real(wp), parameter :: failure_factor = 0.25_wp     ! where there is no estimate
   ! Powers of the last error and of the one before it, times the exponent
-  real(wp), parameter :: last_power = 0.7_wp
-  real(wp), parameter :: before_last_power = 0.4_wp
+  real(wp), parameter :: last_power = 0.7_wp, before_last_power = 0.4_wp
   real(wp), parameter :: min_last_error = 1e-4_wp
   ! Of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake of
   ! the factored matrices, and Newton's method has this many iterations.
@@ -31,8 +28,7 @@ module controller_m
   ! Target of the error of the first step, in tolerances
   real(wp), parameter :: first_error = 0.01_wp
   ! If a norm is below this many tolerances, the first guess is this fraction of the span.
-  real(wp), parameter :: negligible = 1e-5_wp
-  real(wp), parameter :: blind_fraction = 1e-6_wp
+  real(wp), parameter :: negligible = 1e-5_wp, blind_fraction = 1e-6_wp
   real(wp), parameter :: smallest_step = 10.0_wp      ! in spacings of numbers at the time
 
   ! At a discontinuity many steps are rejected, since estimates decrease slowly there. A rejection
@@ -124,8 +120,7 @@ contains
 
   ! A first guess from the norms, in tolerances, of the point and of its derivative
   pure real(wp) function first_guess(point, slope, span)
-    real(wp), intent(in) :: point, slope
-    real(wp), intent(in) :: span           ! of the whole integration
+    real(wp), intent(in) :: point, slope, span           ! span: of the whole integration
 
     first_guess = blind_fraction * span
     if (point > negligible .and. slope * span > negligible) first_guess = 0.01_wp * point / slope
@@ -134,8 +129,7 @@ contains
   ! The first size, huge if there is no limit. The rate at which the solution changes stands for its
   ! derivatives beyond the second, so that the unit of time makes no difference.
   pure real(wp) function first_size(point, slope, curvature, exponent)
-    real(wp), intent(in) :: point, slope, curvature
-    real(wp), intent(in) :: exponent
+    real(wp), intent(in) :: point, slope, curvature, exponent
     real(wp) :: rate
 
     first_size = huge(first_size)

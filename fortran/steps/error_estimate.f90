@@ -15,7 +15,7 @@ module error_estimate_m
   use error_norm_m, only: norm, remove_isotropy, scales, tangent, turning
   use newton_m, only: filtered
   use node_difference_m, only: node_difference
-  use trajectory_m, only: problem_t, trajectory_t
+  use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none
   private
@@ -28,30 +28,29 @@ module error_estimate_m
 contains
 
   ! Estimates the error of a step whose results are known.
-  subroutine estimate_error(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: errors(3), error, ratio
     integer :: i, place, sums
 
-    associate (frame => problem%frame, tolerances => problem%tolerances, &
-               method => problem%method, v => x%u)
+    associate (frame => x%problem%frame, tolerances => x%problem%tolerances, &
+               method => x%problem%method, v => x%u)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
       errors = 0.0_wp
       sums = size(method%error, 2)
       if (method%embedded > 0) then
         if (.not. finite(frame%point_size, x%y(:, method%embedded))) return
-        errors(1) = distance(problem, x, method%embedded)
-        if (method%third > 0) errors(2) = distance(problem, x, method%third)
+        errors(1) = distance(x, method%embedded)
+        if (method%third > 0) errors(2) = distance(x, method%third)
       end if
       x%path_of_u = 0
       do i = 1, sums
         call combine(size(v), size(x%f, 2), x%h * method%error(:, i), x%f, v)
-        if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
+        if (method%collocation) call filtered(x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         place = merge(2 + i - sums, 1 + 2 * (i - 1) / sums, method%embedded > 0)
         if (method%power == 0) place = 1 + i
-        error = norm_of_u(problem, x)
+        error = norm_of_u(x)
         if (method%polynomial) error = hypot(errors(place), error)
         if (.not. error <= errors(place)) errors(place) = error
       end do
@@ -64,32 +63,31 @@ contains
           errors(2) = errors(2) * (errors(2) / hypot(errors(2), errors(3)))
         x%error = max(errors(1), method%factor * errors(2))
       end if
-      call limit_angle(problem, x)
+      call limit_angle(x)
       if (method%has_nodes .and. abs(x%h_before) > 0) then
         call node_difference(method%c, x%f, x%h_before / x%h, x%f_before, v)
         v = x%h * v
         call remove_isotropy(frame, x%y(:, x%result), v)
-        x%error = max(x%error, norm_of_u(problem, x))
+        x%error = max(x%error, norm_of_u(x))
       end if
     end associate
   end subroutine estimate_error
 
   ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
   ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.
-  subroutine limit_angle(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine limit_angle(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: excess
     integer :: k
 
-    if (problem%method%collocation .or. problem%method%polynomial) return
-    excess = (abs(x%h) * turning(problem%frame, x%f(:, 1)) / max_angle) &
-             **(1 / problem%tolerances%exponent)
+    if (x%problem%method%collocation .or. x%problem%method%polynomial) return
+    excess = (abs(x%h) * turning(x%problem%frame, x%f(:, 1)) / max_angle) &
+             **(1 / x%problem%tolerances%exponent)
     if (excess <= max(x%error, least_excess)) return
     x%path_of_u = 0
-    do k = 2, size(x%f, 2) - size(problem%method%bracket, 3)
+    do k = 2, size(x%f, 2) - size(x%problem%method%bracket, 3)
       x%u = x%h * (x%f(:, k) - x%f(:, 1))
-      if (.not. norm_of_u(problem, x) <= 1) then
+      if (.not. norm_of_u(x) <= 1) then
         x%error = excess
         exit
       end if
@@ -97,26 +95,24 @@ contains
   end subroutine limit_angle
 
   ! The norm of the difference of the result from another one
-  real(wp) function distance(problem, x, path)
-    type(problem_t), intent(in) :: problem
+  real(wp) function distance(x, path)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
 
-    if (problem%tolerances%in_entries) then
+    if (x%problem%tolerances%in_entries) then
       x%control%v(:) = x%y(:, x%result) - x%y(:, path)
     else
-      call difference(problem%frame, x%y(:, path), x%y(:, x%result), x%control%v)
+      call difference(x%problem%frame, x%y(:, path), x%y(:, x%result), x%control%v)
     end if
-    distance = norm(problem%tolerances, x%control%v, x%control%scale)
+    distance = norm(x%problem%tolerances, x%control%v, x%control%scale)
   end function distance
 
   ! The norm of the displacement u at the end of the step
-  real(wp) function norm_of_u(problem, x)
-    type(problem_t), intent(in) :: problem
+  real(wp) function norm_of_u(x)
     type(trajectory_t), intent(inout) :: x
 
-    call tangent(problem%frame, problem%tolerances, x%u, x%y(:, x%result), x%control%work)
-    norm_of_u = norm(problem%tolerances, x%control%work, x%control%scale)
+    call tangent(x%problem%frame, x%problem%tolerances, x%u, x%y(:, x%result), x%control%work)
+    norm_of_u = norm(x%problem%tolerances, x%control%work, x%control%scale)
   end function norm_of_u
 
 end module error_estimate_m

@@ -29,7 +29,6 @@ module events_m
   end type events_t
 
   abstract interface
-
     function event_i(t, y, user_data) bind(c) result(g)
       import :: c_double, c_ptr
       real(c_double), value, intent(in) :: t
@@ -37,7 +36,6 @@ module events_m
       type(c_ptr), value, intent(in) :: user_data
       real(c_double) :: g
     end function event_i
-
   end interface
 
 contains

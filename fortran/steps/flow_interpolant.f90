@@ -43,6 +43,8 @@ module flow_interpolant_m
   end type scheme_t
 
   type :: interpolant_t
+    type(frame_t), pointer :: frame => null()
+    type(scheme_t), pointer :: scheme => null()
     logical :: on_algebra = .false.
     logical :: complete = .false.
     integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
@@ -62,81 +64,77 @@ module flow_interpolant_m
 
 contains
 
-  ! Allocates the memory of an interpolant once.
-  subroutine reserve_interpolant(frame, scheme, interpolant, memory)
-    type(frame_t), intent(in) :: frame
-    type(scheme_t), intent(in) :: scheme
-    type(interpolant_t), intent(inout) :: interpolant
+  ! Allocates the memory of an interpolant once, and gives it its frame and scheme.
+  subroutine reserve_interpolant(frame, scheme, self, memory)
+    type(frame_t), target, intent(in) :: frame
+    type(scheme_t), target, intent(in) :: scheme
+    type(interpolant_t), intent(inout) :: self
     integer, intent(out) :: memory           ! nonzero if there isn't enough
 
     memory = 0
-    if (allocated(interpolant%y0)) return
-    allocate (interpolant%y0(frame%point_size), interpolant%y1(frame%point_size), &
-              interpolant%u(frame%dimension), interpolant%y(frame%point_size), &
-              interpolant%weight(max(1, size(scheme%basis, 1), size(scheme%basis, 2))), &
-              interpolant%field(frame%dimension, scheme%columns), &
-              interpolant%next(frame%dimension, max(scheme%nodes, size(scheme%basis, 1))), &
-              interpolant%v(frame%dimension, size(scheme%weight, 2) + 1), stat=memory)
+    if (allocated(self%y0)) return
+    self%frame => frame
+    self%scheme => scheme
+    allocate (self%y0(frame%point_size), self%y1(frame%point_size), &
+              self%u(frame%dimension), self%y(frame%point_size), &
+              self%weight(max(1, size(scheme%basis, 1), size(scheme%basis, 2))), &
+              self%field(frame%dimension, scheme%columns), &
+              self%next(frame%dimension, max(scheme%nodes, size(scheme%basis, 1))), &
+              self%v(frame%dimension, size(scheme%weight, 2) + 1), stat=memory)
   end subroutine reserve_interpolant
 
   ! Gives an interpolant the ends of its step.
-  pure subroutine set_ends(interpolant, t0, h, y0, y1, first, last)
-    type(interpolant_t), intent(inout) :: interpolant
+  pure subroutine set_ends(self, t0, h, y0, y1, first, last)
+    type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: t0, h
     real(wp), contiguous, intent(in) :: y0(:), y1(:)         ! (point_size)
     real(wp), contiguous, intent(in) :: first(:), last(:)    ! (dimension) coefficients at the ends
 
-    interpolant%t0 = t0
-    interpolant%h = h
-    interpolant%y0(:) = y0
-    interpolant%y1(:) = y1
-    interpolant%field(:, 1) = first
-    interpolant%field(:, 2) = last
+    self%t0 = t0
+    self%h = h
+    self%y0(:) = y0
+    self%y1(:) = y1
+    self%field(:, 1) = first
+    self%field(:, 2) = last
   end subroutine set_ends
 
   ! Starts an interpolant by flows.
-  subroutine begin_flows(frame, scheme, interpolant)
-    type(frame_t), intent(in) :: frame
-    type(scheme_t), intent(in) :: scheme
-    type(interpolant_t), intent(inout) :: interpolant
+  subroutine begin_flows(self)
+    type(interpolant_t), intent(inout) :: self
 
-    interpolant%known = 2
-    call add_last_flow(frame, scheme, interpolant)
+    self%known = 2
+    call add_last_flow(self)
   end subroutine begin_flows
 
   ! Stores the coefficients at a node. After the last one the interpolant has one node more.
-  subroutine add_flow_node(frame, scheme, f, interpolant)
-    type(frame_t), intent(in) :: frame
-    type(scheme_t), intent(in) :: scheme
+  subroutine add_flow_node(f, self)
     real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
-    type(interpolant_t), intent(inout) :: interpolant
+    type(interpolant_t), intent(inout) :: self
 
-    associate (n => interpolant%known)
-      interpolant%next(:, interpolant%node) = f
-      interpolant%node = interpolant%node + 1
-      if (interpolant%node <= n) return
-      interpolant%field(:, n + 1) = interpolant%field(:, n)
-      interpolant%field(:, 2:n) = interpolant%next(:, 2:n)
+    associate (n => self%known)
+      self%next(:, self%node) = f
+      self%node = self%node + 1
+      if (self%node <= n) return
+      self%field(:, n + 1) = self%field(:, n)
+      self%field(:, 2:n) = self%next(:, 2:n)
       n = n + 1
     end associate
-    call add_last_flow(frame, scheme, interpolant)
+    call add_last_flow(self)
   end subroutine add_flow_node
 
   ! Computes the last flow, which reaches the end of the step.
-  subroutine add_last_flow(frame, scheme, interpolant)
-    type(frame_t), intent(in) :: frame
-    type(scheme_t), intent(in) :: scheme
-    type(interpolant_t), intent(inout) :: interpolant
-    real(wp) :: reached(frame%point_size), v(frame%dimension)
+  subroutine add_last_flow(self)
+    type(interpolant_t), intent(inout) :: self
+    real(wp) :: reached(self%frame%point_size), v(self%frame%dimension)
 
-    interpolant%field(:, interpolant%known + 1) = 0.0_wp
-    reached = interpolant%y0
-    call follow_flows(frame, scheme, interpolant, 1.0_wp, reached)
-    call difference_nearby(frame, reached, interpolant%y1, v)
-    interpolant%field(:, interpolant%known + 1) = v
-    interpolant%nexp = interpolant%nexp + size(scheme%weight, 2) + 1
-    interpolant%node = 2
-    interpolant%complete = interpolant%known == scheme%nodes
+    self%field(:, self%known + 1) = 0.0_wp
+    reached = self%y0
+    call follow_flows(self, 1.0_wp, reached)
+    call difference_nearby(self%frame, reached, self%y1, v)
+    self%field(:, self%known + 1) = v
+    self%nexp = self%nexp + size(self%scheme%weight, 2) + 1
+    self%node = 2
+    self%complete = self%known == self%scheme%nodes
   end subroutine add_last_flow
 
   ! Computes a difference of nearby points on any frame.
@@ -152,28 +150,25 @@ contains
   end subroutine difference_nearby
 
   ! Moves the start of the step to the point at a fraction of it.
-  subroutine follow_flows(frame, scheme, interpolant, theta, y)
-    type(frame_t), intent(in) :: frame
-    type(scheme_t), intent(in) :: scheme
-    type(interpolant_t), intent(inout) :: interpolant
+  subroutine follow_flows(self, theta, y)
+    type(interpolant_t), intent(inout) :: self
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(inout) :: y(:)
-    real(wp) :: basis(interpolant%known, size(scheme%c))
-    real(wp) :: w
+    real(wp) :: basis(self%known, size(self%scheme%c)), w
     integer :: i
 
-    associate (n => interpolant%known, last => size(scheme%weight, 2) + 1, v => interpolant%v)
-      call lagrange(scheme, n, theta, interpolant%h, basis)
+    associate (n => self%known, last => size(self%scheme%weight, 2) + 1, v => self%v)
+      call lagrange(self%scheme, n, theta, self%h, basis)
       do i = 1, last - 1
-        call combine(frame%dimension, n, matmul(basis, scheme%weight(:, i)), interpolant%field, &
+        call combine(self%frame%dimension, n, matmul(basis, self%scheme%weight(:, i)), self%field, &
                      v(:, i))
       end do
       w = 0.0_wp
       do i = n + 1, 0, -1
-        w = w * theta + scheme%blend(i, n)
+        w = w * theta + self%scheme%blend(i, n)
       end do
-      v(:, last) = w * interpolant%field(:, n + 1)
-      call apply_flows(frame, last, v, y)
+      v(:, last) = w * self%field(:, n + 1)
+      call apply_flows(self%frame, last, v, y)
     end associate
   end subroutine follow_flows
 

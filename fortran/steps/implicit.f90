@@ -18,7 +18,7 @@ module implicit_m
   use method_m, only: method_t
   use phases_m
   use requests_m, only: reject_stage
-  use trajectory_m, only: problem_t, trajectory_t
+  use trajectory_m, only: trajectory_t
   use shared_numbers, only: fixed_point_limit, newton_limit, stages_not_solved
   implicit none
   private
@@ -31,22 +31,20 @@ module implicit_m
 contains
 
   ! Starts the first block of a step.
-  subroutine prepare_stage(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine prepare_stage(x)
     type(trajectory_t), intent(inout) :: x
 
     if (x%solver%first > 0) return
     x%f = spread(x%slope, 2, size(x%f, 2))
     x%solver%last = 0
-    call next_block(problem, x)
+    call next_block(x)
   end subroutine prepare_stage
 
   ! Starts the next block whose coefficients aren't those at the start, or finishes the step.
-  subroutine next_block(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine next_block(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (solver => x%solver, method => problem%method)
+    associate (solver => x%solver, method => x%problem%method)
       if (solver%last > 0) call rewind_paths(method, x)
       do
         solver%first = solver%last + 1
@@ -86,16 +84,15 @@ contains
 
   ! Stores the coefficients at a stage. After the last one of the block its unknowns are corrected,
   ! or the next column of the Jacobian is evaluated.
-  subroutine store_value(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine store_value(x)
     type(trajectory_t), intent(inout) :: x
     integer :: block, info
 
-    associate (solver => x%solver, method => problem%method, n => size(x%f, 1))
+    associate (solver => x%solver, method => x%problem%method, n => size(x%f, 1))
       block = merge(solver%first, 1, method%blocks > 1)
       if (method%blocks > 1 .and. .not. is_implicit(method, x%stage)) then
         x%f(:, x%stage) = x%request%received
-        call next_block(problem, x)
+        call next_block(x)
         return
       end if
       if (solver%column == 0) then
@@ -124,27 +121,26 @@ contains
         solver%factored_h(block) = x%h
         solver%column = 0
         if (info /= 0) then
-          call give_up(problem, x, block)
+          call give_up(x, block)
           return
         end if
       end if
       if (solver%column > 0) then
-        call move_unknown(problem, x)
+        call move_unknown(x)
       else
-        call correct(problem, x, block)
+        call correct(x, block)
       end if
     end associate
   end subroutine store_value
 
   ! Moves the unknown of a column of the Jacobian.
-  subroutine move_unknown(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine move_unknown(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: scale(size(x%f, 1))
 
     associate (solver => x%solver, i => 1 + mod(x%solver%column - 1, size(x%f, 1)), &
                stage => x%solver%first + (x%solver%column - 1) / size(x%f, 1))
-      call scale_of(problem, x, x%f(:, stage), scale)
+      call scale_of(x, x%f(:, stage), scale)
       solver%before = x%f(i, stage)
       x%f(i, stage) = solver%before + sqrt(epsilon(1.0_wp)) * scale(i)
       solver%moved = x%f(i, stage) - solver%before
@@ -153,13 +149,12 @@ contains
 
   ! The scale of coefficients: their absolute values, but at least what moves the point by about the
   ! size of its coordinates
-  subroutine scale_of(problem, x, k, scale)
-    type(problem_t), intent(in) :: problem
+  subroutine scale_of(x, k, scale)
     type(trajectory_t), intent(in) :: x
     real(wp), contiguous, intent(in) :: k(:)           ! (dimension)
     real(wp), contiguous, intent(out) :: scale(:)      ! (dimension)
 
-    call sizes(problem%frame, x%y(:, 0), scale)
+    call sizes(x%problem%frame, x%y(:, 0), scale)
     scale = max(abs(k), scale / abs(x%h))
     where (.not. scale > 0) scale = merge(maxval(scale), 1.0_wp, maxval(scale) > 0)
   end subroutine scale_of
@@ -180,12 +175,10 @@ contains
   end subroutine factor
 
   ! Corrects the unknowns of a block, and goes on to the next one if the correction is rounding.
-  subroutine correct(problem, x, block)
-    type(problem_t), intent(in) :: problem
+  subroutine correct(x, block)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
-    real(wp) :: scale(size(x%f, 1)), d(size(x%f, 1), x%solver%first: x%solver%last)
-    real(wp) :: correction
+    real(wp) :: scale(size(x%f, 1)), d(size(x%f, 1), x%solver%first: x%solver%last), correction
     integer :: i, info, limit
 
     associate (solver => x%solver)
@@ -194,23 +187,23 @@ contains
       if (.not. solver%fixed_point) call dgetrs('N', size(d), 1, solver%lu(:, :, block), size(d), &
                                                 solver%pivot(:, block), d, size(d), info)
       if (.not. all(abs(d) <= huge(d))) then       ! max and maxval leave out NaN
-        call give_up(problem, x, block)
+        call give_up(x, block)
         return
       end if
       correction = 0.0_wp
       do i = solver%first, solver%last
         x%f(:, i) = x%f(:, i) + d(:, i)
-        call scale_of(problem, x, x%f(:, i), scale)
+        call scale_of(x, x%f(:, i), scale)
         correction = max(correction, maxval(abs(d(:, i)) / scale))
       end do
       if (correction <= epsilon(1.0_wp) &
           .or. (solver%correction <= correction .and. correction <= noise)) then
-        call next_block(problem, x)
+        call next_block(x)
         return
       end if
       limit = merge(fixed_point_limit, newton_limit, solver%fixed_point)
       if (.not. solver%residual <= diverged * solver%smallest .or. solver%iteration == limit) then
-        call give_up(problem, x, block)
+        call give_up(x, block)
         return
       end if
       if (correction > max(slow * solver%correction, noise)) solver%factored_h(block) = 0.0_wp
@@ -221,14 +214,13 @@ contains
   end subroutine correct
 
   ! Discards the factors and rejects the step.
-  subroutine give_up(problem, x, block)
-    type(problem_t), intent(in) :: problem
+  subroutine give_up(x, block)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: block
 
     x%solver%factored_h(block) = 0.0_wp
     x%request%flag = x%solver%iteration
-    call reject_stage(problem, x, stages_not_solved, x%t)
+    call reject_stage(x, stages_not_solved, x%t)
   end subroutine give_up
 
 end module implicit_m

@@ -48,8 +48,7 @@ contains
 
   ! The last of increasing times that isn't after t, the first one if all are
   pure integer function last_before(times, t) result(low)
-    real(wp), intent(in) :: times(:)
-    real(wp), intent(in) :: t
+    real(wp), intent(in) :: times(:), t
     integer :: high, middle
 
     low = 1

@@ -2,30 +2,29 @@
 ! The same loop serves functions in C of one point and vectorized functions.
 !
 ! Where the problem has a field, requests for coefficients are answered at once. Otherwise `resume`
-! returns with a status (needs_field: coefficients at request_t, request_y; needs_minimum,
+! returns with a status (needs_field: coefficients at request%t and request%y; needs_minimum,
 ! needs_maximum: of a number over all trajectories with common steps; buffer_full; paused) and is
 ! called again with the answer. The phase says where to continue. Phases follow each other as
 !
 !   begin segment -> [first size] -> choose step -> stages -> finish step -> decide -> accepted
 !        ^                               ^                                     |          |
 !        |                               '------------- rejected --------------'          v
-!        '-------- [jump] <- record step <- [interpolant] <- [detect events] <------------'
+!        '-------- [jump] <- store output <- [interpolant] <- [detect events] <-----------'
 !
 ! A segment is the time between two breakpoints; brackets mark what only some steps need.
 module loop_m
   use output_m, only: has_room, output_t
-  use record_m, only: detect_events, examine_step, prepare_inner, record_step
+  use accepted_step_m, only: detect_events, examine_step, prepare_inner, store_output
   use collocation_m, only: store_column
   use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          request_curvature
   use requests_m, only: check_coefficients, request
   use phases_m
-  use trajectory_m, only: problem_t, trajectory_t
+  use trajectory_m, only: trajectory_t
   use within_step_m, only: store_begin, store_node, store_end, request_node
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, needs_field, needs_maximum, needs_minimum, &
-                            paused
+  use shared_numbers, only: buffer_full, finished, needs_field, needs_maximum, needs_minimum, paused
   implicit none
   private
   public :: resume
@@ -33,28 +32,27 @@ module loop_m
 contains
 
   ! Advances a trajectory until it needs something from the caller or ends; its status says which.
-  subroutine resume(problem, x, output, budget)
-    type(problem_t), target, intent(in) :: problem
+  subroutine resume(x, output, budget)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
     integer(int64), intent(inout) :: budget            ! steps to try until the next pause
 
     select case (x%status)
     case (needs_field)
-      call check_coefficients(problem, x, x%request%y, x%request%received)
+      call check_coefficients(x, x%request%y, x%request%received)
     case (needs_minimum, needs_maximum, paused, buffer_full)
       x%status = finished
     end select
     do while (x%status == finished .and. x%phase /= phase_ended)
       select case (x%phase)
       case (phase_begin_segment)
-        call begin_segment(problem, x)
+        call begin_segment(x)
       case (phase_guess_size)
-        call guess_size(problem, x)
+        call guess_size(x)
       case (phase_guess_shared)
-        call request_curvature(problem, x)
+        call request_curvature(x)
       case (phase_curvature_received)
-        call choose_first_size(problem, x)
+        call choose_first_size(x)
       case (phase_size_shared)
         x%control%step_size = x%request%shared
         x%phase = phase_choose_step
@@ -65,42 +63,42 @@ contains
           x%status = paused
         else
           budget = budget - 1
-          call choose_step(problem, x)
+          call choose_step(x)
         end if
       case (phase_start_received)
-        if (.not. associated(problem%field)) x%slope(:) = x%request%received
+        if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
         x%slope_known = .true.
         x%phase = phase_next_stage
-        if (problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+        if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
       case (phase_next_stage)
-        call request_stage(problem, x)
+        call request_stage(x)
       case (phase_stage_received)
-        call store_stage(problem, x)
+        call store_stage(x)
       case (phase_column_received)
-        call store_column(problem, x)
+        call store_column(x)
       case (phase_error_received)
-        call store_error(problem, x)
+        call store_error(x)
       case (phase_finish_step)
-        if (problem%method%polynomial) call prepare_inner(problem, x, output)
-        call finish_step(problem, x)
+        if (x%problem%method%polynomial) call prepare_inner(x, output)
+        call finish_step(x)
       case (phase_decide_step)
-        call accept_or_reject(problem, x)
+        call accept_or_reject(x)
       case (phase_accepted)
-        call examine_step(problem, x, output)
+        call examine_step(x, output)
       case (phase_request_end)
-        call request(problem, x, x%t, x%y(:, 0), phase_end_received, x%request%received)
+        call request(x, x%t, x%y(:, 0), phase_end_received, x%request%received)
       case (phase_begin_received)
-        call store_begin(problem, x)
+        call store_begin(x)
       case (phase_end_received)
-        call store_end(problem, x)
+        call store_end(x)
       case (phase_next_node)
-        call request_node(problem, x)
+        call request_node(x)
       case (phase_node_received)
-        call store_node(problem, x)
+        call store_node(x)
       case (phase_detect_events)
-        call detect_events(problem, x)
-      case (phase_record_step)
-        call record_step(problem, x, output)
+        call detect_events(x)
+      case (phase_store_output)
+        call store_output(x, output)
       end select
     end do
   end subroutine resume

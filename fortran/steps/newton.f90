@@ -30,6 +30,8 @@ module newton_m
 
   ! What a trajectory keeps for its iterations
   type :: newton_t
+    type(frame_t), pointer :: frame => null()
+    type(transformation_t), pointer :: transformation => null()
     logical :: has_jacobian = .false.
     logical :: fresh = .false.               ! whether the Jacobian is that of the present point
     logical :: sparse = .false.              ! whether Python keeps the Jacobian and its factors
@@ -51,137 +53,128 @@ module newton_m
 contains
 
   ! Allocates the memory of an iteration.
-  subroutine reserve(n, sparse, newton, memory)
-    integer, intent(in) :: n                 ! dimension
+  subroutine reserve(frame, transformation, sparse, self, memory)
+    type(frame_t), target, intent(in) :: frame
+    type(transformation_t), target, intent(in) :: transformation
     logical, intent(in) :: sparse
-    type(newton_t), intent(inout) :: newton
+    type(newton_t), intent(inout) :: self
     integer, intent(out) :: memory           ! nonzero if there isn't enough
 
-    newton%sparse = sparse
-    associate (m => merge(0, n, sparse))
-      allocate (newton%last(n, stages), newton%z(n, stages), newton%jacobian(n, m), &
-                newton%lu(m, m), newton%complex_lu(m, m), newton%pivot(m), &
-                newton%complex_pivot(m), stat=memory)
+    self%frame => frame
+    self%transformation => transformation
+    self%sparse = sparse
+    associate (n => frame%dimension, m => merge(0, frame%dimension, sparse))
+      allocate (self%last(n, stages), self%z(n, stages), self%jacobian(n, m), self%lu(m, m), &
+                self%complex_lu(m, m), self%pivot(m), self%complex_pivot(m), stat=memory)
     end associate
   end subroutine reserve
 
   ! Factors both matrices for a step size. Those that aren't finite count as singular.
-  subroutine factor(frame, transformation, h, newton, singular)
-    type(frame_t), intent(in) :: frame
-    type(transformation_t), intent(in) :: transformation
+  subroutine factor(self, h, singular)
+    type(newton_t), intent(inout) :: self
     real(wp), intent(in) :: h
-    type(newton_t), intent(inout) :: newton
     logical, intent(out) :: singular
     real(wp) :: answer(1)
     integer :: i, info
 
-    newton%factored_h = h
-    associate (gamma => transformation%gamma / h, mu => transformation%mu / h)
-      if (newton%sparse) then
+    self%factored_h = h
+    associate (gamma => self%transformation%gamma / h, mu => self%transformation%mu / h)
+      if (self%sparse) then
         answer = 1.0_wp
-        call frame%callback%apply(factor_operation, [real(newton%member - 1, wp), gamma, mu], &
-                                  [0.0_wp], answer)
+        call self%frame%callback%apply(factor_operation, [real(self%member - 1, wp), gamma, mu], &
+                                       [0.0_wp], answer)
         singular = .not. answer(1) <= 0
         return
       end if
-      singular = .not. all(abs(newton%jacobian) <= huge(1.0_wp))
+      singular = .not. all(abs(self%jacobian) <= huge(1.0_wp))
       if (singular) return
-      newton%lu = -newton%jacobian
-      newton%complex_lu = cmplx(-newton%jacobian, kind=wp)
-      do i = 1, size(newton%lu, 1)
-        newton%lu(i, i) = newton%lu(i, i) + gamma
-        newton%complex_lu(i, i) = newton%complex_lu(i, i) + cmplx(mu(1), mu(2), wp)
+      self%lu = -self%jacobian
+      self%complex_lu = cmplx(-self%jacobian, kind=wp)
+      do i = 1, size(self%lu, 1)
+        self%lu(i, i) = self%lu(i, i) + gamma
+        self%complex_lu(i, i) = self%complex_lu(i, i) + cmplx(mu(1), mu(2), wp)
       end do
     end associate
-    associate (n => size(newton%pivot))
-      call dgetrf(n, n, newton%lu, n, newton%pivot, info)
-      if (info == 0) call zgetrf(n, n, newton%complex_lu, n, newton%complex_pivot, info)
+    associate (n => size(self%pivot))
+      call dgetrf(n, n, self%lu, n, self%pivot, info)
+      if (info == 0) call zgetrf(n, n, self%complex_lu, n, self%complex_pivot, info)
     end associate
     singular = info /= 0
   end subroutine factor
 
   ! Solves (gamma / h - J) x = b or, of two columns, (mu / h - J) (x_1 + i x_2) = b_1 + i b_2.
-  subroutine solve(frame, newton, n, columns, b)
-    type(frame_t), intent(in) :: frame
-    type(newton_t), intent(in) :: newton
+  subroutine solve(self, n, columns, b)
+    type(newton_t), intent(in) :: self
     integer, intent(in) :: n, columns
     real(wp), intent(inout) :: b(n, columns)
     complex(wp) :: x(n)
     real(wp) :: numbers(n * columns)
     integer :: info
 
-    if (newton%sparse) then
+    if (self%sparse) then
       numbers = [b]
-      call frame%callback%apply(solve_operation, [real(newton%member - 1, wp)], (numbers), numbers)
+      call self%frame%callback%apply(solve_operation, [real(self%member - 1, wp)], [b], numbers)
       b = reshape(numbers, shape(b))
     else if (columns == 1) then
-      call dgetrs('N', n, 1, newton%lu, n, newton%pivot, b, n, info)
+      call dgetrs('N', n, 1, self%lu, n, self%pivot, b, n, info)
     else
       x = cmplx(b(:, 1), b(:, 2), wp)
-      call zgetrs('N', n, 1, newton%complex_lu, n, newton%complex_pivot, x, n, info)
+      call zgetrs('N', n, 1, self%complex_lu, n, self%complex_pivot, x, n, info)
       b(:, 1) = x%re
       b(:, 2) = x%im
     end if
   end subroutine solve
 
   ! Computes the correction of z from the derivatives at the stages.
-  subroutine correction(frame, transformation, h, f, newton, dz)
-    type(frame_t), intent(in) :: frame
-    type(transformation_t), intent(in) :: transformation
-    real(wp), intent(in) :: h
-    real(wp), intent(in) :: f(:, :)                    ! (dimension, stages)
-    type(newton_t), intent(in) :: newton
+  subroutine correction(self, h, f, dz)
+    type(newton_t), intent(in) :: self
+    real(wp), intent(in) :: h, f(:, :)                 ! f: (dimension, stages)
     real(wp), intent(out) :: dz(:, :)                  ! (dimension, stages)
     real(wp) :: d(size(f, 1), stages)
 
-    call derivatives(transformation, h, newton%z, d)
-    d = matmul(f - d, transpose(transformation%t_inverse))
-    call solve(frame, newton, size(f, 1), 1, d(:, 1))
-    call solve(frame, newton, size(f, 1), 2, d(:, 2:3))
-    dz = matmul(d, transpose(transformation%t))
+    call derivatives(self, h, d)
+    d = matmul(f - d, transpose(self%transformation%t_inverse))
+    call solve(self, size(f, 1), 1, d(:, 1))
+    call solve(self, size(f, 1), 2, d(:, 2:3))
+    dz = matmul(d, transpose(self%transformation%t))
   end subroutine correction
 
   ! Computes A^-1 z / h, the derivatives at the stages with coordinates z.
-  pure subroutine derivatives(transformation, h, z, f)
-    type(transformation_t), intent(in) :: transformation
+  pure subroutine derivatives(self, h, f)
+    type(newton_t), intent(in) :: self
     real(wp), intent(in) :: h
-    real(wp), intent(in) :: z(:, :)                    ! (dimension, stages)
     real(wp), intent(out) :: f(:, :)                   ! (dimension, stages)
 
-    f = matmul(z, transpose(transformation%inverse / h))
+    f = matmul(self%z, transpose(self%transformation%inverse / h))
   end subroutine derivatives
 
   ! Applies (1 - h J / gamma)^-1, which damps fast components of error estimates.
-  subroutine filtered(frame, transformation, newton, v)
-    type(frame_t), intent(in) :: frame
-    type(transformation_t), intent(in) :: transformation
-    type(newton_t), intent(in) :: newton
+  subroutine filtered(self, v)
+    type(newton_t), intent(in) :: self
     real(wp), contiguous, intent(inout) :: v(:)        ! (dimension)
 
-    v = v * (transformation%gamma / newton%factored_h)
-    call solve(frame, newton, size(v), 1, v)
+    v = v * (self%transformation%gamma / self%factored_h)
+    call solve(self, size(v), 1, v)
   end subroutine filtered
 
   ! Predicts z from the polynomial u of the last step, at theta = 1 + c h / last_h: to first order
   ! in brackets, exp(z) exp(u(1)) = exp(u(theta)) for z = dexp^-1_(-u(1)) (u(theta) - u(1)).
-  subroutine predict(frame, series, transformation, c, h, newton)
-    type(frame_t), intent(in) :: frame
+  subroutine predict(self, series, c, h)
+    type(newton_t), intent(inout) :: self
     integer, intent(in) :: series            ! order up to which dexp^-1 is needed
-    type(transformation_t), intent(in) :: transformation
     real(wp), intent(in) :: c(:), h                    ! c: (stages)
-    type(newton_t), intent(inout) :: newton
-    real(wp) :: powers(stages), back(size(newton%z, 1))
+    real(wp) :: powers(stages), back(size(self%z, 1))
     logical :: exists
     integer :: d, i
 
-    newton%z = 0.0_wp
-    if (.not. abs(newton%last_h) > 0) return
-    back = -newton%last_h * matmul(newton%last, sum(transformation%integral, dim=1))
+    self%z = 0.0_wp
+    if (.not. abs(self%last_h) > 0) return
+    back = -self%last_h * matmul(self%last, sum(self%transformation%integral, dim=1))
     do i = 1, stages
-      powers = [((1 + c(i) * h / newton%last_h)**d - 1, d = 1, stages)]
-      newton%z(:, i) = newton%last_h * matmul(newton%last, matmul(powers, transformation%integral))
-      call dexpinv(frame, series, back, newton%z(:, i), exists)
-      if (.not. exists) newton%z(:, i) = 0.0_wp
+      powers = [((1 + c(i) * h / self%last_h)**d - 1, d = 1, stages)]
+      self%z(:, i) = self%last_h * matmul(self%last, matmul(powers, self%transformation%integral))
+      call dexpinv(self%frame, series, back, self%z(:, i), exists)
+      if (.not. exists) self%z(:, i) = 0.0_wp
     end do
   end subroutine predict
 

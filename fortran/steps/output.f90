@@ -5,26 +5,26 @@ module output_m
   use kinds, only: wp
   use flow_interpolant_m, only: interpolant_t
   use observer_m, only: observer_t
+  use shared_numbers, only: record_t
   implicit none
   private
   public :: output_t, has_room, store_interpolant, store_event, store_point, store_step
 
   type :: output_t
+    type(record_t), pointer :: record => null()        ! capacities, and how much of them is used
     ! points at output times
     integer :: outputs = 0
     real(wp), pointer, contiguous :: times(:) => null()        ! (outputs)
     ! (point_size, members, outputs), (observations, members, outputs), null to store none
     real(wp), pointer, contiguous :: y(:, :, :) => null(), observed(:, :, :) => null()
     type(observer_t), pointer :: observer => null()
+    logical :: failed = .false.              ! whether the observer has failed
     ! ends of steps, for a single trajectory
-    integer(int64) :: every = 1              ! every so many steps are stored, and the last one
-    integer(int64) :: step_capacity = 0, steps = 0
     real(wp), pointer, contiguous :: step_t(:) => null()       ! (capacity)
     ! (point_size, capacity), (observations, capacity)
     real(wp), pointer, contiguous :: step_y(:, :) => null(), step_observed(:, :) => null()
     ! interpolants of steps
     logical :: dense = .false.               ! of all steps
-    integer(int64) :: dense_capacity = 0, interpolants = 0
     integer(int64), pointer, contiguous :: dense_member(:) => null()
     ! (4, capacity) start, size, end, 1 on an algebra
     real(wp), pointer, contiguous :: dense_t(:, :) => null()
@@ -32,7 +32,6 @@ module output_m
     ! (dimension, columns, capacity)
     real(wp), pointer, contiguous :: dense_field(:, :, :) => null()
     ! events
-    integer(int64) :: event_capacity = 0, events = 0
     integer(int64) :: functions = 0          ! number of event functions
     integer(int64) :: lanes = 1              ! trajectories that may each write one step
     integer(int64), pointer, contiguous :: event_of(:, :) => null()    ! (2, capacity) member, event
@@ -46,43 +45,42 @@ contains
   pure logical function has_room(output)
     type(output_t), intent(in) :: output
 
-    has_room = (output%step_capacity == 0 .or. output%steps < output%step_capacity) &
-               .and. (.not. output%dense &
-                      .or. output%interpolants + output%lanes <= output%dense_capacity) &
-               .and. output%events + output%functions * output%lanes <= output%event_capacity
+    associate (record => output%record, lanes => output%lanes)
+      has_room = (record%step_capacity == 0 .or. record%steps < record%step_capacity) &
+                 .and. (.not. output%dense &
+                        .or. record%interpolants + lanes <= record%dense_capacity) &
+                 .and. record%events + output%functions * lanes <= record%event_capacity
+    end associate
   end function has_room
 
   ! Stores the point at an output time.
-  subroutine store_point(output, member, number, y, failed)
+  subroutine store_point(output, member, number, y)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, number              ! from 1
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    logical, intent(out) :: failed                     ! whether a function of the user did
 
-    failed = .false.
     if (associated(output%y)) output%y(:, member, number) = y
-    if (associated(output%observed)) &
-      call output%observer%observe(member, output%times(number), y, &
-                                   output%observed(:, member, number), failed)
+    if (associated(output%observed)) call output%observer%observe(member, output%times(number), y, &
+                                   output%observed(:, member, number), output%failed)
   end subroutine store_point
 
   ! Stores the end of a step.
-  subroutine store_step(output, number, t, y, last, failed)
+  subroutine store_step(output, number, t, y, last)
     type(output_t), intent(inout) :: output
     integer(int64), intent(in) :: number               ! of the step, from 1
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     logical, intent(in) :: last                        ! whether to store it in any case
-    logical, intent(out) :: failed                     ! whether a function of the user did
 
-    failed = .false.
-    if (output%step_capacity == 0) return
-    if (.not. (last .or. mod(number, output%every) == 0)) return
-    output%steps = output%steps + 1
-    output%step_t(output%steps) = t
-    if (associated(output%step_y)) output%step_y(:, output%steps) = y
-    if (associated(output%step_observed)) &
-      call output%observer%observe(1, t, y, output%step_observed(:, output%steps), failed)
+    if (output%record%step_capacity == 0) return
+    if (.not. (last .or. mod(number, output%record%every) == 0)) return
+    associate (k => output%record%steps)
+      k = k + 1
+      output%step_t(k) = t
+      if (associated(output%step_y)) output%step_y(:, k) = y
+      if (associated(output%step_observed)) &
+        call output%observer%observe(1, t, y, output%step_observed(:, k), output%failed)
+    end associate
   end subroutine store_step
 
   ! Stores an interpolant.
@@ -93,8 +91,8 @@ contains
     real(wp), intent(in) :: t_end
     type(interpolant_t), intent(in) :: interpolant
 
-    output%interpolants = output%interpolants + 1
-    associate (k => output%interpolants)
+    output%record%interpolants = output%record%interpolants + 1
+    associate (k => output%record%interpolants)
       output%dense_member(k) = int(member, int64)
       output%dense_t(:, k) = [interpolant%t0, interpolant%h, t_end, &
                               merge(1.0_wp, 0.0_wp, interpolant%on_algebra)]
@@ -111,8 +109,8 @@ contains
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: before(:), after(:)    ! (point_size)
 
-    output%events = output%events + 1
-    associate (k => output%events)
+    output%record%events = output%record%events + 1
+    associate (k => output%record%events)
       output%event_of(:, k) = int([member, event], int64)
       output%event_t(k) = t
       output%event_y(:, 1, k) = before

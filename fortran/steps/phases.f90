@@ -9,7 +9,7 @@ module phases_m
                   phase_curvature_received, phase_size_shared, phase_choose_step, &
                   phase_start_received, phase_next_stage, phase_stage_received, &
                   phase_finish_step, phase_decide_step, phase_accepted, phase_request_end, &
-                  phase_end_received, phase_next_node, phase_node_received, phase_record_step, &
+                  phase_end_received, phase_next_node, phase_node_received, phase_store_output, &
                   phase_column_received, phase_error_received, phase_detect_events, &
                   phase_begin_received, phase_ended
   end enum

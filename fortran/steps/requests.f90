@@ -6,10 +6,9 @@ module requests_m
   use controller_m, only: rejected_size
   use frames_m, only: complete_coefficients
   use free_motion_m, only: add_free_motion, take_forces
-  use shared_numbers, only: field_not_finite, finished, needs_field, needs_maximum, raised, &
-                            raised_in_python, stage_not_finite, stopped_by_field
+  use shared_numbers
   use phases_m
-  use trajectory_m, only: fail, problem_t, trajectory_t
+  use trajectory_m, only: fail, trajectory_t
   use vector_field_m, only: evaluate
   use vectors_m, only: copy, finite
   implicit none
@@ -21,15 +20,14 @@ contains
 
   ! The time at which the right-hand side is evaluated in place of t. Times at breakpoints, where it
   ! may change, are moved into the segment.
-  pure elemental real(wp) function within_segment(problem, x, t)
-    type(problem_t), intent(in) :: problem
+  pure elemental real(wp) function within_segment(x, t)
     type(trajectory_t), intent(in) :: x
     real(wp), intent(in) :: t
     real(wp) :: direction
 
     within_segment = t
     direction = sign(1.0_wp, x%h)
-    associate (stops => problem%stops, i => x%segment)
+    associate (stops => x%problem%stops, i => x%segment)
       if (i > 1) then
         if ((t - stops(i - 1)) * direction <= 0) within_segment = nearest(stops(i - 1), direction)
       end if
@@ -41,50 +39,47 @@ contains
 
   ! Requests the coefficients at a point, for the phase `next`. A field computes them from the point
   ! itself, whose entries are restored if it overwrites them: it would wait for those of a copy.
-  subroutine request(problem, x, t, y, next, f, y_is_used)
-    type(problem_t), intent(in) :: problem
+  subroutine request(x, t, y, next, f, y_is_used)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
-    real(wp), intent(inout) :: y(problem%frame%point_size)
+    real(wp), intent(inout) :: y(x%problem%frame%point_size)
     integer, intent(in) :: next                        ! phase
     ! where a field's coefficients go, other answers go to x%request%received
-    real(wp), intent(inout) :: f(problem%frame%dimension)
+    real(wp), intent(inout) :: f(x%problem%frame%dimension)
     logical, optional, intent(in) :: y_is_used         ! whether other paths start there
     logical :: guarded
 
     x%request%t = t
-    if (size(problem%stops) > 1) x%request%t = within_segment(problem, x, t)
+    if (size(x%problem%stops) > 1) x%request%t = within_segment(x, t)
     x%phase = next
     x%status = needs_field
     x%counts%nfev = x%counts%nfev + 1
     guarded = .true.
-    if (present(y_is_used)) guarded = y_is_used .or. problem%frame%forces > 0 &
-                                      .or. .not. associated(problem%field)
+    if (present(y_is_used)) guarded = y_is_used .or. x%problem%frame%forces > 0 &
+                                      .or. .not. associated(x%problem%field)
     if (guarded) call copy(size(y), y, x%request%y)
-    if (.not. associated(problem%field)) return
-    problem%field%member = x%member
-    call evaluate(problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
+    if (.not. associated(x%problem%field)) return
+    x%problem%field%member = x%member
+    call evaluate(x%problem%field, size(y), size(f), x%request%t, y, f, x%request%flag)
     if (guarded) then
-      if (.not. all(abs(y - x%request%y) <= 0)) call copy(size(y), x%request%y, y)
+      if (count(abs(y - x%request%y) <= 0) < size(y)) call copy(size(y), x%request%y, y)
     end if
-    call check_coefficients(problem, x, y, f)
+    call check_coefficients(x, y, f)
   end subroutine request
 
   ! Checks the answer to a request: finite coefficients go to the next phase, others are a failure.
   ! Of mechanical systems the answer is forces; splitting methods take them alone.
-  subroutine check_coefficients(problem, x, y, f)
-    type(problem_t), intent(in) :: problem
+  subroutine check_coefficients(x, y, f)
     type(trajectory_t), intent(inout) :: x
-    real(wp), intent(in) :: y(problem%frame%point_size)      ! where f was evaluated
-    real(wp), intent(inout) :: f(problem%frame%dimension)    ! the answer
+    real(wp), intent(in) :: y(x%problem%frame%point_size)      ! where f was evaluated
+    real(wp), intent(inout) :: f(x%problem%frame%dimension)    ! the answer
 
     if (x%request%flag == 0) then
-      if (problem%frame%forces > 0) then
-        call take_forces(problem%frame, y, f)
-        if (.not. problem%method%splitting) &
-          call add_free_motion(problem%frame, y, f)
+      if (x%problem%frame%forces > 0) then
+        call take_forces(x%problem%frame, y, f)
+        if (.not. x%problem%method%splitting) call add_free_motion(x%problem%frame, y, f)
       end if
-      if (problem%frame%ambient) call complete_coefficients(problem%frame, y, f)
+      if (x%problem%frame%ambient) call complete_coefficients(x%problem%frame, y, f)
       if (finite(size(f), f)) then
         x%status = finished
         return
@@ -93,7 +88,7 @@ contains
     if (x%request%flag == raised_in_python) then
       call fail(x, raised, x%request%t)
     else if (.not. finite(size(y), y)) then
-      call reject_stage(problem, x, stage_not_finite, x%request%t)
+      call reject_stage(x, stage_not_finite, x%request%t)
     else if (x%request%flag /= 0) then
       call fail(x, stopped_by_field, x%request%t)
     else
@@ -102,13 +97,12 @@ contains
   end subroutine check_coefficients
 
   ! Tries a step again with a smaller size after a stage that doesn't exist; equal steps fail.
-  subroutine reject_stage(problem, x, status, t)
-    type(problem_t), intent(in) :: problem
+  subroutine reject_stage(x, status, t)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
     real(wp), intent(in) :: t
 
-    if (.not. problem%adaptive) then
+    if (.not. x%problem%adaptive) then
       call fail(x, status, t)
       return
     end if
@@ -121,17 +115,17 @@ contains
       x%request%shared = x%error
       x%status = finished
       x%phase = phase_decide_step
-      if (problem%common) x%status = needs_maximum
+      if (x%problem%common) x%status = needs_maximum
     case (phase_node_received)
       ! the step is accurate, but too long for its interpolant
-      if (x%interpolate_only .or. problem%common) then
+      if (x%interpolate_only .or. x%problem%common) then
         call fail(x, status, t)
         return
       end if
       x%counts%steps = x%counts%steps - 1
       x%counts%nrejected = x%counts%nrejected + 1
       x%control%after_rejection = .true.
-      x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), problem%tolerances%exponent)
+      x%control%step_size = rejected_size(abs(x%h), huge(1.0_wp), x%problem%tolerances%exponent)
       x%status = finished
       x%phase = phase_choose_step
     case default
@@ -140,41 +134,35 @@ contains
   end subroutine reject_stage
 
   ! Evaluates the functions of all events at a point; the trajectory fails if one of them does.
-  subroutine evaluate_events(problem, x, t, y, values, stopped)
-    type(problem_t), intent(in) :: problem
+  subroutine evaluate_events(x, t, y, values)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(inout) :: values(:)               ! (events)
-    logical, intent(out) :: stopped
+    logical :: failed
     integer :: i
 
-    stopped = .false.
     do i = 1, size(values)
-      call problem%events%value(x%member, i, t, y, values(i), stopped)
-      if (.not. stopped) cycle
-      call fail(x, raised, t)
-      return
+      call x%problem%events%value(x%member, i, t, y, values(i), failed)
+      if (failed) call fail(x, raised, t)
+      if (failed) return
     end do
   end subroutine evaluate_events
 
   ! Evaluates the functions of all events at the start of a step. Where an event has just happened,
   ! or a jump has left its function at zero, this zero isn't another event.
-  subroutine evaluate_at_start(problem, x, t, y, small, stopped)
-    type(problem_t), intent(in) :: problem
+  subroutine evaluate_at_start(x, t, y, small)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), intent(in) :: small(:)                   ! (events) values that count as zero
-    logical, intent(out) :: stopped
     real(wp) :: values(size(small))
 
-    call evaluate_events(problem, x, t, y, values, stopped)
-    if (stopped) return
-    associate (events => x%events)
+    call evaluate_events(x, t, y, values)
+    if (x%status == raised) return
+    associate (events => x%events, size_of_y => maxval(abs(y(:x%problem%events%width))))
       events%before = values
-      where (events%came_from /= 0 &
-             .and. abs(values) <= max(small, epsilon(t) * maxval(abs(y(:problem%events%width)))))
+      where (events%came_from /= 0 .and. abs(values) <= max(small, epsilon(t) * size_of_y))
         events%before = 0.0_wp
         events%value_after = values
       elsewhere

@@ -3,18 +3,19 @@
 ! they don't (R. P. Brent, "Algorithms for Minimization without Derivatives", 1973, chapter 4).
 module root_m
   use kinds, only: wp
-  use trajectory_m, only: problem_t, trajectory_t
+  use shared_numbers, only: raised
+  use trajectory_m, only: fail, trajectory_t
   use within_step_m, only: point_at, time_at
   implicit none
   private
   public :: event_function_t, find_root
 
   type :: event_function_t
-    type(problem_t), pointer :: problem => null()
     type(trajectory_t), pointer :: trajectory => null()
     integer :: event = 0
     real(wp), allocatable :: y(:)            ! (point_size)
     logical :: detects = .false.             ! whether any number serves as the zero of an interval
+    logical :: stopped = .false.             ! whether there was no value
   contains
     procedure :: value
   end type event_function_t
@@ -25,31 +26,32 @@ module root_m
 
 contains
 
-  ! Evaluates the function at a fraction of the step.
-  subroutine value(self, x, y, stop)
+  ! Evaluates the function at a fraction of the step; the trajectory fails if there is no value.
+  subroutine value(self, x, y)
     class(event_function_t), intent(inout) :: self
     real(wp), intent(in) :: x
     real(wp), intent(out) :: y
-    logical, intent(out) :: stop             ! whether there is no value
 
-    call point_at(self%problem, self%trajectory, x, self%y)
-    call self%problem%events%value(self%trajectory%member, self%event, &
-                                   time_at(self%trajectory, x), self%y, y, stop)
+    associate (trajectory => self%trajectory)
+      call point_at(trajectory, x, self%y)
+      call trajectory%problem%events%value(trajectory%member, self%event, &
+                                           time_at(trajectory, x), self%y, y, self%stopped)
+      if (self%stopped) call fail(trajectory, raised, trajectory%t_end)
+    end associate
   end subroutine value
 
   ! Finds a zero of g between low and high.
-  subroutine find_root(g, low, high, at_low, at_high, x, stopped)
+  subroutine find_root(g, low, high, at_low, at_high, x)
     type(event_function_t), intent(inout) :: g
     real(wp), intent(in) :: low, high              ! the ends
     real(wp), intent(in) :: at_low, at_high        ! values there, of opposite signs
     real(wp), intent(out) :: x
-    logical, intent(out) :: stopped                ! by the function
     ! the best estimate, the one before, and one on the other side of the zero
     real(wp) :: a, b, c, fa, fb, fc
     real(wp) :: middle, enough, step, last_step, p, q, r, s
+    logical :: converges
     integer :: i
 
-    stopped = .false.
     a = low
     fa = at_low
     b = high
@@ -76,6 +78,7 @@ contains
       enough = tolerance * (abs(b) + 1) / 2
       middle = (c - b) / 2
       if (abs(middle) <= enough .or. .not. abs(fb) > 0) exit
+      converges = .false.
       if (abs(last_step) >= enough .and. abs(fa) > abs(fb)) then
         s = fb / fa
         if (abs(a - c) > 0) then               ! inverse quadratic interpolation
@@ -89,26 +92,16 @@ contains
         end if
         if (p > 0) q = -q
         p = abs(p)
-        if (2 * p < min(3 * middle * q - abs(enough * q), abs(last_step * q))) then
-          last_step = step
-          step = p / q
-        else
-          step = middle
-          last_step = middle
-        end if
-      else
-        step = middle
-        last_step = middle
+        converges = 2 * p < min(3 * middle * q - abs(enough * q), abs(last_step * q))
       end if
+      last_step = merge(step, middle, converges)
+      step = middle
+      if (converges) step = p / q
       a = b
       fa = fb
-      if (abs(step) > enough) then
-        b = b + step
-      else
-        b = b + sign(enough, middle)
-      end if
-      call g%value(b, fb, stopped)
-      if (stopped) exit
+      b = b + merge(step, sign(enough, middle), abs(step) > enough)
+      call g%value(b, fb)
+      if (g%stopped) exit
     end do
     x = b
   end subroutine find_root

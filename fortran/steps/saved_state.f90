@@ -4,7 +4,7 @@ module saved_state_m
   use time_grid_m, only: grid_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: integers_of_state, reals_of_state
-  use trajectory_m, only: continue_run, trajectory_t
+  use trajectory_m, only: continue_trajectory, trajectory_t
   implicit none
   private
   public :: load_state, save_state
@@ -20,43 +20,30 @@ contains
     ! or lu and pivot of stage_solver_t, which is zero for factors of other step sizes)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
     integer, allocatable :: pivot(:, :)
-    integer :: i
 
     reals = [x%t, x%control%step_size, x%control%last_error, x%last%t, x%last%h, x%h, &
              x%newton%last_h, x%newton%rate_factor, x%newton%factored_h, x%grid%start, &
              x%grid%step, x%grid%last, x%grid%stop, x%h_before, x%events%before, &
              x%events%value_after, x%events%time, &
              real(x%events%came_from, wp), real(x%events%count, wp)]
-    associate (counts => x%counts)
-      integers = [merge(1_int64, 0_int64, x%slope_known) &
-                  + merge(2_int64, 0_int64, x%events%known), 2 * int(x%control%suspicion, int64) &
-                  + merge(1_int64, 0_int64, x%control%after_rejection), &
-                  counts%nfev, counts%nexp, counts%njev, counts%nlu, counts%steps, &
-                  counts%nrejected, x%control%attempts, &
-                  merge(1_int64, 0_int64, x%newton%has_jacobian), &
-                  merge(1_int64, 0_int64, x%newton%fresh), x%grid%steps, x%grid_done]
-    end associate
-    points(:, 1) = x%y(:, 0)
-    slopes(:, 1) = x%slope
-    points(:, 2) = x%y(:, 0)
-    slopes(:, 2) = x%slope
+    integers = [transfer(x%counts, integers), merge(1_int64, 0_int64, &
+                [x%slope_known, x%events%known, x%control%after_rejection, &
+                 x%newton%has_jacobian, x%newton%fresh]), int(x%control%suspicion, int64), &
+                x%control%attempts, x%grid%steps, x%grid_done]
+    points = spread(x%y(:, 0), 2, 2)
+    slopes(:, :2) = spread(x%slope, 2, 2)
     slopes(:, 3:2 + size(x%f, 2)) = x%f
-    if (allocated(x%f_before)) then
-      slopes(:, 3 + size(x%f, 2):) = x%f_before
-    else if (allocated(x%newton%last)) then
-      associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
-        slopes(:, n + 1:n + m) = x%newton%last
-        slopes(:, n + m + 1:) = x%newton%jacobian
-      end associate
-    else if (allocated(x%solver%lu)) then
-      associate (solver => x%solver, n => 2 + size(x%f, 2))
-        pivot = solver%pivot
-        do i = 1, size(pivot, 2)
-          if (abs(solver%factored_h(i) - x%h) > 0) pivot(:, i) = 0
-        end do
-        slopes(:, n + 1:) = reshape([solver%lu, real(pivot, wp)], shape(slopes(:, n + 1:)))
-      end associate
-    end if
+    associate (rest => slopes(:, 3 + size(x%f, 2):), solver => x%solver)
+      if (allocated(x%f_before)) then
+        rest = x%f_before
+      else if (allocated(x%newton%last)) then
+        rest = reshape([x%newton%last, x%newton%jacobian], shape(rest))
+      else if (allocated(solver%lu)) then
+        pivot = merge(0, solver%pivot, &
+                      spread(abs(solver%factored_h - x%h) > 0, 1, size(solver%pivot, 1)))
+        rest = reshape([solver%lu, real(pivot, wp)], shape(rest))
+      end if
+    end associate
     if (allocated(x%last%y)) points(:, 2) = x%last%y
     if (allocated(x%last%slope)) slopes(:, 2) = x%last%slope
   end subroutine save_state
@@ -77,28 +64,23 @@ contains
     x%h = reals(6)
     x%newton%last_h = reals(7)
     x%newton%rate_factor = reals(8)
-    x%slope_known = modulo(integers(1), 2_int64) == 1
-    x%control%after_rejection = modulo(integers(2), 2_int64) == 1
-    x%control%suspicion = int(integers(2) / 2)
-    x%counts%nfev = integers(3)
-    x%counts%nexp = integers(4)
-    x%counts%njev = integers(5)
-    x%counts%nlu = integers(6)
-    x%counts%steps = integers(7)
-    x%counts%nrejected = integers(8)
-    x%control%attempts = integers(9)
-    x%newton%has_jacobian = integers(10) == 1
-    x%newton%fresh = integers(11) == 1
+    x%counts = transfer(integers(:8), x%counts)
+    x%slope_known = integers(9) == 1
+    x%events%known = integers(10) == 1
+    x%control%after_rejection = integers(11) == 1
+    x%newton%has_jacobian = integers(12) == 1
+    x%newton%fresh = integers(13) == 1
+    x%control%suspicion = int(integers(14))
+    x%control%attempts = integers(15)
     x%y(:, 0) = points(:, 1)
     x%slope = slopes(:, 1)
     x%last%y = points(:, 2)
     x%last%slope = slopes(:, 2)
     x%f = slopes(:, 3:2 + size(x%f, 2))
     x%newton%factored_h = reals(9)
-    x%grid = grid_t(reals(10), reals(11), reals(12), reals(13), integers(12))
-    x%grid_done = integers(13)
+    x%grid = grid_t(reals(10), reals(11), reals(12), reals(13), integers(16))
+    x%grid_done = integers(17)
     x%h_before = reals(14)
-    x%events%known = integers(1) > 1
     associate (events => x%events, n => size(x%events%before), k => reals_of_state)
       events%before = reals(k + 1:k + n)
       events%value_after = reals(k + n + 1:k + 2 * n)
@@ -106,23 +88,21 @@ contains
       events%came_from = nint(reals(k + 3 * n + 1:k + 4 * n))
       events%count = nint(reals(k + 4 * n + 1:k + 5 * n), int64)
     end associate
-    if (allocated(x%f_before)) then
-      x%f_before = slopes(:, 3 + size(x%f, 2):)
-    else if (allocated(x%newton%last)) then
-      associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
-        x%newton%last = slopes(:, n + 1:n + m)
-        x%newton%jacobian = slopes(:, n + m + 1:)
-      end associate
-    else if (allocated(x%solver%lu)) then
-      associate (solver => x%solver, n => 2 + size(x%f, 2))
-        numbers = reshape(slopes(:, n + 1:), [size(slopes(:, n + 1:))])
+    associate (rest => slopes(:, 3 + size(x%f, 2):), solver => x%solver, newton => x%newton)
+      if (allocated(x%f_before)) then
+        x%f_before = rest
+      else if (allocated(newton%last)) then
+        newton%last = rest(:, :size(newton%last, 2))
+        newton%jacobian = rest(:, size(newton%last, 2) + 1:)
+      else if (allocated(solver%lu)) then
+        numbers = reshape(rest, [size(rest)])
         solver%lu = reshape(numbers, shape(solver%lu))
         solver%pivot = reshape(nint(numbers(size(solver%lu) + 1:)), shape(solver%pivot))
         solver%factored_h = merge(x%h, 0.0_wp, any(solver%pivot > 0, dim=1))
-      end associate
-    end if
+      end if
+    end associate
     x%weighted_by = 0.0_wp
-    call continue_run(x)
+    call continue_trajectory(x)
   end subroutine load_state
 
 end module saved_state_m

@@ -3,12 +3,13 @@ module simultaneous_events_m
   use controller_m, only: smallest_size
   use kinds, only: wp
   use output_m, only: store_event, output_t
-  use trajectory_m, only: problem_t, trajectory_t
+  use trajectory_m, only: fail, trajectory_t
   use within_step_m, only: point_at, time_at
   use iso_fortran_env, only: int64
+  use shared_numbers, only: buffer_full, finished, raised
   implicit none
   private
-  public :: record_zeros
+  public :: store_zeros
 
   ! Fractions of a step between zeros of events that happen together: by the accuracy of zeros, and
   ! where rounding of the function decides its sign
@@ -16,92 +17,85 @@ module simultaneous_events_m
 
 contains
 
-  ! Records zeros in the order of their times, up to the first one that ends the step.
-  subroutine record_zeros(problem, x, output, until, ended, after, full, stopped)
-    type(problem_t), intent(in) :: problem
+  ! Stores zeros in the order of their times, up to the first one that ends the step. The status
+  ! tells whether a function has failed, or there is no room for an event.
+  subroutine store_zeros(x, output, until, ended, after)
     type(trajectory_t), intent(inout) :: x    ! its zeros move to 2
     type(output_t), intent(inout) :: output
     real(wp), intent(out) :: until                     ! fraction of the step that is kept
     logical, intent(out) :: ended                      ! whether an event ends the step there
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size) the point after all jumps
-    logical, intent(out) :: full                       ! whether there is no room for an event
-    logical, intent(out) :: stopped
     logical :: happen(size(x%events%zeros))
     real(wp) :: y(size(after))
     integer :: k
 
     until = 1.0_wp
     ended = .false.
-    stopped = .false.
-    associate (state => x%events, events => problem%events, zeros => x%events%zeros)
+    associate (state => x%events, events => x%problem%events, zeros => x%events%zeros)
       do while (any(zeros%at < 2))
         k = minloc(zeros%at, 1)
         happen = zeros%at <= zeros(k)%at + together
         ended = any(happen .and. (events%jumps(zeros%event) &
                                   .or. state%count(zeros%event) + 1 >= events%most(zeros%event)))
-        call point_at(problem, x, zeros(k)%at, y)
+        call point_at(x, zeros(k)%at, y)
         happen = .false.
         happen(k) = .true.
         if (ended) then
           until = zeros(k)%at
-          call find_together(problem, x, until, y, happen, stopped)
-          if (stopped) return
+          call find_together(x, until, y, happen)
+          if (x%status /= finished) return
         end if
-        full = output%events + count(happen, kind=int64) > output%event_capacity
-        if (full) return
-        call record_together(problem, x, zeros(k)%at, y, happen, output, after, stopped)
+        if (output%record%events + count(happen, kind=int64) > output%record%event_capacity) &
+          x%status = buffer_full
+        if (x%status /= finished) return
+        call store_together(x, zeros(k)%at, y, happen, output, after)
         if (ended) state%came_from(pack(zeros%event, happen)) = pack(zeros%from, happen)
-        if (stopped .or. ended) return
+        if (x%status /= finished .or. ended) return
         zeros(k)%at = 2.0_wp
       end do
     end associate
-    full = .false.
-  end subroutine record_zeros
+  end subroutine store_zeros
 
   ! Finds the zeros that belong to the same time, one of each event: those that are as near as zeros
   ! are accurate, or where rounding has changed the sign already.
-  subroutine find_together(problem, x, until, y, happen, stopped)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(in) :: x
+  subroutine find_together(x, until, y, happen)
+    type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: until                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
     logical, intent(inout) :: happen(:)                ! (zeros)
-    logical, intent(out) :: stopped
     real(wp) :: value
+    logical :: failed
     integer :: k
 
-    stopped = .false.
     associate (zeros => x%events%zeros, t => time_at(x, until))
       do k = 1, size(happen)
         if (zeros(k)%at > until + near .or. any(happen .and. zeros%event == zeros(k)%event)) cycle
         happen(k) = zeros(k)%at <= until + together &
                     .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
         if (happen(k)) cycle
-        call problem%events%value(x%member, zeros(k)%event, t, y, value, stopped)
-        if (stopped) return
+        call x%problem%events%value(x%member, zeros(k)%event, t, y, value, failed)
+        if (failed) call fail(x, raised, x%t_end)
+        if (failed) return
         happen(k) = value * real(zeros(k)%from, wp) <= 0
       end do
     end associate
   end subroutine find_together
 
-  ! Records events that happen together. Those without a jump come first, at the point before all
+  ! Stores events that happen together. Those without a jump come first, at the point before all
   ! jumps; then each jump starts from the point that the one before has left.
-  subroutine record_together(problem, x, theta, y, happen, output, after, stopped)
-    type(problem_t), intent(in) :: problem
+  subroutine store_together(x, theta, y, happen, output, after)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: theta                      ! fraction of the step
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size) there
     logical, intent(in) :: happen(:)                   ! (zeros)
     type(output_t), intent(inout) :: output
     real(wp), contiguous, intent(out) :: after(:)      ! (point_size)
-    logical, intent(out) :: stopped
-    logical :: jumps(size(happen))
+    logical :: jumps(size(happen)), failed
     real(wp) :: before(size(y))
     integer :: i, k
 
-    stopped = .false.
     after = y
-    associate (events => problem%events, zeros => x%events%zeros, t => time_at(x, theta))
+    associate (events => x%problem%events, zeros => x%events%zeros, t => time_at(x, theta))
       do k = 1, size(happen)
         associate (of => zeros(k)%event)
           if (happen(k)) x%events%count(of) = x%events%count(of) + 1
@@ -115,8 +109,9 @@ contains
       do k = 1, size(happen)
         if (.not. jumps(k)) cycle
         before = after
-        call events%jump(x%member, zeros(k)%event, t, before, after, stopped)
-        if (stopped) then
+        call events%jump(x%member, zeros(k)%event, t, before, after, failed)
+        if (failed) then
+          call fail(x, raised, x%t_end)
           where ([(any(happen .and. zeros%event == i, 1), i=1, events%count)]) &
             x%events%count = x%events%count - 1
           return
@@ -124,6 +119,6 @@ contains
         call store_event(output, x%member, zeros(k)%event, t, before, after)
       end do
     end associate
-  end subroutine record_together
+  end subroutine store_together
 
 end module simultaneous_events_m

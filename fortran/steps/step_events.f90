@@ -10,8 +10,8 @@ module step_events_m
   use frames_m, only: turn
   use requests_m, only: evaluate_events
   use root_m, only: event_function_t, find_root
-  use shared_numbers, only: resting_contact
-  use trajectory_m, only: fail, problem_t, trajectory_t, zero_t
+  use shared_numbers, only: raised, resting_contact
+  use trajectory_m, only: fail, trajectory_t, zero_t
   use within_step_m, only: point_at, time_at
   implicit none
   private
@@ -33,34 +33,30 @@ contains
               .or. (before > 0 .and. after <= 0 .and. direction <= 0)
   end function crosses
 
-  ! Finds the zeros of all events in a step. If `detects` is true, the times of zeros aren't
-  ! computed.
-  subroutine find_zeros(problem, x, detects, stopped)
-    type(problem_t), target, intent(in) :: problem
+  ! Finds the zeros of all events in a step, unless a function fails. If `detects` is true, the
+  ! times of zeros aren't computed.
+  subroutine find_zeros(x, detects)
     type(trajectory_t), target, intent(inout) :: x  ! its zeros are set
     logical, intent(in) :: detects
-    logical, intent(out) :: stopped
     type(event_function_t) :: g
     real(wp), allocatable :: theta(:), values(:, :)        ! (0:parts), (events, 0:parts)
     real(wp), allocatable :: own(:)                    ! (0:parts) values of one event
     integer :: first, i, k, n
 
-    n = parts(problem, x)
+    n = parts(x)
     allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n))
     theta = [(real(k, wp) / real(n, wp), k=0, n)]
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
-    allocate (g%y(problem%frame%point_size))
-    g%problem => problem
+    allocate (g%y(x%problem%frame%point_size))
     g%trajectory => x
     g%detects = detects
     x%events%zeros = [zero_t ::]
-    stopped = .false.
     do first = 2, 1, -1
       do k = first, n - 1, 2
-        call point_at(problem, x, theta(k), g%y)
-        call evaluate_events(problem, x, time_at(x, theta(k)), g%y, values(:, k), stopped)
-        if (stopped) return
+        call point_at(x, theta(k), g%y)
+        call evaluate_events(x, time_at(x, theta(k)), g%y, values(:, k))
+        if (x%status == raised) return
       end do
       if (first == 2 .and. n == min_parts .and. all(x%events%came_from == 0)) then
         if (all(are_far(values(:, ::2)))) return
@@ -69,9 +65,9 @@ contains
     do i = 1, size(values, 1)
       g%event = i
       own(:) = values(i, :)
-      if (x%events%came_from(i) /= 0) call find_after_event(g, theta, own, stopped)
-      if (.not. stopped) call find_zeros_of(g, theta, own, stopped)
-      if (stopped) return
+      if (x%events%came_from(i) /= 0) call find_after_event(g, theta, own)
+      if (.not. g%stopped) call find_zeros_of(g, theta, own)
+      if (g%stopped) return
     end do
   end subroutine find_zeros
 
@@ -86,49 +82,44 @@ contains
   end function are_far
 
   ! The number of parts whose ends are compared
-  pure integer function parts(problem, x)
-    type(problem_t), intent(in) :: problem
+  pure integer function parts(x)
     type(trajectory_t), intent(in) :: x
     real(wp) :: angle
 
-    angle = max(turn(problem%frame, x%h * x%slope), turn(problem%frame, x%h * x%end_slope))
+    angle = max(turn(x%problem%frame, x%h * x%slope), turn(x%problem%frame, x%h * x%end_slope))
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
   end function parts
 
   ! Finds the zeros of one event, given its values at the ends of parts.
-  subroutine find_zeros_of(g, x, values, stopped)
+  subroutine find_zeros_of(g, x, values)
     type(event_function_t), intent(inout) :: g
     real(wp), contiguous, intent(in) :: x(0:), values(0:)    ! (0:parts)
-    logical, intent(out) :: stopped
     real(wp) :: turning, value
     integer :: k, last
     logical :: exists
 
-    stopped = .false.
     last = 0                                           ! part with a pair of zeros
     do k = 1, ubound(x, 1)
-      call add_zero(g, x(k - 1:k), values(k - 1:k), stopped)
-      if (stopped) return
-      if (k == ubound(x, 1)) exit
-      call find_turning_point(g, x(k - 1:k + 1), values(k - 1:k + 1), turning, value, exists, &
-                              stopped)
-      if (stopped) return
+      call add_zero(g, x(k - 1:k), values(k - 1:k))
+      if (g%stopped .or. k == ubound(x, 1)) return
+      call find_turning_point(g, x(k - 1:k + 1), values(k - 1:k + 1), turning, value, exists)
+      if (g%stopped) return
       if (.not. exists .or. (turning < x(k) .and. last == k)) cycle
       last = merge(k, k + 1, turning < x(k))
-      call add_zero(g, [x(last - 1), turning], [values(last - 1), value], stopped)
-      if (.not. stopped) call add_zero(g, [turning, x(last)], [value, values(last)], stopped)
-      if (stopped) return
+      call add_zero(g, [x(last - 1), turning], [values(last - 1), value])
+      if (.not. g%stopped) call add_zero(g, [turning, x(last)], [value, values(last)])
+      if (g%stopped) return
     end do
   end subroutine find_zeros_of
 
   ! Finds a point between three of the same sign where the function is zero or has the other one, by
   ! parabolas. The search ends when a parabola doesn't come nearer to zero by half. For detection
   ! along the cubic, which isn't accurate, it is enough to come near to zero.
-  subroutine find_turning_point(g, ends, values, turning, value, exists, stopped)
+  subroutine find_turning_point(g, ends, values, turning, value, exists)
     type(event_function_t), intent(inout) :: g
     real(wp), intent(in) :: ends(3), values(3)
     real(wp), intent(out) :: turning, value            ! the point, and the function there
-    logical, intent(out) :: exists, stopped
+    logical, intent(out) :: exists
     integer, parameter :: max_iterations = 8
     real(wp), parameter :: margin = 0.02_wp            ! relative to differences of values
     real(wp) :: x(3), v(3), first, second, nearest, inner(2), at_inner(2)
@@ -139,7 +130,6 @@ contains
     turning = 0.0_wp
     value = 0.0_wp
     exists = .false.
-    stopped = .false.
     if (.not. minval(values * sign(1.0_wp, values(1))) > 0) return
     do i = 1, max_iterations
       first = (v(2) - v(1)) / (x(2) - x(1))
@@ -151,8 +141,8 @@ contains
       exists = g%detects .and. min(nearest, minval(v)) < margin * (maxval(v) - minval(v))
       value = -values(1)
       if (exists .or. nearest > minval(v) / 2) return
-      call g%value(turning, value, stopped)
-      if (stopped) return
+      call g%value(turning, value)
+      if (g%stopped) return
       exists = value * sign(1.0_wp, values(1)) <= 0
       if (exists) return
       inner = [x(2), turning]
@@ -172,17 +162,15 @@ contains
   end subroutine find_turning_point
 
   ! Adds the zero of an event between two points if there is one.
-  subroutine add_zero(g, ends, values, stopped)
+  subroutine add_zero(g, ends, values)
     type(event_function_t), intent(inout) :: g
     real(wp), intent(in) :: ends(2), values(2)
-    logical, intent(out) :: stopped
     real(wp) :: zero
 
-    stopped = .false.
-    if (.not. crosses(values(1), values(2), g%problem%events%direction(g%event))) return
+    if (.not. crosses(values(1), values(2), g%trajectory%problem%events%direction(g%event))) return
     zero = ends(2)
     if (abs(values(2)) > 0 .and. .not. g%detects) &
-      call find_root(g, ends(1), ends(2), values(1), values(2), zero, stopped)
+      call find_root(g, ends(1), ends(2), values(1), values(2), zero)
     associate (events => g%trajectory%events)
       events%zeros = [events%zeros, zero_t(zero, g%event, merge(-1, 1, values(1) < 0))]
     end associate
@@ -195,18 +183,16 @@ contains
   ! other side at the end of the first part or of the step, it is evaluated ever nearer to the
   ! start. The first values that are larger than rounding tell a line through zero, which passes,
   ! from a higher power of time. If the step is too small to tell, the next one decides.
-  subroutine find_after_event(g, x, values, stopped)
+  subroutine find_after_event(g, x, values)
     type(event_function_t), intent(inout) :: g
     real(wp), contiguous, intent(in) :: x(0:)
     real(wp), contiguous, intent(inout) :: values(0:)  ! at x; first ones of rounding become zero
-    logical, intent(out) :: stopped
     integer, parameter :: halvings = 60
     ! points ever nearer, the function there, and its rounding
     real(wp), allocatable :: at(:), near(:), rounding(:)
     real(wp) :: elapsed, point, value
     integer :: first, k, last
 
-    stopped = .false.
     associate (trajectory => g%trajectory, from => g%trajectory%events%came_from(g%event), &
                side => real(g%trajectory%events%came_from(g%event), wp), n => ubound(x, 1))
       do k = 1, n
@@ -227,11 +213,11 @@ contains
       do k = 1, halvings
         point = x(first) * 0.5_wp**k
         if (point < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < 1.05_wp) exit
-        call g%value(point, value, stopped)
-        if (stopped) return
+        call g%value(point, value)
+        if (g%stopped) return
         if (abs(value) <= rounding_at(g, point, values(n))) exit
         if (value * side > 0) then
-          if (first == 1) call add_zero(g, [point, x(1)], [value, values(1)], stopped)
+          if (first == 1) call add_zero(g, [point, x(1)], [value, values(1)])
           from = 0
           return
         end if
@@ -241,12 +227,12 @@ contains
       end do
       associate (power => power_of(elapsed, at, near, rounding, 1))
         if (power < 0) return
-        if (power < 1.5_wp .or. .not. g%problem%events%jumps(g%event)) then
+        if (power < 1.5_wp .or. .not. g%trajectory%problem%events%jumps(g%event)) then
           from = 0
           return
         end if
       end associate
-      stopped = .true.
+      g%stopped = .true.
       trajectory%request%flag = g%event
       call fail(trajectory, resting_contact, trajectory%t)
     end associate
@@ -283,7 +269,7 @@ contains
     integer :: n
 
     associate (x => g%trajectory)
-      n = g%problem%events%width
+      n = g%trajectory%problem%events%width
       sizes = [maxval(abs(x%y(:n, 0))), at * maxval(abs(x%y(:n, x%result))), at * abs(last)]
       rounding_at = max(8 * abs(x%events%value_after(g%event)), &
                         32 * epsilon(1.0_wp) * maxval(sizes))

@@ -9,10 +9,9 @@ module step_size_m
   use time_grid_m, only: make_grid
   use requests_m, only: evaluate_at_start, request
   use phases_m
-  use trajectory_m, only: fail, problem_t, trajectory_t
+  use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: needs_minimum, slope_not_finite, step_too_small, &
-                            too_many_steps
+  use shared_numbers, only: needs_minimum, raised, slope_not_finite, step_too_small, too_many_steps
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, request_curvature
@@ -20,56 +19,52 @@ module step_size_m
 contains
 
   ! Starts the next segment that isn't empty, or ends the trajectory.
-  subroutine begin_segment(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine begin_segment(x)
     type(trajectory_t), intent(inout) :: x
-    logical :: stopped
 
-    if (.not. abs(problem%stops(x%segment) - x%t) > 0) then
-      if (x%segment == size(problem%stops)) then
+    if (.not. abs(x%problem%stops(x%segment) - x%t) > 0) then
+      if (x%segment == size(x%problem%stops)) then
         x%phase = phase_ended
       else
         x%segment = x%segment + 1
       end if
       return
     end if
-    associate (stop => problem%stops(x%segment))
-      if (.not. problem%adaptive) call prepare_grid(problem, x, stop)
+    associate (stop => x%problem%stops(x%segment))
+      if (.not. x%problem%adaptive) call prepare_grid(x, stop)
       x%h = sign(x%h, stop - x%t)
     end associate
     x%phase = phase_choose_step
-    if (problem%adaptive .and. .not. x%control%step_size > 0) then
+    if (x%problem%adaptive .and. .not. x%control%step_size > 0) then
       x%phase = phase_guess_size
       if (.not. x%slope_known) then
-        call request(problem, x, x%t, x%y(:, 0), phase_start_received, x%slope)
+        call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
       end if
     end if
-    if (.not. associated(problem%events)) return
+    if (.not. associated(x%problem%events)) return
     if (x%events%known) return
-    call evaluate_at_start(problem, x, x%t, x%y(:, 0), 8 * abs(x%events%value_after), stopped)
-    if (.not. stopped) x%events%known = .true.
+    call evaluate_at_start(x, x%t, x%y(:, 0), 8 * abs(x%events%value_after))
+    x%events%known = x%status /= raised
   end subroutine begin_segment
 
   ! Makes the grid of equal steps to a stop, unless the present one leads there.
-  subroutine prepare_grid(problem, x, stop)
-    type(problem_t), intent(in) :: problem
+  subroutine prepare_grid(x, stop)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: stop
 
     associate (grid => x%grid)
       if (.not. (abs(grid%stop - stop) > 0 &
                  .or. abs(grid%start + real(x%grid_done, wp) * grid%step - x%t) > 0)) return
-      call make_grid(x%t, stop, problem%h, grid)
+      call make_grid(x%t, stop, x%problem%h, grid)
       x%grid_done = 0
     end associate
   end subroutine prepare_grid
 
   ! Guesses a first size from the norms of the point and of its derivative.
-  subroutine guess_size(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine guess_size(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (frame => problem%frame, tolerances => problem%tolerances)
+    associate (frame => x%problem%frame, tolerances => x%problem%tolerances)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%control%work, x%control%scale)
       call point_sizes(frame, tolerances, x%y(:, 0), x%control%v)
       x%control%norms(1) = norm(tolerances, x%control%v, x%control%scale)
@@ -79,79 +74,71 @@ contains
         call fail(x, slope_not_finite, x%t)
         return
       end if
-      x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), span(problem, x))
+      x%request%shared = first_guess(x%control%norms(1), x%control%norms(2), span(x))
     end associate
     x%phase = phase_guess_shared
-    if (problem%common) x%status = needs_minimum
+    if (x%problem%common) x%status = needs_minimum
   end subroutine guess_size
 
   ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
-  subroutine request_curvature(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine request_curvature(x)
     type(trajectory_t), intent(inout) :: x
 
     associate (moved => x%y(:, x%result))
-      x%control%guessed_size = max(min(x%request%shared, span(problem, x), &
-                                       problem%tolerances%max_step), smallest_first(problem, x))
-      x%h = sign(x%control%guessed_size, problem%stops(x%segment) - x%t)
+      x%control%guessed_size = limited(x, x%request%shared)
+      x%h = sign(x%control%guessed_size, x%problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
       x%u = x%h * x%slope
-      call apply_flows(problem%frame, 1, x%u, moved)
-      call restore(problem%frame, moved)
+      call apply_flows(x%problem%frame, 1, x%u, moved)
+      call restore(x%problem%frame, moved)
       x%counts%nexp = x%counts%nexp + 1
-      call request(problem, x, x%t + x%h, moved, phase_curvature_received, x%request%received)
+      call request(x, x%t + x%h, moved, phase_curvature_received, x%request%received)
     end associate
   end subroutine request_curvature
 
   ! Chooses the first size from the curvature.
-  subroutine choose_first_size(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine choose_first_size(x)
     type(trajectory_t), intent(inout) :: x
-    real(wp) :: start_value(size(x%control%v))
+    real(wp) :: start_value(size(x%control%v)), curvature
 
-    associate (tolerances => problem%tolerances)
-      x%request%shared = x%control%guessed_size
+    associate (tolerances => x%problem%tolerances, control => x%control)
+      x%request%shared = control%guessed_size
       if (all(abs(x%request%received) < huge(1.0_wp))) then
-        call tangent(problem%frame, tolerances, x%slope, x%y(:, 0), start_value)
-        call tangent(problem%frame, tolerances, x%request%received, x%y(:, x%result), x%control%v)
-        x%control%norms(3) = norm(tolerances, x%control%v - start_value, x%control%scale)
-        associate (control => x%control, shared => x%request%shared)
-          shared = first_size(control%norms(1), control%norms(2), &
-                              control%norms(3) / control%guessed_size, tolerances%exponent)
-          shared = max(min(100 * control%guessed_size, shared, span(problem, x), &
-                           tolerances%max_step), smallest_first(problem, x))
-        end associate
+        call tangent(x%problem%frame, tolerances, x%slope, x%y(:, 0), start_value)
+        call tangent(x%problem%frame, tolerances, x%request%received, x%y(:, x%result), control%v)
+        curvature = norm(tolerances, control%v - start_value, control%scale) / control%guessed_size
+        x%request%shared = limited(x, min(100 * control%guessed_size, first_size( &
+          control%norms(1), control%norms(2), curvature, tolerances%exponent)))
       end if
     end associate
     x%phase = phase_size_shared
-    if (problem%common) x%status = needs_minimum
+    if (x%problem%common) x%status = needs_minimum
   end subroutine choose_first_size
 
   ! The time to the end of the segment
-  pure real(wp) function span(problem, x)
-    type(problem_t), intent(in) :: problem
+  pure real(wp) function span(x)
     type(trajectory_t), intent(in) :: x
 
-    span = abs(problem%stops(x%segment) - x%t)
+    span = abs(x%problem%stops(x%segment) - x%t)
     if (.not. span <= huge(span)) span = 1.0_wp        ! no end: one unit of time
   end function span
 
-  ! The smallest first size, which is never zero
-  pure real(wp) function smallest_first(problem, x)
-    type(problem_t), intent(in) :: problem
+  ! A first size within limits, which is never zero
+  pure real(wp) function limited(x, first)
     type(trajectory_t), intent(in) :: x
+    real(wp), intent(in) :: first
 
-    smallest_first = min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(problem, x))
-  end function smallest_first
+    limited = max(min(first, span(x), x%problem%tolerances%max_step), &
+                  min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(x)))
+  end function limited
 
   ! Chooses the size of a step and starts it. Full steps of a grid have exactly its step size, not
   ! differences of rounded times, so that all are equal.
-  subroutine choose_step(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine choose_step(x)
     type(trajectory_t), intent(inout) :: x
 
-    associate (stop => problem%stops(x%segment))
-      if (.not. problem%adaptive) then
+    associate (stop => x%problem%stops(x%segment))
+      if (.not. x%problem%adaptive) then
         x%h = x%grid%step
         x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
         if (x%grid_done + 1 == x%grid%steps) then
@@ -159,12 +146,12 @@ contains
           x%t_end = stop
         end if
       else
-        if (x%control%attempts >= problem%max_steps) then
+        if (x%control%attempts >= x%problem%max_steps) then
           call fail(x, too_many_steps, x%t)
           return
         end if
         x%control%step_size = tried_size(x%control%step_size, x%t, stop, &
-                                         problem%tolerances%max_step, x%control%after_rejection)
+                                         x%problem%tolerances%max_step, x%control%after_rejection)
         if (x%control%step_size < 0) then
           call fail(x, step_too_small, x%t)
           return
@@ -179,7 +166,7 @@ contains
         x%h = x%t_end - x%t
       end if
       if (abs(x%h - x%weighted_by) > 0) then
-        x%flows%weight(:) = x%h * problem%method%flows%weight
+        x%weight(:) = x%h * x%problem%method%flows%weight
         x%weighted_by = x%h
       end if
       x%stage = 1
@@ -190,10 +177,9 @@ contains
       x%end_known = .false.
       x%phase = phase_next_stage
       ! splitting methods that begin with a drift need no force at the start
-      if (problem%method%splitting .and. .not. x%last%kept .and. abs(problem%method%c(1)) > 0) &
+      if (x%problem%method%splitting .and. .not. x%last%kept .and. abs(x%problem%method%c(1)) > 0) &
         return
-      if (.not. x%slope_known) &
-        call request(problem, x, x%t, x%y(:, 0), phase_start_received, x%slope)
+      if (.not. x%slope_known) call request(x, x%t, x%y(:, 0), phase_start_received, x%slope)
     end associate
   end subroutine choose_step
 

@@ -21,8 +21,7 @@ contains
   ! equal; otherwise the last one is the rest of the span. Each end carries half a unit of its
   ! rounding, the span from which an end was computed another, and each step half a unit of h.
   pure subroutine make_grid(start, stop, h, grid)
-    real(wp), intent(in) :: start, stop
-    real(wp), intent(in) :: h                ! positive
+    real(wp), intent(in) :: start, stop, h               ! h: positive
     type(grid_t), intent(out) :: grid
     real(wp) :: span, error, slack, ratio, count, rest
 

@@ -4,7 +4,6 @@ module trajectory_m
   use kinds, only: wp
   use error_norm_m, only: tolerances_t, width
   use events_m, only: events_t
-  use blocks_m, only: flow_sequence_t
   use frames_m, only: frame_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use method_m, only: method_t
@@ -16,7 +15,8 @@ module trajectory_m
   use shared_numbers, only: counters_t, paused
   implicit none
   private
-  public :: problem_t, trajectory_t, zero_t, continue_run, fail, forget_step, set_start, start
+  public :: problem_t, trajectory_t, zero_t, continue_trajectory, fail, forget_step, set_start, &
+            start
 
   type :: problem_t
     type(frame_t), pointer :: frame => null()
@@ -70,14 +70,14 @@ module trajectory_m
     integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
     logical :: shortened = .false.           ! whether the step ends at the end of the segment
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
-    real(wp) :: norms(3) = 0.0_wp            ! of point, slope and curvature, for the first size
+    real(wp) :: norms(2) = 0.0_wp            ! of point and slope, for the first size
     real(wp) :: guessed_size = 0.0_wp
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
   end type control_t
 
   ! A zero of the function of an event within a step
   type :: zero_t
-    real(wp) :: at = 0.0_wp                  ! fraction of the step, 2 when it has been recorded
+    real(wp) :: at = 0.0_wp                  ! fraction of the step, 2 when it has been stored
     integer :: event = 0
     integer :: from = 0                      ! sign of the function before
   end type zero_t
@@ -92,7 +92,7 @@ module trajectory_m
     ! if there is none, and the function then
     integer, allocatable :: came_from(:)
     real(wp), allocatable :: value_after(:)
-    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is recorded
+    type(zero_t), allocatable :: zeros(:)    ! those within the step, until it is stored
     integer :: jumps_in_place = 0            ! consecutive jumps without progress in time
   end type event_state_t
 
@@ -105,6 +105,7 @@ module trajectory_m
   end type last_step_t
 
   type :: trajectory_t
+    type(problem_t), pointer :: problem => null()
     integer :: member = 1
     integer :: phase = phase_begin_segment
     integer :: status = paused               ! a Stop
@@ -128,7 +129,7 @@ module trajectory_m
     real(wp) :: t_end = 0.0_wp
     real(wp) :: h = 0.0_wp                   ! signed size
     real(wp) :: error = 0.0_wp               ! in tolerances
-    type(flow_sequence_t) :: flows           ! of the method, with weights times the step size
+    real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
     real(wp) :: weighted_by = 0.0_wp         ! step size that these weights are multiplied by
     ! (dimension, columns) coefficients at the stages, then their brackets; of a two-register method
     ! the register Z
@@ -157,32 +158,28 @@ contains
 
   ! Allocates the memory of a trajectory.
   subroutine start(problem, within, keep_last, x, memory)
-    type(problem_t), intent(in) :: problem
+    type(problem_t), target, intent(in) :: problem
     logical, intent(in) :: within            ! whether interpolants are needed
     logical, intent(in) :: keep_last         ! whether that of the last step may be requested
     type(trajectory_t), intent(out) :: x
     integer, intent(out) :: memory           ! nonzero if an allocation failed
     integer :: k, n
 
+    x%problem => problem
     associate (frame => problem%frame, method => problem%method, &
-               most => maxval([1, problem%method%path_first(2:) - problem%method%path_first]))
+               first => problem%method%path_first, paths => size(problem%method%origin))
       x%result = merge(1, method%result, method%two_registers)
-      allocate (x%y(frame%point_size, 0:merge(1, size(method%origin), method%two_registers)), &
+      allocate (x%y(frame%point_size, 0:merge(1, paths, method%two_registers)), &
                 x%f(frame%dimension, merge(1, size(method%error, 1), method%two_registers)), &
                 x%request%y(frame%point_size), &
                 x%request%received(frame%dimension), x%slope(frame%dimension), &
                 x%end_slope(frame%dimension), x%u(frame%dimension), &
-                x%v(frame%dimension, most), &
-                x%flows%first(size(method%flows%first)), &
-                x%flows%stage(size(method%flows%stage)), &
-                x%flows%weight(size(method%flows%weight)), stat=memory)
+                x%v(frame%dimension, maxval([1, first(2:) - first(:paths)])), &
+                x%weight(size(method%flows%weight)), stat=memory)
       if (memory == 0 .and. method%has_nodes) allocate (x%f_before, mold=x%f, stat=memory)
       if (memory /= 0) return
-      x%flows%first(:) = method%flows%first  ! assigning the type checks no memory
-      x%flows%stage(:) = method%flows%stage
-      x%flows%weight(:) = method%flows%weight
       if (method%collocation) then
-        call reserve(frame%dimension, .not. problem%dense, x%newton, memory)
+        call reserve(frame, method%transformation, .not. problem%dense, x%newton, memory)
       else if (method%implicit) then
         x%solver%fixed_point = .not. problem%dense
         n = merge(size(x%f) / method%blocks, 0, problem%dense)
@@ -227,10 +224,6 @@ contains
     x%control%last_error = 1.0_wp
     x%control%after_rejection = .false.
     x%control%suspicion = 0
-    x%phase = phase_begin_segment
-    x%status = paused
-    x%segment = 1
-    x%interpolate_only = .false.
     x%events%jumps_in_place = 0
     x%grid = grid_t()
     x%grid_done = 0
@@ -240,7 +233,7 @@ contains
     x%events%known = .false.
     x%events%before = 0.0_wp
     x%events%count = 0
-    if (allocated(x%events%zeros)) deallocate (x%events%zeros)
+    call continue_trajectory(x)
     if (same) return
     x%events%time = huge(1.0_wp)
     x%events%came_from = 0
@@ -260,7 +253,7 @@ contains
   end subroutine forget_step
 
   ! Lets a trajectory continue after its end or an interruption, with other ends of segments.
-  pure subroutine continue_run(x)
+  elemental subroutine continue_trajectory(x)
     type(trajectory_t), intent(inout) :: x
 
     x%status = paused
@@ -268,7 +261,7 @@ contains
     x%phase = phase_begin_segment
     x%interpolate_only = .false.
     if (allocated(x%events%zeros)) deallocate (x%events%zeros)
-  end subroutine continue_run
+  end subroutine continue_trajectory
 
   ! Ends a trajectory with an error.
   subroutine fail(x, status, t)

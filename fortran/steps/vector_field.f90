@@ -11,7 +11,6 @@ module vector_field_m
   public :: call_python_field, call_python_member, evaluate, field_at, rhs_i, vector_field_t
 
   abstract interface
-
     function rhs_i(t, y, f, user_data) bind(c) result(code)
       import :: c_double, c_int, c_ptr
       real(c_double), value, intent(in) :: t
@@ -20,7 +19,6 @@ module vector_field_m
       type(c_ptr), value, intent(in) :: user_data
       integer(c_int) :: code
     end function rhs_i
-
   end interface
 
   ! in python_field.c: functions of Python, whose data are the user data or a member's
@@ -52,8 +50,7 @@ contains
   subroutine evaluate(self, n, m, t, y, f, flag)
     type(vector_field_t), intent(in) :: self
     integer, intent(in) :: n, m                    ! point_size, dimension
-    real(wp), intent(in) :: t
-    real(wp), intent(in) :: y(n)
+    real(wp), intent(in) :: t, y(n)
     real(wp), intent(out) :: f(m)
     integer, intent(out) :: flag                   ! nonzero stops the integration
     integer(c_intptr_t) :: data

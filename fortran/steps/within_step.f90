@@ -8,7 +8,7 @@ module within_step_m
                            flows_of_evaluation, make_cubic, next_node
   use requests_m, only: reject_stage, request
   use phases_m
-  use trajectory_m, only: fail, problem_t, trajectory_t
+  use trajectory_m, only: fail, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: out_of_memory, paused, step_too_long
   implicit none
@@ -19,113 +19,88 @@ module within_step_m
 contains
 
   ! Requests the interpolant of the last step, and no further step.
-  subroutine request_interpolant(problem, x)
-    type(problem_t), intent(in) :: problem
+  impure elemental subroutine request_interpolant(x)
     type(trajectory_t), intent(inout) :: x
     integer :: memory
 
     x%interpolate_only = .true.
     x%status = paused
     x%phase = phase_request_end
-    call reserve_interpolant(problem%frame, problem%scheme, x%interpolant, memory)
+    call reserve_interpolant(x%problem%frame, x%problem%scheme, x%interpolant, memory)
     if (x%last%cut) then
-      x%phase = phase_record_step
+      x%phase = phase_store_output
     else if (memory /= 0) then
       call fail(x, out_of_memory, x%t)
     else if (x%slope_known) then
-      call interpolate_last(problem, x, x%slope)
+      call interpolate(x)
     end if
   end subroutine request_interpolant
 
   ! Requests the coefficients at the ends of a step that aren't known; then its interpolant starts.
-  subroutine request_ends(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine request_ends(x)
     type(trajectory_t), intent(inout) :: x
 
     if (.not. x%slope_known) then
-      call request(problem, x, x%t, x%y(:, 0), phase_begin_received, x%request%received)
+      call request(x, x%t, x%y(:, 0), phase_begin_received, x%request%received)
     else if (.not. x%end_known) then
-      call request(problem, x, x%t_end, x%y(:, x%result), phase_end_received, x%request%received)
+      call request(x, x%t_end, x%y(:, x%result), phase_end_received, x%request%received)
     else
-      call interpolate(problem, x)
+      call interpolate(x)
     end if
   end subroutine request_ends
 
   ! Stores the coefficients at the start of a step.
-  subroutine store_begin(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine store_begin(x)
     type(trajectory_t), intent(inout) :: x
 
     x%slope(:) = x%request%received
     x%slope_known = .true.
-    call request_ends(problem, x)
+    call request_ends(x)
   end subroutine store_begin
 
   ! Stores the coefficients at the end of a step, and starts its interpolant.
-  subroutine store_end(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine store_end(x)
     type(trajectory_t), intent(inout) :: x
 
     if (x%interpolate_only) then
       x%slope(:) = x%request%received
       x%slope_known = abs(x%t - x%request%t) <= 0
-      call interpolate_last(problem, x, x%slope)
     else
       x%end_slope(:) = x%request%received
       x%end_known = .true.
-      call interpolate(problem, x)
     end if
+    call interpolate(x)
   end subroutine store_end
 
-  ! Starts the interpolant of the present step. If only events may need it, they are sought first
-  ! along what is known of it from the ends of the step.
-  subroutine interpolate(problem, x)
-    type(problem_t), intent(in) :: problem
+  ! Starts the interpolant of the present step, or of the one before. If only events may need it,
+  ! they are sought first along what is known of it from the ends of the step.
+  subroutine interpolate(x)
     type(trajectory_t), intent(inout) :: x
     logical :: exists
 
-    call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
-                  x%end_slope)
-    call complete_ends(problem, x)
-    call begin_interpolant(problem%frame, problem%scheme, problem%unique_flows, x%f, &
-                           x%interpolant, exists)
-    if (x%needs_interpolant .or. x%interpolant%complete) then
-      call advance_interpolant(problem, x, exists, x%interpolant%nexp)
-    else
-      call make_cubic(problem%scheme, exists, x%interpolant)
-      x%phase = phase_detect_events
-    end if
+    associate (last => x%last, interpolant => x%interpolant)
+      if (x%interpolate_only) then
+        call set_ends(interpolant, last%t, last%h, last%y, x%y(:, 0), last%slope, x%slope)
+      else
+        call set_ends(interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
+                      x%end_slope)
+      end if
+      if (x%problem%method%splitting) then
+        call add_free_motion(x%problem%frame, interpolant%y0, interpolant%field(:, 1))
+        call add_free_motion(x%problem%frame, interpolant%y1, interpolant%field(:, 2))
+      end if
+      call begin_interpolant(x%problem%unique_flows, x%f, interpolant, exists)
+      if (x%needs_interpolant .or. x%interpolate_only .or. interpolant%complete) then
+        call advance_interpolant(x, exists, interpolant%nexp)
+      else
+        call make_cubic(exists, interpolant)
+        x%phase = phase_detect_events
+      end if
+    end associate
   end subroutine interpolate
 
-  ! Adds the free motion to the coefficients of splitting methods at both ends.
-  subroutine complete_ends(problem, x)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
-
-    if (.not. problem%method%splitting) return
-    associate (interpolant => x%interpolant)
-      call add_free_motion(problem%frame, interpolant%y0, interpolant%field(:, 1))
-      call add_free_motion(problem%frame, interpolant%y1, interpolant%field(:, 2))
-    end associate
-  end subroutine complete_ends
-
-  ! Starts the interpolant of the step before.
-  subroutine interpolate_last(problem, x, slope)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
-    real(wp), contiguous, intent(in) :: slope(:)       ! (dimension) at its end
-    logical :: exists
-
-    call set_ends(x%interpolant, x%last%t, x%last%h, x%last%y, x%y(:, 0), x%last%slope, slope)
-    call complete_ends(problem, x)
-    call begin_interpolant(problem%frame, problem%scheme, problem%unique_flows, x%f, &
-                           x%interpolant, exists)
-    call advance_interpolant(problem, x, exists, x%interpolant%nexp)
-  end subroutine interpolate_last
-
   ! Chooses the phase after a node of the interpolant.
-  subroutine advance_interpolant(problem, x, exists, flows)
-    type(problem_t), intent(in) :: problem
+  subroutine advance_interpolant(x, exists, flows)
     type(trajectory_t), intent(inout) :: x
     logical, intent(in) :: exists
     integer, intent(in) :: flows                       ! that the node has taken
@@ -133,41 +108,38 @@ contains
     x%counts%nexp = x%counts%nexp + int(flows, int64)
     x%phase = phase_node_received
     if (.not. exists) then
-      call reject_stage(problem, x, step_too_long, x%interpolant%t0)
+      call reject_stage(x, step_too_long, x%interpolant%t0)
     else
-      x%phase = merge(phase_record_step, phase_next_node, x%interpolant%complete)
+      x%phase = merge(phase_store_output, phase_next_node, x%interpolant%complete)
     end if
   end subroutine advance_interpolant
 
   ! Moves to the next node and requests the coefficients there.
-  subroutine request_node(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine request_node(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: theta
 
-    call next_node(problem%frame, problem%scheme, x%interpolant, theta)
-    x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
-    call request(problem, x, x%interpolant%t0 + theta * x%interpolant%h, &
+    call next_node(x%interpolant, theta)
+    x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
+    call request(x, x%interpolant%t0 + theta * x%interpolant%h, &
                  x%interpolant%y, phase_node_received, x%request%received)
   end subroutine request_node
 
   ! Stores the coefficients at a node.
-  subroutine store_node(problem, x)
-    type(problem_t), intent(in) :: problem
+  subroutine store_node(x)
     type(trajectory_t), intent(inout) :: x
     integer :: before
     logical :: exists
 
     before = x%interpolant%nexp
-    if (problem%method%splitting) &
-      call add_free_motion(problem%frame, x%interpolant%y, x%request%received)
-    call add_node(problem%frame, problem%scheme, x%request%received, x%interpolant, exists)
-    call advance_interpolant(problem, x, exists, x%interpolant%nexp - before)
+    if (x%problem%method%splitting) &
+      call add_free_motion(x%problem%frame, x%interpolant%y, x%request%received)
+    call add_node(x%request%received, x%interpolant, exists)
+    call advance_interpolant(x, exists, x%interpolant%nexp - before)
   end subroutine store_node
 
   ! Evaluates the solution at a fraction theta of the step.
-  subroutine point_at(problem, x, theta, y)
-    type(problem_t), intent(in) :: problem
+  subroutine point_at(x, theta, y)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(out) :: y(:)
@@ -177,7 +149,7 @@ contains
     else if (.not. theta > 0) then
       y = x%y(:, 0)
     else
-      call evaluate_interpolant(problem%frame, problem%scheme, x%interpolant, theta, y)
+      call evaluate_interpolant(x%interpolant, theta, y)
     end if
   end subroutine point_at
 

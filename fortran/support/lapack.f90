@@ -5,7 +5,7 @@ module lapack_m
   use, intrinsic :: iso_c_binding, only: c_char, c_f_procpointer, c_int, c_intptr_t, c_null_funptr
   implicit none
   private
-  public :: set_lapack
+  public :: set_addresses
 
   ! Numbers and matrices without a type are real or complex.
   abstract interface
@@ -88,7 +88,7 @@ module lapack_m
 contains
 
   ! Sets the addresses of the routines.
-  subroutine set_lapack(addresses)
+  subroutine set_addresses(addresses)
     integer(c_intptr_t), intent(in) :: addresses(11)  ! in the order of the pointers
 
     call c_f_procpointer(transfer(addresses(1), c_null_funptr), dsyrk)
@@ -102,6 +102,6 @@ contains
     call c_f_procpointer(transfer(addresses(9), c_null_funptr), dgemm)
     call c_f_procpointer(transfer(addresses(10), c_null_funptr), zgemm)
     call c_f_procpointer(transfer(addresses(11), c_null_funptr), dsyevd)
-  end subroutine set_lapack
+  end subroutine set_addresses
 
 end module lapack_m

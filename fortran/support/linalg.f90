@@ -25,8 +25,7 @@ contains
   ! ordinary and large components are summed apart, the outer two scaled.
   pure function enorm(x) result(norm)
     real(wp), intent(in) :: x(:)  ! (n)
-    real(wp) :: norm
-    real(wp) :: large, ordinary, small, largest, largest_small, magnitude, giant
+    real(wp) :: norm, large, ordinary, small, largest, largest_small, magnitude, giant
     integer :: i
 
     large = 0
@@ -151,8 +150,7 @@ contains
     integer, intent(in) :: ipvt(:)                 ! (n)
     real(wp), intent(in) :: diag(:)                ! (n): D
     real(wp), intent(in) :: qtb(:)                 ! (n): first n elements of Q^T b
-    real(wp), intent(out) :: x(:)                  ! (n)
-    real(wp), intent(out) :: sdiag(:)              ! (n)
+    real(wp), intent(out) :: x(:), sdiag(:)              ! (n)
     integer, intent(inout), optional :: stop_flag
     real(wp) :: rhs(size(r, 2)), rdiag(size(r, 2))
     integer :: i, j, n, rank
@@ -230,12 +228,10 @@ contains
     real(wp), intent(in) :: qtb(:)                 ! (n)
     real(wp), intent(in) :: delta                  ! > 0
     real(wp), intent(inout) :: par                 ! estimate in, final out
-    real(wp), intent(out) :: x(:)                  ! (n)
-    real(wp), intent(out) :: sdiag(:)              ! (n)
+    real(wp), intent(out) :: x(:), sdiag(:)              ! (n)
     integer, intent(inout), optional :: stop_flag
     integer, parameter :: max_iterations = 10
-    real(wp) :: scaled(size(r, 2)), work(size(r, 2))
-    real(wp) :: excess, previous, xnorm, gnorm, lower, upper
+    real(wp) :: scaled(size(r, 2)), work(size(r, 2)), excess, previous, xnorm, gnorm, lower, upper
     integer :: iteration, j, n, rank
 
     n = size(r, 2)

@@ -7,13 +7,14 @@ module vectors_m
 
 contains
 
-  ! Tells whether all numbers are finite. With ieee_is_finite every procedure that uses its module
-  ! would save and restore the floating-point state.
+  ! Tells whether all numbers are finite; where their sum is, all are. With ieee_is_finite every
+  ! procedure that uses its module would save and restore the floating-point state.
   pure logical function finite(n, x)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
 
-    finite = all(abs(x) <= huge(x))
+    finite = abs(sum(x)) <= huge(x)
+    if (.not. finite) finite = all(abs(x) <= huge(x))
   end function finite
 
   ! A weighted sum of vectors, without those of weight zero. Shapes are explicit, since array

@@ -1,6 +1,6 @@
 ! The output of an accepted step: events, points at output times, and its end.
 ! Then the next step starts, at the end or after a jump.
-module record_m
+module accepted_step_m
   use kinds, only: wp
   use blocks_m, only: combine_flows
   use controller_m, only: smallest_size
@@ -8,19 +8,17 @@ module record_m
   use interpolant_m, only: flows_of_evaluation
   use linear_action_m, only: inner_points_t
   use output_m, only: store_interpolant, store_point, store_step, output_t
-  use simultaneous_events_m, only: record_zeros
+  use simultaneous_events_m, only: store_zeros
   use step_events_m, only: crosses, find_zeros
   use requests_m, only: evaluate_at_start, evaluate_events
   use phases_m
-  use trajectory_m, only: fail, forget_step, problem_t, trajectory_t
+  use trajectory_m, only: fail, forget_step, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends
   use iso_fortran_env, only: int64
-  use shared_numbers, only: buffer_full, finished, jumps_without_progress, observer_failed, &
-                            paused, raised, &
-                            terminal_event
+  use shared_numbers
   implicit none
   private
-  public :: detect_events, examine_step, fail_to_observe, prepare_inner, record_step
+  public :: detect_events, examine_step, fail_to_observe, prepare_inner, store_output
 
   integer, parameter :: max_stuck = 20
   ! of an event's function, relative to its values at both ends
@@ -31,8 +29,7 @@ contains
   ! Starts the interpolant of an accepted step if there are output times in it, or functions whose
   ! zeros are events. Where such a function has another sign at the end of the step, or the step
   ! starts from its zero, the accurate interpolant is needed in any case.
-  subroutine examine_step(problem, x, output)
-    type(problem_t), intent(in) :: problem
+  subroutine examine_step(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(in) :: output
 
@@ -40,55 +37,42 @@ contains
     x%grid_done = x%grid_done + 1
     x%needs_interpolant = output%dense
     if (x%outputs_done < output%outputs) then
-      if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) &
-        x%needs_interpolant = .true.
+      x%needs_interpolant = x%needs_interpolant .or. &
+        (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
     end if
     x%seeks_events = size(x%events%before) > 0
-    x%phase = phase_record_step
-    if (x%seeks_events) call examine_events(problem, x)
-    if (x%status /= finished) return
+    x%phase = phase_store_output
+    if (x%seeks_events) then
+      associate (events => x%events)
+        call evaluate_events(x, x%t_end, x%y(:, x%result), events%after)
+        if (x%status /= finished) return
+        x%needs_interpolant = x%needs_interpolant .or. any(events%came_from /= 0) &
+          .or. any(crosses(events%before, events%after, x%problem%events%direction) &
+                   .and. (abs(events%after) > 0 .or. x%last%kept))
+      end associate
+    end if
     if (.not. (x%needs_interpolant .or. x%seeks_events)) return
-    call request_ends(problem, x)
+    call request_ends(x)
   end subroutine examine_step
-
-  ! Evaluates the functions of events at the end of the step. In a procedure of its own, arrays of
-  ! their size are made for steps with events only.
-  subroutine examine_events(problem, x)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: x
-    real(wp) :: values(size(x%events%before))
-    logical :: stopped
-
-    call evaluate_events(problem, x, x%t_end, x%y(:, x%result), values, stopped)
-    if (stopped) return
-    x%events%after = values
-    x%needs_interpolant = x%needs_interpolant .or. any(x%events%came_from /= 0) &
-      .or. any(crosses(x%events%before, values, problem%events%direction) &
-               .and. (abs(values) > 0 .or. x%last%kept))
-  end subroutine examine_events
 
   ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just
   ! at the end of the step don't need it.
-  subroutine detect_events(problem, x)
-    type(problem_t), target, intent(in) :: problem
+  subroutine detect_events(x)
     type(trajectory_t), intent(inout) :: x
-    logical :: stopped
 
-    call find_zeros(problem, x, .true., stopped)
-    x%phase = phase_record_step
-    if (stopped .and. x%status == finished) call fail(x, raised, x%t_end)
+    call find_zeros(x, .true.)
+    x%phase = phase_store_output
     associate (zeros => x%events%zeros)
       x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &
                                 .or. x%last%kept)
       x%seeks_events = size(zeros) > 0
     end associate
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
-    if (x%needs_interpolant .and. .not. stopped) call interpolate(problem, x)
+    if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
 
-  ! Records the output of a step, up to the first event that ends it, and starts the next step.
-  subroutine record_step(problem, x, output)
-    type(problem_t), target, intent(in) :: problem
+  ! Stores the output of a step, up to the first event that ends it, and starts the next step.
+  subroutine store_output(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
 
@@ -100,58 +84,47 @@ contains
       return
     end if
     if (x%seeks_events) then
-      call record_with_events(problem, x, output)
+      call store_with_events(x, output)
     else
-      call record_until(problem, x, x%t_end, x%y(:, x%result), .false., output)
+      call store_until(x, x%t_end, x%y(:, x%result), .false., output)
     end if
-  end subroutine record_step
+  end subroutine store_output
 
-  ! Locates the events of a step and records its output up to the one that ends it. While there is
+  ! Locates the events of a step and stores its output up to the one that ends it. While there is
   ! no room for them, the phase remains.
-  subroutine record_with_events(problem, x, output)
-    type(problem_t), target, intent(in) :: problem
+  subroutine store_with_events(x, output)
     type(trajectory_t), target, intent(inout) :: x
     type(output_t), intent(inout) :: output
-    real(wp) :: until, t, y(problem%frame%point_size), after(problem%frame%point_size)
-    logical :: ended, full, stopped
+    real(wp) :: until, t, y(x%problem%frame%point_size), after(x%problem%frame%point_size)
+    logical :: ended
 
-    stopped = .false.
-    if (.not. allocated(x%events%zeros)) call find_zeros(problem, x, .false., stopped)
-    if (.not. stopped) call record_zeros(problem, x, output, until, ended, after, full, stopped)
-    if (stopped) then
-      if (x%status == finished) call fail(x, raised, x%t_end)
-      return
-    end if
-    if (full) then
-      x%status = buffer_full
-      return
-    end if
+    if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
+    if (x%status == finished) call store_zeros(x, output, until, ended, after)
+    if (x%status /= finished) return
     deallocate (x%events%zeros)
     t = x%t_end
     if (until < 1) t = x%t + until * (x%t_end - x%t)
     if (ended) then
       y = after
     else
-      call point_at(problem, x, until, y)
+      call point_at(x, until, y)
     end if
-    call record_until(problem, x, t, y, ended, output)
-  end subroutine record_with_events
+    call store_until(x, t, y, ended, output)
+  end subroutine store_with_events
 
-  ! Records the output of a step up to time t, where the solution is y.
-  subroutine record_until(problem, x, t, y, ended, output)
-    type(problem_t), intent(in) :: problem
+  ! Stores the output of a step up to time t, where the solution is y.
+  subroutine store_until(x, t, y, ended, output)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether by an event
     type(output_t), intent(inout) :: output
-    logical :: failed
 
-    call record_outputs(problem, x, t, y, output, failed)
+    call store_outputs(x, t, y, output)
     if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
-    if (.not. failed) call store_step(output, x%counts%steps, t, y, &
-                      .not. abs(t - problem%stops(size(problem%stops))) > 0 .or. ended, failed)
-    if (failed) then
+    if (.not. output%failed) call store_step(output, x%counts%steps, t, y, &
+                        .not. abs(t - x%problem%stops(size(x%problem%stops))) > 0 .or. ended)
+    if (output%failed) then
       call fail_to_observe(x, t)
       return
     end if
@@ -162,19 +135,19 @@ contains
       x%last%slope(:) = x%slope
       x%last%cut = ended
     end if
-    call begin_next_step(problem, x, t, y, ended)
-  end subroutine record_until
+    call begin_next_step(x, t, y, ended)
+  end subroutine store_until
 
   ! Starts the next step at time t and point y.
-  subroutine begin_next_step(problem, x, t, y, ended)
-    type(problem_t), intent(in) :: problem
+  subroutine begin_next_step(x, t, y, ended)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
-    logical :: ends
+    logical :: ends, jumps                             ! whether f or the solution may jump
 
-    ends = .not. abs(t - problem%stops(x%segment)) > 0
+    ends = .not. abs(t - x%problem%stops(x%segment)) > 0
+    jumps = ended .or. (ends .and. x%segment < size(x%problem%stops))
     if (ended) then
       if (abs(t - x%t) > 10 * smallest_size(t)) x%events%jumps_in_place = 0
       x%events%jumps_in_place = x%events%jumps_in_place + 1
@@ -182,27 +155,26 @@ contains
     x%t = t
     x%y(:, 0) = y
     x%phase = phase_choose_step
-    x%slope_known = x%end_known .and. .not. (ended .or. ends .and. x%segment < size(problem%stops))
+    x%slope_known = x%end_known .and. .not. jumps
     if (x%slope_known) x%slope(:) = x%end_slope
-    if (ended .or. (ends .and. x%segment < size(problem%stops))) call forget_step(x)
+    if (jumps) call forget_step(x)
     if (ends) x%phase = phase_begin_segment
-    if (size(x%events%before) > 0) call begin_after_events(problem, x, t, y, ended)
+    if (size(x%events%before) > 0) call begin_after_events(x, t, y, ended)
   end subroutine begin_next_step
 
   ! Prepares the functions of events for the next step.
-  subroutine begin_after_events(problem, x, t, y, ended)
-    type(problem_t), intent(in) :: problem
+  subroutine begin_after_events(x, t, y, ended)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     logical, intent(in) :: ended                       ! whether an event ended the step
-    logical :: stopped, terminal
+    logical :: terminal
     real(wp) :: sizes(size(x%events%before))
 
     sizes = max(abs(x%events%before), abs(x%events%after))
     x%events%before(:) = x%events%after
     if (.not. ended) return
-    terminal = any(x%events%count >= problem%events%most)
+    terminal = any(x%events%count >= x%problem%events%most)
     if (terminal .and. .not. x%last%kept) then
       x%phase = phase_ended
       x%status = terminal_event
@@ -212,26 +184,23 @@ contains
       call fail(x, jumps_without_progress, t)
       return
     end if
-    call evaluate_at_start(problem, x, t, y, small_value * sizes, stopped)
-    if (stopped) return
+    call evaluate_at_start(x, t, y, small_value * sizes)
+    if (x%status == raised) return
     x%control%step_size = 0.0_wp
     x%control%last_error = 1.0_wp
     x%phase = phase_begin_segment
     if (.not. terminal) return
     x%status = terminal_event                        ! from which a stepper goes on
-    where (x%events%count >= problem%events%most) x%events%count = 0
+    where (x%events%count >= x%problem%events%most) x%events%count = 0
   end subroutine begin_after_events
 
-  ! Records the points at the output times up to t, where the solution is y.
-  subroutine record_outputs(problem, x, t, y, output, failed)
-    type(problem_t), intent(in) :: problem
+  ! Stores the points at the output times up to t, where the solution is y.
+  subroutine store_outputs(x, t, y, output)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     type(output_t), intent(inout) :: output
-    logical, intent(out) :: failed                     ! whether a function of the user did
 
-    failed = .false.
     associate (point => x%request%y)    ! which isn't used now
       do while (x%outputs_done < output%outputs)
         associate (time => output%times(x%outputs_done + 1))
@@ -239,25 +208,24 @@ contains
           x%outputs_done = x%outputs_done + 1
           if (.not. abs(time - t) > 0) then
             point = y
-          else if (problem%method%polynomial) then
-            call prepare_next(problem, x, output)
-            associate (inner => problem%frame%blocks(1)%action%inner)
+          else if (x%problem%method%polynomial) then
+            call prepare_next(x, output)
+            associate (inner => x%problem%frame%blocks(1)%action%inner)
               call store_point(output, x%member, x%outputs_done, &
-                               inner%y(:, x%outputs_done - x%inner_from), failed)
+                               inner%y(:, x%outputs_done - x%inner_from))
             end associate
-            if (failed) return
+            if (output%failed) return
             cycle
           else
-            call point_at(problem, x, (time - x%t) / (x%t_end - x%t), point)
-            x%counts%nexp = x%counts%nexp &
-                            + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
+            call point_at(x, (time - x%t) / (x%t_end - x%t), point)
+            x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)
           end if
         end associate
-        call store_point(output, x%member, x%outputs_done, point, failed)
-        if (failed) return
+        call store_point(output, x%member, x%outputs_done, point)
+        if (output%failed) return
       end do
     end associate
-  end subroutine record_outputs
+  end subroutine store_outputs
 
   ! Ends a trajectory after a failure of a function that is evaluated at output times.
   subroutine fail_to_observe(x, t)
@@ -270,8 +238,7 @@ contains
 
   ! Lets the next flow along a polynomial compute the points at the next output times in the step,
   ! as many as have room in memory.
-  subroutine prepare_inner(problem, x, output)
-    type(problem_t), intent(in) :: problem
+  subroutine prepare_inner(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
     integer, parameter :: max_count = 64, max_numbers = 2**22
@@ -279,8 +246,8 @@ contains
     real(wp) :: theta
     integer :: most
 
-    inner => problem%frame%blocks(1)%action%inner
-    associate (n => problem%frame%point_size)
+    inner => x%problem%frame%blocks(1)%action%inner
+    associate (n => x%problem%frame%point_size)
       most = min(max_count, max(1, max_numbers / n), output%outputs - x%outputs_done)
       x%inner_from = x%outputs_done
       inner%owner = x%member
@@ -303,26 +270,25 @@ contains
   end subroutine prepare_inner
 
   ! Prepares the point at the last output time passed where it isn't yet.
-  subroutine prepare_next(problem, x, output)
-    type(problem_t), intent(in) :: problem
+  subroutine prepare_next(x, output)
     type(trajectory_t), intent(inout) :: x
     type(output_t), intent(in) :: output
 
-    associate (method => problem%method, end => x%request%y, &
-               inner => problem%frame%blocks(1)%action%inner)
+    associate (method => x%problem%method, end => x%request%y, &
+               inner => x%problem%frame%blocks(1)%action%inner)
       ! members with common steps may have prepared theirs in the meantime
       if (inner%owner == x%member .and. x%outputs_done - x%inner_from <= inner%count) return
       x%outputs_done = x%outputs_done - 1
-      call prepare_inner(problem, x, output)
+      call prepare_inner(x, output)
       x%outputs_done = x%outputs_done + 1
       end = x%y(:, 0)
       associate (first => method%path_first(method%result), &
                  last => method%path_first(method%result + 1) - 1)
-        call combine_flows(x%flows, first, last, problem%frame%dimension, x%f, x%v)
-        call apply_flows(problem%frame, last - first + 1, x%v, end)
+        call combine_flows(method%flows, x%weight, first, last, size(x%f, 1), x%f, x%v)
+        call apply_flows(x%problem%frame, last - first + 1, x%v, end)
       end associate
       x%counts%nexp = x%counts%nexp + 1
     end associate
   end subroutine prepare_next
 
-end module record_m
+end module accepted_step_m
