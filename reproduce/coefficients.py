@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from cg import conditions
-from cg.frames.arrays import Array
 from cg.method.method import Method
 from cg.method.tableau import Tableau
+from cg.support.arrays import Array
 from cg.support.quads import to_decimal
 
 from .blocks import Data, Table

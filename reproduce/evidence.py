@@ -11,11 +11,11 @@ from cg.analysis.convergence import final_errors, observed_order
 from cg.catalogue import methods
 from cg.conditions import Rows, count, jacobian, residuals, unknowns, unpack
 from cg.frames import Euclidean
-from cg.frames.arrays import Array
 from cg.integration import integrate
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.problems import HeavyTop, StateDependentRotation
+from cg.support.arrays import Array
 from cg.trees.ordered import catalan, forest
 
 from .blocks import Data

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 
 from cg.catalogue import methods
-from cg.frames.arrays import Array
 from cg.frames.rotations import rotate
 from cg.integration import integrate
 from cg.problems import HeavyTop
+from cg.support.arrays import Array
 
 from .quad_steps import end_point
 

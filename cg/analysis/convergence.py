@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, real_array
 from cg.frames.base import Frame
 from cg.integration.ivp import integrate
 from cg.integration.rhs.python import Coefficients
 from cg.method.method import Method
+from cg.support.arrays import Array, real_array
 
 
 def slopes(h: ArrayLike, errors: ArrayLike) -> Array:

@@ -35,9 +35,9 @@ from cg.conditions.counts import (
 )
 from cg.conditions.exact import exact_tree, result_tree, tree_residuals
 from cg.conditions.symbolic import equations
-from cg.frames.arrays import check_finite, real_array
 from cg.layouts.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
 from cg.layouts.points import PointTree, check_not_sums
+from cg.support.arrays import check_finite, real_array
 from cg.support.checks import check_flag
 
 __all__ = [

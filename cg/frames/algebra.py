@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, is_array, real_array
 from cg.frames.dexpinv import rotation_dexpinv, series_dexpinv
+from cg.support.arrays import Array, is_array, real_array
 from cg.support.checks import check_integer
 
 # Largest dimension for which brackets by structure constants are faster than products of matrices.

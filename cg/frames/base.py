@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.algebra import FieldAlgebra
-from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.block_kinds import Blocks
 from cg.frames.local_coordinates import (
     local_coordinates,
@@ -18,6 +17,7 @@ from cg.frames.local_coordinates import (
     newton_correction,
 )
 from cg.frames.manifold import Manifold
+from cg.support.arrays import Array, Points, Size, check_random
 from cg.support.checks import check_integer
 
 _ROTATION_HINTS = {

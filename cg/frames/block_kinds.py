@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cg.frames.arrays import Array
+from cg.support.arrays import Array
 from cg.support.shared_numbers import BlockKind, BlockOption
 
 SPACE_AXES = int(BlockOption.SPACE_AXES)

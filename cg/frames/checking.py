@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
+from cg.support.arrays import Array, Points
 from cg.support.checks import check_generator
 
 # Relative tolerances for rounding errors and for finite differences of order four

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Size, check_convention, check_finite, real_array
 from cg.frames.base import Frame
 from cg.frames.matrix_functions import combine, expm, newton_corrected
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import rotate
+from cg.support.arrays import Array, Convention, Size, check_convention, check_finite, real_array
 
 Constants = tuple[tuple[tuple[float, ...], ...], ...]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError, Frame
 from cg.frames.block_kinds import needs_lapack
+from cg.support.arrays import Array, Points
 from cg.support.capsules import provide_lapack
 
 

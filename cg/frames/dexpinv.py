@@ -29,8 +29,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Array
 from cg.frames.rotations import half_angle
+from cg.support.arrays import Array
 
 _SERIES_BELOW = 1.0  # largest squared angle for which series replace formulas that cancel
 _SERIES_TERMS = 12

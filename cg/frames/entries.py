@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Points
+from cg.support.arrays import Points
 
 Indices = NDArray[np.intp]
 Part = tuple[Indices, Indices, NDArray[Any]]

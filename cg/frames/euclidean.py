@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Size, check_random
 from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
+from cg.support.arrays import Array, Size, check_random
 from cg.support.shared_numbers import BlockKind
 
 

@@ -8,8 +8,8 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.frames.user import Function, UserFrame
+from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer
 
 _BRACKET_ROUNDING = 1e-9  # tolerance of identities, relative to the largest term

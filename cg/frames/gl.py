@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.frames.entries import Entries
 from cg.frames.matrix_functions import singular_values
 from cg.frames.matrix_group_kinds import SizedMatrixGroup
+from cg.support.arrays import Array, Points
 
 
 @dataclass(frozen=True, repr=False)

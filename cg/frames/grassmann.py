@@ -9,13 +9,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.isospectral import Orbit
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
+from cg.support.arrays import Array, Points, Size, check_random
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
 

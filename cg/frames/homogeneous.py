@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.matrix_group import MatrixGroup
+from cg.support.arrays import Array, Points
 
 
 class HomogeneousSpace(Frame):

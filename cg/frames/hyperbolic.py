@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.base import Sized
+from cg.support.arrays import Array, Points, Size, check_random
 
 
 @dataclass(frozen=True, repr=False)

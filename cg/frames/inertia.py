@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array, check_finite, real_array
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.power import Power
@@ -18,6 +17,7 @@ from cg.frames.quaternion import UnitQuaternion
 from cg.frames.so import SO
 from cg.frames.sphere import Sphere
 from cg.frames.u import U
+from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import short
 
 _ROUNDING = 1e-12

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, complex_array, is_complex_array, real_array
 from cg.frames.block_kinds import Blocks
 from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -18,6 +17,7 @@ from cg.frames.matrix_functions import eigh_where_finite, two_norm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 from cg.frames.su import SU
+from cg.support.arrays import Array, Points, Size, complex_array, is_complex_array, real_array
 from cg.support.shared_numbers import BlockKind
 
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, conversion_hint, is_qobj
 from cg.frames.block_kinds import Blocks
 from cg.frames.compiled_flow import CompiledFlow
 from cg.frames.user import Function, UserFrame
+from cg.support.arrays import Array, Points, conversion_hint, is_qobj
 from cg.support.checks import check_flag, check_integer
 from cg.support.shared_numbers import BlockKind
 

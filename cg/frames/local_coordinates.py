@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points
+from cg.support.arrays import Array, Points
 
 Flow = Callable[[Array, Points], Points]
 # Coefficients after one step of the iteration, from those before, the start, the point that they

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy
 
-from cg.frames.arrays import Array, Points
+from cg.support.arrays import Array, Points
 
 # Largest 1-norm of X - I for the series: z below has norm 1/7, the omitted terms are 1e-18.
 _NEAR = 0.25

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_name, complex_array, is_array, real_array
+from cg.support.arrays import Array, Points, Size, check_name, complex_array, is_array, real_array
 
 MEMBERSHIP_TOLERANCE = 1e-8
 

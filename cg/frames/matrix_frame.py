@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import (
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
+from cg.frames.matrix_functions import combine, expm
+from cg.frames.user import Function, UserFrame
+from cg.support.arrays import (
     Array,
     Points,
     check_finite,
@@ -17,9 +20,6 @@ from cg.frames.arrays import (
     is_qobj,
     real_array,
 )
-from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.frames.matrix_functions import combine, expm
-from cg.frames.user import Function, UserFrame
 from cg.support.checks import check_integer
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
+from cg.support.arrays import Array, Points
 
 # Coefficients of x^(4 i + j) / (4 i + j)!, shape (5, 4); the remainder for |x| = 1 is 4e-19.
 _TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)

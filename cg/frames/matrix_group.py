@@ -11,13 +11,13 @@ import scipy
 from numpy.typing import ArrayLike
 
 from cg.frames.algebra import MAX_CONSTANTS
-from cg.frames.arrays import Array, Convention, Points, Size
 from cg.frames.base import Frame
 from cg.frames.dexpinv import series_dexpinv
 from cg.frames.entries import Entries, dual_of
 from cg.frames.logarithms import real_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import MAX_EXPONENT, combine, expm
+from cg.support.arrays import Array, Convention, Points, Size
 from cg.support.checks import total_memory
 
 MAX_DENSE = 16

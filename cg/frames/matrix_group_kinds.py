@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Points, check_convention
 from cg.frames.base import Sized
 from cg.frames.matrix_functions import minimum_norm_step, newton_corrected, relative_correction
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.orthonormal import OrthonormalColumns
+from cg.support.arrays import Array, Convention, Points, check_convention
 
 
 class UnitaryMatrixGroup(OrthonormalColumns, MatrixGroup):

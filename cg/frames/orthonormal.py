@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.base import Frame
 from cg.frames.matrix_functions import (
     distance_from_unitary,
@@ -15,6 +14,7 @@ from cg.frames.matrix_functions import (
     newton_schulz,
     random_unitary,
 )
+from cg.support.arrays import Array, Points, Size, check_random
 
 
 class UnitVectors(Frame):

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.frames.block_kinds import Blocks
 from cg.frames.euclidean import Euclidean
 from cg.frames.inertia import Body, Inertia, read_inertia
 from cg.frames.product import Product
+from cg.support.arrays import Array
 
 
 @dataclass(frozen=True, init=False, repr=False)

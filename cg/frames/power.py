@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.base import Frame
 from cg.frames.block_kinds import Blocks
+from cg.support.arrays import Array, Points, Size, check_random
 from cg.support.checks import check_integer
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size
 from cg.frames.base import Frame
 from cg.frames.block_kinds import Blocks, compared_by_entries
+from cg.support.arrays import Array, Points, Size
 from cg.support.shared_numbers import BlockKind
 
 _DOUBLE = np.dtype(np.float64)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Points, check_convention
 from cg.frames.block_kinds import SCALAR_FIRST, Blocks, convention_option
 from cg.frames.matrix_functions import combine, unit_step
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm
+from cg.support.arrays import Array, Convention, Points, check_convention
 from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, real_array
+from cg.support.arrays import Array, real_array
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Convention, Points
 from cg.frames.block_kinds import Blocks
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.semidirect import Semidirect
 from cg.frames.so3 import SO3
+from cg.support.arrays import Convention, Points
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform

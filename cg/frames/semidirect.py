@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Points, Size, check_random
 from cg.frames.block_kinds import Blocks
 from cg.frames.dexpinv import motion_bracket, motion_dexpinv
 from cg.frames.entries import Entries
 from cg.frames.matrix_group import MatrixGroup
+from cg.support.arrays import Array, Convention, Points, Size, check_random
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
 

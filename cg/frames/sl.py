@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.frames.entries import Entries, entries_of
 from cg.frames.matrix_functions import determinant_correction
 from cg.frames.matrix_group_kinds import NoncompactMatrixGroup
+from cg.support.arrays import Array, Points
 
 
 @dataclass(frozen=True, repr=False)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Points
 from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries, entries_of
 from cg.frames.logarithms import rotation_log1p
@@ -17,6 +16,7 @@ from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import MAX_DENSE
 from cg.frames.matrix_group_kinds import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
+from cg.support.arrays import Array, Convention, Points
 from cg.support.shared_numbers import BlockKind
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.block_kinds import Blocks
 from cg.frames.rotations import hat, rotate
 from cg.frames.so import SO
+from cg.support.arrays import Array, Points, Size, check_random
 
 
 @dataclass(frozen=True, repr=False)

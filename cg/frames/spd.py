@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.base import Sized
 from cg.frames.gl import GL
 from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.matrix_functions import eigh_where_finite
 from cg.frames.matrix_group import MatrixGroup
+from cg.support.arrays import Array, Points, Size, check_random
 
 
 @dataclass(frozen=True, repr=False)

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.homogeneous import HomogeneousSpace
@@ -16,6 +15,7 @@ from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.orthonormal import UnitVectors
 from cg.frames.so import SO
+from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import BlockKind
 
 # Points are antipodal if the tangential part of their sum is less than this fraction of the sum.

@@ -9,7 +9,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Sized
 from cg.frames.block_kinds import Blocks
 from cg.frames.compiled_flow import CompiledFlow
@@ -17,6 +16,7 @@ from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.orthonormal import OrthonormalColumns
 from cg.frames.so import SO
+from cg.support.arrays import Array, Points
 from cg.support.checks import check_integer
 from cg.support.shared_numbers import BlockKind
 

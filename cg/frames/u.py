@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group_kinds import SizedMatrixGroup, UnitaryMatrixGroup
+from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import BlockKind
 
 

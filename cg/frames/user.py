@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, complex_array, real_array
 from cg.frames.base import Frame
+from cg.support.arrays import Array, Points, Size, check_random, complex_array, real_array
 
 Function = Callable[..., Any]
 

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Points, check_finite, complex_array, real_array
 from cg.integration.adjoint_equation import Equation, Gradient, Intervals, solve
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.problem import Problem
 from cg.integration.results import EnsembleSolution, Solution
+from cg.support.arrays import Points, check_finite, complex_array, real_array
 
 ADJOINT = "adjoint"
 _FIXED_STEPS = 1e-11  # tolerance where the integration had none

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import Legendre
 
-from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.rhs.inputs import Inputs
+from cg.support.arrays import Array, Points
 
 _COUNT = 5
 _X, _W = np.polynomial.legendre.leggauss(_COUNT)

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, check_finite, is_array, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.integration.step.plan import Plan
 from cg.method.method import Method
+from cg.support.arrays import Array, Points, check_finite, is_array, real_array
 from cg.support.checks import check_integer, short, total_memory
 
 DEFAULT_MAX_STEPS = 10**6

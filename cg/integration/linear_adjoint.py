@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points, check_finite
 from cg.frames.linear_action import LinearAction
 from cg.integration.adjoint import tolerance_of, with_adjoint
 from cg.integration.adjoint_equation import Equation
@@ -19,6 +18,7 @@ from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import PythonRhs, context_of
 from cg.integration.step.plan import has_brackets
 from cg.integration.variational.field import parameter_differences, structure_constants
+from cg.support.arrays import Array, Points, check_finite
 
 
 def with_linear_adjoint(problem: Problem, da_dp: Any) -> Problem:

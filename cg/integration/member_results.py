@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput, Steps
 from cg.integration.loop.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.loop.record import COUNTS
 from cg.integration.problem import Problem
 from cg.integration.results import EnsembleSolution, Solution, member_fields
+from cg.support.arrays import Array, Points
 from cg.support.copies import filled
 
 

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_stops
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
@@ -19,6 +18,7 @@ from cg.integration.loop.run import Run
 from cg.integration.problem import Problem
 from cg.integration.rhs.inputs import Inputs
 from cg.method.method import Method
+from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTERS
 

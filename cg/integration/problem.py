@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.catalogue import methods, resolve_method
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import (
@@ -46,6 +45,7 @@ from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.method.warnings import check_order, check_pair
+from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag
 from cg.support.copies import filled
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
 from cg.integration.loop.record import COUNTS
 from cg.method.method import Method
+from cg.support.arrays import Array, Points
 from cg.support.copies import ReadOnly, filled
 
 _EVENT_FIELDS = "t_events", "y_events", "y_after"

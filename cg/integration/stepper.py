@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_real_time, check_resolution, check_step, is_many
 from cg.integration.loop.dense import DenseOutput
@@ -24,6 +23,7 @@ from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.stepper_state import check_data, check_points, get_state, replace_rhs, restored
+from cg.support.arrays import Points
 from cg.support.checks import check_flag
 
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, check_finite, real_array
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import check_args
 from cg.integration.problem import check_force
 from cg.integration.rhs.inputs import check_inputs
 from cg.integration.rhs.python import PythonRhs
 from cg.method.splitting import Splitting
+from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import short
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import check_finite, real_array
 from cg.frames.base import Frame
 from cg.frames.rotations import is_rotation
 from cg.plot.drawn_rotations import drawn_rotations, rotations_of
 from cg.plot.style import COLOURS, axes_for
+from cg.support.arrays import check_finite, real_array
 from cg.support.checks import check_flag
 
 _SEQUENCES = {"".join(axes) for axes in permutations("xyz")} | {

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import check_finite, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.frames.quaternion import UnitQuaternion
@@ -16,6 +15,7 @@ from cg.frames.rotations import is_rotation
 from cg.frames.se3 import SE3
 from cg.frames.so import SO
 from cg.plot.style import check_points
+from cg.support.arrays import check_finite, real_array
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

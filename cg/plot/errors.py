@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.arrays import real_array
 from cg.plot.style import FAINT, axes_for, check_label, curve_style
+from cg.support.arrays import real_array
 from cg.support.checks import check_real
 
 _MAX_RATIO = 300.0  # of the ends of an axis whose ticks 2 and 5 are labelled too

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import check_finite, real_array
 from cg.frames.base import Frame
 from cg.plot.style import axes_for, check_label, check_points, curve_style, verbatim
+from cg.support.arrays import check_finite, real_array
 
 _QUANTILES = ((0.05, 0.95), (0.25, 0.75))
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import check_finite, complex_array, real_array
 from cg.plot.drawn_rotations import drawn_rotations
 from cg.plot.style import COLOURS, check_label, check_points, spatial_axes_for
+from cg.support.arrays import check_finite, complex_array, real_array
 from cg.support.checks import check_integer
 
 _NAMES = "xyz"

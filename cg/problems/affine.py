@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames import Frame
-from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem
 from cg.support import flint
+from cg.support.arrays import Array
 from cg.support.balls import to_ball
 from cg.support.checks import check_integer
 from cg.support.copies import ReadOnly

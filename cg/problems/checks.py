@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import real_array
+from cg.support.arrays import real_array
 
 
 def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
-from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem
 from cg.support import flint
+from cg.support.arrays import Array
 from cg.support.balls import exact_midpoint, to_ball, to_flint, working_precision
 from cg.support.parsing import read_fraction
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array
 from cg.support import flint
+from cg.support.arrays import Array
 from cg.support.balls import exact_midpoint, to_ball, working_precision
 from cg.support.checks import check_integer
 from cg.support.parsing import read_fraction

@@ -197,13 +197,13 @@ def test_evaluations_of_dense_output(method):
 PAIRS = [n for n, m in {**FROZEN, **MUNTHE_KAAS}.items() if m.explicit and m.embedded_order]
 
 
-def worst_ratio(solution, points, frame, exact):
-    """Return the largest error within a step relative to that at its ends."""
+def worst_ratio(solution, points, frame, exact, least):
+    """Return the largest error within a step relative to that at its ends, or ``least``."""
     worst = 0.0
     for t0, t1 in pairwise(solution.sol.ts.tolist()):
         t = t0 + (t1 - t0) * points
         errors = frame.distance(solution.sol(t), exact(t))
-        worst = max(worst, errors[1:-1].max() / max(errors[0], errors[-1], 1e-14))
+        worst = max(worst, errors[1:-1].max() / max(errors[0], errors[-1], least))
     return worst
 
 
@@ -228,7 +228,9 @@ def test_errors_between_steps_are_those_at_the_steps(method, tolerance, frame):
     options = {"rtol": tolerance, "atol": tolerance, "method": method, "dense_output": True}
     solution = cg.solve_ivp(f, (0, 1), y0, frame=frame, **options)
     truth = cg.solve_ivp(f, (0, 1), y0, frame=frame, method="CG7b", h=1 / 24, dense_output=True).sol
-    assert worst_ratio(solution, np.linspace(0, 1, 6), frame, truth) < 3.0
+    # the error at both ends of a step may be far below the tolerance by chance
+    least = max(1e-14, 1e-3 * tolerance)
+    assert worst_ratio(solution, np.linspace(0, 1, 6), frame, truth, least) < 3.0
 
 
 def test_times_may_have_any_shape_and_order():

@@ -214,7 +214,7 @@ class ShapeSettings:
         if layout is None:
             raise ValueError("hold needs a tableau or a tree, whose coefficients have names")
         system = self.system(layout)
-        x = start_generator(self.seed, 0).uniform(-1, 1, system.size)
+        x = start_generator(0, 0).uniform(-1, 1, system.size)
         off = np.abs(system.residual(x)) > _ROUNDING
         if (lost := off & ~system.jacobian(x).any(axis=1)).any():
             tree = forest(self.order + 1).tree(int(system.conditions(True)[0][lost][0]))

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cg import conditions
 from cg.construction.solvers.singular import pseudo_inverse
 from cg.construction.solvers.system import ConditionSystem, Structure
-from cg.frames.arrays import check_finite, real_array
+from cg.support.arrays import check_finite, real_array
 
 _ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _BELOW = Fraction(1, 10**44)

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.arrays import Array, Points, real_array
 from cg.integration.step.callbacks import Callbacks
 from cg.integration.step.plan import Plan
+from cg.support.arrays import Array, Points, real_array
 from cg.support.copies import ReadOnly
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cg.frames.arrays import Array
+from cg.support.arrays import Array
 from cg.support.shared_records import COUNTERS, RECORD, fields_of
 
 COUNTS = tuple(COUNTERS)[2:]

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import Steps
 from cg.integration.loop.record import COUNTS, Record
 from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.callbacks import Callbacks
+from cg.support.arrays import Array, Points
 from cg.support.memory import reserved
 from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
 from cg.support.shared_records import COUNTERS

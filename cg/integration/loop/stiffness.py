@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 
 from cg.catalogue.summary import summary_of
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.loop.record import COUNTS
 from cg.integration.loop.run import Run
@@ -17,6 +16,7 @@ from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.plan import has_brackets
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
+from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Stop
 
 _STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'

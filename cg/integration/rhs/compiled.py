@@ -11,10 +11,10 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import LowLevelCallable
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.rhs.inputs import Inputs, address, arguments_of
+from cg.support.arrays import Array, Points
 from cg.support.capsules import address_in, context_of
 
 SIGNATURE = "int (double, double *, double *, void *)"

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.inputs import Inputs, WithInput
 from cg.integration.rhs.values import read_finite
+from cg.support.arrays import Array, Points
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.values import read_finite
+from cg.support.arrays import Points
 from cg.support.shared_records import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration

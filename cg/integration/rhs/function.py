@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.frames.arrays import real_array
 from cg.integration.rhs.inputs import TimeWithInput
+from cg.support.arrays import real_array
 
 
 class CompiledFunction:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Array
 from cg.integration.rhs.samples import Samples
 from cg.method.method import Method
+from cg.support.arrays import Array
 
 _ROUNDING = 1e-15  # of abscissae
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, check_finite, real_array
+from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import check_flag
 from cg.support.copies import ReadOnly
 

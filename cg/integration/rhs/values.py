@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points, conversion_hint, is_complex_array, real_array
 from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.integration.rhs.function import TimeFunction
+from cg.support.arrays import Array, Points, conversion_hint, is_complex_array, real_array
 from cg.support.checks import short
 
 _JOIN = "; join parts by np.concatenate"

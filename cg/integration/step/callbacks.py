@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
@@ -21,6 +20,7 @@ from cg.integration.step.flows import (
 )
 from cg.integration.step.jacobian import Jacobian
 from cg.integration.step.plan import Plan
+from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Operation
 
 

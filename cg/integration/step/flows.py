@@ -9,10 +9,10 @@ from typing import TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.block_kinds import compared_by_entries, needs_lapack
 from cg.frames.homogeneous import HomogeneousSpace
+from cg.support.arrays import Array, Points
 from cg.support.capsules import provide_lapack
 
 _KNOWN = (

@@ -7,9 +7,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from cg.frames.arrays import Array
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.support.arrays import Array
 from cg.support.shared_numbers import StageLimit
 
 STAGE_SOLVERS = {"newton": int(StageLimit.NEWTON), "fixed-point": int(StageLimit.FIXED_POINT)}

@@ -77,13 +77,13 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
 from cg.catalogue import methods
-from cg.frames.arrays import Array
 from cg.integration.step.implicit import collocation_polynomial
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
+from cg.support.arrays import Array
 from cg.support.copies import cached
 from cg.trees.rooted import rooted_trees_through
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative, derivative_of
@@ -17,6 +16,7 @@ from cg.integration.rhs.python import PythonRhs
 from cg.integration.rhs.values import when
 from cg.integration.step.implicit import is_collocation
 from cg.method.method import Method
+from cg.support.arrays import Array, Points
 
 Rhs = CompiledRhs | PythonRhs
 

@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cg.catalogue import find_method, resolve_method
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -36,6 +35,7 @@ from cg.method.estimate import error_power
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.support.arrays import Array, Points
 from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.arrays import Array, Points
 from cg.integration.loop.messages import DERIVATIVES
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative
@@ -18,6 +17,7 @@ from cg.integration.step.flows import is_compiled
 from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
 from cg.integration.variational.noise import Noise
+from cg.support.arrays import Array, Points
 from cg.support.shared_records import VARIATION, fields_of
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.product import Product
@@ -19,6 +18,7 @@ from cg.integration.rhs.inputs import Reader, data_at
 from cg.integration.rhs.values import Check, when
 from cg.integration.step.flows import Flows, flows_of
 from cg.integration.step.plan import cached
+from cg.support.arrays import Array, Points
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))
 DIFFERENCE_STEP = float(np.finfo(np.float64).eps) ** (1 / 3)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, check_finite
 from cg.frames.base import Frame
 from cg.integration.problem import Problem, Rhs
 from cg.integration.rhs.derivatives import derivative_of
@@ -20,6 +19,7 @@ from cg.integration.variational.field import VariationalField
 from cg.integration.variational.noise import check_covariance, noise_of
 from cg.integration.variational.results import SolutionMaker
 from cg.method.splitting import Splitting
+from cg.support.arrays import Array, check_finite
 from cg.support.checks import check_flag
 
 _LOOSE = 10.0
@@ -132,4 +132,7 @@ def _tolerances(
         )
     elif not control_derivatives:  # derivatives are of size one at first, also with atol = 0
         rows = _LOOSE * np.maximum(rows, problem.control.rtol.min())
-    return np.concatenate([own, np.repeat(rows, field.columns)])
+    others = np.repeat(rows, field.columns)
+    # the square of the norm of the joint error is then the sum of those of both parts
+    shares = np.sqrt(np.array([own.size, others.size]) / (own.size + others.size))
+    return np.concatenate([shares[0] * own, shares[1] * others])

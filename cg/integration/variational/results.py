@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.problem import Problem
 from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
+from cg.support.arrays import Array, Points
 
 
 def split_results(

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.executors import ExecutorLike
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.adjoint import check_derivatives, tolerance_of, with_adjoint
 from cg.integration.adjoint_equation import Equation
@@ -25,6 +24,7 @@ from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.variational.problem import add_derivatives
 from cg.integration.variational.results import EnsembleVariationalSolution, VariationalSolution
+from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag
 
 _ONE_SIDED = 9e-7  # least tolerance of the adjoint for which one-sided differences are exact enough
