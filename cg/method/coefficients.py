@@ -149,7 +149,7 @@ def read_third(third: Any, stages: int, second: object) -> tuple[Coefficient, ..
         return None
     if second is None:
         raise MethodError("third must be None unless there is a second result")
-    return read_row(third, "third", stages, "third_{}")
+    return read_row(third, "third", stages)
 
 
 def read_texts(

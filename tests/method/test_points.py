@@ -242,7 +242,7 @@ class TestThirdWeights:
     @pytest.mark.parametrize(("third", "options", "message"), [
         (["1"], {}, "third must have 9 entries, got 1"),
         ("1234567", {}, "third must be a sequence"),
-        ([*[1] * 8, "x"], {}, "third_9"),
+        ([*[1] * 8, "x"], {}, r"third\[8\]"),
         ([1] * 9, {"embedded_result": None}, "third must be None unless"),
     ])  # fmt: skip
     def test_bad_input(self, third, options, message):

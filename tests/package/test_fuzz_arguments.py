@@ -19,6 +19,7 @@ from argument_examples import FUNCTION_EXAMPLES
 from frame_argument_examples import FRAME_EXAMPLES
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from matplotlib import pyplot
 
 import cg
 
@@ -249,6 +250,7 @@ def test_every_value_of_every_argument(name):
     for key, right in EXAMPLES[name].arguments.items():
         for value in values(key, right):
             check(name, {key: value})
+            pyplot.close("all")
 
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))

@@ -204,7 +204,7 @@ class ShapeSettings:
     def of(cls, arguments: Mapping[str, Any]) -> Self:
         """Return the settings of the arguments of a function, not yet checked."""
         names = [field.name for field in fields(cls) if field.name in arguments]
-        hold = read_hold(arguments["hold"] or {})
+        hold = () if arguments["hold"] is None else read_hold(arguments["hold"])
         return cls(**{name: arguments[name] for name in names} | {"hold": hold})
 
     def check_held(self, layout: Layout | None, force: bool) -> None:
