@@ -23,7 +23,7 @@ _FRAME = Product(UnitQuaternion(), Euclidean(3))
 _INVERSE = np.array([1.0, 0.5, 0.4])
 _END = 10.0
 _TOLERANCE = 1e-6
-_OUTPUT = {101: Aim(2.0, above=False), 1001: None}
+_OUTPUT = {101: Aim(1.8, above=False), 1001: Aim(6.0, above=False)}
 _RK4_MEMBERS, _RK4_TIMES = 2000, 201
 _EVENT_AIM = Aim(0.5, above=False, of="value")
 

@@ -21,7 +21,7 @@ _H = 0.01
 _STEPS = {"C": 20_000, "Python": 500, "Lielab": 500}
 _BODY = Product(UnitQuaternion(), Euclidean(3))
 _MEMBER_STEPS = 10
-_LIMIT = Aim(1.3, above=False)
+_LIMIT = Aim(1.4, above=False)
 
 TITLE = "Steps against C"
 
