@@ -123,8 +123,7 @@ def row_of(entry: dict[str, Any]) -> Row:
     refined = weights_of(exact)
     orders = range(1, order + 2)
     order_on_manifolds = next(
-        (q - 1 for q in orders if _largest(exactly(refined, q)) > ZERO),
-        order + 1,
+        (q - 1 for q in orders if _largest(exactly(refined, q)) > ZERO), order + 1
     )
     return Row(
         entry["name"],

@@ -21,13 +21,7 @@ from cg.support.parsing import visible
 if TYPE_CHECKING:
     from cg.proofs import Certificate
 
-_CODE = {
-    "python": PYTHON,
-    "c": C,
-    "fortran": FORTRAN,
-    "julia": JULIA,
-    "matlab": MATLAB,
-}
+_CODE = {"python": PYTHON, "c": C, "fortran": FORTRAN, "julia": JULIA, "matlab": MATLAB}
 
 FORMATS = {
     "json": ".json",

@@ -17,11 +17,7 @@ _SMALLEST = float(np.finfo(np.float64).tiny)
 
 # hat(v) is the contraction of v with these three generators, one row each.
 _GENERATORS = np.array(
-    [
-        [0, 0, 0, 0, 0, -1, 0, 1, 0],
-        [0, 0, 1, 0, 0, 0, -1, 0, 0],
-        [0, -1, 0, 1, 0, 0, 0, 0, 0],
-    ],
+    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]],
     dtype=np.float64,
 )
 

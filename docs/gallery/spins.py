@@ -49,7 +49,4 @@ def invariants(s: Any) -> dict[str, Any]:
     """Return the energy and the sum of third components."""
     up = s[..., 2]
     pairs = (s * COUPLING * s[..., [1, 2, 3, 0], :]).sum(axis=(-2, -1))
-    return {
-        "energy": pairs + (up**2 / 2 + FIELD * up).sum(axis=-1),
-        "momentum": up.sum(axis=-1),
-    }
+    return {"energy": pairs + (up**2 / 2 + FIELD * up).sum(axis=-1), "momentum": up.sum(axis=-1)}

@@ -18,14 +18,7 @@ from cg.construction.solvers.system import ConditionSystem
 from cg.layouts.layout import Layout
 from cg.method.packed import make_method
 from cg.method.tableau import Tableau
-from cg.proofs import (
-    Certificate,
-    CertificationError,
-    certificate_of,
-    certify,
-    check,
-    proved,
-)
+from cg.proofs import Certificate, CertificationError, certificate_of, certify, check, proved
 from cg.proofs.files import certificate_names, folder
 
 CERTIFIED = certificate_names()

@@ -12,12 +12,7 @@ from cg.frames.base import FlowOverflowError
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.flows import (
-    Dexpinv,
-    Flows,
-    dexpinv_of,
-    flows_of,
-)
+from cg.integration.step.flows import Dexpinv, Flows, dexpinv_of, flows_of
 from cg.integration.step.jacobian import Jacobian
 from cg.integration.step.plan import Plan
 from cg.support.arrays import Array, Points
