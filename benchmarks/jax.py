@@ -44,11 +44,7 @@ METHOD = (
     "attitude but in the row with torques. Competitors are diffrax's Dopri8 and Tsit5 on the seven "
     "numbers, which they do not normalise. Tolerances are the largest, of 10^(-k/4), with the "
     f"given error at the end, and times medians of rounds in turn. The {_MEMBERS} members differ "
-    "in inertia. georax has methods for matrices of SO(3): of Crouch and Grossman and of low "
-    "storage with fixed steps, one of the latter and those of Munthe-Kaas with chosen ones; the "
-    "equation is one of a driven attitude up to t = 10, the gradient is with respect to three "
-    "parameters, and each method has the largest steps that reach the error. "
-    "Compiling includes tracing, in processor time."
+    "in inertia. Compiling includes tracing, in processor time."
 )
 
 Solve = Callable[..., Any]
@@ -67,10 +63,6 @@ def run(quick: bool, figures: Path | None) -> Result:
             *_ends(rounds), _gradients(rounds), *_batches(rounds), *_ensembles(3, quick),
             *_memory(), *_compiling(3),
         )  # fmt: skip
-        try:
-            rows = (*rows, *_against_georax(rounds))
-        except ImportError as error:
-            notes = (f"- Nothing was compared with georax, whose import failed: {error}.",)
     return Result(TITLE, METHOD, rows, notes)
 
 
@@ -283,66 +275,3 @@ def _compiling(rounds: int) -> list[Row]:
             aim=Aim(2.0, above=False) if name == _DEFAULT else None)
         for name in (_DEFAULT, unrolled)
     ]  # fmt: skip
-
-
-def _against_georax(rounds: int) -> list[Row]:
-    """Compare times of a driven attitude, as a matrix of SO(3), and of its gradient."""
-    jax.config.update("jax_enable_x64", True)
-    rates = jnp.array([1.0, 0.7, 0.4])
-    ends = _attitudes()
-    rows = []
-    for title, transform in (("end", jax.jit), ("gradient of the end", jax.grad)):
-        functions: Functions = {
-            name: partial(jax.jit(transform(end)), rates) for name, end in ends.items()
-        }
-        exact = np.asarray(functions[_DEFAULT](1e-13))
-        rows += [
-            _compare(f"{title}, SO(3)", functions, exact, rounds, error=error, aim=5.0)
-            for error in (1e-3, 1e-6)
-        ]
-    return rows
-
-
-def _attitudes() -> dict[str, Solve]:
-    """Return functions of rates and tolerance: a cosine between axes of the body and of space.
-
-    Methods without an error estimate take steps of (tolerance)^(1 / order).
-    """
-    import georax
-
-    frame = cg.frames.SO3()
-
-    def velocity(t: Any, y: Any, rates: Any) -> Any:
-        drive = jnp.stack([jnp.sin(0.7 * t), jnp.cos(1.3 * t + 0.2), jnp.sin(0.9 * t - 0.4)])
-        return rates + 0.5 * drive + 0.5 * y[2]
-
-    def entries(t: Any, y: Any, rates: Any) -> Any:
-        x, y, z = velocity(t, y, rates)
-        return jnp.stack([-z, y, -x])
-
-    def solving(term: Any, solver: Any, control: Any) -> Solve:
-        def end(rates: Any, tolerance: Any) -> Any:
-            first = None if control else tolerance ** (1.0 / solver.order(term))
-            chosen = control(tolerance, tolerance) if control else diffrax.ConstantStepSize()
-            return diffrax.diffeqsolve(
-                term, solver, 0.0, 10.0, first, jnp.eye(3), rates, stepsize_controller=chosen,
-                max_steps=100_000, adjoint=diffrax.RecursiveCheckpointAdjoint(checkpoints=4096),
-            ).ys[-1][0, 1]  # fmt: skip
-
-        return end
-
-    own = cg.jax.FrameTerm(velocity, frame)
-    ends = {
-        name: solving(own, cg.jax.Solver(name, dense="steps"), partial(cg.jax.controller, frame))
-        for name in _METHODS
-    }
-    term = georax.GeometricTerm(entries, georax.SO(3))
-    for solver in (georax.CG2(), georax.CG4(), georax.CFEES25(), georax.CFEES27()):
-        ends[f"georax {type(solver).__name__}"] = solving(term, solver, None)
-    chosen = {"CFEES25": georax.CFEES25()}
-    if hasattr(diffrax.Tsit5, "disable_fsal"):  # which its RKMK needs of diffrax
-        for tableau in (diffrax.Bosh3(), diffrax.Tsit5(), diffrax.Dopri8()):
-            chosen[f"RKMK({type(tableau).__name__})"] = georax.RKMK(tableau)
-    for name, solver in chosen.items():
-        ends[f"georax {name}, chosen steps"] = solving(term, solver, diffrax.PIDController)
-    return ends
