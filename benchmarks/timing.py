@@ -10,13 +10,7 @@ from .record import Aim, Row
 
 
 class Times:
-    """Times per call of several contestants, by round.
-
-    Parameters
-    ----------
-    rounds : mapping
-        For each contestant its seconds per call, one number a round.
-    """
+    """Times per call of several contestants: for each its seconds per call, one number a round."""
 
     def __init__(self, rounds: Mapping[str, list[float]]) -> None:
         self.rounds = rounds
@@ -31,17 +25,9 @@ class Times:
         return statistics.median(a / b for a, b in pairs)
 
     def row(
-        self,
-        quantity: str,
-        name: str,
-        unit: str,
-        against: str,
-        other: str,
-        *,
-        pieces: tuple[float, float] = (1, 1),
-        aim: Aim | None = None,
-        above: bool = True,
-    ) -> Row:
+        self, quantity: str, name: str, unit: str, against: str, other: str, *,
+        pieces: tuple[float, float] = (1, 1), aim: Aim | None = None, above: bool = True,
+    ) -> Row:  # fmt: skip
         """Return a contestant's time beside another's, per piece of what a call of each does.
 
         The unit begins with ms or µs, and `above` tells whether the larger ratio is the better.
@@ -60,12 +46,9 @@ class Times:
 
 
 def measure(
-    contestants: Mapping[str, Callable[[], object]],
-    *,
-    rounds: int,
-    seconds: float = 0.1,
+    contestants: Mapping[str, Callable[[], object]], *, rounds: int, seconds: float = 0.1,
     warm_up: bool = True,
-) -> Times:
+) -> Times:  # fmt: skip
     """Call each contestant for about as long in each round, one after the other.
 
     What else the machine does then disturbs all of them alike. Time is that of the
