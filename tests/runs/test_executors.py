@@ -236,8 +236,10 @@ class TestDeath:
         ):
             list(completed(double, range(40), 40, 2, pool))
 
-    def test_search_resumes_with_another_executor(self, tmp_path):
+    def test_search_resumes_with_another_executor(self, tmp_path, monkeypatch):
         path = tmp_path / "runs.db"
+        for duration in ("_CHUNK_SECONDS", "_MIN_SECONDS"):
+            monkeypatch.setattr(cg.executors.chunks, duration, 0.0)  # chunks of one start
         with Losing(3, "at work") as pool, pytest.raises(BrokenExecutor) as lost:
             cg.search(**SEARCH, executor=pool, store=path)
         (note,) = lost.value.__notes__
