@@ -33,6 +33,13 @@ def test_taylor_polynomials(order, real, imaginary):
     assert limits.imaginary == pytest.approx(imaginary, abs=1e-9)
 
 
+def test_rounded_coefficients_do_not_end_the_interval_at_the_origin():
+    """The polynomial of CG4c is Taylor's of degree four, up to rounding."""
+    limits = stability_limits(cg.methods["CG4c"])
+    assert limits.real == pytest.approx(2.7852935634, abs=1e-9)
+    assert limits.imaginary == pytest.approx(math.sqrt(8), abs=1e-9)
+
+
 def test_implicit_methods():
     midpoint = stability_limits(cg.methods["ImplicitMidpoint"])
     assert (midpoint.real, midpoint.imaginary) == (math.inf, math.inf)
@@ -106,13 +113,14 @@ def test_chebyshev_methods(stages, damping):
         assert end == 2 * stages**2
 
 
+@pytest.mark.parametrize("digits", [20, 36])
 @pytest.mark.parametrize("stages", [5, 9])
-def test_chebyshev_methods_with_rounded_coefficients(stages):
+def test_chebyshev_methods_with_rounded_coefficients(stages, digits):
     """Maxima that exceed one by rounding errors do not end the interval."""
     polynomial, end = chebyshev(stages, Fraction(0))
     exact = chain(polynomial)
     with localcontext() as context:
-        context.prec = 36
+        context.prec = digits
         rows, b = (
             [str(Decimal(x.value.numerator) / Decimal(x.value.denominator)) for x in row]
             for row in ([e for row in exact.entries for e in row], exact.weights)
