@@ -4,9 +4,11 @@
  *   (f, args, shape, dtype number, result shape, check, spare, of time, with input)
  * of the function, its further arguments, the shape of its points, the type of their entries, the
  * shape of its coefficients, a function check(value, t, y) that returns them as an array, or raises
- * what is wrong with them, a list of one entry, whether f takes no point, and whether the first further argument is a function
- * of time whose value f gets in its place.  The check is called for all but the plainest results.  In the list is the array that f was given last, or None: if nobody else has kept it,
- * the next point goes into it.
+ * what is wrong with them, a list of one entry, whether f takes no point, and whether the first
+ * further argument is a function of time whose value f gets in its place.  The check is called for
+ * all but the plainest results.  In the list is the array that f was given last, or None: if nobody
+ * else has kept it, the next point goes into it, except without a global lock, where another thread
+ * may be about to take it.
  */
 #include <math.h>
 #include <string.h>
@@ -15,6 +17,11 @@
 #include "fortranobject.h"
 #include "shared_numbers.h"
 
+#ifdef Py_GIL_DISABLED
+enum { REUSE = 0 };
+#else
+enum { REUSE = 1 };
+#endif
 enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, OF_TIME, INPUT };
 
 /* Whether an array has a shape, given as a tuple */
@@ -38,7 +45,7 @@ static PyObject *take_spare(PyObject *context, PyObject *shape, int type)
 {
     PyObject *spare = PyTuple_GET_ITEM(context, SPARE);
     PyObject *point = PyList_GET_ITEM(spare, 0);
-    if (point == Py_None || Py_REFCNT(point) != 1) {
+    if (!REUSE || point == Py_None || Py_REFCNT(point) != 1) {
         return NULL;
     }
     PyArrayObject *array = (PyArrayObject *)point;
@@ -53,8 +60,10 @@ static PyObject *take_spare(PyObject *context, PyObject *shape, int type)
 
 static void keep_spare(PyObject *context, PyObject *point)
 {
-    Py_INCREF(point);
-    PyList_SetItem(PyTuple_GET_ITEM(context, SPARE), 0, point);
+    if (REUSE) {
+        Py_INCREF(point);
+        PyList_SetItem(PyTuple_GET_ITEM(context, SPARE), 0, point);
+    }
 }
 
 /* Points are given as arrays of their own, which the function may keep but not change. */

@@ -9,6 +9,7 @@ import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 
+import numpy as np
 from numpy import f2py
 
 _KINDS = """{
@@ -37,6 +38,9 @@ def main(folder: Path, signatures: Path, sources: list[str]) -> None:
         before, end, after = text.rpartition("  end interface")
         text = "\n".join([before, *own, end + after])
     complete.write_text(text, encoding="utf-8")
+    if np.lib.NumpyVersion(np.__version__) >= "2.1.0":
+        # compiled code has no state that threads share, so that it needs no global lock
+        options.append("--freethreading-compatible")
     f2py.run_main([*options, str(complete)])
 
 
