@@ -31,7 +31,7 @@ def certificates():
         n: certificate_of(m).box for n, m in cg.methods.items() if proved(m) in ("yes", "in part")
     }
     follow = [name for name, box in boxes.items() if box.left_out and box.bound is None]
-    yield f"So are proved {', '.join(follow)}."
+    yield f"Such relations complete the proofs of {', '.join(follow)}."
     bounds = {name: box.bound for name, box in boxes.items() if box.bound}
     large = {name: bound for name, bound in bounds.items() if bound > Decimal("1e-300")}
     yield f"Larger bounds: {', '.join(f'{name} {bound:e}' for name, bound in large.items())}."
