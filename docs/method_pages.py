@@ -35,18 +35,8 @@ def slug(name: str) -> str:
 
 
 def kind_of(method: Method) -> str:
-    """Return what kind of method it is."""
-    if isinstance(method, cg.MuntheKaas):
-        return "Munthe-Kaas"
-    if isinstance(method, cg.MagnusMethod):
-        return "Magnus"
-    if isinstance(method, cg.Splitting):
-        return "splitting"
-    if not method.explicit:
-        return "implicit"
-    if method.name and method.name.startswith(("CG", "Lie")):
-        return "Crouch–Grossman"
-    return "commutator-free" if method.name and method.name.startswith("CF") else "lifted"
+    """Return what kind of method it is, with a dash between the names of two people."""
+    return summary_of(method).kind.replace("Crouch-", "Crouch–")
 
 
 def order_of(method: Method) -> str:
@@ -227,6 +217,7 @@ def stamp_of(method: Method) -> str:
     parts = [Path(__file__), CITATIONS, *(Path(module.__file__) for module in modules)]
     texts = [path.read_bytes() for path in parts]
     texts += [cg.__version__.encode(), cg.export(method, "toml").encode()]
+    texts += [kind_of(method).encode()]
     texts += [errors_in_tolerances(method).encode(), proof(method)[1].encode()]
     return hashlib.sha256(b"\0".join(texts)).hexdigest()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 from collections.abc import Callable
 from functools import partial
@@ -68,6 +69,16 @@ def of_gallery(name: str) -> Figure:
 def integrate(problem: Any, stop: float, h: float, method: str = "CG4a") -> cg.Solution:
     """Integrate a problem from time zero with constant steps."""
     return cg.integrate(problem.f, (0, stop), problem.y0, frame=problem.frame, method=method, h=h)
+
+
+def of_page(path: Path, name: str = "ax") -> Figure:
+    """Return the figure whose axes have this name in the program of a page."""
+    with mpl.rc_context(mpl.rcParamsDefault):
+        names: dict[str, Any] = {}
+        text = path.read_text(encoding="utf-8")
+        for block in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+            exec(block, names)
+        return names[name].figure
 
 
 def trees() -> Figure:
@@ -216,6 +227,7 @@ def gradient_flow() -> Figure:
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {
+    "first_steps": lambda: of_page(Path(__file__).parent / "start" / "first_steps.md"),
     "trees": trees,
     "tableau": lambda: cg.plot.tableau("CG4a", new_axes(4.2, 2.6)).figure,
     "points": lambda: cg.plot.points("CF4", new_axes(5.0, 3.0)).figure,
