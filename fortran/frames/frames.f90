@@ -19,7 +19,7 @@ module frames_m
   implicit none
   private
   public :: frame_t, apply_flows, complete_coefficients, distance_bound, make_frame, &
-            restore, turn
+            restore, turning
 
   type :: frame_t
     integer :: dimension = 0
@@ -101,31 +101,35 @@ contains
     end do
   end subroutine make_frame
 
-  ! An angle that the time-1 flow of the field with coefficients v doesn't exceed. Blocks that don't
-  ! rotate don't count. Those whose flow is in Python may rotate; up to two turns of them count.
-  pure real(wp) function turn(frame, v)
+  ! An angle by which the time-1 flow of the field with coefficients v at most turns points, or other
+  ! fields: the eigenvalues of its brackets. Of flows in Python up to two turns of points count.
+  pure real(wp) function turning(frame, v, fields)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: v(:)           ! (dimension)
+    logical, intent(in) :: fields
     real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
     real(wp) :: angle
-    integer :: i, n
+    integer :: i
 
-    turn = 0.0_wp
+    turning = 0.0_wp
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i))
-        n = block%dimension
+      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
+        angle = norm2(v(k + 1:k + merge(3, block%dimension, block%kind == se3_block)))
         select case (block%kind)
-        case (euclidean_block, linear_action_block)
+        case (euclidean_block)
           cycle
-        case (se3_block)
-          n = 3
+        case (callback_block)
+          angle = merge(0.0_wp, min(angle, two_turns), fields)
+        case (linear_action_block)
+          if (.not. fields) cycle
+          angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
+        case (so_block, isospectral_block)             ! su_block and u_block: see bases_m
+          if (fields .and. block%n > 3) angle = sqrt(2.0_wp) * angle
         end select
-        angle = norm2(v(block%vectors + 1:block%vectors + n))
-        if (block%kind == callback_block) angle = min(angle, two_turns)
-        turn = max(turn, angle)
+        turning = max(turning, angle)
       end associate
     end do
-  end function turn
+  end function turning
 
   ! Replaces derivatives of orthonormal columns, which right-hand sides give, by their coefficients.
   subroutine complete_coefficients(frame, y, f)
@@ -160,15 +164,29 @@ contains
         if (i /= only) cycle
       end if
       associate (block => frame%blocks(i), k => frame%blocks(i)%vectors + 1, &
-                 p => frame%blocks(i)%points + 1)
+                 last => frame%blocks(i)%vectors + frame%blocks(i)%dimension, &
+                 p => frame%blocks(i)%points + 1, n => frame%blocks(i)%point_size)
         select case (block%kind)
         case (euclidean_block)
           call translate(block%n, flows, frame%dimension, v(k, 1), y(p))
         case (se3_block)
           call move_rigid_body(block, flows, frame%dimension, v(k, 1), y(p))
-        case (so_block, isospectral_block, su_block, u_block, stiefel_block, linear_action_block, &
-              callback_block)
-          call move_matrix(frame, block, flows, v(k, 1), y(p))
+        case (so_block)
+          call move_orthogonal(block%n, block%space, v(k:last, :flows), y(p))
+        case (isospectral_block)
+          call move_isospectral(block%n, v(k:last, :flows), y(p))
+        case (su_block, u_block)
+          call move_unitary(block%kind, block%n, block%space, v(k:last, :flows), y(p:p + n - 1))
+        case (stiefel_block)
+          call move_stiefel(block%k, block%n, v(k:last, :flows), y(p))
+        case (linear_action_block)
+          if (block%polynomial) then
+            call move_polynomially(block%action, v(k:last, :flows), y(p:p + n - 1))
+          else
+            call move_linearly(block%action, v(k:last, :flows), y(p:p + n - 1))
+          end if
+        case (callback_block)
+          call frame%callback%apply(flow_operation, [v(k:last, :flows)], (y), y)
         case default
           call rotate(block, flows, frame%dimension, v(k, 1), y(p))
         end select
@@ -192,36 +210,6 @@ contains
       end if
     end do
   end subroutine translate
-
-  ! Moves a matrix of any size, or a point whose flows are outside of compiled code.
-  subroutine move_matrix(frame, block, flows, all_v, y)
-    type(frame_t), intent(in) :: frame
-    type(block_t), intent(in) :: block
-    integer, intent(in) :: flows
-    real(wp), intent(in) :: all_v(frame%dimension, *)
-    real(wp), intent(inout) :: y(block%point_size)
-    real(wp) :: v(block%dimension, flows)
-
-    v = all_v(:block%dimension, :flows)
-    select case (block%kind)
-    case (so_block)
-      call move_orthogonal(block%n, block%space, v, y)
-    case (isospectral_block)
-      call move_isospectral(block%n, v, y)
-    case (su_block, u_block)
-      call move_unitary(block%kind, block%n, block%space, v, y)
-    case (stiefel_block)
-      call move_stiefel(block%k, block%n, v, y)
-    case (linear_action_block)
-      if (block%polynomial) then
-        call move_polynomially(block%action, v, y)
-      else
-        call move_linearly(block%action, v, y)
-      end if
-    case (callback_block)
-      call frame%callback%apply(flow_operation, reshape(v, [size(v)]), (y), y)
-    end select
-  end subroutine move_matrix
 
   ! Removes rounding off the manifold from a point: one Newton-Schulz step, y -> (3 y - y y^T y) /
   ! 2, towards the nearest rotation or unit vector. It is the identity on the manifold and squares

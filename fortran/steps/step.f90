@@ -3,9 +3,8 @@
 ! the coordinates u of a point instead, y = exp(u) y_0. For the error see error_estimate.f90.
 module step_m
   use kinds, only: wp
-  use algebra_m, only: dexpinv
+  use algebra_m, only: bracket, dexpinv
   use blocks_m, only: combine_flows
-  use brackets_m, only: bracket
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
                           max_suspicion, rejected_size, suspected_error

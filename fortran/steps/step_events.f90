@@ -7,7 +7,7 @@
 ! finds the zeros.
 module step_events_m
   use kinds, only: wp
-  use frames_m, only: turn
+  use frames_m, only: turning
   use requests_m, only: evaluate_events
   use root_m, only: event_function_t, find_root
   use shared_numbers, only: raised, resting_contact
@@ -86,7 +86,9 @@ contains
     type(trajectory_t), intent(in) :: x
     real(wp) :: angle
 
-    angle = max(turn(x%problem%frame, x%h * x%slope), turn(x%problem%frame, x%h * x%end_slope))
+    associate (frame => x%problem%frame)
+      angle = max(turning(frame, x%h * x%slope, .false.), turning(frame, x%h * x%end_slope, .false.))
+    end associate
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
   end function parts
 
