@@ -3,7 +3,6 @@ module blocks_m
   use kinds, only: wp
   use linear_action_m, only: linear_action_t
   use rigid_body_m, only: top_t
-  use vectors_m, only: combine_columns
   implicit none
   private
   public :: block_t, body_t, combine_flows, flow_sequence_t
@@ -51,27 +50,32 @@ contains
 
     do j = begin, last
       associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
-        if (m == 6) then                     ! the most frequent size
-          call combine_six(terms, weight(k), flows%stage(k), f, v(1, j))
-        else
-          call combine_columns(m, terms, weight(k), flows%stage(k), f, v(1, j))
-        end if
+        call combine_columns(m, terms, weight(k), flows%stage(k), f, v(1, j))
       end associate
     end do
   end subroutine combine_flows
 
-  pure subroutine combine_six(terms, weight, stage, f, v)
-    integer, intent(in) :: terms, stage(terms)
-    real(wp), intent(in) :: weight(terms), f(6, *)
-    real(wp), intent(out) :: v(6)
-    real(wp) :: sum(6)
-    integer :: k
+  ! A weighted sum of at least one of the columns of a matrix. The compiler knows the most frequent
+  ! size.
+  pure subroutine combine_columns(m, n, weight, column, k, sum)
+    integer, intent(in) :: m, n, column(n)
+    real(wp), intent(in) :: weight(n), k(m, *)
+    real(wp), intent(out) :: sum(m)
+    real(wp) :: six(6)
+    integer :: j
 
-    sum = weight(1) * f(:, stage(1))
-    do k = 2, terms
-      sum = sum + weight(k) * f(:, stage(k))
+    if (m == 6) then
+      six = weight(1) * k(1:6, column(1))
+      do j = 2, n
+        six = six + weight(j) * k(1:6, column(j))
+      end do
+      sum(1:6) = six
+      return
+    end if
+    sum = weight(1) * k(1:m, column(1))
+    do j = 2, n
+      sum = sum + weight(j) * k(1:m, column(j))
     end do
-    v = sum
-  end subroutine combine_six
+  end subroutine combine_columns
 
 end module blocks_m

@@ -4,7 +4,6 @@
 ! Of rotations v is the logarithm of the quotient as a quaternion q = (sin(a / 2) n, cos(a / 2)),
 ! v = 2 atan2(|q(1:3)|, q(4)) q(1:3) / |q(1:3)|, which is accurate for every angle a.
 module coordinates_m
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
   use blocks_m, only: block_t
   use frames_m, only: frame_t
@@ -13,7 +12,7 @@ module coordinates_m
                             quaternion_block, se3_block, sizes_operation, so3_block, so_block, &
                             sphere_block, su2_block, su_block, u_block
   use unitary_m, only: unitary_difference
-  use vectors_m, only: cross
+  use vectors_m, only: cross, nan
   implicit none
   private
   public :: difference, sizes
@@ -71,7 +70,7 @@ contains
     case (so_block, su_block, u_block)
       call unitary_difference(block%kind, block%n, block%space, x, y, v)
     case default                           ! no coordinates are known
-      v = ieee_value(v, ieee_quiet_nan)
+      v = nan
     end select
   end subroutine difference_in_block
 
@@ -209,11 +208,11 @@ contains
     v = cross(x, short)
     sine = sqrt(dot_product(v, v))
     if (cosine < 0 .and. .not. sine > opposite * norm2(short)) then
-      v = ieee_value(sine, ieee_quiet_nan)
+      v = nan
     else if (sine > 0) then
       v = (atan2(sine, cosine) / sine) * v
     else if (.not. cosine > 0) then
-      v = ieee_value(sine, ieee_quiet_nan)
+      v = nan
     end if
   end function smallest_rotation
 

@@ -2,9 +2,9 @@
 ! shape. Points and coefficients are stored row by row, so that they are transposed here.
 ! cg/frames/stiefel.py has the formulas.
 module stiefel_m
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
   use lapack_m, only: dgemm
+  use vectors_m, only: nan
   implicit none
   private
   public :: make_intrinsic, move_stiefel, restore_stiefel, stiefel_tangent
@@ -37,7 +37,7 @@ contains
 
     length = norm2(v)
     if (.not. length <= max_length) then
-      y = ieee_value(y, ieee_quiet_nan)
+      y = nan
       return
     end if
     parts = max(1, ceiling(length))

@@ -6,12 +6,12 @@
 ! step of Newton and Schulz, y (3 - y^* y) / 2, removes rounding off the group (N. J. Higham,
 ! "Functions of Matrices", SIAM, 2008, sections 8.3 and 10.3).
 module unitary_m
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
   use bases_m, only: algebra_coefficients, algebra_matrix
   use lapack_m, only: zgemm
   use orthogonal_m, only: largest_own
   use shared_numbers, only: so_block, su_block
+  use vectors_m, only: nan
   implicit none
   private
   public :: move_unitary, multiply, restore_unitary, unitary_difference
@@ -229,7 +229,7 @@ contains
     end if
     total = zero
     rest = quotient
-    v = ieee_value(length, ieee_quiet_nan)
+    v = nan
     do k = 1, max_iterations
       step = times_real(0.5_wp, rest - conjg(transpose(rest)))
       total = total + step

@@ -8,7 +8,7 @@
 ! What takes long in real(16) can be ended by a flag; its results are then of no use.
 module linalg_m
   use kinds, only: wp
-  use stop_flag_m, only: stop_requested
+  use least_squares_m, only: stop_requested
   implicit none
   private
   public :: enorm, qrfac, lmpar, reflect
