@@ -3,9 +3,9 @@
 ! u' = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12 - ..., a series in Bernoulli numbers. On most
 ! blocks it has a closed form.
 module algebra_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
   use kinds, only: wp
-  use bases_m, only: algebra_coefficients, algebra_matrix, skew_coefficients, skew_matrix
+  use bases_m, only: algebra_coefficients, algebra_matrix, as_complex, skew_coefficients, &
+                     skew_matrix
   use blocks_m, only: block_t
   use frames_m, only: frame_t
   use shared_numbers, only: bracket_operation, callback_block, dexpinv_operation, euclidean_block, &
@@ -227,15 +227,6 @@ contains
 
     is_real = block%kind == so_block .or. block%kind == isospectral_block
   end function is_real
-
-  ! The complex matrix that is held in real numbers
-  function as_complex(n, numbers) result(view)
-    integer, intent(in) :: n
-    real(wp), contiguous, target, intent(in) :: numbers(:)
-    complex(wp), pointer, contiguous :: view(:, :)
-
-    call c_f_pointer(c_loc(numbers), view, [n, n])
-  end function as_complex
 
   ! Makes the matrix with given coefficients.
   subroutine make_matrix(block, coefficients, matrix)
