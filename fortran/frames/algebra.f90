@@ -8,8 +8,7 @@ module algebra_m
                      skew_matrix
   use blocks_m, only: block_t
   use frames_m, only: frame_t
-  use shared_numbers, only: bracket_operation, callback_block, dexpinv_operation, euclidean_block, &
-                            isospectral_block, se3_block, so_block, sphere_block, su_block, u_block
+  use shared_numbers
   use orthogonal_m, only: largest_own, skew_bracket
   use unitary_m, only: multiply
   use vectors_m, only: cross
@@ -135,8 +134,7 @@ contains
   ! For rotations the bracket is the cross product times the sign, and ad^3 = -|u|^2 ad gives a
   ! closed form. Parts of its series don't wait for each other.
   pure subroutine dexpinv_rotation(sign, u, v, exists)
-    real(wp), intent(in) :: sign
-    real(wp), intent(in) :: u(3)
+    real(wp), intent(in) :: sign, u(3)
     real(wp), intent(inout) :: v(3)
     logical, intent(inout) :: exists
     real(wp) :: square, fourth, half, once(3), factor
@@ -277,8 +275,7 @@ contains
   ! with the value and the derivative of the series at the eigenvalues of ad
   pure subroutine dexpinv_motion(vectors, sign, u, v, exists)
     integer, intent(in) :: vectors
-    real(wp), intent(in) :: sign
-    real(wp), intent(in) :: u(3, 0:vectors)  ! a rotation and velocities
+    real(wp), intent(in) :: sign, u(3, 0:vectors)    ! u: a rotation and velocities
     real(wp), intent(inout) :: v(3, 0:vectors)
     logical, intent(inout) :: exists
     real(wp) :: a, b, square

@@ -6,8 +6,7 @@ module error_norm_m
   use frames_m, only: frame_t
   use isospectral_m, only: isospectral_tangent
   use linear_action_m, only: linear_tangent
-  use shared_numbers, only: callback_block, linear_action_block, shortest_operation, sphere_block, &
-                            stiefel_block, tangent_operation
+  use shared_numbers
   use stiefel_m, only: stiefel_tangent
   implicit none
   private

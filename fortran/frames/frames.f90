@@ -2,10 +2,7 @@
 ! each with its own manifold; points and coefficients of the blocks lie one after the other.
 module frames_m
   use kinds, only: wp
-  use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
-                            linear_action_block, polynomial, quaternion_block, &
-                            restore_operation, scalar_first, se3_block, so3_block, so_block, &
-                            space_axes, sphere_block, stiefel_block, su2_block, su_block, u_block
+  use shared_numbers
   use blocks_m, only: block_t, body_t
   use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
@@ -156,7 +153,7 @@ contains
     real(wp), intent(in) :: v(frame%dimension, *)            ! (dimension, flows)
     real(wp), intent(inout) :: y(frame%point_size)
     integer, optional, intent(in) :: only    ! number of the block
-    integer :: i
+    integer :: i, j
 
     if (flows < 1) return
     do i = 1, size(frame%blocks)
@@ -178,7 +175,9 @@ contains
         case (su_block, u_block)
           call move_unitary(block%kind, block%n, block%space, v(k:last, :flows), y(p:p + n - 1))
         case (stiefel_block)
-          call move_stiefel(block%k, block%n, v(k:last, :flows), y(p))
+          do j = 1, flows
+            call move_stiefel(block%k, block%n, v(k, j), y(p))
+          end do
         case (linear_action_block)
           if (block%polynomial) then
             call move_polynomially(block%action, v(k:last, :flows), y(p:p + n - 1))
@@ -196,8 +195,7 @@ contains
 
   ! Adds all coefficients to a point of Euclidean space.
   pure subroutine translate(n, flows, m, v, y)
-    integer, intent(in) :: n, flows
-    integer, intent(in) :: m                 ! coefficients of the frame
+    integer, intent(in) :: n, flows, m       ! m: coefficients of the frame
     real(wp), intent(in) :: v(m, *)
     real(wp), intent(inout) :: y(n)
     integer :: j

@@ -52,8 +52,7 @@ module rigid_body_m
 
   ! A solution as functions of u: the modulus, its complement, a3, and the present functions
   type :: motion_t
-    real(wp) :: m, complement, a3
-    real(wp) :: sn, cn, dn
+    real(wp) :: m, complement, a3, sn, cn, dn
   end type motion_t
 
 contains
@@ -302,8 +301,7 @@ contains
   ! The quaternion B(n) (rotation by the angle about the third axis) B(after)^-1
   pure function turned(n, angle, after) result(q)
     real(wp), intent(in) :: n(3), angle, after(3)
-    real(wp) :: q(4)
-    real(wp) :: length, sine, cosine, g(4), r(2), w
+    real(wp) :: q(4), length, sine, cosine, g(4), r(2), w
 
     length = sqrt(2 * (1 + n(3)))
     sine = sin(angle / 2) / length

@@ -13,21 +13,10 @@ module stiefel_m
 
 contains
 
-  ! Moves y along flows, the first one first; y is NaN if coefficients are too large.
-  subroutine move_stiefel(k, n, v, y)
-    integer, intent(in) :: k, n
-    real(wp), intent(in) :: v(:, :)                ! (k n, flows)
-    real(wp), intent(inout) :: y(k, n)
-    integer :: j
-
-    do j = 1, size(v, 2)
-      call move_along(k, n, v(:, j), y)
-    end do
-  end subroutine move_stiefel
-
   ! Moves y along one flow, in parts of length at most 1: to x z^-1 with z = 1 + m d + s a,
-  ! x = y + v (s + d a), where a = v^T y, and s and d are series in m = v^T v.
-  subroutine move_along(k, n, v, y)
+  ! x = y + v (s + d a), where a = v^T y, and s and d are series in m = v^T v. It is NaN if
+  ! coefficients are too large.
+  subroutine move_stiefel(k, n, v, y)
     integer, intent(in) :: k, n
     real(wp), intent(in) :: v(k, n)
     real(wp), intent(inout) :: y(k, n)
@@ -59,7 +48,7 @@ contains
       call invert(k, z, w)
       call product_of('N', 'N', 1.0_wp, w, x, 0.0_wp, y)
     end do
-  end subroutine move_along
+  end subroutine move_stiefel
 
   ! The inverse of a regular matrix, by elimination. LAPACK's would use several threads for few
   ! columns.
