@@ -51,8 +51,7 @@ contains
     real(wp), intent(out) :: fvec(:)                  ! (m): f(x)
     type(lmdif_t), intent(inout) :: solver
     real(wp) :: step(size(x)), trial(size(x)), acnorm(size(x)), work(size(x))
-    real(wp) :: fnorm, fnorm_trial, gnorm, xnorm, pnorm, delta, par
-    real(wp) :: actual, predicted, slope, ratio
+    real(wp) :: fnorm, fnorm_trial, gnorm, xnorm, pnorm, delta, par, actual, predicted, slope, ratio
     real(wp), allocatable :: ftrial(:)  ! (m)
     integer :: flag, iteration
 

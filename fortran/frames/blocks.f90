@@ -9,9 +9,7 @@ module blocks_m
 
   type :: block_t
     integer :: kind = 0
-    logical :: space = .false.
-    logical :: scalar_first = .false.
-    logical :: polynomial = .false.
+    logical :: space = .false., scalar_first = .false., polynomial = .false.
     integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of matrices
     integer :: k = 0            ! their columns, where they aren't square
     integer :: constants = 0    ! constants of the blocks before

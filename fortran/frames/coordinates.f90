@@ -128,10 +128,7 @@ contains
     outer(1:3, 4) = [r(3, 2) - r(2, 3), r(1, 3) - r(3, 1), r(2, 1) - r(1, 2)]
     outer(4, 1:3) = outer(1:3, 4)
     outer(4, 4) = 1 + trace
-    largest = 1
-    do i = 2, 4
-      if (outer(i, i) > outer(largest, largest)) largest = i
-    end do
+    largest = maxloc([(outer(i, i), i=1, 4)], 1)
     q = outer(:, largest) / norm2(outer(:, largest))
     if (q(4) < 0) q = -q
   end function quaternion_of

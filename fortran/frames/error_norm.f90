@@ -10,9 +10,9 @@ module error_norm_m
   use stiefel_m, only: stiefel_tangent
   implicit none
   private
-  public :: tolerances_t, norm, point_sizes, remove_isotropy, scales, tangent, width
+  public :: tolerances_t, norm, point_sizes, remove_isotropy, scales, tangent
 
-  ! The tolerances of a pair and the limits of its steps
+  ! The tolerances of a pair and the limits of its steps. A difference has as many entries: its width.
   type :: tolerances_t
     real(wp), allocatable :: atol(:)       ! (width)
     real(wp), allocatable :: rtols(:)      ! (width)
@@ -24,14 +24,6 @@ module error_norm_m
   end type tolerances_t
 
 contains
-
-  ! The number of entries of a difference
-  pure integer function width(frame, tolerances)
-    type(frame_t), intent(in) :: frame
-    type(tolerances_t), intent(in) :: tolerances
-
-    width = merge(frame%point_size, frame%dimension, tolerances%in_entries)
-  end function width
 
   ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
   ! isospectral, of columns, linear actions, or outside of compiled code.

@@ -19,8 +19,7 @@ module frames_m
             restore, turning
 
   type :: frame_t
-    integer :: dimension = 0
-    integer :: point_size = 0
+    integer :: dimension = 0, point_size = 0
     logical :: ambient = .false.             ! whether coefficients have to be completed
     real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
@@ -259,21 +258,20 @@ contains
     if (.not. all(abs(y) <= huge(y))) return       ! max leaves out NaN
     distance_bound = 0.0_wp
     do i = 1, size(frame%blocks)
-      associate (p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
-        select case (frame%blocks(i)%kind)
+      associate (block => frame%blocks(i), point => y(frame%blocks(i)%points + 1: &
+                 frame%blocks(i)%points + frame%blocks(i)%point_size))
+        select case (block%kind)
         case (euclidean_block)
           cycle
         case (so3_block, se3_block)
-          distance_bound = max(distance_bound, &
-                               rotation_bound(3 + frame%blocks(i)%k, y(p + 1:p + n)))
+          distance_bound = max(distance_bound, rotation_bound(3 + block%k, point))
         case (quaternion_block, sphere_block)
-          distance_bound = max(distance_bound, &
-                               abs(dot_product(y(p + 1:p + n), y(p + 1:p + n)) - 1))
+          distance_bound = max(distance_bound, abs(dot_product(point, point) - 1))
         case (su2_block)
-          q = get_quaternion(frame%blocks(i), y(p + 1:p + n))
+          q = get_quaternion(block, point)
           distance_bound = max(distance_bound, abs(dot_product(q, q) - 1), &
-                               maxval(abs(y(p + 1:p + 2) - [y(p + 7), -y(p + 8)])), &
-                               maxval(abs(y(p + 3:p + 4) + [y(p + 5), -y(p + 6)])))
+                               maxval(abs(point(1:2) - [point(7), -point(8)])), &
+                               maxval(abs(point(3:4) + [point(5), -point(6)])))
         case default
           distance_bound = huge(distance_bound)
         end select

@@ -186,10 +186,7 @@ contains
     end do
     norm = 0.0_wp
     do i = 1, action%n
-      row = 0.0_wp
-      do k = m * action%first(i) - m + 1, m * action%first(i + 1) - m
-        row = row + abs(x(k))
-      end do
+      row = sum(abs(x(m * action%first(i) - m + 1:m * action%first(i + 1) - m)))
       if (.not. row <= norm) norm = row
       if (.not. norm <= huge(norm)) return   ! a later row must not replace NaN
     end do

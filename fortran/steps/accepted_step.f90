@@ -210,12 +210,7 @@ contains
             point = y
           else if (x%problem%method%polynomial) then
             call prepare_next(x, output)
-            associate (inner => x%problem%frame%blocks(1)%action%inner)
-              call store_point(output, x%member, x%outputs_done, &
-                               inner%y(:, x%outputs_done - x%inner_from))
-            end associate
-            if (output%failed) return
-            cycle
+            point = x%problem%frame%blocks(1)%action%inner%y(:, x%outputs_done - x%inner_from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)

@@ -20,7 +20,8 @@ module newton_m
 
   integer, parameter :: stages = 3           ! that are implicit
 
-  type :: transformation_t
+  type :: transformation_t                   ! in the order in which Python has its numbers
+    sequence
     real(wp) :: inverse(stages, stages)      ! A^-1
     real(wp) :: t(stages, stages), t_inverse(stages, stages)
     ! (power, stage) coefficients of the integrals of Lagrange's polynomials

@@ -59,7 +59,9 @@ contains
         if (x%status == raised) return
       end do
       if (first == 2 .and. n == min_parts .and. all(x%events%came_from == 0)) then
-        if (all(are_far(values(:, ::2)))) return
+        associate (low => minval(values(:, ::2), 2), high => maxval(values(:, ::2), 2))
+          if (all(max(low, -high) > high - low)) return
+        end associate
       end if
     end do
     do i = 1, size(values, 1)
@@ -70,16 +72,6 @@ contains
       if (g%stopped) return
     end do
   end subroutine find_zeros
-
-  ! Whether functions are farther from zero than their values are from each other
-  pure function are_far(values) result(far)
-    real(wp), intent(in) :: values(:, :)               ! (events, points)
-    logical :: far(size(values, 1))
-
-    associate (low => minval(values, 2), high => maxval(values, 2))
-      far = max(low, -high) > high - low
-    end associate
-  end function are_far
 
   ! The number of parts whose ends are compared
   pure integer function parts(x)

@@ -2,7 +2,7 @@
 ! loop call x.
 module trajectory_m
   use kinds, only: wp
-  use error_norm_m, only: tolerances_t, width
+  use error_norm_m, only: tolerances_t
   use events_m, only: events_t
   use frames_m, only: frame_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
@@ -190,7 +190,7 @@ contains
       end if
       if (memory /= 0) return
       n = 0
-      if (problem%adaptive) n = width(frame, problem%tolerances)
+      if (problem%adaptive) n = size(problem%tolerances%atol)
       k = 0
       if (associated(problem%events)) k = problem%events%count
       associate (control => x%control, events => x%events)
