@@ -219,7 +219,7 @@ contains
 
   end subroutine dexpinv_matrix
 
-  ! Whether matrices of the Lie algebra are real; complex ones are held in twice as many real numbers.
+  ! Whether matrices of the Lie algebra are real; complex ones are held in twice as many numbers.
   pure logical function is_real(block)
     type(block_t), intent(in) :: block
 

@@ -48,28 +48,22 @@ contains
 
     do j = begin, last
       associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
-        call combine_columns(m, terms, weight(k), flows%stage(k), f, v(1, j))
+        if (m == 6) then                     ! the most frequent size, which the compiler then knows
+          call combine_columns(6, terms, weight(k), flows%stage(k), f, v(1, j))
+        else
+          call combine_columns(m, terms, weight(k), flows%stage(k), f, v(1, j))
+        end if
       end associate
     end do
   end subroutine combine_flows
 
-  ! A weighted sum of at least one of the columns of a matrix. The compiler knows the most frequent
-  ! size.
+  ! A weighted sum of at least one of the columns of a matrix
   pure subroutine combine_columns(m, n, weight, column, k, sum)
     integer, intent(in) :: m, n, column(n)
     real(wp), intent(in) :: weight(n), k(m, *)
     real(wp), intent(out) :: sum(m)
-    real(wp) :: six(6)
     integer :: j
 
-    if (m == 6) then
-      six = weight(1) * k(1:6, column(1))
-      do j = 2, n
-        six = six + weight(j) * k(1:6, column(j))
-      end do
-      sum(1:6) = six
-      return
-    end if
     sum = weight(1) * k(1:m, column(1))
     do j = 2, n
       sum = sum + weight(j) * k(1:m, column(j))

@@ -12,7 +12,8 @@ module error_norm_m
   private
   public :: tolerances_t, norm, point_sizes, remove_isotropy, scales, tangent
 
-  ! The tolerances of a pair and the limits of its steps. A difference has as many entries: its width.
+  ! The tolerances of a pair and the limits of its steps. The width is the number of entries of a
+  ! difference.
   type :: tolerances_t
     real(wp), allocatable :: atol(:)       ! (width)
     real(wp), allocatable :: rtols(:)      ! (width)

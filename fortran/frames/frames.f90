@@ -97,8 +97,8 @@ contains
     end do
   end subroutine make_frame
 
-  ! An angle by which the time-1 flow of the field with coefficients v at most turns points, or other
-  ! fields: the eigenvalues of its brackets. Of flows in Python up to two turns of points count.
+  ! An angle that the time-1 flow of the field with coefficients v doesn't exceed: of points, or of
+  ! other fields, that is, of the eigenvalues of its brackets. Of flows in Python up to two turns of points count.
   pure real(wp) function turning(frame, v, fields)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: v(:)           ! (dimension)
@@ -152,7 +152,7 @@ contains
     real(wp), intent(in) :: v(frame%dimension, *)            ! (dimension, flows)
     real(wp), intent(inout) :: y(frame%point_size)
     integer, optional, intent(in) :: only    ! number of the block
-    integer :: i, j
+    integer :: i
 
     if (flows < 1) return
     do i = 1, size(frame%blocks)
@@ -160,31 +160,15 @@ contains
         if (i /= only) cycle
       end if
       associate (block => frame%blocks(i), k => frame%blocks(i)%vectors + 1, &
-                 last => frame%blocks(i)%vectors + frame%blocks(i)%dimension, &
-                 p => frame%blocks(i)%points + 1, n => frame%blocks(i)%point_size)
+                 p => frame%blocks(i)%points + 1)
         select case (block%kind)
         case (euclidean_block)
           call translate(block%n, flows, frame%dimension, v(k, 1), y(p))
         case (se3_block)
           call move_rigid_body(block, flows, frame%dimension, v(k, 1), y(p))
-        case (so_block)
-          call move_orthogonal(block%n, block%space, v(k:last, :flows), y(p))
-        case (isospectral_block)
-          call move_isospectral(block%n, v(k:last, :flows), y(p))
-        case (su_block, u_block)
-          call move_unitary(block%kind, block%n, block%space, v(k:last, :flows), y(p:p + n - 1))
-        case (stiefel_block)
-          do j = 1, flows
-            call move_stiefel(block%k, block%n, v(k, j), y(p))
-          end do
-        case (linear_action_block)
-          if (block%polynomial) then
-            call move_polynomially(block%action, v(k:last, :flows), y(p:p + n - 1))
-          else
-            call move_linearly(block%action, v(k:last, :flows), y(p:p + n - 1))
-          end if
-        case (callback_block)
-          call frame%callback%apply(flow_operation, [v(k:last, :flows)], (y), y)
+        case (so_block, isospectral_block, su_block, u_block, stiefel_block, linear_action_block, &
+              callback_block)
+          call move_matrix(frame, block, flows, v(k, 1), y(p))
         case default
           call rotate(block, flows, frame%dimension, v(k, 1), y(p))
         end select
@@ -207,6 +191,39 @@ contains
       end if
     end do
   end subroutine translate
+
+  ! Moves a matrix of any size, or a point whose flows are outside of compiled code.
+  subroutine move_matrix(frame, block, flows, all_v, y)
+    type(frame_t), intent(in) :: frame
+    type(block_t), intent(in) :: block
+    integer, intent(in) :: flows
+    real(wp), intent(in) :: all_v(frame%dimension, *)
+    real(wp), intent(inout) :: y(block%point_size)
+    real(wp) :: v(block%dimension, flows)
+    integer :: j
+
+    v = all_v(:block%dimension, :flows)
+    select case (block%kind)
+    case (so_block)
+      call move_orthogonal(block%n, block%space, v, y)
+    case (isospectral_block)
+      call move_isospectral(block%n, v, y)
+    case (su_block, u_block)
+      call move_unitary(block%kind, block%n, block%space, v, y)
+    case (stiefel_block)
+      do j = 1, flows
+        call move_stiefel(block%k, block%n, v(:, j), y)
+      end do
+    case (linear_action_block)
+      if (block%polynomial) then
+        call move_polynomially(block%action, v, y)
+      else
+        call move_linearly(block%action, v, y)
+      end if
+    case (callback_block)
+      call frame%callback%apply(flow_operation, [v], (y), y)
+    end select
+  end subroutine move_matrix
 
   ! Removes rounding off the manifold from a point: one Newton-Schulz step, y -> (3 y - y y^T y) /
   ! 2, towards the nearest rotation or unit vector. It is the identity on the manifold and squares

@@ -24,8 +24,7 @@ module linear_action_m
   end type inner_points_t
 
   type :: linear_action_t
-    integer :: n = 0                         ! entries of a point
-    integer :: generators = 0
+    integer :: n = 0, generators = 0         ! n: entries of a point
     integer :: point_size = 0                ! real numbers of a point
     integer :: kind = real_entries
     integer :: parts = 1                     ! numbers of an entry of X, 2 if it is complex

@@ -103,8 +103,8 @@ contains
     end do
   end subroutine series
 
-  ! The series of a matrix of three rows. Without its trace it is i Q with Q^3 = c Q + d, so that all
-  ! powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
+  ! The series of a matrix of three rows. Without its trace it is i Q with Q^3 = c Q + d, so that
+  ! all powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
   pure subroutine series_of_three(x, length, e)
     complex(wp), intent(in) :: x(3, 3)
     real(wp), intent(in) :: length           ! of eigenvalues without the trace, at most

@@ -103,8 +103,8 @@ contains
     end do
   end subroutine limit_angle
 
-  ! Computes the largest value of D prod_j (t - t_j) between nodes of the step, without what rounding
-  ! explains. Times are in units of the step, from its start.
+  ! Computes the largest value of D prod_j (t - t_j) between nodes of the step, without what
+  ! rounding explains. Times are in units of the step, from its start.
   pure subroutine node_difference(c, f, ratio, f_before, v)
     real(wp), intent(in) :: c(:)             ! (nodes) in a step
     real(wp), intent(in) :: f(:, :)          ! (dimension, nodes)

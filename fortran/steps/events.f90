@@ -15,8 +15,7 @@ module events_m
   public :: events_t, observer_t
 
   type :: events_t
-    integer :: count = 0
-    integer :: width = 0                     ! numbers of a point that they depend on
+    integer :: count = 0, width = 0          ! width: numbers of a point that they depend on
     integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
     integer(int64), allocatable :: most(:)   ! (count) the last event ends the trajectory
     logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event

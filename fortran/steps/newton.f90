@@ -33,8 +33,7 @@ module newton_m
   type :: newton_t
     type(frame_t), pointer :: frame => null()
     type(transformation_t), pointer :: transformation => null()
-    logical :: has_jacobian = .false.
-    logical :: fresh = .false.               ! whether the Jacobian is that of the present point
+    logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
     logical :: sparse = .false.              ! whether Python keeps the Jacobian and its factors
     integer :: member = 1
     integer :: column = 0                    ! of the Jacobian, that is evaluated next

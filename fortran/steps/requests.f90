@@ -130,8 +130,7 @@ contains
     end select
   end subroutine reject_stage
 
-  ! Sets the error of a step, huge if it isn't finite, and makes it known to trajectories with common
-  ! steps.
+  ! Sets the error of a step, huge if it isn't finite. Trajectories with common steps share it.
   subroutine share_error(x, error)
     type(trajectory_t), intent(inout) :: x
     real(wp), intent(in) :: error

@@ -79,7 +79,8 @@ contains
     real(wp) :: angle
 
     associate (frame => x%problem%frame)
-      angle = max(turning(frame, x%h * x%slope, .false.), turning(frame, x%h * x%end_slope, .false.))
+      angle = max(turning(frame, x%h * x%slope, .false.), &
+                  turning(frame, x%h * x%end_slope, .false.))
     end associate
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
   end function parts
