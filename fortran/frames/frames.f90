@@ -98,7 +98,8 @@ contains
   end subroutine make_frame
 
   ! An angle that the time-1 flow of the field with coefficients v doesn't exceed: of points, or of
-  ! other fields, that is, of the eigenvalues of its brackets. Of flows in Python up to two turns of points count.
+  ! other fields, that is, of the eigenvalues of its brackets. Of flows in Python up to two turns of
+  ! points count.
   pure real(wp) function turning(frame, v, fields)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: v(:)           ! (dimension)
