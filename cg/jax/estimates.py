@@ -20,7 +20,7 @@ from cg.jax.rules import Rules
 from cg.jax.stages import Stages, Start, Steps
 from cg.method.estimate import MAX_ANGLE
 
-_ROUNDINGS = 64  # as in fortran/steps/node_difference.f90
+_ROUNDINGS = 64  # as in fortran/steps/error_estimate.f90
 
 Estimate = tuple[JaxArray, JaxArray]  # a tangent, and what its norm is computed from
 
@@ -149,7 +149,7 @@ def _node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: 
 
     With the highest divided difference D of the coefficients over the nodes t_i of both steps, it
     is h D max_m |prod_i (m - t_i)| over the middles m between nodes of this step; D below rounding
-    counts as zero. As in ``fortran/steps/node_difference.f90``.
+    counts as zero. As in ``fortran/steps/error_estimate.f90``.
     """
     c = np.asarray(paths.abscissae)
     known = h != 0.0

@@ -38,9 +38,7 @@ contains
     integer :: s, k, t, c0, unknowns
     integer :: first_for(weights%order)   ! first condition that weights with so many nodes enter
 
-    do s = 1, weights%order
-      first_for(s) = first_condition(trees, owner, s)
-    end do
+    first_for = [(first_condition(trees, owner, s), s=1, weights%order)]
     associate (pattern => weights%pattern)
       unknowns = pattern%weight_start(pattern%segment_start(pattern%inner + 1)) - 1
       allocate (direct(weights%stage_trees, unknowns), source=0.0_wp)

@@ -1,9 +1,10 @@
-! The interface of least-squares problems: m residuals of n unknowns.
+! The interface of least-squares problems: m residuals of n unknowns. Another thread may end a solve
+! by a flag, which long loops read.
 module least_squares_m
   use kinds, only: wp
   implicit none
   private
-  public :: least_squares_t
+  public :: least_squares_t, stop_requested
 
   type, abstract :: least_squares_t
     integer, pointer :: stop_flag => null()  ! another thread ends the solve by setting it
@@ -21,4 +22,16 @@ module least_squares_m
       integer, intent(inout) :: flag
     end subroutine residual_i
   end interface
+
+contains
+
+  ! Whether another thread has set the flag since the call began; false without a flag
+  logical function stop_requested(stop_flag)
+    ! volatile, which excludes intent(in): every call reads the memory afresh
+    integer, intent(inout), volatile, optional :: stop_flag
+
+    stop_requested = .false.
+    if (present(stop_flag)) stop_requested = stop_flag /= 0
+  end function stop_requested
+
 end module least_squares_m

@@ -6,9 +6,8 @@
 ! The paper's searches ran with it; in real(8) its steps repeat MINPACK's bit for bit.
 module levenberg_marquardt_m
   use kinds, only: wp
-  use least_squares_m, only: least_squares_t
+  use least_squares_m, only: least_squares_t, stop_requested
   use linalg_m, only: enorm, lmpar, qrfac, reflect
-  use stop_flag_m, only: stop_requested
   use shared_numbers
   implicit none
   private
@@ -52,8 +51,7 @@ contains
     real(wp), intent(out) :: fvec(:)                  ! (m): f(x)
     type(lmdif_t), intent(inout) :: solver
     real(wp) :: step(size(x)), trial(size(x)), acnorm(size(x)), work(size(x))
-    real(wp) :: fnorm, fnorm_trial, gnorm, xnorm, pnorm, delta, par
-    real(wp) :: actual, predicted, slope, ratio
+    real(wp) :: fnorm, fnorm_trial, gnorm, xnorm, pnorm, delta, par, actual, predicted, slope, ratio
     real(wp), allocatable :: ftrial(:)  ! (m)
     integer :: flag, iteration
 

@@ -12,7 +12,7 @@ module minimum_norm_m
   use conditions_m, only: order_conditions_t
   use lapack_m, only: dgeqrf, dpotrf, dpotrs, dsyrk
   use shared_numbers, only: no_descent, not_finite, out_of_iterations, solved, stopped
-  use stop_flag_m, only: stop_requested
+  use least_squares_m, only: stop_requested
   implicit none
   private
   public :: minimise_norm

@@ -128,8 +128,7 @@ contains
   ! head(i), tail(i): the words of the first i children, and of the others, 0 <= i <= children.
   pure subroutine split_word(tree, children, head, tail)
     integer, intent(in) :: tree
-    integer, intent(out) :: children
-    integer, intent(out) :: head(0:), tail(0:)  ! (0:children) at least
+    integer, intent(out) :: children, head(0:), tail(0:)   ! head, tail: (0:children) at least
     integer :: i
 
     children = child_start(tree + 1) - child_start(tree)
@@ -169,11 +168,8 @@ contains
         self%tail(begin:last) = tail(1:children - 1)
       end associate
     end do
-    allocate (self%x(self%pattern%unknowns))
-    allocate (self%chi(0:self%pattern%segments, self%stage_trees), source=0.0_wp)
-    allocate (self%e(n, self%stage_trees), source=0.0_wp)
-    allocate (self%left(n, self%stage_trees), source=0.0_wp)
-    allocate (self%letter(n, self%stage_trees), source=0.0_wp)
+    allocate (self%chi(0:self%pattern%segments, self%stage_trees), self%e(n, self%stage_trees), &
+              self%left(n, self%stage_trees), self%letter(n, self%stage_trees), source=0.0_wp)
     self%e(:, 1) = 1.0_wp
     self%left(:, 1) = 1.0_wp
     self%chi(:, 1) = 1.0_wp

@@ -1,20 +1,20 @@
-! The inverse derivative of the exponential, dexp^-1, in the Lie algebra of a frame's fields. For y
-! = exp(u) y0 with y' = sum_i v_i E_i(y) it is u' = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12
-! - ..., a series in Bernoulli numbers. On most blocks it has a closed form.
+! Brackets [u, v] of a frame's fields, by their coefficients, and the inverse derivative of the
+! exponential, dexp^-1, in their Lie algebra. For y = exp(u) y0 with y' = sum_i v_i E_i(y) it is
+! u' = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12 - ..., a series in Bernoulli numbers. On most
+! blocks it has a closed form.
 module algebra_m
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
   use kinds, only: wp
-  use bases_m, only: algebra_coefficients, algebra_matrix, skew_coefficients, skew_matrix
+  use bases_m, only: algebra_coefficients, algebra_matrix, as_complex, skew_coefficients, &
+                     skew_matrix
   use blocks_m, only: block_t
   use frames_m, only: frame_t
-  use shared_numbers, only: callback_block, dexpinv_operation, euclidean_block, isospectral_block, &
-                            se3_block, so_block, sphere_block, su_block, u_block
+  use shared_numbers
   use orthogonal_m, only: largest_own, skew_bracket
   use unitary_m, only: multiply
   use vectors_m, only: cross
   implicit none
   private
-  public :: cross, dexpinv, motion_bracket, side
+  public :: bracket, dexpinv
 
   ! |B_2k| / (2 k)! for k = 1, 2, ..., by Euler's recurrence:
   ! (2 k + 1) b_k is the sum of b_j b_(k-j).
@@ -51,6 +51,54 @@ contains
                                   .or. block%kind == isospectral_block)
   end function side
 
+  ! Computes the bracket w = [u, v] of fields of the frame: DU V - DV U as vector fields.
+  subroutine bracket(frame, u, v, w)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: u(:), v(:)   ! (dimension)
+    real(wp), contiguous, intent(out) :: w(:)        ! (dimension)
+    integer :: i
+
+    do i = 1, size(frame%blocks)
+      associate (block => frame%blocks(i), first => frame%blocks(i)%vectors + 1, &
+                 last => frame%blocks(i)%vectors + frame%blocks(i)%dimension)
+        if (block%kind == euclidean_block) then
+          w(first:last) = 0.0_wp
+        else if (block%kind == callback_block) then
+          call frame%callback%apply(bracket_operation, u, v, w)
+        else if (block%kind == se3_block) then
+          w(first:last) = side(block) * reshape(motion_bracket( &
+            reshape(u(first:last), [3, 1 + block%k]), reshape(v(first:last), [3, 1 + block%k])), &
+            [block%dimension])
+        else if (is_rotation(block)) then
+          w(first:last) = side(block) * cross(u(first:last), v(first:last))
+        else
+          call bracket_matrices(block, side(block) * u(first:last), v(first:last), w(first:last))
+        end if
+      end associate
+    end do
+  end subroutine bracket
+
+  ! Whether fields are the rotations of three dimensions. SO(3) may act on matrices, too.
+  pure logical function is_rotation(block)
+    type(block_t), intent(in) :: block
+
+    is_rotation = block%dimension == 3 .and. block%n == 3 &
+                  .or. all(block%kind /= [so_block, isospectral_block, su_block, u_block])
+  end function is_rotation
+
+  ! The bracket in matrices
+  subroutine bracket_matrices(block, u, v, w)
+    type(block_t), intent(in) :: block
+    real(wp), intent(in) :: u(:), v(:)
+    real(wp), intent(out) :: w(:)
+    real(wp), dimension(block%point_size), target :: x, y, spare
+
+    call make_matrix(block, u, x)
+    call make_matrix(block, v, y)
+    call apply_bracket(block, x, y, spare)
+    call get_coefficients(block, y, w)
+  end subroutine bracket_matrices
+
   ! Replaces v by dexp_u^-1 v.
   subroutine dexpinv(frame, order, u, v, exists)
     type(frame_t), intent(in) :: frame
@@ -67,23 +115,18 @@ contains
       associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
         if (block%kind == euclidean_block) cycle
         sign = side(block)
-        select case (block%kind)
-        case (callback_block)
+        if (block%kind == callback_block) then
           call frame%callback%apply(dexpinv_operation, u, (v), v)
           exists = all(abs(v) <= huge(v))
-        case (se3_block)
+        else if (block%kind == se3_block) then
           call dexpinv_motion(block%k, sign, u(k + 1:k + block%dimension), &
                               v(k + 1:k + block%dimension), exists)
-        case (so_block, isospectral_block, su_block, u_block)
-          if (block%n == 3 .and. block%dimension == 3) then    ! SO(3) acts on the matrix
-            call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
-            cycle
-          end if
+        else if (is_rotation(block)) then
+          call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
+        else
           call dexpinv_matrix(block, sign, order, u(k + 1:k + block%dimension), &
                               v(k + 1:k + block%dimension), exists)
-        case default
-          call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
-        end select
+        end if
       end associate
     end do
   end subroutine dexpinv
@@ -91,8 +134,7 @@ contains
   ! For rotations the bracket is the cross product times the sign, and ad^3 = -|u|^2 ad gives a
   ! closed form. Parts of its series don't wait for each other.
   pure subroutine dexpinv_rotation(sign, u, v, exists)
-    real(wp), intent(in) :: sign
-    real(wp), intent(in) :: u(3)
+    real(wp), intent(in) :: sign, u(3)
     real(wp), intent(inout) :: v(3)
     logical, intent(inout) :: exists
     real(wp) :: square, fourth, half, once(3), factor
@@ -117,8 +159,7 @@ contains
 
   ! In matrices: the series up to the power `order` of u. The order of a step needs two powers less,
   ! but then errors of long steps exceed their estimates by far. Beyond the radius of convergence it
-  ! is used only if the brackets of this v don't grow. Matrices are real for rotations; complex
-  ! ones are held in twice as many real numbers.
+  ! is used only if the brackets of this v don't grow.
   subroutine dexpinv_matrix(block, sign, order, u, v, exists)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: sign
@@ -126,20 +167,18 @@ contains
     real(wp), intent(in) :: u(:)
     real(wp), intent(inout) :: v(:)
     logical, intent(inout) :: exists
-    real(wp), dimension(block%point_size), target :: x, power, total, product
-    logical :: is_real
+    real(wp), dimension(block%point_size), target :: x, power, total, spare
     real(wp) :: bound                  ! no sum of two angles or difference of eigenvalues is larger
     integer :: j
 
-    is_real = block%kind == so_block .or. block%kind == isospectral_block
-    call make_matrix(sign * u, x)
-    call make_matrix(v, power)
-    bound = norm2(u) * merge(sqrt(2.0_wp), 1.0_wp, is_real)
-    if (is_real .and. block%n > largest_own) &
+    call make_matrix(block, sign * u, x)
+    call make_matrix(block, v, power)
+    bound = norm2(u) * merge(sqrt(2.0_wp), 1.0_wp, is_real(block))
+    if (is_real(block) .and. block%n > largest_own) &
       bound = min(bound, 2 * maxval(sum(reshape(abs(x), [block%n, block%n]), dim=1)))
     if (bound >= radius) then
       total = power / max(norm2(power), smallest)
-      call apply_bracket(total)
+      call apply_bracket(block, x, total, spare)
       if (norm2(total) <= commute * bound) return
       if (.not. growth(total) < radius) then
         exists = .false.
@@ -147,57 +186,16 @@ contains
       end if
     end if
     total = power
-    call apply_bracket(power)
+    call apply_bracket(block, x, power, spare)
     total = total - power / 2
     do j = 1, min(order / 2, last_term)
-      if (j > 1) call apply_bracket(power)
-      call apply_bracket(power)
+      if (j > 1) call apply_bracket(block, x, power, spare)
+      call apply_bracket(block, x, power, spare)
       total = total + merge(b11(j), -b11(j), modulo(j, 2) == 1) * power
     end do
-    if (is_real) then
-      call skew_coefficients(block%n, total, v)
-    else
-      call algebra_coefficients(block%kind, block%n, as_complex(total), v)
-    end if
+    call get_coefficients(block, total, v)
 
   contains
-
-    ! Makes the matrix with given coefficients.
-    subroutine make_matrix(coefficients, matrix)
-      real(wp), intent(in) :: coefficients(:)
-      real(wp), contiguous, target, intent(out) :: matrix(:)
-      complex(wp), pointer, contiguous :: view(:, :)
-
-      if (is_real) then
-        call skew_matrix(block%n, coefficients, matrix)
-      else
-        view => as_complex(matrix)
-        call algebra_matrix(block%kind, block%n, coefficients, view)
-      end if
-    end subroutine make_matrix
-
-    ! The complex matrix that is held in real numbers
-    function as_complex(numbers) result(view)
-      real(wp), contiguous, target, intent(in) :: numbers(:)
-      complex(wp), pointer, contiguous :: view(:, :)
-
-      call c_f_pointer(c_loc(numbers), view, [block%n, block%n])
-    end function as_complex
-
-    ! Replaces a matrix by its bracket with x.
-    subroutine apply_bracket(power)
-      real(wp), contiguous, target, intent(inout) :: power(:)
-      complex(wp), pointer, contiguous :: view(:, :)
-
-      view => as_complex(product)
-      if (is_real) then
-        call skew_bracket(block%n, x, power, product)
-      else
-        call multiply(block%n, as_complex(x), as_complex(power), view)
-        view = view - conjg(transpose(view))
-      end if
-      power = product
-    end subroutine apply_bracket
 
     ! The factor by which repeated brackets with x grow
     real(wp) function growth(power)
@@ -209,7 +207,7 @@ contains
       factor = norm2(power)
       do k = 2, powers
         power = power / factor
-        call apply_bracket(power)
+        call apply_bracket(block, x, power, spare)
         factor = norm2(power)
         if (factor <= commute * bound) then
           growth = 0.0_wp
@@ -221,12 +219,63 @@ contains
 
   end subroutine dexpinv_matrix
 
+  ! Whether matrices of the Lie algebra are real; complex ones are held in twice as many numbers.
+  pure logical function is_real(block)
+    type(block_t), intent(in) :: block
+
+    is_real = block%kind == so_block .or. block%kind == isospectral_block
+  end function is_real
+
+  ! Makes the matrix with given coefficients.
+  subroutine make_matrix(block, coefficients, matrix)
+    type(block_t), intent(in) :: block
+    real(wp), intent(in) :: coefficients(:)
+    real(wp), contiguous, target, intent(out) :: matrix(:)
+    complex(wp), pointer, contiguous :: view(:, :)
+
+    if (is_real(block)) then
+      call skew_matrix(block%n, coefficients, matrix)
+    else
+      view => as_complex(block%n, matrix)
+      call algebra_matrix(block%kind, block%n, coefficients, view)
+    end if
+  end subroutine make_matrix
+
+  ! Computes the coefficients of a matrix.
+  subroutine get_coefficients(block, matrix, v)
+    type(block_t), intent(in) :: block
+    real(wp), contiguous, target, intent(in) :: matrix(:)
+    real(wp), intent(out) :: v(:)
+
+    if (is_real(block)) then
+      call skew_coefficients(block%n, matrix, v)
+    else
+      call algebra_coefficients(block%kind, block%n, as_complex(block%n, matrix), v)
+    end if
+  end subroutine get_coefficients
+
+  ! Replaces a matrix by its bracket with x.
+  subroutine apply_bracket(block, x, matrix, spare)
+    type(block_t), intent(in) :: block
+    real(wp), contiguous, target, intent(in) :: x(:)
+    real(wp), contiguous, target, intent(inout) :: matrix(:), spare(:)
+    complex(wp), pointer, contiguous :: view(:, :)
+
+    if (is_real(block)) then
+      call skew_bracket(block%n, x, matrix, spare)
+    else
+      view => as_complex(block%n, spare)
+      call multiply(block%n, as_complex(block%n, x), as_complex(block%n, matrix), view)
+      view = view - conjg(transpose(view))
+    end if
+    matrix = spare
+  end subroutine apply_bracket
+
   ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
   ! with the value and the derivative of the series at the eigenvalues of ad
   pure subroutine dexpinv_motion(vectors, sign, u, v, exists)
     integer, intent(in) :: vectors
-    real(wp), intent(in) :: sign
-    real(wp), intent(in) :: u(3, 0:vectors)  ! a rotation and velocities
+    real(wp), intent(in) :: sign, u(3, 0:vectors)    ! u: a rotation and velocities
     real(wp), intent(inout) :: v(3, 0:vectors)
     logical, intent(inout) :: exists
     real(wp) :: a, b, square

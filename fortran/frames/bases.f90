@@ -1,15 +1,25 @@
 ! Bases of the Lie algebras of SO(n), SU(n) and U(n): matrices of coefficients, and coefficients of
 ! matrices. They are those of cg/frames/so.py, su.py and u.py.
 module bases_m
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
   use kinds, only: wp
   use shared_numbers, only: so_block, u_block
   implicit none
   private
-  public :: algebra_coefficients, algebra_matrix, skew_coefficients, skew_matrix
+  public :: algebra_coefficients, algebra_matrix, as_complex, skew_coefficients, skew_matrix
 
   complex(wp), parameter :: zero = cmplx(0.0_wp, 0.0_wp, wp)
 
 contains
+
+  ! The complex matrix that is held in real numbers
+  function as_complex(n, numbers) result(view)
+    integer, intent(in) :: n
+    real(wp), contiguous, target, intent(in) :: numbers(:)
+    complex(wp), pointer, contiguous :: view(:, :)
+
+    call c_f_pointer(c_loc(numbers), view, [n, n])
+  end function as_complex
 
   ! The skew matrix with coefficients v of cg/frames/so.py
   pure subroutine skew_matrix(n, v, x)

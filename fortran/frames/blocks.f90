@@ -3,16 +3,13 @@ module blocks_m
   use kinds, only: wp
   use linear_action_m, only: linear_action_t
   use rigid_body_m, only: top_t
-  use vectors_m, only: combine_columns
   implicit none
   private
   public :: block_t, body_t, combine_flows, flow_sequence_t
 
   type :: block_t
     integer :: kind = 0
-    logical :: space = .false.
-    logical :: scalar_first = .false.
-    logical :: polynomial = .false.
+    logical :: space = .false., scalar_first = .false., polynomial = .false.
     integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of matrices
     integer :: k = 0            ! their columns, where they aren't square
     integer :: constants = 0    ! constants of the blocks before
@@ -51,8 +48,8 @@ contains
 
     do j = begin, last
       associate (k => flows%first(j), terms => flows%first(j + 1) - flows%first(j))
-        if (m == 6) then                     ! the most frequent size
-          call combine_six(terms, weight(k), flows%stage(k), f, v(1, j))
+        if (m == 6) then                     ! the most frequent size, which the compiler then knows
+          call combine_columns(6, terms, weight(k), flows%stage(k), f, v(1, j))
         else
           call combine_columns(m, terms, weight(k), flows%stage(k), f, v(1, j))
         end if
@@ -60,18 +57,17 @@ contains
     end do
   end subroutine combine_flows
 
-  pure subroutine combine_six(terms, weight, stage, f, v)
-    integer, intent(in) :: terms, stage(terms)
-    real(wp), intent(in) :: weight(terms), f(6, *)
-    real(wp), intent(out) :: v(6)
-    real(wp) :: sum(6)
-    integer :: k
+  ! A weighted sum of at least one of the columns of a matrix
+  pure subroutine combine_columns(m, n, weight, column, k, sum)
+    integer, intent(in) :: m, n, column(n)
+    real(wp), intent(in) :: weight(n), k(m, *)
+    real(wp), intent(out) :: sum(m)
+    integer :: j
 
-    sum = weight(1) * f(:, stage(1))
-    do k = 2, terms
-      sum = sum + weight(k) * f(:, stage(k))
+    sum = weight(1) * k(1:m, column(1))
+    do j = 2, n
+      sum = sum + weight(j) * k(1:m, column(j))
     end do
-    v = sum
-  end subroutine combine_six
+  end subroutine combine_columns
 
 end module blocks_m

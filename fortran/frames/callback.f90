@@ -1,8 +1,8 @@
 ! Operations of shared_numbers on arrays, by a function of Python that python_field.c calls.
 module callback_m
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_null_ptr, c_ptr
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
+  use vectors_m, only: nan
   implicit none
   private
   public :: callback_t
@@ -37,7 +37,7 @@ contains
     real(wp), contiguous, intent(inout) :: c(:)
 
     if (call_python(self%context, operation, size(a), a, size(b), b, size(c), c) == 0) return
-    c = ieee_value(c, ieee_quiet_nan)
+    c = nan
   end subroutine apply
 
 end module callback_m

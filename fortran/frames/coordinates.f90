@@ -4,16 +4,13 @@
 ! Of rotations v is the logarithm of the quotient as a quaternion q = (sin(a / 2) n, cos(a / 2)),
 ! v = 2 atan2(|q(1:3)|, q(4)) q(1:3) / |q(1:3)|, which is accurate for every angle a.
 module coordinates_m
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
   use blocks_m, only: block_t
   use frames_m, only: frame_t
   use rotations_m, only: get_quaternion
-  use shared_numbers, only: callback_block, coordinates_operation, euclidean_block, &
-                            quaternion_block, se3_block, sizes_operation, so3_block, so_block, &
-                            sphere_block, su2_block, su_block, u_block
+  use shared_numbers
   use unitary_m, only: unitary_difference
-  use vectors_m, only: cross
+  use vectors_m, only: cross, nan
   implicit none
   private
   public :: difference, sizes
@@ -71,7 +68,7 @@ contains
     case (so_block, su_block, u_block)
       call unitary_difference(block%kind, block%n, block%space, x, y, v)
     case default                           ! no coordinates are known
-      v = ieee_value(v, ieee_quiet_nan)
+      v = nan
     end select
   end subroutine difference_in_block
 
@@ -120,8 +117,7 @@ contains
   ! modulus: S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance Control 1 (1978).
   pure function quaternion_of(r) result(q)
     real(wp), intent(in) :: r(3, 3)
-    real(wp) :: q(4)
-    real(wp) :: outer(4, 4), trace      ! four times the outer product of q with itself
+    real(wp) :: q(4), outer(4, 4), trace     ! outer: four times the outer product of q with itself
     integer :: i, largest
 
     trace = r(1, 1) + r(2, 2) + r(3, 3)
@@ -132,10 +128,7 @@ contains
     outer(1:3, 4) = [r(3, 2) - r(2, 3), r(1, 3) - r(3, 1), r(2, 1) - r(1, 2)]
     outer(4, 1:3) = outer(1:3, 4)
     outer(4, 4) = 1 + trace
-    largest = 1
-    do i = 2, 4
-      if (outer(i, i) > outer(largest, largest)) largest = i
-    end do
+    largest = maxloc([(outer(i, i), i=1, 4)], 1)
     q = outer(:, largest) / norm2(outer(:, largest))
     if (q(4) < 0) q = -q
   end function quaternion_of
@@ -143,8 +136,7 @@ contains
   ! The rotation vector, of length at most 2 pi, of a unit quaternion
   pure function logarithm(q) result(v)
     real(wp), intent(in) :: q(4)
-    real(wp) :: v(3)
-    real(wp) :: sine
+    real(wp) :: v(3), sine
 
     sine = sqrt(dot_product(q(1:3), q(1:3)))
     if (sine > 0) then
@@ -189,31 +181,25 @@ contains
     logical, intent(in) :: space
     real(wp) :: r(4)
 
-    r(1:3) = p(4) * q(1:3) - q(4) * p(1:3)
-    if (space) then
-      r(1:3) = r(1:3) + cross(p(1:3), q(1:3))
-    else
-      r(1:3) = r(1:3) - cross(p(1:3), q(1:3))
-    end if
+    r(1:3) = p(4) * q(1:3) - q(4) * p(1:3) + merge(1.0_wp, -1.0_wp, space) * cross(p(1:3), q(1:3))
     r(4) = dot_product(p, q)
   end function quaternion_quotient
 
   ! The smallest rotation vector that rotates the unit vector x to y
   pure function smallest_rotation(x, y) result(v)
     real(wp), intent(in) :: x(3), y(3)
-    real(wp) :: v(3), short(3)
-    real(wp) :: sine, cosine
+    real(wp) :: v(3), short(3), sine, cosine
 
     cosine = dot_product(x, y)
     short = y - sign(1.0_wp, cosine) * x
     v = cross(x, short)
     sine = sqrt(dot_product(v, v))
     if (cosine < 0 .and. .not. sine > opposite * norm2(short)) then
-      v = ieee_value(sine, ieee_quiet_nan)
+      v = nan
     else if (sine > 0) then
       v = (atan2(sine, cosine) / sine) * v
     else if (.not. cosine > 0) then
-      v = ieee_value(sine, ieee_quiet_nan)
+      v = nan
     end if
   end function smallest_rotation
 

@@ -6,16 +6,14 @@ module error_norm_m
   use frames_m, only: frame_t
   use isospectral_m, only: isospectral_tangent
   use linear_action_m, only: linear_tangent
-  use shared_numbers, only: callback_block, euclidean_block, isospectral_block, &
-                            linear_action_block, shortest_operation, so_block, sphere_block, &
-                            stiefel_block, su_block, tangent_operation, u_block
+  use shared_numbers
   use stiefel_m, only: stiefel_tangent
   implicit none
   private
-  public :: tolerances_t, norm, point_sizes, remove_isotropy, scales, tangent, &
-            turning, width
+  public :: tolerances_t, norm, point_sizes, remove_isotropy, scales, tangent
 
-  ! The tolerances of a pair and the limits of its steps
+  ! The tolerances of a pair and the limits of its steps. The width is the number of entries of a
+  ! difference.
   type :: tolerances_t
     real(wp), allocatable :: atol(:)       ! (width)
     real(wp), allocatable :: rtols(:)      ! (width)
@@ -27,14 +25,6 @@ module error_norm_m
   end type tolerances_t
 
 contains
-
-  ! The number of entries of a difference
-  pure integer function width(frame, tolerances)
-    type(frame_t), intent(in) :: frame
-    type(tolerances_t), intent(in) :: tolerances
-
-    width = merge(frame%point_size, frame%dimension, tolerances%in_entries)
-  end function width
 
   ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
   ! isospectral, of columns, linear actions, or outside of compiled code.
@@ -111,35 +101,6 @@ contains
     counted = max(count(scale <= huge(1.0_wp)), 1)
     norm = sqrt(sum((v / scale)**2) / (real(counted, wp) / real(tolerances%parts, wp)))
   end function norm
-
-  ! An upper bound of the angle by which the flow of v turns other fields: of the eigenvalues of its
-  ! brackets. It is 0 for blocks outside of compiled code.
-  real(wp) function turning(frame, v)
-    type(frame_t), intent(in) :: frame
-    real(wp), contiguous, intent(in) :: v(:)         ! (dimension)
-    real(wp) :: angle
-    integer :: i
-
-    turning = 0.0_wp
-    do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
-        select case (block%kind)
-        case (euclidean_block, callback_block)
-          cycle
-        case (linear_action_block)
-          angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
-        case (stiefel_block, su_block, u_block)    ! basis matrices have the norm 1 / sqrt(2)
-          angle = norm2(v(k + 1:k + block%dimension))
-        case (so_block, isospectral_block)
-          angle = norm2(v(k + 1:k + block%dimension))
-          if (block%n > 3) angle = sqrt(2.0_wp) * angle
-        case default                               ! rotations, the first coordinates
-          angle = norm2(v(k + 1:k + 3))
-        end select
-        turning = max(turning, angle)
-      end associate
-    end do
-  end function turning
 
   ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.
   subroutine remove_isotropy(frame, y, v)

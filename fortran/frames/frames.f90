@@ -2,10 +2,7 @@
 ! each with its own manifold; points and coefficients of the blocks lie one after the other.
 module frames_m
   use kinds, only: wp
-  use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
-                            linear_action_block, polynomial, quaternion_block, &
-                            restore_operation, scalar_first, se3_block, so3_block, so_block, &
-                            space_axes, sphere_block, stiefel_block, su2_block, su_block, u_block
+  use shared_numbers
   use blocks_m, only: block_t, body_t
   use callback_m, only: callback_t
   use isospectral_m, only: move_isospectral, restore_isospectral
@@ -19,11 +16,10 @@ module frames_m
   implicit none
   private
   public :: frame_t, apply_flows, complete_coefficients, distance_bound, make_frame, &
-            restore, turn
+            restore, turning
 
   type :: frame_t
-    integer :: dimension = 0
-    integer :: point_size = 0
+    integer :: dimension = 0, point_size = 0
     logical :: ambient = .false.             ! whether coefficients have to be completed
     real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
@@ -101,31 +97,36 @@ contains
     end do
   end subroutine make_frame
 
-  ! An angle that the time-1 flow of the field with coefficients v doesn't exceed. Blocks that don't
-  ! rotate don't count. Those whose flow is in Python may rotate; up to two turns of them count.
-  pure real(wp) function turn(frame, v)
+  ! An angle that the time-1 flow of the field with coefficients v doesn't exceed: of points, or of
+  ! other fields, that is, of the eigenvalues of its brackets. Of flows in Python up to two turns of
+  ! points count.
+  pure real(wp) function turning(frame, v, fields)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: v(:)           ! (dimension)
+    logical, intent(in) :: fields
     real(wp), parameter :: two_turns = 4 * acos(-1.0_wp)
     real(wp) :: angle
-    integer :: i, n
+    integer :: i
 
-    turn = 0.0_wp
+    turning = 0.0_wp
     do i = 1, size(frame%blocks)
-      associate (block => frame%blocks(i))
-        n = block%dimension
+      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
+        angle = norm2(v(k + 1:k + merge(3, block%dimension, block%kind == se3_block)))
         select case (block%kind)
-        case (euclidean_block, linear_action_block)
+        case (euclidean_block)
           cycle
-        case (se3_block)
-          n = 3
+        case (callback_block)
+          angle = merge(0.0_wp, min(angle, two_turns), fields)
+        case (linear_action_block)
+          if (.not. fields) cycle
+          angle = 2 * dot_product(abs(v(k + 1:k + block%dimension)), block%action%norm)
+        case (so_block, isospectral_block)             ! su_block and u_block: see bases_m
+          if (fields .and. block%n > 3) angle = sqrt(2.0_wp) * angle
         end select
-        angle = norm2(v(block%vectors + 1:block%vectors + n))
-        if (block%kind == callback_block) angle = min(angle, two_turns)
-        turn = max(turn, angle)
+        turning = max(turning, angle)
       end associate
     end do
-  end function turn
+  end function turning
 
   ! Replaces derivatives of orthonormal columns, which right-hand sides give, by their coefficients.
   subroutine complete_coefficients(frame, y, f)
@@ -178,8 +179,7 @@ contains
 
   ! Adds all coefficients to a point of Euclidean space.
   pure subroutine translate(n, flows, m, v, y)
-    integer, intent(in) :: n, flows
-    integer, intent(in) :: m                 ! coefficients of the frame
+    integer, intent(in) :: n, flows, m       ! m: coefficients of the frame
     real(wp), intent(in) :: v(m, *)
     real(wp), intent(inout) :: y(n)
     integer :: j
@@ -201,6 +201,7 @@ contains
     real(wp), intent(in) :: all_v(frame%dimension, *)
     real(wp), intent(inout) :: y(block%point_size)
     real(wp) :: v(block%dimension, flows)
+    integer :: j
 
     v = all_v(:block%dimension, :flows)
     select case (block%kind)
@@ -211,7 +212,9 @@ contains
     case (su_block, u_block)
       call move_unitary(block%kind, block%n, block%space, v, y)
     case (stiefel_block)
-      call move_stiefel(block%k, block%n, v, y)
+      do j = 1, flows
+        call move_stiefel(block%k, block%n, v(:, j), y)
+      end do
     case (linear_action_block)
       if (block%polynomial) then
         call move_polynomially(block%action, v, y)
@@ -219,7 +222,7 @@ contains
         call move_linearly(block%action, v, y)
       end if
     case (callback_block)
-      call frame%callback%apply(flow_operation, reshape(v, [size(v)]), (y), y)
+      call frame%callback%apply(flow_operation, [v], (y), y)
     end select
   end subroutine move_matrix
 
@@ -273,21 +276,20 @@ contains
     if (.not. all(abs(y) <= huge(y))) return       ! max leaves out NaN
     distance_bound = 0.0_wp
     do i = 1, size(frame%blocks)
-      associate (p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
-        select case (frame%blocks(i)%kind)
+      associate (block => frame%blocks(i), point => y(frame%blocks(i)%points + 1: &
+                 frame%blocks(i)%points + frame%blocks(i)%point_size))
+        select case (block%kind)
         case (euclidean_block)
           cycle
         case (so3_block, se3_block)
-          distance_bound = max(distance_bound, &
-                               rotation_bound(3 + frame%blocks(i)%k, y(p + 1:p + n)))
+          distance_bound = max(distance_bound, rotation_bound(3 + block%k, point))
         case (quaternion_block, sphere_block)
-          distance_bound = max(distance_bound, &
-                               abs(dot_product(y(p + 1:p + n), y(p + 1:p + n)) - 1))
+          distance_bound = max(distance_bound, abs(dot_product(point, point) - 1))
         case (su2_block)
-          q = get_quaternion(frame%blocks(i), y(p + 1:p + n))
+          q = get_quaternion(block, point)
           distance_bound = max(distance_bound, abs(dot_product(q, q) - 1), &
-                               maxval(abs(y(p + 1:p + 2) - [y(p + 7), -y(p + 8)])), &
-                               maxval(abs(y(p + 3:p + 4) + [y(p + 5), -y(p + 6)])))
+                               maxval(abs(point(1:2) - [point(7), -point(8)])), &
+                               maxval(abs(point(3:4) + [point(5), -point(6)])))
         case default
           distance_bound = huge(distance_bound)
         end select

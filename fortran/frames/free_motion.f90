@@ -5,7 +5,7 @@ module free_motion_m
   use kinds, only: wp
   use blocks_m, only: body_t, flow_sequence_t
   use frames_m, only: frame_t, apply_flows
-  use rigid_body_m, only: make_top, turn_freely
+  use rigid_body_m, only: turn_freely
   use rotations_m, only: turn_point
   use shared_numbers, only: sphere_block
   use vectors_m, only: cross
@@ -33,7 +33,7 @@ contains
         used = used + n * abs(columns(i))
         body%turns = columns(i) < 0
         if (.not. body%turns) cycle
-        call make_top(constants(used + 1:used + 24), body%top)
+        body%top = transfer(constants(used + 1:used + 24), body%top)
         used = used + 24
       end associate
     end do

@@ -72,7 +72,7 @@ contains
     real(wp), intent(in) :: spectrum(n)          ! increasing
     real(wp), intent(inout) :: y(n, n)
     real(wp) :: vectors(n, n), scaled(n, n), values(n)
-    integer :: j, k, place
+    integer :: k, place
 
     if (.not. all(abs(y) <= huge(y))) return     ! no eigenvalues
     if (n > largest_own) then
@@ -82,10 +82,7 @@ contains
     end if
     call to_orthogonal(n, vectors)
     do k = 1, n
-      place = 1
-      do j = 1, n
-        if (values(j) < values(k) .or. (j < k .and. .not. values(j) > values(k))) place = place + 1
-      end do
+      place = 1 + count(values(:k - 1) <= values(k)) + count(values(k + 1:) < values(k))
       scaled(k, :) = spectrum(place) * vectors(:, k)
     end do
     vectors = transpose(vectors)

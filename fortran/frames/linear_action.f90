@@ -5,9 +5,9 @@
 ! All G_i share one sparsity pattern, stored by rows. Entries of X are real (of points with real
 ! entries), imaginary, or complex; a complex number is stored as its real and its imaginary part.
 module linear_action_m
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
+  use vectors_m, only: nan
   implicit none
   private
   public :: inner_points_t, linear_action_t, linear_tangent, make_linear_action, move_linearly, &
@@ -24,8 +24,7 @@ module linear_action_m
   end type inner_points_t
 
   type :: linear_action_t
-    integer :: n = 0                         ! entries of a point
-    integer :: generators = 0
+    integer :: n = 0, generators = 0         ! n: entries of a point
     integer :: point_size = 0                ! real numbers of a point
     integer :: kind = real_entries
     integer :: parts = 1                     ! numbers of an entry of X, 2 if it is complex
@@ -138,7 +137,7 @@ contains
       call combine(action, v(:, j), x, norm)
       norm = norm / merge(chebyshev_norm, taylor_norm, action%skew)
       if (.not. (norm <= max_parts .and. all(abs(v(:, j)) <= huge(v)))) then
-        y = ieee_value(y, ieee_quiet_nan)
+        y = nan
         return
       end if
       parts = max(1, ceiling(norm))
@@ -186,10 +185,7 @@ contains
     end do
     norm = 0.0_wp
     do i = 1, action%n
-      row = 0.0_wp
-      do k = m * action%first(i) - m + 1, m * action%first(i + 1) - m
-        row = row + abs(x(k))
-      end do
+      row = sum(abs(x(m * action%first(i) - m + 1:m * action%first(i + 1) - m)))
       if (.not. row <= norm) norm = row
       if (.not. norm <= huge(norm)) return   ! a later row must not replace NaN
     end do
@@ -202,11 +198,18 @@ contains
     real(wp), contiguous, intent(in) :: x(:)
     real(wp), intent(in) :: norm
     real(wp), intent(inout) :: y(action%point_size)
-    real(wp) :: bessel(0:max_terms)
     real(wp), allocatable :: old(:), now(:), next(:)
+    real(wp) :: bessel(0:max_terms), bound
     integer :: k, last
 
-    call bessel_functions(norm, bessel, last)
+    bound = 1.0_wp                           ! of J_k(norm), (norm / 2)^k / k!
+    last = 0
+    do while (last < max_terms .and. (bound > epsilon(norm) / 8 .or. last < 2))
+      last = last + 1
+      bound = bound * (norm / 2) / real(last, wp)
+    end do
+    bessel(:last) = bessel_jn(0, last, norm)
+    last = max(1, findloc(abs(bessel(:last)) >= epsilon(norm) / 8, .true., 1, back=.true.) - 1)
     products = products + int(last, int64)
     allocate (old(size(y)), now(size(y)), next(size(y)))
     old = y
@@ -222,33 +225,6 @@ contains
       allocate (next(size(y)))
     end do
   end subroutine apply_chebyshev
-
-  ! Computes J_0, J_1, ... up to the last one that isn't negligible, by downward recurrence from
-  ! where J_k(z) <= (z / 2)^k / k! is far below rounding (J. C. P. Miller).
-  pure subroutine bessel_functions(z, bessel, last)
-    real(wp), intent(in) :: z                ! at most `chebyshev_norm`
-    real(wp), intent(out) :: bessel(0:max_terms)
-    integer, intent(out) :: last
-    real(wp) :: bound
-    integer :: k
-
-    bound = 1.0_wp
-    last = 0
-    do while (last < max_terms - 4 .and. (bound > epsilon(z)**2 .or. last < 2))
-      last = last + 1
-      bound = bound * (z / 2) / real(last, wp)
-    end do
-    bessel = 0.0_wp
-    bessel(last) = sqrt(tiny(z))
-    do k = last - 1, 0, -1
-      bessel(k) = 2 * real(k + 1, wp) / z * bessel(k + 1) - bessel(k + 2)
-      if (abs(bessel(k)) > sqrt(huge(z))) bessel(k:) = bessel(k:) / bessel(k)
-    end do
-    bessel = bessel / (bessel(0) + 2 * sum(bessel(2::2)))
-    do while (last > 1 .and. abs(bessel(last)) < epsilon(z) / 8)
-      last = last - 1
-    end do
-  end subroutine bessel_functions
 
   ! Applies exp(X) of any X whose norm is at most `norm`. Of the series, terms of norm above
   ! epsilon exp(-norm) / 4 are used, since |exp(X) y| is at least exp(-norm) |y|.

@@ -1,11 +1,11 @@
 ! Solutions of linear equations y' = X(t) y whose coefficients are polynomials in time, by Taylor
 ! polynomials.
 module linear_polynomial_m
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   use lapack_m, only: dgemm
   use linear_action_m, only: linear_action_t, max_parts, max_terms, multiply, products
+  use vectors_m, only: nan
   implicit none
   private
   public :: move_polynomially
@@ -32,7 +32,7 @@ contains
     length = norm2(y)
     norm = dot_product(sum(abs(v), dim=2), action%norm) / part_norm
     if (.not. norm <= max_parts) then
-      y = ieee_value(y, ieee_quiet_nan)
+      y = nan
       return
     end if
     parts = max(1, ceiling(norm))

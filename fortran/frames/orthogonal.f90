@@ -27,12 +27,11 @@ contains
     logical, intent(in) :: left
     real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
     real(wp), intent(inout) :: y(n, n)
-    real(wp) :: x(n, n), e(n, n), moved(n, n), v(size(f, 1))
+    real(wp) :: x(n, n), e(n, n), moved(n, n)
     integer :: j
 
     do j = 1, size(f, 2)
-      v = -f(:, j)
-      call skew_matrix(n, v, x)
+      call skew_matrix(n, -f(:, j), x)
       call exponential(n, x, e)
       if (left) then
         call multiply(n, y, e, moved)

@@ -22,9 +22,10 @@ module rigid_body_m
   use kinds, only: wp
   implicit none
   private
-  public :: top_t, make_top, turn_freely
+  public :: top_t, turn_freely
 
-  type :: top_t
+  type :: top_t                              ! 24 numbers, which cg/frames/inertia.py computes
+    sequence
     ! principal axes as columns, a rotation, and their last digits, without which lengths would
     ! change by the same factor in each step
     real(wp) :: axes(3, 3) = 0.0_wp, digits(3, 3) = 0.0_wp
@@ -52,22 +53,10 @@ module rigid_body_m
 
   ! A solution as functions of u: the modulus, its complement, a3, and the present functions
   type :: motion_t
-    real(wp) :: m, complement, a3
-    real(wp) :: sn, cn, dn
+    real(wp) :: m, complement, a3, sn, cn, dn
   end type motion_t
 
 contains
-
-  ! Makes a body from the numbers that cg/frames/inertia.py computes.
-  pure subroutine make_top(numbers, top)
-    real(wp), intent(in) :: numbers(24)      ! the components of top_t
-    type(top_t), intent(out) :: top
-
-    top%axes = reshape(numbers(:9), [3, 3])
-    top%digits = reshape(numbers(10:18), [3, 3])
-    top%inverse = numbers(19:21)
-    top%gap = numbers(22:24)
-  end subroutine make_top
 
   ! Moves the momentum in body axes freely. The body turns by a quaternion (vector, scalar part) of
   ! body axes, which depends continuously on the time.
@@ -302,8 +291,7 @@ contains
   ! The quaternion B(n) (rotation by the angle about the third axis) B(after)^-1
   pure function turned(n, angle, after) result(q)
     real(wp), intent(in) :: n(3), angle, after(3)
-    real(wp) :: q(4)
-    real(wp) :: length, sine, cosine, g(4), r(2), w
+    real(wp) :: q(4), length, sine, cosine, g(4), r(2), w
 
     length = sqrt(2 * (1 + n(3)))
     sine = sin(angle / 2) / length

@@ -27,8 +27,7 @@ contains
   ! rounding.
   subroutine rotate(block, flows, m, v, y)
     type(block_t), intent(in) :: block
-    integer, intent(in) :: flows
-    integer, intent(in) :: m                 ! coefficients of the frame
+    integer, intent(in) :: flows, m          ! m: coefficients of the frame
     real(wp), intent(in) :: v(m, *)          ! of which the first three are used
     real(wp), intent(inout) :: y(block%point_size)
     real(wp) :: q(4), e(4), sinc, side
@@ -76,8 +75,7 @@ contains
   ! cancels that isn't small beside u.
   subroutine move_rigid_body(block, flows, m, all_v, y)
     type(block_t), intent(in) :: block
-    integer, intent(in) :: flows
-    integer, intent(in) :: m                 ! coefficients of the frame
+    integer, intent(in) :: flows, m          ! m: coefficients of the frame
     real(wp), intent(in) :: all_v(m, *)      ! of which the first 3 + 3 k are used
     real(wp), intent(inout) :: y(3 + block%k, 3)     ! rows, of R and of x
     real(wp) :: q(4), e(4), x(3, block%k), u(3), v(3), n(3), half, sinc, a, b
@@ -183,8 +181,7 @@ contains
   ! quotient and the functions of the library, one of which waits for the other.
   pure subroutine exponential(v, e, sinc)
     real(wp), intent(in) :: v(3)
-    real(wp), intent(out) :: e(4)
-    real(wp), intent(out) :: sinc
+    real(wp), intent(out) :: e(4), sinc
     real(wp) :: square, half
 
     square = (v(1)**2 + v(2)**2 + v(3)**2) / 4
@@ -211,8 +208,7 @@ contains
 
   ! The quaternion q = (x, y, z; w) becomes p q where the side is 1, q p where it is -1.
   pure subroutine multiply(side, p, x, y, z, w)
-    real(wp), intent(in) :: side
-    real(wp), intent(in) :: p(4)
+    real(wp), intent(in) :: side, p(4)
     real(wp), intent(inout) :: x, y, z, w
     real(wp) :: a, b, c, d
 

@@ -2,9 +2,9 @@
 ! shape. Points and coefficients are stored row by row, so that they are transposed here.
 ! cg/frames/stiefel.py has the formulas.
 module stiefel_m
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
   use lapack_m, only: dgemm
+  use vectors_m, only: nan
   implicit none
   private
   public :: make_intrinsic, move_stiefel, restore_stiefel, stiefel_tangent
@@ -13,21 +13,10 @@ module stiefel_m
 
 contains
 
-  ! Moves y along flows, the first one first; y is NaN if coefficients are too large.
-  subroutine move_stiefel(k, n, v, y)
-    integer, intent(in) :: k, n
-    real(wp), intent(in) :: v(:, :)                ! (k n, flows)
-    real(wp), intent(inout) :: y(k, n)
-    integer :: j
-
-    do j = 1, size(v, 2)
-      call move_along(k, n, v(:, j), y)
-    end do
-  end subroutine move_stiefel
-
   ! Moves y along one flow, in parts of length at most 1: to x z^-1 with z = 1 + m d + s a,
-  ! x = y + v (s + d a), where a = v^T y, and s and d are series in m = v^T v.
-  subroutine move_along(k, n, v, y)
+  ! x = y + v (s + d a), where a = v^T y, and s and d are series in m = v^T v. It is NaN if
+  ! coefficients are too large.
+  subroutine move_stiefel(k, n, v, y)
     integer, intent(in) :: k, n
     real(wp), intent(in) :: v(k, n)
     real(wp), intent(inout) :: y(k, n)
@@ -37,7 +26,7 @@ contains
 
     length = norm2(v)
     if (.not. length <= max_length) then
-      y = ieee_value(y, ieee_quiet_nan)
+      y = nan
       return
     end if
     parts = max(1, ceiling(length))
@@ -59,7 +48,7 @@ contains
       call invert(k, z, w)
       call product_of('N', 'N', 1.0_wp, w, x, 0.0_wp, y)
     end do
-  end subroutine move_along
+  end subroutine move_stiefel
 
   ! The inverse of a regular matrix, by elimination. LAPACK's would use several threads for few
   ! columns.

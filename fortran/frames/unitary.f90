@@ -1,17 +1,17 @@
 ! Flows on the groups SU(n) and U(n), y -> exp(X) y or y exp(X) with the skew-Hermitian matrix X of
 ! the coefficients, and differences of points on them and on SO(n). Points are matrices row by row,
-! real for SO(n).
+! which here are their transposes, real for SO(n).
 !
 ! The exponential is the power series of X / 2^s, squared s times, which takes products alone; a
 ! step of Newton and Schulz, y (3 - y^* y) / 2, removes rounding off the group (N. J. Higham,
 ! "Functions of Matrices", SIAM, 2008, sections 8.3 and 10.3).
 module unitary_m
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
-  use bases_m, only: algebra_coefficients, algebra_matrix
+  use bases_m, only: algebra_coefficients, algebra_matrix, as_complex
   use lapack_m, only: zgemm
   use orthogonal_m, only: largest_own
   use shared_numbers, only: so_block, su_block
+  use vectors_m, only: nan
   implicit none
   private
   public :: move_unitary, multiply, restore_unitary, unitary_difference
@@ -19,7 +19,8 @@ module unitary_m
   ! largest norms of matrices whose exponential series is summed: in matrices, and in numbers
   real(wp), parameter :: longest = 0.5_wp, longest_of_three = 2.0_wp
   integer, parameter :: max_iterations = 30
-  complex(wp), parameter :: zero = cmplx(0.0_wp, 0.0_wp, wp)
+  complex(wp), parameter :: zero = cmplx(0.0_wp, kind=wp), half = cmplx(0.5_wp, kind=wp), &
+                            one = cmplx(1.0_wp, kind=wp)
 
 contains
 
@@ -28,22 +29,22 @@ contains
     integer, intent(in) :: kind, n
     logical, intent(in) :: left
     real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
-    real(wp), intent(inout) :: y(:)              ! (point_size)
-    complex(wp), dimension(n, n) :: x, e, point, moved
+    real(wp), contiguous, target, intent(inout) :: y(:)    ! (point_size)
+    complex(wp), pointer, contiguous :: point(:, :)
+    complex(wp), dimension(n, n) :: x, e, moved
     integer :: j
 
-    call get_point(2, n, y, point)
+    point => as_complex(n, y)
     do j = 1, size(f, 2)
       call algebra_matrix(kind, n, f(:, j), x)
-      call exponential(n, x, e)
+      call exponential(n, transpose(x), e)
       if (left) then
-        call multiply(n, e, point, moved)
-      else
         call multiply(n, point, e, moved)
+      else
+        call multiply(n, e, point, moved)
       end if
       point = moved
     end do
-    call put_point(n, point, y)
   end subroutine move_unitary
 
   ! The exponential of a skew-Hermitian matrix by scaling and squaring of the series. If there are
@@ -62,7 +63,7 @@ contains
     squarings = 0
     if (.not. length <= huge(length)) length = 0.0_wp     ! the result is not finite either
     if (length > max_length) squarings = exponent(length / max_length)
-    scaled = times_real(scale(1.0_wp, -squarings), x)
+    scaled = cmplx(scale(1.0_wp, -squarings), kind=wp) * x
     if (n == 3) then
       call series_of_three(scaled, scale(length, -squarings), e)
     else
@@ -91,19 +92,19 @@ contains
       terms = terms + 1
       bound = bound * length / real(terms, wp)
     end do
-    e = times_real(1 / real(terms, wp), x)
+    e = cmplx(1 / real(terms, wp), kind=wp) * x
     do k = terms - 1, 0, -1
       do i = 1, n
-        e(i, i) = add_real(1.0_wp, e(i, i))
+        e(i, i) = e(i, i) + one
       end do
       if (k == 0) exit
       call multiply(n, x, e, next)
-      e = times_real(1 / real(k, wp), next)
+      e = cmplx(1 / real(k, wp), kind=wp) * next
     end do
   end subroutine series
 
-  ! The series of a matrix of three rows. Without its trace it is i Q with Q^3 = c Q + d, so that all
-  ! powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
+  ! The series of a matrix of three rows. Without its trace it is i Q with Q^3 = c Q + d, so that
+  ! all powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
   pure subroutine series_of_three(x, length, e)
     complex(wp), intent(in) :: x(3, 3)
     real(wp), intent(in) :: length           ! of eigenvalues without the trace, at most
@@ -115,7 +116,7 @@ contains
     trace = (aimag(x(1, 1)) + aimag(x(2, 2)) + aimag(x(3, 3))) / 3
     q1 = cmplx(aimag(x), -real(x, wp), wp)
     do i = 1, 3
-      q1(i, i) = add_real(-trace, q1(i, i))
+      q1(i, i) = q1(i, i) - cmplx(trace, kind=wp)
     end do
     call multiply_3x3(q1, q1, q2)
     c = (real(q2(1, 1), wp) + real(q2(2, 2), wp) + real(q2(3, 3), wp)) / 2
@@ -153,20 +154,20 @@ contains
   ! One Newton-Schulz step, and for SU(n) one towards determinant 1
   subroutine restore_unitary(kind, n, y)
     integer, intent(in) :: kind, n
-    real(wp), intent(inout) :: y(:)              ! (point_size)
-    complex(wp) :: point(n, n), excess
+    real(wp), contiguous, target, intent(inout) :: y(:)    ! (point_size)
+    complex(wp), pointer, contiguous :: point(:, :)
+    complex(wp) :: excess
     integer :: k
 
-    call get_point(2, n, y, point)
+    point => as_complex(n, y)
     call orthogonalise(n, point)
     if (kind == su_block) then
       do k = 1, 2                                  ! once more after flows by large angles
-        excess = add_real(-1.0_wp, determinant(n, point))
-        point = point * add_real(1.0_wp, times_real(-1 / real(n, wp), excess))
+        excess = determinant(n, point) - one
+        point = point - excess / cmplx(n, kind=wp) * point
         if (abs(excess) < sqrt(epsilon(1.0_wp)) / 16) exit
       end do
     end if
-    call put_point(n, point, y)
   end subroutine restore_unitary
 
   ! One Newton-Schulz step
@@ -178,7 +179,7 @@ contains
     adjoint = conjg(transpose(y))
     call multiply(n, adjoint, y, square)
     call multiply(n, y, square, product)
-    y = times_real(1.5_wp, y) - times_real(0.5_wp, product)
+    y = cmplx(1.5_wp, kind=wp) * y - half * product
   end subroutine orthogonalise
 
   ! The determinant by Gaussian elimination
@@ -189,7 +190,7 @@ contains
     integer :: i, j, pivot
 
     a = matrix
-    determinant = add_real(1.0_wp, zero)
+    determinant = one
     do i = 1, n
       pivot = i - 1 + maxloc(abs(a(i:, i)), dim=1)
       if (.not. abs(a(pivot, i)) > 0) then
@@ -213,25 +214,29 @@ contains
   subroutine unitary_difference(kind, n, left, x, y, v)
     integer, intent(in) :: kind, n
     logical, intent(in) :: left
-    real(wp), intent(in) :: x(:), y(:)           ! (point_size)
+    real(wp), contiguous, target, intent(in) :: x(:), y(:)     ! (point_size)
     real(wp), intent(out) :: v(:)                ! (dimension)
     complex(wp), dimension(n, n) :: start, end, quotient, total, rest, step, e
     real(wp) :: length
     integer :: i, k
 
-    call get_point(merge(1, 2, kind == so_block), n, x, start)
-    call get_point(merge(1, 2, kind == so_block), n, y, end)
-    start = conjg(transpose(start))
-    if (left) then
-      call multiply(n, end, start, quotient)
+    if (kind == so_block) then
+      start = cmplx(transpose(reshape(x, [n, n])), kind=wp)
+      end = cmplx(reshape(y, [n, n]), kind=wp)
     else
+      start = conjg(transpose(as_complex(n, x)))
+      end = (as_complex(n, y))
+    end if
+    if (left) then
       call multiply(n, start, end, quotient)
+    else
+      call multiply(n, end, start, quotient)
     end if
     total = zero
     rest = quotient
-    v = ieee_value(length, ieee_quiet_nan)
+    v = nan
     do k = 1, max_iterations
-      step = times_real(0.5_wp, rest - conjg(transpose(rest)))
+      step = half * (rest - conjg(transpose(rest)))
       total = total + step
       length = frobenius(step)
       if (.not. length <= huge(length)) return
@@ -241,37 +246,14 @@ contains
     end do
     if (k > max_iterations) return
     do i = 1, n
-      rest(i, i) = add_real(-1.0_wp, rest(i, i))   ! its eigenvalues: 0, or -2 where half a turn is
+      rest(i, i) = rest(i, i) - one          ! its eigenvalues: 0, or -2 where half a turn is
     end do
     if (.not. sum(real(rest, wp)**2 + aimag(rest)**2) < 1.0_wp) return
     if (kind == su_block) then
       if (abs(sum([(aimag(total(i, i)), i=1, n)])) > 1) return
     end if
-    call algebra_coefficients(kind, n, total, v)
+    call algebra_coefficients(kind, n, transpose(total), v)
   end subroutine unitary_difference
-
-  ! Reads a point as a complex matrix.
-  pure subroutine get_point(parts, n, y, point)
-    integer, intent(in) :: parts, n              ! numbers of an entry: one if it is real
-    real(wp), intent(in) :: y(parts, n, n)       ! row by row
-    complex(wp), intent(out) :: point(n, n)
-
-    if (parts == 1) then
-      point = transpose(cmplx(y(1, :, :), 0.0_wp, wp))
-    else
-      point = transpose(cmplx(y(1, :, :), y(2, :, :), wp))
-    end if
-  end subroutine get_point
-
-  ! Stores a complex matrix as a point.
-  pure subroutine put_point(n, point, y)
-    integer, intent(in) :: n
-    complex(wp), intent(in) :: point(n, n)
-    real(wp), intent(out) :: y(2, n, n)
-
-    y(1, :, :) = real(transpose(point), wp)
-    y(2, :, :) = aimag(transpose(point))
-  end subroutine put_point
 
   ! The Frobenius norm
   pure real(wp) function frobenius(x)
@@ -279,22 +261,6 @@ contains
 
     frobenius = sqrt(sum(real(x, wp)**2 + aimag(x)**2))
   end function frobenius
-
-  ! r + z with a real r
-  elemental complex(wp) function add_real(r, z)
-    real(wp), intent(in) :: r
-    complex(wp), intent(in) :: z
-
-    add_real = cmplx(r + real(z, wp), aimag(z), wp)
-  end function add_real
-
-  ! r z with a real r
-  elemental complex(wp) function times_real(r, z)
-    real(wp), intent(in) :: r
-    complex(wp), intent(in) :: z
-
-    times_real = cmplx(r * real(z, wp), r * aimag(z), wp)
-  end function times_real
 
   ! The product of matrices whose size the compiler knows
   pure subroutine multiply_3x3(a, b, c)

@@ -5,7 +5,6 @@
 subroutine call_field(function_address, data_address, data_stride, table_address, curves, times, &
                       t, members, n, m, y, f, done, flag)
   !f2py threadsafe
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_null_ptr
   use vector_field_m, only: evaluate, field_at, vector_field_t
   use kinds, only: wp
@@ -21,7 +20,6 @@ subroutine call_field(function_address, data_address, data_stride, table_address
   type(vector_field_t) :: field
 
   field%rhs => field_at(function_address)
-  field%nan = ieee_value(0.0_wp, ieee_quiet_nan)
   field%data_address = data_address
   field%data_stride = data_stride
   if (curves > 0) then
@@ -74,10 +72,10 @@ end subroutine frame_difference
 ! The derivatives of coordinates u that go with coefficients v, NaN where there are none
 subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   !f2py threadsafe
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use algebra_m, only: dexpinv
   use kinds, only: wp
   use frames_m, only: frame_t, make_frame
+  use vectors_m, only: nan
   implicit none
   integer, intent(in) :: blocks, fields, description(3, blocks), order  ! order: of the method
   real(wp), intent(in) :: u(fields)          ! (dimension, trajectories)
@@ -90,7 +88,7 @@ subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   associate (m => frame%dimension)
     do i = 0, fields / m - 1
       call dexpinv(frame, order, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m), exists)
-      if (.not. exists) v(i * m + 1:(i + 1) * m) = ieee_value(v(1), ieee_quiet_nan)
+      if (.not. exists) v(i * m + 1:(i + 1) * m) = nan
     end do
   end associate
 end subroutine frame_dexpinv

@@ -47,8 +47,7 @@ subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, 
   integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
   logical, intent(in) :: flat, at_stages
   ! the last one is unused, since no array may be empty
-  real(wp), intent(in) :: theta(extra)
-  real(wp), intent(in) :: row(derivatives, extra), basis(derivatives, degree)
+  real(wp), intent(in) :: theta(extra), row(derivatives, extra), basis(derivatives, degree)
   real(wp), intent(in) :: node(nodes, nodes - 1), blend(nodes + 2, nodes - 1)
   real(wp), intent(in) :: used_c(used), result_weight(used, flows)
   type(plan_t), pointer :: plan

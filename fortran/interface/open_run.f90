@@ -1,7 +1,6 @@
 ! Opens a run: makes a problem, lanes and views of the caller's memory from the record of the run, a
 ! structure of numbers and addresses that Python fills (RECORD in cg/support/shared_records.py).
 module open_run_m
-  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use error_norm_m, only: tolerances_t
@@ -42,7 +41,6 @@ contains
       run%python%context = transfer(record%context, c_null_ptr)
       if (record%context /= 0) run%frame%callback => run%python
       field%rhs => field_at(record%function)
-      field%nan = ieee_value(field%nan, ieee_quiet_nan)
       field%data_address = record%data
       field%data_stride = record%data_stride
       call set_inputs(run)

@@ -5,14 +5,13 @@ module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use callback_m, only: callback_t
-  use events_m, only: events_t
+  use events_m, only: events_t, observer_t
   use frames_m, only: frame_t
   use flow_interpolant_m, only: scheme_t
   use kinds, only: wp
   use linear_action_m, only: inner_points_t
   use loop_m, only: resume
   use method_m, only: method_t
-  use observer_m, only: observer_t
   use output_m, only: store_point, store_step, output_t
   use accepted_step_m, only: fail_to_observe
   use shared_numbers

@@ -15,6 +15,7 @@ module variational_m
   use run_m, only: plan_at, plan_t
   use shared_numbers, only: variation_t
   use vector_field_m, only: field_at, rhs_i
+  use vectors_m, only: nan
   implicit none
   private
   public :: variational_field
@@ -43,10 +44,8 @@ contains
   subroutine evaluate(record, parameters, t, y, x, f, slope, code)
     type(variation_t), intent(inout) :: record
     type(c_ptr), intent(in) :: parameters
-    real(wp), intent(in) :: t, y(record%width)
-    real(wp), intent(in) :: x(columns(record), record%dimension)
-    real(wp), intent(inout) :: f(record%dimension)
-    real(wp), intent(inout) :: slope(columns(record), record%dimension)
+    real(wp), intent(in) :: t, y(record%width), x(columns(record), record%dimension)
+    real(wp), intent(inout) :: f(record%dimension), slope(columns(record), record%dimension)
     integer(c_int), intent(out) :: code
     real(wp) :: a(record%dimension, record%dimension)        ! A, then
     real(wp) :: d(record%parameters, record%dimension)       ! df/dp
@@ -55,12 +54,12 @@ contains
     n = int(record%dimension)
     k = int(record%parameters)
     code = 0
-    f = record%nan
+    f = nan
     if (.not. (all(abs(y) <= huge(1.0_wp)) .and. all(abs(x) <= huge(1.0_wp)))) return
     call evaluate_at(record%f, record%f_data, y, f)
     record%failed = 0
     if (code /= 0) return
-    a = record%nan
+    a = nan
     if (record%jac == 0) then
       call difference_along_fields()
     else
@@ -76,7 +75,7 @@ contains
       end do
     end do
     if (k > 0) then
-      d = record%nan
+      d = nan
       if (record%df_dp == 0) then
         call difference_by_parameters()
       else
@@ -107,7 +106,7 @@ contains
         call c_f_pointer(transfer(record%noise_data, c_null_ptr), constant, [n, n])
         q = constant
       else
-        q = record%nan
+        q = nan
         call evaluate_at(record%noise, record%noise_data, y, q)
         if (code /= 0 .or. .not. all(abs(q) <= huge(1.0_wp))) record%failed = 4
       end if
@@ -155,7 +154,7 @@ contains
           v(j) = merge(step(j), -step(j), side == 1)
           point = y
           call apply_flows(plan%frame, 1, v, point)
-          values(:, side) = record%nan
+          values(:, side) = nan
           call evaluate_at(record%f, record%f_data, point, values(:, side))
           if (code /= 0) return
         end do
@@ -167,27 +166,26 @@ contains
     ! place, since functions of Python hold a view of them.
     subroutine difference_by_parameters()
       real(wp), pointer, contiguous :: values(:), scales(:)
-      real(wp), dimension(record%dimension) :: ahead, behind
-      real(wp) :: step, before
+      real(wp) :: step, before, f_at(record%dimension, 2)      ! f_at: ahead and behind
+      integer :: side, sides
 
       call c_f_pointer(parameters, values, [k])
       call c_f_pointer(transfer(record%scales, c_null_ptr), scales, [k])
       d = 0.0_wp
+      sides = merge(1, 2, record%one_sided /= 0)
+      f_at(:, 2) = f
       do j = 1, k
         before = values(j)
         step = max(abs(before), scales(j))
         step = record%step * merge(step, 1.0_wp, step > sqrt(tiny(1.0_wp)))
-        ahead = record%nan
-        behind = merge(f, record%nan, record%one_sided /= 0)
-        values(j) = before + step
-        call evaluate_at(record%f, record%f_data, y, ahead)
-        values(j) = before - step
-        if (code == 0 .and. record%one_sided == 0) then
-          call evaluate_at(record%f, record%f_data, y, behind)
-        end if
-        values(j) = before
-        if (code /= 0) return
-        d(j, :) = (ahead - behind) / merge(step, 2 * step, record%one_sided /= 0)
+        do side = 1, sides
+          values(j) = before + merge(step, -step, side == 1)
+          f_at(:, side) = nan
+          call evaluate_at(record%f, record%f_data, y, f_at(:, side))
+          values(j) = before
+          if (code /= 0) return
+        end do
+        d(j, :) = (f_at(:, 1) - f_at(:, 2)) / (real(sides, wp) * step)
       end do
     end subroutine difference_by_parameters
 

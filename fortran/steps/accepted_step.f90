@@ -13,7 +13,7 @@ module accepted_step_m
   use requests_m, only: evaluate_at_start, evaluate_events
   use phases_m
   use trajectory_m, only: fail, forget_step, trajectory_t
-  use within_step_m, only: interpolate, point_at, request_ends
+  use within_step_m, only: interpolate, point_at, request_ends, time_at
   use iso_fortran_env, only: int64
   use shared_numbers
   implicit none
@@ -102,8 +102,7 @@ contains
     if (x%status == finished) call store_zeros(x, output, until, ended, after)
     if (x%status /= finished) return
     deallocate (x%events%zeros)
-    t = x%t_end
-    if (until < 1) t = x%t + until * (x%t_end - x%t)
+    t = time_at(x, until)
     if (ended) then
       y = after
     else
@@ -210,12 +209,7 @@ contains
             point = y
           else if (x%problem%method%polynomial) then
             call prepare_next(x, output)
-            associate (inner => x%problem%frame%blocks(1)%action%inner)
-              call store_point(output, x%member, x%outputs_done, &
-                               inner%y(:, x%outputs_done - x%inner_from))
-            end associate
-            if (output%failed) return
-            cycle
+            point = x%problem%frame%blocks(1)%action%inner%y(:, x%outputs_done - x%inner_from)
           else
             call point_at(x, (time - x%t) / (x%t_end - x%t), point)
             x%counts%nexp = x%counts%nexp + int(flows_of_evaluation(x%interpolant), int64)

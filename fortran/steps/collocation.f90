@@ -96,14 +96,12 @@ contains
     integer :: remaining
     logical :: slow, solved
 
-    associate (newton => x%newton, method => x%problem%method)
+    associate (newton => x%newton, rtol => x%problem%tolerances%rtol)
       call correction(newton, x%h, x%f(:, 2:), dz)
       remaining = merge(max_iterations, max_rounds, x%problem%adaptive) - newton%iteration
       tolerance = rounding
-      associate (rtol => max(x%problem%tolerances%rtol, epsilon(1.0_wp)))
-        if (x%problem%adaptive) tolerance = max(10 * epsilon(1.0_wp) / rtol, &
-                                              min(0.03_wp, sqrt(x%problem%tolerances%rtol)))
-      end associate
+      if (x%problem%adaptive) tolerance = max(10 * epsilon(rtol) / max(rtol, epsilon(rtol)), &
+                                              min(0.03_wp, sqrt(rtol)))
       size_of = correction_norm(x, dz)
       slow = .not. size_of <= huge(1.0_wp)
       solved = size_of <= 0

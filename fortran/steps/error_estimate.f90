@@ -9,12 +9,20 @@
 ! e1 is the larger one of two, see kink_weights in cg/method/end_weights.py. With a power of 0 (same
 ! file) sums see the end of the step, which results don't, and the larger of e1 and factor e2
 ! counts, where with two sums e2 is e2 (e2 / hypot(e2, e3)).
+!
+! Results of a Magnus method share nodes, and sums of weights on them, so that their difference
+! doesn't see what the nodes of a step don't: a jump, a kink, an oscillation. The polynomial that
+! interpolates coefficients at the n nodes of this step and the one before has the leading
+! coefficient
+!     D = sum_k f_k / prod_(j /= k) (t_k - t_j),
+! and D prod_j (t - t_j), which is O(h^(n - 1)) for smooth coefficients, estimates how much they
+! differ from it within the step.
 module error_estimate_m
   use kinds, only: wp
   use coordinates_m, only: difference
-  use error_norm_m, only: norm, remove_isotropy, scales, tangent, turning
+  use error_norm_m, only: norm, remove_isotropy, scales, tangent
+  use frames_m, only: turning
   use newton_m, only: filtered
-  use node_difference_m, only: node_difference
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
   implicit none
@@ -24,6 +32,7 @@ module error_estimate_m
   ! Angle of a step, in radians, up to which estimates have been compared with errors
   real(wp), parameter :: max_angle = 20.0_wp
   real(wp), parameter :: least_excess = 0.1_wp         ! below which steps may grow freely
+  real(wp), parameter :: roundings = 64 * epsilon(1.0_wp)    ! of differences between nodes
 
 contains
 
@@ -81,7 +90,7 @@ contains
     integer :: k
 
     if (x%problem%method%collocation .or. x%problem%method%polynomial) return
-    excess = (abs(x%h) * turning(x%problem%frame, x%f(:, 1)) / max_angle) &
+    excess = (abs(x%h) * turning(x%problem%frame, x%f(:, 1), .true.) / max_angle) &
              **(1 / x%problem%tolerances%exponent)
     if (excess <= max(x%error, least_excess)) return
     x%path_of_u = 0
@@ -93,6 +102,52 @@ contains
       end if
     end do
   end subroutine limit_angle
+
+  ! Computes the largest value of D prod_j (t - t_j) between nodes of the step, without what
+  ! rounding explains. Times are in units of the step, from its start.
+  pure subroutine node_difference(c, f, ratio, f_before, v)
+    real(wp), intent(in) :: c(:)             ! (nodes) in a step
+    real(wp), intent(in) :: f(:, :)          ! (dimension, nodes)
+    real(wp), intent(in) :: ratio            ! of the size of the step before to that of this one
+    real(wp), intent(in) :: f_before(:, :)   ! (dimension, nodes)
+    real(wp), intent(out) :: v(:)            ! (dimension)
+    real(wp) :: t(2 * size(c)), sizes(size(v)), largest
+    integer :: j, k, s
+
+    s = size(c)
+    t = [(c - 1) * ratio, c]
+    v = 0.0_wp
+    sizes = 0.0_wp
+    largest = 0.0_wp
+    do k = 1, 2 * s
+      if (.not. counts(k)) cycle
+      associate (weight => 1 / product(t(k) - t, mask=[(j /= k .and. counts(j), j=1, 2 * s)]))
+        if (k <= s) then
+          v = v + weight * f_before(:, k)
+          sizes = sizes + abs(weight * f_before(:, k))
+        else
+          v = v + weight * f(:, k - s)
+          sizes = sizes + abs(weight * f(:, k - s))
+        end if
+      end associate
+    end do
+    do k = s + 1, 2 * s - 1
+      associate (middle => (t(k) + t(k + 1)) / 2)
+        largest = max(largest, abs(product(middle - t, mask=[(counts(j), j=1, 2 * s)])))
+      end associate
+    end do
+    v = largest * merge(v, 0.0_wp, abs(v) > roundings * sizes)
+
+  contains
+
+    ! Whether a node counts: the end of the step before is the start of this one.
+    pure logical function counts(j)
+      integer, intent(in) :: j
+
+      counts = j > s .or. abs(t(j) - c(1)) > 0
+    end function counts
+
+  end subroutine node_difference
 
   ! The norm of the difference of the result from another one
   real(wp) function distance(x, path)

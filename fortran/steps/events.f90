@@ -1,5 +1,6 @@
-! Functions whose zeros along the solution are events: in C where there is an address, in Python
-! elsewhere.
+! Functions along the solution: those whose zeros are events, in C where there is an address, in
+! Python elsewhere; and those that are evaluated at output times, one in Python, or some in C, one
+! number each.
 module events_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_intptr_t, &
                                          c_null_ptr, c_ptr
@@ -8,13 +9,13 @@ module events_m
   use inputs_m, only: inputs_t
   use kinds, only: wp
   use shared_numbers, only: event_operation, jump_operation
+  use vector_field_m, only: evaluate, vector_field_t
   implicit none
   private
-  public :: events_t
+  public :: events_t, observer_t
 
   type :: events_t
-    integer :: count = 0
-    integer :: width = 0                     ! numbers of a point that they depend on
+    integer :: count = 0, width = 0          ! width: numbers of a point that they depend on
     integer, allocatable :: direction(:)     ! (count) sign of the slope at an event, 0 for any
     integer(int64), allocatable :: most(:)   ! (count) the last event ends the trajectory
     logical, allocatable :: jumps(:)         ! (count) whether the solution jumps at an event
@@ -27,6 +28,14 @@ module events_m
     procedure :: value => event_value
     procedure :: jump => event_jump
   end type events_t
+
+  type :: observer_t
+    integer :: count = 0                     ! numbers at a time
+    type(vector_field_t) :: field            ! calls the function in Python
+    type(events_t) :: functions              ! those in C
+  contains
+    procedure :: observe
+  end type observer_t
 
   abstract interface
     function event_i(t, y, user_data) bind(c) result(g)
@@ -83,5 +92,27 @@ contains
                              after)
     flag = .not. all(abs(after) <= huge(after))
   end subroutine event_jump
+
+  ! Evaluates the functions at a point.
+  subroutine observe(self, member, t, y, values, failed)
+    class(observer_t), intent(inout) :: self
+    integer, intent(in) :: member            ! from 1
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), contiguous, intent(out) :: values(:)     ! (count)
+    logical, intent(out) :: failed
+    integer :: flag, i
+
+    failed = .false.
+    if (self%functions%count == 0) then
+      self%field%member = member
+      call evaluate(self%field, size(y), self%count, t, y, values, flag)
+      failed = flag /= 0
+    end if
+    do i = 1, self%functions%count
+      call self%functions%value(member, i, t, y, values(i), failed)
+      if (failed) return
+    end do
+  end subroutine observe
 
 end module events_m

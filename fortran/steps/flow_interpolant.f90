@@ -45,13 +45,11 @@ module flow_interpolant_m
   type :: interpolant_t
     type(frame_t), pointer :: frame => null()
     type(scheme_t), pointer :: scheme => null()
-    logical :: on_algebra = .false.
-    logical :: complete = .false.
+    logical :: on_algebra = .false., complete = .false.
     integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
     integer :: node = 0                      ! the next one, of the interpolant with one node more
     integer :: nexp = 0                      ! flows that it took
-    real(wp) :: t0 = 0.0_wp
-    real(wp) :: h = 0.0_wp
+    real(wp) :: t0 = 0.0_wp, h = 0.0_wp
     real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
     ! workspace: coordinates (dimension), a point (point_size), weights (derivatives)
     real(wp), allocatable :: u(:), y(:), weight(:)

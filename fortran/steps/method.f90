@@ -55,6 +55,7 @@ contains
   subroutine make_method(record, method)
     type(method_record_t), intent(in) :: record
     type(method_t), intent(out) :: method
+    type(transformation_t), pointer :: transformation
     real(wp), allocatable :: numbers(:)
     integer(c_int64_t) :: columns
     integer :: k, stages
@@ -90,15 +91,8 @@ contains
     method%collocation = method%blocks > 0 .and. method%on_algebra
     method%implicit = method%blocks > 0 .and. .not. method%on_algebra
     if (method%collocation) then
-      numbers = reals(record%transformation, 39_c_int64_t)
-      associate (scheme => method%transformation)
-        scheme%inverse = reshape(numbers(1:9), [3, 3])
-        scheme%t = reshape(numbers(10:18), [3, 3])
-        scheme%t_inverse = reshape(numbers(19:27), [3, 3])
-        scheme%integral = reshape(numbers(28:36), [3, 3])
-        scheme%gamma = numbers(37)
-        scheme%mu = numbers(38:39)
-      end associate
+      call c_f_pointer(transfer(record%transformation, c_null_ptr), transformation)
+      method%transformation = transformation
     end if
     method%splitting = record%drifts /= 0
     if (method%splitting) method%drift = reals(record%drifts, record%flows)

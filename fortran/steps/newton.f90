@@ -20,7 +20,8 @@ module newton_m
 
   integer, parameter :: stages = 3           ! that are implicit
 
-  type :: transformation_t
+  type :: transformation_t                   ! in the order in which Python has its numbers
+    sequence
     real(wp) :: inverse(stages, stages)      ! A^-1
     real(wp) :: t(stages, stages), t_inverse(stages, stages)
     ! (power, stage) coefficients of the integrals of Lagrange's polynomials
@@ -32,8 +33,7 @@ module newton_m
   type :: newton_t
     type(frame_t), pointer :: frame => null()
     type(transformation_t), pointer :: transformation => null()
-    logical :: has_jacobian = .false.
-    logical :: fresh = .false.               ! whether the Jacobian is that of the present point
+    logical :: has_jacobian = .false., fresh = .false. ! fresh: that of the present point
     logical :: sparse = .false.              ! whether Python keeps the Jacobian and its factors
     integer :: member = 1
     integer :: column = 0                    ! of the Jacobian, that is evaluated next

@@ -14,7 +14,7 @@ module requests_m
   implicit none
   private
   public :: check_coefficients, evaluate_at_start, evaluate_events, reject_stage, request, &
-            within_segment
+            share_error, within_segment
 
 contains
 
@@ -111,11 +111,8 @@ contains
       x%request%received = huge(1.0_wp)               ! choose_first_size keeps the guess
       x%status = finished
     case (phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received)
-      x%error = huge(1.0_wp)
-      x%request%shared = x%error
       x%status = finished
-      x%phase = phase_decide_step
-      if (x%problem%common) x%status = needs_maximum
+      call share_error(x, huge(1.0_wp))
     case (phase_node_received)
       ! the step is accurate, but too long for its interpolant
       if (x%interpolate_only .or. x%problem%common) then
@@ -132,6 +129,17 @@ contains
       call fail(x, status, t)
     end select
   end subroutine reject_stage
+
+  ! Sets the error of a step, huge if it isn't finite. Trajectories with common steps share it.
+  subroutine share_error(x, error)
+    type(trajectory_t), intent(inout) :: x
+    real(wp), intent(in) :: error
+
+    x%error = merge(error, huge(error), error < huge(error))
+    x%request%shared = x%error
+    x%phase = phase_decide_step
+    if (x%problem%common) x%status = needs_maximum
+  end subroutine share_error
 
   ! Evaluates the functions of all events at a point; the trajectory fails if one of them does.
   subroutine evaluate_events(x, t, y, values)

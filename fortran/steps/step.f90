@@ -3,9 +3,8 @@
 ! the coordinates u of a point instead, y = exp(u) y_0. For the error see error_estimate.f90.
 module step_m
   use kinds, only: wp
-  use algebra_m, only: dexpinv
+  use algebra_m, only: bracket, dexpinv
   use blocks_m, only: combine_flows
-  use brackets_m, only: bracket
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
                           max_suspicion, rejected_size, suspected_error
@@ -14,7 +13,7 @@ module step_m
   use free_motion_m, only: move_by_kicks
   use implicit_m, only: prepare_stage, store_value
   use method_m, only: method_t
-  use requests_m, only: reject_stage, request, within_segment
+  use requests_m, only: reject_stage, request, share_error, within_segment
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy, finite
@@ -232,7 +231,7 @@ contains
             .and. (x%control%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
           call request_error(x)
         else
-          call share_error(x)
+          call share_error(x, x%error)
         end if
       else if (.not. finite(size(x%y, 1), x%y(:, x%result))) then
         call fail(x, solution_not_finite, x%t_end)
@@ -260,18 +259,8 @@ contains
 
     x%f(:, 1) = x%request%received
     call estimate_error(x)
-    call share_error(x)
+    call share_error(x, x%error)
   end subroutine store_error
-
-  ! Makes the error known to trajectories with common steps.
-  subroutine share_error(x)
-    type(trajectory_t), intent(inout) :: x
-
-    if (.not. x%error < huge(1.0_wp)) x%error = huge(1.0_wp)
-    x%request%shared = x%error
-    x%phase = phase_decide_step
-    if (x%problem%common) x%status = needs_maximum
-  end subroutine share_error
 
   ! Accepts a step, or rejects it and chooses a smaller size.
   subroutine accept_or_reject(x)

@@ -7,7 +7,7 @@
 ! finds the zeros.
 module step_events_m
   use kinds, only: wp
-  use frames_m, only: turn
+  use frames_m, only: turning
   use requests_m, only: evaluate_events
   use root_m, only: event_function_t, find_root
   use shared_numbers, only: raised, resting_contact
@@ -59,7 +59,9 @@ contains
         if (x%status == raised) return
       end do
       if (first == 2 .and. n == min_parts .and. all(x%events%came_from == 0)) then
-        if (all(are_far(values(:, ::2)))) return
+        associate (low => minval(values(:, ::2), 2), high => maxval(values(:, ::2), 2))
+          if (all(max(low, -high) > high - low)) return
+        end associate
       end if
     end do
     do i = 1, size(values, 1)
@@ -71,22 +73,15 @@ contains
     end do
   end subroutine find_zeros
 
-  ! Whether functions are farther from zero than their values are from each other
-  pure function are_far(values) result(far)
-    real(wp), intent(in) :: values(:, :)               ! (events, points)
-    logical :: far(size(values, 1))
-
-    associate (low => minval(values, 2), high => maxval(values, 2))
-      far = max(low, -high) > high - low
-    end associate
-  end function are_far
-
   ! The number of parts whose ends are compared
   pure integer function parts(x)
     type(trajectory_t), intent(in) :: x
     real(wp) :: angle
 
-    angle = max(turn(x%problem%frame, x%h * x%slope), turn(x%problem%frame, x%h * x%end_slope))
+    associate (frame => x%problem%frame)
+      angle = max(turning(frame, x%h * x%slope, .false.), &
+                  turning(frame, x%h * x%end_slope, .false.))
+    end associate
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
   end function parts
 

@@ -8,10 +8,8 @@ module time_grid_m
   public :: grid_t, make_grid
 
   type :: grid_t
-    real(wp) :: start = 0.0_wp
-    real(wp) :: step = 0.0_wp                ! negative to go backward
-    real(wp) :: last = 0.0_wp                ! the last step
-    real(wp) :: stop = 0.0_wp
+    real(wp) :: start = 0.0_wp, step = 0.0_wp          ! step: negative to go backward
+    real(wp) :: last = 0.0_wp, stop = 0.0_wp ! last: the last step
     integer(int64) :: steps = 0
   end type grid_t
 

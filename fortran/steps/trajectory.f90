@@ -2,7 +2,7 @@
 ! loop call x.
 module trajectory_m
   use kinds, only: wp
-  use error_norm_m, only: tolerances_t, width
+  use error_norm_m, only: tolerances_t
   use events_m, only: events_t
   use frames_m, only: frame_t
   use flow_interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
@@ -78,8 +78,7 @@ module trajectory_m
   ! A zero of the function of an event within a step
   type :: zero_t
     real(wp) :: at = 0.0_wp                  ! fraction of the step, 2 when it has been stored
-    integer :: event = 0
-    integer :: from = 0                      ! sign of the function before
+    integer :: event = 0, from = 0           ! from: sign of the function before
   end type zero_t
 
   ! The events of a trajectory
@@ -126,8 +125,7 @@ module trajectory_m
     integer :: paths = 0                     ! number of paths that have been followed
     integer :: path_of_u = 0                 ! path that u has the coordinates of
     integer :: result = 0                    ! column of y with the result
-    real(wp) :: t_end = 0.0_wp
-    real(wp) :: h = 0.0_wp                   ! signed size
+    real(wp) :: t_end = 0.0_wp, h = 0.0_wp   ! h: signed size
     real(wp) :: error = 0.0_wp               ! in tolerances
     real(wp), allocatable :: weight(:)       ! (terms) of the method's flows, times the step size
     real(wp) :: weighted_by = 0.0_wp         ! step size that these weights are multiplied by
@@ -145,8 +143,7 @@ module trajectory_m
     type(stage_solver_t) :: solver                 ! of another implicit method
     ! output
     type(interpolant_t) :: interpolant
-    logical :: needs_interpolant = .false.
-    logical :: seeks_events = .false.        ! along the interpolant
+    logical :: needs_interpolant = .false., seeks_events = .false.     ! along the interpolant
     logical :: interpolate_only = .false.    ! the interpolant of the last step, and no step
     integer :: outputs_done = 0              ! output times passed
     integer :: inner_from = 0                ! and when inner points of the step were prepared
@@ -190,7 +187,7 @@ contains
       end if
       if (memory /= 0) return
       n = 0
-      if (problem%adaptive) n = width(frame, problem%tolerances)
+      if (problem%adaptive) n = size(problem%tolerances%atol)
       k = 0
       if (associated(problem%events)) k = problem%events%count
       associate (control => x%control, events => x%events)

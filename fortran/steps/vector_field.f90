@@ -6,6 +6,7 @@ module vector_field_m
                                          c_null_ptr, c_ptr
   use inputs_m, only: inputs_t
   use kinds, only: wp
+  use vectors_m, only: nan
   implicit none
   private
   public :: call_python_field, call_python_member, evaluate, field_at, rhs_i, vector_field_t
@@ -27,7 +28,6 @@ module vector_field_m
   type :: vector_field_t
     procedure(rhs_i), pointer, nopass :: rhs => null()
     integer :: member = 1                    ! that the point belongs to
-    real(wp) :: nan = 0.0_wp
     integer(c_intptr_t) :: data_address = 0  ! 0 for none
     integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
     type(inputs_t) :: inputs                 ! written into the data
@@ -55,7 +55,7 @@ contains
     integer, intent(out) :: flag                   ! nonzero stops the integration
     integer(c_intptr_t) :: data
 
-    f = self%nan
+    f = nan
     data = self%data_address + int(self%member - 1, c_intptr_t) * self%data_stride
     if (associated(self%inputs%table)) call self%inputs%write(t, self%member, data)
     flag = self%rhs(t, y, f, transfer(data, c_null_ptr))

@@ -8,7 +8,7 @@
 ! What takes long in real(16) can be ended by a flag; its results are then of no use.
 module linalg_m
   use kinds, only: wp
-  use stop_flag_m, only: stop_requested
+  use least_squares_m, only: stop_requested
   implicit none
   private
   public :: enorm, qrfac, lmpar, reflect
@@ -85,12 +85,10 @@ contains
 
     m = size(a, 1)
     n = size(a, 2)
-    do j = 1, n
-      acnorm(j) = enorm(a(:, j))
-      rdiag(j) = acnorm(j)
-      reference(j) = rdiag(j)
-      ipvt(j) = j
-    end do
+    acnorm = [(enorm(a(:, j)), j=1, n)]
+    rdiag = acnorm
+    reference = acnorm
+    ipvt = [(j, j=1, n)]
 
     do j = 1, min(m, n)
       k = j - 1 + maxloc(rdiag(j:), dim=1)
@@ -153,16 +151,14 @@ contains
     real(wp), intent(out) :: x(:), sdiag(:)              ! (n)
     integer, intent(inout), optional :: stop_flag
     real(wp) :: rhs(size(r, 2)), rdiag(size(r, 2))
-    integer :: i, j, n, rank
+    integer :: j, n, rank
 
     n = size(r, 2)
     x = 0
+    rhs = qtb(:n)
     do j = 1, n
-      do i = j, n
-        r(i, j) = r(j, i)
-      end do
+      r(j:n, j) = r(j, j:n)
       rdiag(j) = r(j, j)
-      rhs(j) = qtb(j)
     end do
 
     do j = 1, n

@@ -1,14 +1,17 @@
 ! Vectors of real numbers
 module vectors_m
+  use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp
   implicit none
   private
-  public :: combine, combine_columns, copy, cross, finite
+  public :: combine, copy, cross, finite
+
+  ! ieee_value would save and restore the floating-point state, as ieee_is_finite would
+  real(wp), parameter, public :: nan = transfer(int(z'7FF8000000000000', int64), 1.0_wp)
 
 contains
 
-  ! Tells whether all numbers are finite; where their sum is, all are. With ieee_is_finite every
-  ! procedure that uses its module would save and restore the floating-point state.
+  ! Tells whether all numbers are finite; where their sum is, all are.
   pure logical function finite(n, x)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n)
@@ -39,19 +42,6 @@ contains
       if (abs(weight(j)) > 0) sum = sum + weight(j) * k(:, j)
     end do
   end subroutine combine
-
-  ! A weighted sum of at least one of the columns of a matrix
-  pure subroutine combine_columns(m, n, weight, column, k, sum)
-    integer, intent(in) :: m, n, column(n)
-    real(wp), intent(in) :: weight(n), k(m, *)
-    real(wp), intent(out) :: sum(m)
-    integer :: j
-
-    sum = weight(1) * k(1:m, column(1))
-    do j = 2, n
-      sum = sum + weight(j) * k(1:m, column(j))
-    end do
-  end subroutine combine_columns
 
   ! Copies a vector. In a procedure of its own the compiler knows that two columns of an array don't
   ! overlap.

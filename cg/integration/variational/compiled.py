@@ -135,7 +135,7 @@ def _first_record(variational: VariationalField, plan: Plan) -> tuple[_Record, A
     record = _Record(
         frame=plan.address, dimension=variational.frame.dim, width=plan.width,
         parameters=variational.count, constants=len(constant) - 1, index=index.ctypes.data,
-        constant=constant.ctypes.data, step=DIFFERENCE_STEP, nan=np.nan,
+        constant=constant.ctypes.data, step=DIFFERENCE_STEP,
         data=f.user_data if isinstance(f, CompiledRhs) else 0,
         noises=0 if noise is None else variational.frame.dim,
         noise_data=noise.ctypes.data if isinstance(noise, np.ndarray) else 0,
