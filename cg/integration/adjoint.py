@@ -73,8 +73,8 @@ class AdjointSolution(Solution):
         Raises
         ------
         ValueError
-            If the cotangent has another shape or isn't finite; or if the equation is stiff, so that
-            a hundred thousand intervals would be needed.
+            If the cotangent has another shape or isn't finite; or if the equation is stiff, or
+            jumps where there is no breakpoint, so that too many intervals would be needed.
 
         Notes
         -----
