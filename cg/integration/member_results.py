@@ -131,7 +131,7 @@ class Results:
                 array.flags.writeable = False
         if not failures and len(joint.messages) == self.members:
             message = TERMINAL_EVENT
-        return (problem.make_solution or _make_solution)(problem, {
+        fields = {
             "t": joint.t,
             "y": joint.y,
             "sol": self._output() if problem.dense else None,
@@ -146,7 +146,10 @@ class Results:
             "frame": problem.plan.frame,
             "h": problem.control.h,
             "observed": joint.observed,
-        })  # fmt: skip
+        }
+        if problem.make_solution is None:
+            return filled(EnsembleSolution, fields)
+        return problem.make_solution(problem, fields)
 
     def _output(self) -> EnsembleOutput:
         """Return the continuous solution, only initial points of members whose worker died."""
@@ -182,10 +185,6 @@ def solution_of(problem: Problem, part: MemberResults) -> Solution:
         "y_after": None, "method": problem.plan.method, "frame": problem.plan.frame,
         "h": problem.control.h,
     })  # fmt: skip
-
-
-def _make_solution(_: Problem, fields: dict[str, Any]) -> EnsembleSolution:
-    return filled(EnsembleSolution, fields)
 
 
 def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
