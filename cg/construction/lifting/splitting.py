@@ -115,12 +115,8 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
                 parents.append(m - 1)
             else:
                 parents.append(int(generator.integers(m)))
-        paths = []
-        for end in ends:
-            path = [end]
-            while parents[path[-1]] != START:
-                path.append(parents[path[-1]])
-            paths.append(set(path))
+        tree = Layout(tuple(parents), ((),) * flows, (START,), (flows - 1,))
+        paths = [set(tree.path(end)) for end in ends]
         if set().union(*paths) != set(range(flows)):
             continue
         uses = []
