@@ -274,6 +274,7 @@ def make_problem(
 ) -> Problem:
     """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
     check_stage_solver(stage_solver)
+    vectorized, common = check_flag("vectorized", vectorized), check_flag("common_steps", common)
     plan = _make_plan(f, frame, options)
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)

@@ -233,9 +233,9 @@ def solve_variational_ensemble(
     array([1.648721, 2.718282])
     """
     problem = make_problem(
-        f, t_span, y0, frame=frame, many=True, vectorized=check_flag("vectorized", vectorized),
+        f, t_span, y0, frame=frame, many=True, vectorized=vectorized, common=common_steps,
         options=complete_options(solve_variational_ensemble, rest, options),
-        common=check_flag("common_steps", common_steps), stage_solver=stage_solver,
+        stage_solver=stage_solver,
     )  # fmt: skip
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise)
     solution = solve_members(joint, progress, executor, workers)
