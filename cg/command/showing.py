@@ -21,7 +21,7 @@ from cg.method.splitting import Splitting
 from cg.support.parsing import visible
 from cg.support.quads import MAX_WRITTEN, to_decimal
 from cg.trees import forest
-from cg.trees.rooted import density, planted, rooted_trees_through
+from cg.trees.rooted import density, node_count, planted, rooted_trees_through
 
 _DIGITS = 6  # printed by default
 _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
@@ -187,7 +187,7 @@ def _conditions(method: Method, order: int) -> list[dict[str, Any]]:
         rooted = nystrom_trees(order) if splits else rooted_trees_through(order)
         trees = ["sum of drifts"] * splits + [str(planted(tree)) for tree in rooted]
         residuals = list(map(float, method.residuals(order)))
-        orders = [1] * splits + [planted(tree).nodes for tree in rooted]
+        orders = [1] * splits + list(map(node_count, rooted))
         sides = [Fraction(1)] * splits + [Fraction(1, density(tree)) for tree in rooted]
     else:
         indices = conditions.condition_trees(order)

@@ -83,13 +83,11 @@ class Results:
             self._all = part
             return
         joint = self.joint()
-        if joint.y is not None:
-            joint.y[:, members] = part.y
-        if joint.observed is not None:
-            joint.observed[:, members] = part.observed
-        joint.reached[members] = part.reached
-        joint.status[members] = part.status
-        joint.counts[members] = part.counts
+        for whole, rows in ((joint.y, part.y), (joint.observed, part.observed)):
+            if whole is not None:
+                whole[:, members] = rows
+        for name in ("reached", "status", "counts"):
+            getattr(joint, name)[members] = getattr(part, name)
         joint.messages.update((members.start + k, text) for k, text in part.messages.items())
         joint.warnings.extend(part.warnings)
 

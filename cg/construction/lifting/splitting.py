@@ -127,8 +127,11 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
         if not all(uses):
             continue
         layout = rows.layout(parents, places, flows - 1, uses)
-        if Splitting.reachable(rows, layout):
-            return layout
+        try:
+            Held.solving(path_sums(rows, layout), layout.size)
+        except ArithmeticError:  # no weights add up to the rows
+            continue
+        return layout
 
 
 def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Fraction]]:
@@ -158,15 +161,6 @@ class Splitting:
     order: int
     embedded_order: int = 0
     stage_orders: tuple[int, ...] = ()
-
-    @staticmethod
-    def reachable(rows: FlatRows, layout: Layout) -> bool:
-        """Return whether there are weights that add up to the rows."""
-        try:
-            Held.solving(path_sums(rows, layout), layout.size)
-        except ArithmeticError:
-            return False
-        return True
 
     @cached_property
     def sums(self) -> Held:

@@ -8,6 +8,7 @@ budget of steps is used up, or a buffer is full; then Python collects the output
 from __future__ import annotations
 
 import ctypes
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ class Run:
         events, jacobian = problem.events, problem.jacobian
         self._functions = 0 if events is None else len(events)
         if jacobian is not None:
-            jacobian = jacobian.for_run(self._lanes)
+            jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
         self.kept = plan.kept + plan.kept_nodes
