@@ -60,9 +60,8 @@ def fit(
     f = float(residual @ residual)
     if directions.shape[1] == 0:  # the rows determine all weights
         return Fit(x, f)
-    damping = 1e-2
+    damping, reached = 1e-2, [f]
     steps: DampedSteps | None = None
-    reached = [f]
     chosen, taken = _select(splitting, x, residual), 0
     for _ in range(max_iterations):
         if not (f < np.inf and damping < _MAX_DAMPING):
