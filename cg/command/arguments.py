@@ -2,6 +2,8 @@
 
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import reduce
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,8 +17,14 @@ from cg.method.method import Method
 from cg.support.parsing import to_json, visible_lines
 
 F = TypeVar("F", bound=Callable[..., Any])
+Option = Callable[[F], F]
 
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
+
+
+def stacked(*options: Option[Any]) -> Option[Any]:
+    """Return a decorator that adds options in this order."""
+    return lambda function: reduce(lambda so_far, option: option(so_far), options[::-1], function)
 
 
 def count_option(name: str, help: str, *, least: int = 1, **options: Any) -> Callable[[F], F]:
@@ -33,19 +41,19 @@ def output_option(help: str, *, required: bool = False) -> Callable[[F], F]:
 workers_option = count_option("--workers", "Threads; all cores by default.")
 
 
-def named(name: str) -> Method:
-    """Return the method of a name; the ValueError for an unknown name lists similar ones."""
-    if name in methods:
-        return methods[name]
-    raise ValueError(
-        f"no method is named {name!r}, and no .toml or .json file is there{similar_names(name)}"
-    )
+def _same(method: Method) -> Any:
+    return method
 
 
 class MethodArgument(click.ParamType):  # type: ignore[type-arg]
-    """Type of an argument that is the name or the file of a method."""
+    """Type of an argument that is the name or the file of a method, and what is made of it."""
 
     name = "NAME|FILE"
+
+    def __init__(
+        self, make: Callable[[Method], Any] = _same, read: Callable[[str], Any] | None = None
+    ) -> None:
+        self._make, self._read = make, read or (lambda file: make(load(file)))
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
@@ -54,23 +62,24 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
         names = [n for n in methods if n.isprintable() and n.lower().startswith(incomplete.lower())]
         return [*(CompletionItem(n) for n in names), CompletionItem(incomplete, type="file")]
 
-
-class NamedMethod(MethodArgument):
-    """Type of an argument that is converted to a method."""
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Method:
-        """Return the method; raise BadParameter if it can't be read."""
-        if isinstance(value, Method):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return what is made of the method; raise BadParameter if it can't be read."""
+        if not isinstance(value, str):  # it is converted
             return value
         try:
-            return load(value) if is_file(value) else named(value)
-        except (MethodError, OSError, ValueError) as problem:
+            if is_file(value):
+                return self._read(value)
+            if value in methods:
+                return self._make(methods[value])
+        except (MethodError, OSError, TypeError, ValueError) as problem:
             self.fail(message_of(problem), param)
+        similar = similar_names(value)
+        self.fail(
+            f"no method is named {value!r}, and no .toml or .json file is there{similar}", param
+        )
 
 
-METHOD = NamedMethod()
+METHOD = MethodArgument()
 
 
 def as_json(data: Any) -> None:
@@ -84,13 +93,13 @@ def say(text: str, *, err: bool = False) -> None:
 
 
 def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
-    """Return rows as aligned columns of text, the first `left` columns flush left."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    """Return rows, also short ones, as aligned columns of text, the first `left` flush left."""
+    widths = [max(map(len, column)) for column in zip_longest(*rows, fillvalue="")]
     lines = []
     for row in rows:
         cells = [
             cell.ljust(width) if k < left else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+            for k, (cell, width) in enumerate(zip(row, widths, strict=False))
         ]
         lines.append("  ".join(cells).rstrip())
     return "\n".join(lines)

@@ -3,24 +3,12 @@
 import click
 
 from cg.analysis.diagnosis import Diagnosis, diagnose, diagnose_file
-from cg.catalogue import is_file
-from cg.command.arguments import MethodArgument, as_json, count_option, json_option, named, say
-from cg.command.main import NO, message_of
-from cg.layouts.points import MethodError
-
-
-class _Diagnosed(MethodArgument):
-    def convert(
-        self, value: str, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Diagnosis:
-        try:
-            return diagnose_file(value) if is_file(value) else diagnose(named(value))
-        except (MethodError, OSError, TypeError, ValueError) as problem:
-            self.fail(message_of(problem), param)
+from cg.command.arguments import MethodArgument, as_json, count_option, json_option, say
+from cg.command.main import NO
 
 
 @click.command("check", short_help="Determine the order of a method and recognise mistakes.")
-@click.argument("diagnosis", metavar="NAME|FILE", type=_Diagnosed())
+@click.argument("diagnosis", metavar="NAME|FILE", type=MethodArgument(diagnose, diagnose_file))
 @count_option("--order", "Required order.")
 @json_option
 def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int:

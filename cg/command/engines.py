@@ -6,27 +6,22 @@ from typing import Any
 
 import click
 
-from cg.command.arguments import F
+from cg.command.arguments import stacked
 from cg.executors import ExecutorLike
 
-
-def engine_options(function: F) -> F:
-    """Add the options that choose the executor."""
-    for option in (
-        click.option(
-            "--mpi", is_flag=True,
-            help="Run on the processes of mpiexec: mpiexec -n 3 python -m mpi4py.futures -m cg …",
-        ),
-        click.option(
-            "--dask", metavar="ADDRESS", help="Run on the workers of a Dask scheduler, tcp://…",
-        ),
-        click.option(
-            "--processes", is_flag=True,
-            help="Run in processes: a start that kills its worker doesn't end the run.",
-        ),
-    ):  # fmt: skip
-        function = option(function)
-    return function
+engine_options = stacked(
+    click.option(
+        "--processes", is_flag=True,
+        help="Run in processes: a start that kills its worker doesn't end the run.",
+    ),
+    click.option(
+        "--dask", metavar="ADDRESS", help="Run on the workers of a Dask scheduler, tcp://…"
+    ),
+    click.option(
+        "--mpi", is_flag=True,
+        help="Run on the processes of mpiexec: mpiexec -n 3 python -m mpi4py.futures -m cg …",
+    ),
+)  # fmt: skip
 
 
 @contextmanager

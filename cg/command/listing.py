@@ -1,7 +1,6 @@
 """``list``: the methods of the catalogue."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import click
@@ -13,15 +12,7 @@ from cg.command.main import NO
 from cg.proofs import proved
 from cg.support.parsing import visible
 
-_KEYS: dict[str, Callable[[MethodSummary], Any]] = {
-    "name": lambda summary: summary.name,
-    "order": lambda summary: summary.order,
-    "evaluations": lambda summary: summary.evaluations,
-    "flows": lambda summary: summary.flows,
-    "error": lambda summary: (
-        math.inf if summary.principal_error is None else summary.principal_error
-    ),
-}
+_KEYS = ("name", "order", "evaluations", "flows", "error")
 _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magnus", "splitting")
 
 
@@ -41,7 +32,7 @@ _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magn
     "--kind", type=click.Choice(_KINDS, case_sensitive=False), help="Only methods of this kind."
 )
 @click.option(
-    "--sort", type=click.Choice(list(_KEYS)), default="order", show_default=True,
+    "--sort", type=click.Choice(_KEYS), default="order", show_default=True,
     help="First sort key; then evaluations, flows and name.",
 )  # fmt: skip
 @json_option
@@ -84,7 +75,7 @@ def list_command(
         and (pair is None or (facts.embedded_order is not None) == pair)
         and (kind is None or facts.kind == kind)
     ]
-    selected.sort(key=lambda f: (_KEYS[sort](f), f.evaluations, f.flows, f.name))
+    selected.sort(key=lambda facts: (_key(facts, sort), facts.evaluations, facts.flows, facts.name))
     proofs = {facts.name: proved(methods[facts.name]) for facts in selected}
     if only_proved:
         selected = [facts for facts in selected if proofs[facts.name] == "yes"]
@@ -96,6 +87,12 @@ def list_command(
     else:
         say("no method of the catalogue matches these options")
     return 0 if selected else NO
+
+
+def _key(summary: MethodSummary, name: str) -> Any:
+    if name == "error":
+        return math.inf if summary.principal_error is None else summary.principal_error
+    return getattr(summary, name)
 
 
 def _row(summary: MethodSummary, proof: str) -> tuple[str, ...]:

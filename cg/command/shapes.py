@@ -1,13 +1,19 @@
 """Options of ``search`` and ``construct``, named like the arguments of the functions."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import reduce
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cg.command.arguments import F, NamedMethod, count_option, json_option, workers_option
+from cg.command.arguments import (
+    MethodArgument,
+    Option,
+    count_option,
+    json_option,
+    stacked,
+    workers_option,
+)
 from cg.command.engines import engine_options
 from cg.construction.search.requirements import OBJECTIVES
 from cg.construction.search.settings import ALGORITHMS
@@ -19,21 +25,14 @@ from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 
 
-class _Shape(NamedMethod):
-    """The tree of points of a method."""
-
-    def convert(  # type: ignore[override]
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Layout:
-        if isinstance(value, Layout):
-            return value
-        method: Method = super().convert(value, param, ctx)
-        try:
-            if not isinstance(method, MuntheKaas):
-                return layout_of(method)
-        except (MethodError, TypeError):  # it is implicit
-            pass
-        self.fail(f"{method!r} isn't an explicit method with a tree of points", param)
+def _shape(method: Method) -> Layout:
+    """Return the tree of points of a method."""
+    try:
+        if not isinstance(method, MuntheKaas):
+            return layout_of(method)
+    except (MethodError, TypeError):  # it is implicit
+        pass
+    raise ValueError(f"{method!r} isn't an explicit method with a tree of points")
 
 
 class _Member(click.Choice):  # type: ignore[type-arg]
@@ -57,8 +56,6 @@ class _Value(click.ParamType):  # type: ignore[type-arg]
         return (name, number) if equals else self.fail(f"{value!r} isn't NAME=VALUE", param)
 
 
-Option = Callable[[F], F]
-
 _SIZE_OPTIONS: Sequence[Option[Any]] = (
     count_option("--order", "Order of the methods.", required=True),
     count_option("--stages", "Evaluations in a step; required unless --tree is given."),
@@ -67,7 +64,7 @@ _SIZE_OPTIONS: Sequence[Option[Any]] = (
 _POINTS: Sequence[Option[Any]] = (
     count_option("--flows", "Commutator-free methods with this number of flows."),
     click.option(
-        "--tree", type=_Shape(), metavar="NAME|FILE",
+        "--tree", type=MethodArgument(_shape), metavar="NAME|FILE",
         help="Commutator-free methods with the tree of points of a method, and its nonzero weights "
         "as unknowns.",
     ),
@@ -177,18 +174,11 @@ _CONSTRUCTION: Sequence[Option[Any]] = (
 )  # fmt: skip
 
 
-def _all(*groups: Sequence[Option[Any]]) -> Option[Any]:
-    """Return a decorator that adds options in this order."""
-    options = [option for group in groups for option in group]
-    return lambda function: reduce(lambda so_far, option: option(so_far), options[::-1], function)
-
-
-search_options = _all(
-    _SIZE_OPTIONS, _random("--starts", 100, "Random starts."), _POINTS, _SEARCH, _RUN
+search_options = stacked(
+    *_SIZE_OPTIONS, *_random("--starts", 100, "Random starts."), *_POINTS, *_SEARCH, *_RUN
 )
-construction_options = _all(
-    _SIZE_OPTIONS, _random("--tries", 400, "Random starts at most."), _POINTS, _CONSTRUCTION, _RUN
-)
+_TRIES = _random("--tries", 400, "Random starts at most.")
+construction_options = stacked(*_SIZE_OPTIONS, *_TRIES, *_POINTS, *_CONSTRUCTION, *_RUN)
 
 
 def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """``show``: all data of one method."""
 
-from collections.abc import Iterable
 from fractions import Fraction
 from itertools import chain
 from typing import Any
@@ -22,7 +21,7 @@ from cg.method.splitting import Splitting
 from cg.support.parsing import visible
 from cg.support.quads import MAX_WRITTEN, to_decimal
 from cg.trees import forest
-from cg.trees.rooted import density, planted, rooted_trees_through
+from cg.trees.rooted import density, node_count, planted, rooted_trees_through
 
 _DIGITS = 6  # printed by default
 _MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
@@ -93,17 +92,15 @@ def _drawing(method: Method, digits: int) -> str:
         rows |= {"flow": method.weights}
         rows |= {"flow of the second result": method.embedded_weights or ()}
         rows |= {"flow of the third": (method.third_weights,) if method.third_weights else ()}
-        lines = [
+        return table([
             [label, "│", *(_number_of(x.value, digits) for x in row)]
             for label, block in rows.items()
             for row in block
-        ]
-        width = max(map(len, lines))
-        return table([[*line, *[""] * (width - len(line))] for line in lines])
+        ])  # fmt: skip
     if isinstance(method, Splitting):
         numbers = [_number_of(x.value, digits) for x in method.coefficients]
-        pairs = zip(numbers[::2], [*numbers[1::2], ""], strict=True)
-        return table([["drift", "kick"], *map(list, pairs)], left=0)
+        pairs = [numbers[k : k + 2] for k in range(0, len(numbers), 2)]
+        return table([["drift", "kick"], *pairs], left=0)
     return _tableau(method, digits)
 
 
@@ -168,9 +165,7 @@ def _tableau(method: Method, digits: int) -> str:
     ]
     lines += [["b", *(_number_of(x, digits) for x in b)]]
     lines += [["b^", *(_number_of(x, digits) for x in second)]] if second else []
-    width = method.stages + 1
-    padded = [[*line, *[""] * (width - len(line))] for line in lines]
-    text = table([[line[0], "│", *line[1:]] for line in padded], left=2).splitlines()
+    text = table([[line[0], "│", *line[1:]] for line in lines]).splitlines()
     rule = "─" * max(map(len, text))
     return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
 
@@ -192,7 +187,7 @@ def _conditions(method: Method, order: int) -> list[dict[str, Any]]:
         rooted = nystrom_trees(order) if splits else rooted_trees_through(order)
         trees = ["sum of drifts"] * splits + [str(planted(tree)) for tree in rooted]
         residuals = list(map(float, method.residuals(order)))
-        orders = [1] * splits + [planted(tree).nodes for tree in rooted]
+        orders = [1] * splits + list(map(node_count, rooted))
         sides = [Fraction(1)] * splits + [Fraction(1, density(tree)) for tree in rooted]
     else:
         indices = conditions.condition_trees(order)
@@ -202,10 +197,6 @@ def _conditions(method: Method, order: int) -> list[dict[str, Any]]:
         residuals = [0.0 if ball.contains(0) else float(ball.mid()) for ball in balls]
         orders = [tree.nodes - 1 for tree in ordered]
         sides = list(conditions.right_sides(order))
-    columns: dict[str, Iterable[Any]] = {
-        "order": orders,
-        "tree": trees,
-        "right_side": map(str, sides),
-    }
-    rows = zip(*columns.values(), residuals, strict=True)
-    return [dict(zip([*columns, "residual"], row, strict=True)) for row in rows]
+    names = "order", "tree", "right_side", "residual"
+    rows = zip(orders, trees, map(str, sides), residuals, strict=True)
+    return [dict(zip(names, row, strict=True)) for row in rows]

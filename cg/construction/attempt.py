@@ -80,46 +80,41 @@ def read_attempt(settings: ConstructionSettings, entry: StoredStart) -> Attempt:
 
 def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
     """Run one try: solve from a random guess, then eliminate stages or flows."""
-    random = start_generator(settings.seed, index)
-    if settings.flows is not None:
-        return _run_tree(settings, index, random)
-    spread = max(0, settings.first_stages - settings.stages)
-    stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
-    system = settings.system(Layout.tableau(stages))
-    guess = random_candidate(system, settings.width, random)
+    random, accept = start_generator(settings.seed, index), partial(_acceptable, settings)
+    if settings.first_flows is not None:
+        layout = settings.tree_for(settings.first_flows, random)
+    else:
+        spread = max(0, settings.first_stages - settings.stages)
+        stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
+        layout = Layout.tableau(stages)
+    guess = random_candidate(settings.system(layout), settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
-    if not _acceptable(settings, candidate):
-        return _attempt(settings, index, candidate)
-    for smaller in eliminate(
-        candidate,
-        settings.stages,
-        random=random,
-        largest=settings.largest,
-        restarts=settings.restarts,
-        accept=partial(_acceptable, settings),
-    ):
-        candidate = smaller
+    if settings.flows is not None:
+        candidate = _with_fewer_flows(settings, candidate, random)
+    elif accept(candidate):
+        for smaller in eliminate(
+            candidate, settings.stages, random=random, largest=settings.largest,
+            restarts=settings.restarts, accept=accept,
+        ):  # fmt: skip
+            candidate = smaller
     return _attempt(settings, index, candidate)
 
 
-def _run_tree(settings: ConstructionSettings, index: int, random: np.random.Generator) -> Attempt:
-    """Run one try for a commutator-free method."""
-    assert settings.first_flows is not None
-    system = settings.system(settings.tree_for(settings.first_flows, random))
-    guess = random_candidate(system, settings.width, random)
-    candidate = solve_start(guess, settings.iterations, promising=settings.promising)
-    walks = 0
-    while _acceptable(settings, candidate) and walks <= settings.restarts:
+def _with_fewer_flows(
+    settings: ConstructionSettings, candidate: Candidate, random: np.random.Generator
+) -> Candidate:
+    """Return what is left when flows are dropped one by one, with walks where that fails."""
+    walks, accept = 0, partial(_acceptable, settings)
+    while accept(candidate) and walks <= settings.restarts:
         if _flows(settings, candidate.system.layout) == settings.flows:
             break
-        accept = partial(_acceptable, settings)
         smaller = drop_flow(candidate, random, largest=settings.largest, accept=accept)
         if smaller is None:
             walks += 1
             candidate = walk(candidate, random, largest=settings.largest)
         else:
             candidate, walks = smaller, 0
-    return _attempt(settings, index, candidate)
+    return candidate
 
 
 def _flows(settings: ConstructionSettings, layout: Layout) -> int:

@@ -14,7 +14,7 @@ from cg.executors import ExecutorLike
 from cg.method.method import Method
 from cg.runs import Failure, LongRun, ProgressLine, RunOptions, Score
 from cg.support import quads
-from cg.support.checks import MAX_COUNT, check_integer
+from cg.support.checks import MAX_COUNT, check_flag, check_integer
 from cg.support.parallel import single_threads
 
 
@@ -142,7 +142,7 @@ def construct(
     >>> construct(order=3, stages=3).method.order
     3
     """
-    settings = ConstructionSettings.of(locals()).checked(force)
+    settings = ConstructionSettings.of(locals()).checked(check_flag("force", force))
     quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, MAX_COUNT)
     bound = None if abscissae is None else settings.largest
@@ -157,7 +157,6 @@ def _construct(
     """Run tries until the first one by number succeeds."""
     run = LongRun(
         kind="construct",
-        pieces="tries",
         settings=settings,
         work=partial(run_attempt, settings),
         to_entry=Attempt.entry,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from cg.conditions.counts import check_order
 from cg.construction.search.shapes import ShapeSettings
 from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.start import default_start, likely_structure, tree_start
@@ -45,8 +44,7 @@ class ConstructionSettings(ShapeSettings):
 
     def checked(self, force: bool) -> ConstructionSettings:
         """Return the settings, checked, with defaults for None."""
-        order = check_order(self.order)
-        stages = check_integer("stages", self.stages, 1, MAX_STAGES)
+        order, stages = self.order, self.stages
         full_rank = check_flag("full_rank", self.full_rank)
         if self.of_points:
             start, shape = tree_start(order), self._check_tree(force)
@@ -65,9 +63,6 @@ class ConstructionSettings(ShapeSettings):
         iterations = start.iterations if self.iterations is None else self.iterations
         return replace(
             self,
-            order=order,
-            stages=stages,
-            seed=check_integer("seed", self.seed, 0),
             width=check_real("width", width, positive=True, most=MAX_HALF_WIDTH),
             iterations=check_integer("iterations", iterations, 1, MAX_COUNT),
             promising=start.promising,
@@ -89,7 +84,7 @@ class ConstructionSettings(ShapeSettings):
         structure = system.structure
         if full_rank and structure:
             raise ValueError(f"structure must be GENERAL with full_rank, got {structure.name}")
-        if not check_flag("force", force) and system.movable.size < system.equations:
+        if not force and system.movable.size < system.equations:
             kind = f" with structure {structure.name}" if structure else ""
             raise ValueError(
                 f"stages = {stages} gives {system.movable.size} unknowns for {system.equations} "

@@ -21,6 +21,7 @@ from concurrent.futures import (
 )
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from multiprocessing import get_context
 from typing import Any, Generic, TypeVar
 
@@ -206,7 +207,8 @@ def _one_by_one(
 ) -> Iterator[Finished[Result]]:
     """Run pieces one at a time, to find those that kill their worker."""
     if pool.broken(reason):
-        suspects = sorted({*suspects, *(index for chunk in pool.take_pending() for index in chunk)})
+        suspects = sorted({*suspects, *chain(*pool.pending.values())})
+        pool.pending.clear()
         if not pool.renew():
             raise broken_executor(reason, suspects) from reason
     for index in suspects:
@@ -305,11 +307,6 @@ class _Pool:
             if future.cancel():
                 del self.pending[future]
         return sum(map(len, self.pending.values()))
-
-    def take_pending(self) -> list[list[int]]:
-        chunks = list(self.pending.values())
-        self.pending.clear()
-        return chunks
 
     def broken(self, reason: Exception) -> bool:
         """Return whether the executor accepts no more work after this exception."""

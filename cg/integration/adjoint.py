@@ -73,8 +73,8 @@ class AdjointSolution(Solution):
         Raises
         ------
         ValueError
-            If the cotangent has another shape or isn't finite; or if the equation is stiff, so that
-            a hundred thousand intervals would be needed.
+            If the cotangent has another shape or isn't finite; or if the equation is stiff, or
+            jumps where there is no breakpoint, so that too many intervals would be needed.
 
         Notes
         -----
@@ -176,31 +176,6 @@ def _each_array(function: Callable[..., Points], *results: Any) -> Any:
     return None if results[0] is None else function(*results)
 
 
-@dataclass(frozen=True, eq=False)
-class AdjointMaker:
-    """Makes solutions that have gradients of those that don't."""
-
-    equation_of: Callable[[DenseOutput], Equation]
-    dense: bool  # whether the user asked for the continuous solution
-
-    def __call__(self, _: Problem, fields: dict[str, Any]) -> EnsembleSolution:
-        """Return the solution with the fields of an `EnsembleSolution`."""
-        return _AdjointMembers(**fields, maker=self)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class _AdjointMembers(EnsembleSolution):
-    maker: AdjointMaker = field(kw_only=True)
-
-    def __getitem__(self, member: int) -> AdjointSolution:
-        fields = self._fields_of(member)
-        output = fields["sol"]
-        if not self.maker.dense:
-            fields["sol"] = None
-        equation = self.maker.equation_of(output)
-        return AdjointSolution(**fields, _equation=equation, _output=output)
-
-
 def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation]) -> Problem:
     """Return the problem whose solution has gradients, after checking that it can have them."""
     if problem.events is not None:
@@ -208,8 +183,15 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
             "events must be None with derivatives='adjoint', which doesn't go through their jumps "
             "and ends"
         )
-    maker = AdjointMaker(equation_of, problem.dense)
-    return replace(problem, dense=True, make_solution=maker)
+
+    def make_solution(_: Problem, fields: dict[str, Any]) -> Any:
+        """Return a list of the only member, for the fields of an `EnsembleSolution`."""
+        given = EnsembleSolution(**fields)._fields_of(0)
+        sol = given["sol"]
+        given |= {"_equation": equation_of(sol), "_output": sol}
+        return [AdjointSolution(**given | {"sol": sol if problem.dense else None})]
+
+    return replace(problem, dense=True, make_solution=make_solution)
 
 
 def tolerance_of(problem: Problem) -> float:

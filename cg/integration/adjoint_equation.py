@@ -31,6 +31,8 @@ _INTEGRALS = (
 _BISECTIONS = 20
 _MIXED = 8
 _LARGEST_NORM = 1e5  # the number of intervals is proportional to it
+_MANY = 8  # intervals that aren't resolved, for each of the first ones
+_SHORT = 64  # units of rounding of time, in an interval that can't be bisected
 _ENTRIES = 1 << 22  # of the matrices that are solved at a time
 
 
@@ -151,28 +153,33 @@ def _unresolved(values: Points) -> Array:
 def solve(equation: Equation, edges: Array) -> list[Intervals]:
     """Return the intervals between times, bisected until the estimates are below the tolerance.
 
-    They aren't sorted.
+    They aren't sorted. ValueError is raised if bisection doesn't lead there.
     """
     start, size = edges[:-1], np.diff(edges)
     parts: list[Intervals] = []
-    for bisection in range(_BISECTIONS + 1):
+    each = max(1, _ENTRIES // (_COUNT * equation.shape[0]) ** 2)
+    for _ in range(_BISECTIONS + 1):
         again: list[Array] = []
-        n = equation.shape[0]
-        each = max(1, _ENTRIES // (_COUNT * n) ** 2)
         for first in range(0, len(start), each):
             chunk = slice(first, first + each)
             part, errors = _at(equation, start[chunk], size[chunk])
             good = errors <= equation.tolerance
-            if bisection == _BISECTIONS:
-                good[:] = True
             parts.append(part if good.all() else Intervals(*(a[good] for a in part)))
             again.append(np.stack([start[chunk][~good], size[chunk][~good]]))
         start, size = np.concatenate(again, axis=1)
         if not start.size:
+            return parts
+        if start.size > max(_LARGEST_NORM, _MANY * len(edges)):
+            break
+        if (np.abs(size) < _SHORT * np.spacing(np.abs(start))).any():
             break
         size = np.tile(size / 2, 2)
         start = np.concatenate([start, start + size[: len(start)]])
-    return parts
+    raise ValueError(
+        "f must be smooth between breakpoints with derivatives='adjoint': its derivatives aren't "
+        f"resolved at t = {start[0]:.17g} by intervals of {abs(size[0]):.2g}; name known times of "
+        "jumps as breakpoints; gradients don't go through jumps at points of the solution"
+    )
 
 
 def _at(equation: Equation, start: Array, size: Array) -> tuple[Intervals, Array]:

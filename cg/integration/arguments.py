@@ -31,21 +31,16 @@ _BOOLS = {bool, np.bool_}
 _MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 
 
-def check_t_eval(t_eval: ArrayLike, start: float, stop: float) -> Array:
-    """Return the times to store the solution at, after checking them."""
-    return _check_times(t_eval, "t_eval", "within t_span,", start, stop)
-
-
 def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
     """Return the times at which steps end: the breakpoints inside the span, then its end."""
     if breakpoints is None:
         return np.array([stop])
-    times = _check_times(breakpoints, "breakpoints", "between the ends,", start, stop)
+    times = check_times(breakpoints, "breakpoints", "between the ends,", start, stop)
     check_finite(times, "breakpoints")
     return np.append(times[(times != start) & (times != stop)], stop)
 
 
-def _check_times(given: Any, name: str, where: str, start: float, stop: float) -> Array:
+def check_times(given: Any, name: str, where: str, start: float, stop: float) -> Array:
     """Return times after checking that they are sorted and lie between two times."""
     times = real_array(given, name)
     if times.ndim != 1:

@@ -28,7 +28,6 @@ from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.support.checks import check_flag
 from cg.support.parallel import single_threads
 from cg.support.shared_numbers import Stop
 
@@ -131,8 +130,7 @@ def solve_ensemble(
     """
     problem = make_problem(
         f, t_span, y0, frame=frame, options=complete_options(solve_ensemble, rest, options),
-        many=True, vectorized=check_flag("vectorized", vectorized),
-        common=check_flag("common_steps", common_steps), stage_solver=stage_solver, jac=jac,
+        many=True, vectorized=vectorized, common=common_steps, stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
     return solve_members(problem, progress, executor, workers, out)
 

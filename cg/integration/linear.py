@@ -183,8 +183,7 @@ def solve_linear_ensemble(
     array([1.     , 0.56264])
     """
     given = complete_options(solve_linear_ensemble, rest, options)
-    common = check_flag("common_steps", common_steps)
-    problem = make_linear_problem(a, t_span, y0, frame, vectorized, given, True, common)
+    problem = make_linear_problem(a, t_span, y0, frame, vectorized, given, True, common_steps)
     return solve_members(problem, progress, executor, workers, out)
 
 

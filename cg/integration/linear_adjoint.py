@@ -100,7 +100,7 @@ def _derivative(rhs: Any, da_dp: Derivative | None, times: Array, point: Points)
         return call_field(rhs, address, id(context), frame, times, points, shape)
     data = rhs.parameters if inputs is None else inputs.data_with(rhs.parameters)
     own = function.user_data
-    table = () if inputs is None or own else inputs.table_behind(rhs.parameters)
+    table = () if inputs is None or own else inputs.table(rhs.parameters)
     values = function.values(frame, own or data.ctypes.data, times, points, shape, table)
     return np.array([da_dp.check(each, t) for each, t in zip(values, times, strict=True)])
 

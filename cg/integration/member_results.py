@@ -83,13 +83,11 @@ class Results:
             self._all = part
             return
         joint = self.joint()
-        if joint.y is not None:
-            joint.y[:, members] = part.y
-        if joint.observed is not None:
-            joint.observed[:, members] = part.observed
-        joint.reached[members] = part.reached
-        joint.status[members] = part.status
-        joint.counts[members] = part.counts
+        for whole, rows in ((joint.y, part.y), (joint.observed, part.observed)):
+            if whole is not None:
+                whole[:, members] = rows
+        for name in ("reached", "status", "counts"):
+            getattr(joint, name)[members] = getattr(part, name)
         joint.messages.update((members.start + k, text) for k, text in part.messages.items())
         joint.warnings.extend(part.warnings)
 
@@ -131,7 +129,7 @@ class Results:
                 array.flags.writeable = False
         if not failures and len(joint.messages) == self.members:
             message = TERMINAL_EVENT
-        return (problem.make_solution or _make_solution)(problem, {
+        fields = {
             "t": joint.t,
             "y": joint.y,
             "sol": self._output() if problem.dense else None,
@@ -146,7 +144,10 @@ class Results:
             "frame": problem.plan.frame,
             "h": problem.control.h,
             "observed": joint.observed,
-        })  # fmt: skip
+        }
+        if problem.make_solution is None:
+            return filled(EnsembleSolution, fields)
+        return problem.make_solution(problem, fields)
 
     def _output(self) -> EnsembleOutput:
         """Return the continuous solution, only initial points of members whose worker died."""
@@ -182,10 +183,6 @@ def solution_of(problem: Problem, part: MemberResults) -> Solution:
         "y_after": None, "method": problem.plan.method, "frame": problem.plan.frame,
         "h": problem.control.h,
     })  # fmt: skip
-
-
-def _make_solution(_: Problem, fields: dict[str, Any]) -> EnsembleSolution:
-    return filled(EnsembleSolution, fields)
 
 
 def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:

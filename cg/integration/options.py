@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable
-from typing import Any, TypedDict, TypeVar, cast
+from typing import Any, TypedDict, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -93,8 +93,8 @@ def expand_options(function: _Function) -> _Function:
         )
         for name, annotation in kind.__annotations__.items()
     ]
-    cast(Any, function).__signature__ = signature.replace(parameters=parameters)
+    changed: Any = function
+    changed.__signature__ = signature.replace(parameters=parameters)
     # without it, a misspelt keyword gets a better message than that frame is missing
-    defaults = cast(Any, function).__kwdefaults__
-    cast(Any, function).__kwdefaults__ = {"frame": None, **(defaults or {})}
+    changed.__kwdefaults__ = {"frame": None, **(changed.__kwdefaults__ or {})}
     return function

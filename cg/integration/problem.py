@@ -25,7 +25,7 @@ from cg.integration.arguments import (
     check_span,
     check_step,
     check_stops,
-    check_t_eval,
+    check_times,
 )
 from cg.integration.default_method import AUTO, choose_method
 from cg.integration.loop.record import Control
@@ -73,7 +73,7 @@ class Problem:
     of_time: bool  # whether the right-hand side depends on time alone
     jacobian: Jacobian | None  # for Newton's method, None for differences
     observer: Observer | None
-    # makes a solution with derivatives from the fields of an `EnsembleSolution`
+    # makes solutions with derivatives from the fields of an `EnsembleSolution`
     make_solution: Callable[[Problem, dict[str, Any]], EnsembleSolution] | None
 
     @property
@@ -274,6 +274,7 @@ def make_problem(
 ) -> Problem:
     """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
     check_stage_solver(stage_solver)
+    vectorized, common = check_flag("vectorized", vectorized), check_flag("common_steps", common)
     plan = _make_plan(f, frame, options)
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)
@@ -298,7 +299,7 @@ def make_problem(
         stops = inputs.add_stops(stops, start, control.tolerance)
     t_eval: Any = options["t_eval"]
     if t_eval is not None:
-        t_eval = check_t_eval(t_eval, start, stop)
+        t_eval = check_times(t_eval, "t_eval", "within t_span,", start, stop)
     elif many:
         t_eval = np.array([start, stop][: 1 + (start != stop and math.isfinite(stop))])
     dense = check_flag("dense_output", options["dense_output"])

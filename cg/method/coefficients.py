@@ -21,9 +21,8 @@ from cg.support.checks import check_integer
 MIN_ROUNDED_PLACES = 8
 """Number of decimal places from which a decimal counts as rounded; 0.25 is exact."""
 
-_QUAD_UNIT = Fraction(
-    1, 2**112
-)  # coefficients are refined in binary128, so that no digit beyond it is significant
+# coefficients are refined in binary128, so that no digit beyond it is significant
+_QUAD_UNIT = Fraction(1, 2**112)
 
 _DOUBLE_DIGITS = 17  # decimal digits that distinguish all doubles
 _PRINTED_UNIT = Fraction(1, 2**52)  # of a decimal that may be a printed double

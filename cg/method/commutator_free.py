@@ -124,8 +124,7 @@ class CommutatorFree(Method):
         )
         values["third_weights"] = read_third(third, len(tree.stage_points), tree.embedded_result)
         self._set(values)
-        if self.nominal_order is not None:
-            self._check_nominal_order(MethodError)
+        self._check_nominal_order(MethodError)
 
     @classmethod
     def from_layout(

@@ -127,9 +127,9 @@ def _compare(
     method: Method, responses: tuple[Vector, Vector, Vector], exact: Any
 ) -> tuple[Vector, Vector]:
     """Return errors and estimates."""
-    factor = (
-        float(method.third_factor.value) if isinstance(method, MagnusMethod) else _DOP853_FACTOR
-    )
+    factor = _DOP853_FACTOR
+    if isinstance(method, MagnusMethod):
+        factor = float(method.third_factor.value)
     result, e, e3 = responses[0], abs(responses[1]), abs(responses[2])
     if end := end_weights(method):
         estimate = np.maximum(e, float(end.factor) * e3)
@@ -197,14 +197,11 @@ def _letters(method: Method, values: Vector, angles: Vector) -> tuple[Vector, An
         return np.ones(len(values)), values
     parts = np.zeros((len(values) + len(brackets), len(angles)), np.complex128)
     parts[: len(values)] = values[:, None]
-    lengths = np.arange(len(parts)) < len(values)
+    lengths, turn = np.arange(len(parts)) < len(values), 1j * angles
     for j, pair in enumerate(brackets, len(values)):
         u, v = (np.array([a.value for a in row], np.float64) for row in pair)
-        parts[j] = (
-            1j
-            * angles
-            * ((u @ lengths[:j]) * (v @ parts[:j]) - (v @ lengths[:j]) * (u @ parts[:j]))
-        )
+        both = (u @ lengths[:j]) * (v @ parts[:j]) - (v @ lengths[:j]) * (u @ parts[:j])
+        parts[j] = turn * both
     return lengths.astype(np.float64), parts
 
 

@@ -27,6 +27,7 @@ from cg.method.coefficients import (
     read_row,
     read_sequence,
     read_texts,
+    read_third,
 )
 from cg.method.method import Method, frozen
 from cg.method.tolerance import TOLERANCE_FACTOR
@@ -120,12 +121,10 @@ class MagnusMethod(Method):
         values["brackets"] = pairs = _pairs(brackets, count)
         count += len(pairs)
         values["weights"] = _rows(weights, "weights", count)
-        values["embedded_weights"] = None
-        if embedded is not None:
-            values["embedded_weights"] = _rows(embedded, "embedded", count)
-        elif third is not None:
-            raise MethodError("third must be None unless there is a second result")
-        values["third_weights"] = None if third is None else read_row(third, "third", count)
+        values["embedded_weights"] = second = (
+            None if embedded is None else _rows(embedded, "embedded", count)
+        )
+        values["third_weights"] = read_third(third, count, second)
         values["third_factor"] = factor = read_coefficient(third_factor, "third_factor")
         if factor.value <= 0:
             raise MethodError(f"third_factor must be positive, got {third_factor!r}")

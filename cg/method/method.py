@@ -116,8 +116,7 @@ class Method(Orders):
 
     def _set(self, values: Mapping[str, Any]) -> None:
         """Set the fields of a frozen dataclass."""
-        for field, value in values.items():
-            object.__setattr__(self, field, value)
+        vars(self).update(values)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields alone: cached arrays would come back writeable."""

@@ -113,8 +113,7 @@ class Tableau(Method):
         values["weights"] = weights
         values["embedded_weights"] = embedded
         self._set(values)
-        if self.nominal_order is not None:
-            self._check_nominal_order(TableauError)
+        self._check_nominal_order(TableauError)
 
     @classmethod
     def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Tableau:

@@ -13,7 +13,7 @@ from cg.proofs.certificate import Box, Certificate, CertificationError
 from cg.proofs.find import find_box
 from cg.proofs.statement import Packed, fitting
 from cg.proofs.violated import check_beyond, find_beyond
-from cg.proofs.zero import check_rational, prove_box
+from cg.proofs.zero import check_left_out, check_rational, prove_zero
 from cg.support.balls import working_precision as precision
 from cg.support.checks import check_flag, check_integer
 
@@ -112,5 +112,6 @@ def check(certificate: Certificate, method: Method) -> None:
         if certificate.radius == 0:
             check_rational(packed)
         else:
-            prove_box(packed, certificate.box, certificate.bits)
+            box = certificate.box
+            check_left_out(packed, box, prove_zero(packed, box), certificate.bits)
         check_beyond(packed, certificate)

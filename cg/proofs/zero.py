@@ -31,11 +31,6 @@ SHARP_PLACES = 45
 _GUARD_PLACES = 12  # beyond those to which residuals are shown to be small
 
 
-def prove_box(packed: Packed, box: Box, bits: int) -> None:
-    """Prove that all conditions have a zero in a box, or raise."""
-    check_left_out(packed, box, prove_zero(packed, box), bits)
-
-
 def prove_zero(packed: Packed, box: Box) -> KrawczykTest:
     """Prove that the equations have exactly one zero in a box, or raise."""
     system = packed.system(box.left_out)

@@ -17,7 +17,8 @@ from cg.runs.store import Store
 
 Result = TypeVar("Result")
 
-_NOUNS = {"search": "search", "construct": "construction"}
+_NOUNS = {"search": ("search", "starts"), "construct": ("construction", "tries")}
+"""What kinds of runs and their pieces are called in messages."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,6 @@ class LongRun(Generic[Result]):
     """Pieces of work numbered from 0, each a function of the settings and its number."""
 
     kind: str  # "search" or "construct"
-    pieces: str  # what the pieces are called in the progress line
     settings: Any  # a dataclass of plain data that determines the results
     work: Callable[[int], Result]  # picklable for executors other than threads
     to_entry: Callable[[Result, float], StoredStart]  # takes the seconds that the piece took
@@ -83,7 +83,7 @@ class LongRun(Generic[Result]):
     def _results(
         self, total: int, options: RunOptions, stored: StoredRun | None
     ) -> Generator[tuple[int, Result | Failure], None, None]:
-        tally = Tally(options.line, self.pieces, total)
+        tally = Tally(options.line, _NOUNS[self.kind][1], total)
         known = bytearray(total)
         for number, result in self._known(stored):
             if number < total:
@@ -102,15 +102,14 @@ class LongRun(Generic[Result]):
             for finished in running:
                 failure = Failure(finished.index, str(finished.failure))
                 result = failure if finished.result is None else finished.result
-                self._store(stored, result, finished.seconds)
+                if stored is not None:
+                    self._store(stored, result, finished.seconds)
                 tally.report(self._score(result))
                 if options.progress:
                     options.progress(tally.done, total)
                 yield finished.index, result
 
-    def _store(self, stored: StoredRun | None, result: Result | Failure, seconds: float) -> None:
-        if stored is None:
-            return
+    def _store(self, stored: StoredRun, result: Result | Failure, seconds: float) -> None:
         if isinstance(result, Failure):
             stored.fail(result)
         else:
@@ -136,7 +135,7 @@ def stored_run(
             yield run
         except (KeyboardInterrupt, BrokenExecutor, OSError) as error:
             error.add_note(
-                f"finished results are in {os.fspath(path)}; run the same {_NOUNS[kind]} again to "
-                "continue, on any executor"
+                f"finished results are in {os.fspath(path)}; run the same {_NOUNS[kind][0]} again "
+                "to continue, on any executor"
             )
             raise

@@ -16,6 +16,7 @@ from cg.frames import (
     Sphere,
     UnitQuaternion,
 )
+from cg.integration import adjoint_equation
 
 FRAMES = [SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), SU(2), Euclidean(4),
           Sphere(2), SE3(), CoadjointOrbit(SO3(), [1.0, 0.5, -0.2])]  # fmt: skip
@@ -110,6 +111,42 @@ def test_a_stiff_equation_is_refused_before_it_takes_long():
     with pytest.raises(ValueError, match=r"equation that is this stiff: the integral of .* 1e\+08"):
         run.gradient([1.0])
     assert len(calls) - before < 10_000
+
+
+def _at_third(t, y, p):
+    return [p[0] * (t > 1 / 3)]
+
+
+def test_a_jump_without_a_breakpoint_is_refused():
+    """Each bisection of the step has the jump at a third or two thirds of an interval."""
+    options = {"frame": Euclidean(1), "parameters": [2.0], "derivatives": "adjoint"}
+    options |= {"method": "CF4", "h": 1.0}
+    run = cg.solve_variational(_at_third, (0, 1), [0.0], **options)
+    with pytest.raises(ValueError, match=r"resolved at t = 0\.333333.* name .* breakpoints"):
+        run.gradient([1.0])
+    named = cg.solve_variational(_at_third, (0, 1), [0.0], breakpoints=[1 / 3], **options)
+    np.testing.assert_allclose(named.gradient([1.0]).parameters, [2 / 3], rtol=1e-9)
+
+
+def test_intervals_are_not_bisected_beyond_the_resolution_of_time():
+    unit = np.spacing(1 / 3)
+    run = cg.solve_variational(
+        _at_third, (1 / 3 - 20 * unit, 1 / 3 + 21 * unit), [0.0], frame=Euclidean(1),
+        parameters=[2.0], derivatives="adjoint", method="CF4", h=1.0,
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="aren't resolved"):
+        run.gradient([1.0])
+
+
+def test_noise_of_a_right_hand_side_is_refused_before_it_takes_long(monkeypatch):
+    monkeypatch.setattr(adjoint_equation, "_LARGEST_NORM", 1e3)
+    noise = np.random.default_rng(1)
+    run = cg.solve_variational(
+        lambda t, y, p: p * (1.0 + 1e-3 * noise.standard_normal()), (0, 1), [0.0],
+        frame=Euclidean(1), parameters=[2.0], derivatives="adjoint", method="CF4", h=0.1,
+    )  # fmt: skip
+    with pytest.raises(ValueError, match=r"aren't resolved at .* by intervals of 0\.0"):
+        run.gradient([1.0])
 
 
 def test_output_at_the_start_alone():

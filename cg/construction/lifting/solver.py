@@ -44,7 +44,6 @@ class Fit:
 
     x: Vector
     f: float
-    iterations: int
 
     @property
     def solved(self) -> bool:
@@ -60,13 +59,13 @@ def fit(
     residual = splitting.residual(x)
     f = float(residual @ residual)
     if directions.shape[1] == 0:  # the rows determine all weights
-        return Fit(x, f, 0)
-    damping, iterations = 1e-2, 0
+        return Fit(x, f)
+    damping, reached = 1e-2, [f]
     steps: DampedSteps | None = None
-    reached = [f]
     chosen, taken = _select(splitting, x, residual), 0
-    while iterations < max_iterations and f < np.inf and damping < _MAX_DAMPING:
-        iterations += 1
+    for _ in range(max_iterations):
+        if not (f < np.inf and damping < _MAX_DAMPING):
+            break
         close = f < _CLOSE
         if _is_outdated(chosen, taken, residual):
             chosen, taken, steps = _select(splitting, x, residual), 0, None
@@ -95,7 +94,7 @@ def fit(
         before = reached[-1 - patience] if patience and len(reached) > patience else np.inf
         if f > max(SOLVED, before / 2):
             break
-    return Fit(x, f, iterations)
+    return Fit(x, f)
 
 
 def _best(

@@ -115,12 +115,8 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
                 parents.append(m - 1)
             else:
                 parents.append(int(generator.integers(m)))
-        paths = []
-        for end in ends:
-            path = [end]
-            while parents[path[-1]] != START:
-                path.append(parents[path[-1]])
-            paths.append(set(path))
+        tree = Layout(tuple(parents), ((),) * flows, (START,), (flows - 1,))
+        paths = [set(tree.path(end)) for end in ends]
         if set().union(*paths) != set(range(flows)):
             continue
         uses = []
@@ -131,8 +127,11 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
         if not all(uses):
             continue
         layout = rows.layout(parents, places, flows - 1, uses)
-        if Splitting.reachable(rows, layout):
-            return layout
+        try:
+            Held.solving(path_sums(rows, layout), layout.size)
+        except ArithmeticError:  # no weights add up to the rows
+            continue
+        return layout
 
 
 def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Fraction]]:
@@ -162,15 +161,6 @@ class Splitting:
     order: int
     embedded_order: int = 0
     stage_orders: tuple[int, ...] = ()
-
-    @staticmethod
-    def reachable(rows: FlatRows, layout: Layout) -> bool:
-        """Return whether there are weights that add up to the rows."""
-        try:
-            Held.solving(path_sums(rows, layout), layout.size)
-        except ArithmeticError:
-            return False
-        return True
 
     @cached_property
     def sums(self) -> Held:

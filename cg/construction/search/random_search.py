@@ -22,7 +22,7 @@ from cg.construction.search.start import read_start, run_start, start_layout
 from cg.executors import ExecutorLike
 from cg.runs import Failure, LongRun, ProgressLine, RunOptions, Score, StoredStart
 from cg.support import quads
-from cg.support.checks import MAX_COUNT, check_integer
+from cg.support.checks import MAX_COUNT, check_flag, check_integer
 
 
 def search(
@@ -172,7 +172,7 @@ def search(
     >>> method.c.round(15)[1:3], method.weights[1].text
     (array([0.33333333, 0.66666667]), '0')
     """
-    settings = SearchSettings.of(locals()).checked(force)
+    settings = SearchSettings.of(locals()).checked(check_flag("force", force))
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)
     requirements = Requirements.checked(settings.order, abscissae, bound, minimise)
@@ -192,7 +192,6 @@ def _run(
 
     run = LongRun(
         kind="search",
-        pieces="starts",
         settings=settings,
         work=partial(run_start, settings),
         to_entry=to_entry,

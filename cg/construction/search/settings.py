@@ -5,17 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from cg.conditions import Rows, check_rows, count, unknowns
-from cg.conditions.counts import check_order
 from cg.construction.search.shapes import ShapeSettings, most_unknowns
 from cg.layouts.layout import Layout
-from cg.support.checks import (
-    MAX_COUNT,
-    MAX_HALF_WIDTH,
-    MAX_STAGES,
-    check_flag,
-    check_integer,
-    check_real,
-)
+from cg.support.checks import MAX_COUNT, MAX_HALF_WIDTH, check_integer, check_real
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
@@ -42,9 +34,6 @@ class SearchSettings(ShapeSettings):
 
     def checked(self, force: bool) -> SearchSettings:
         """Return the settings, checked, with defaults for None."""
-        order = check_order(self.order)
-        stages = check_integer("stages", self.stages, 1, MAX_STAGES)
-        seed = check_integer("seed", self.seed, 0)
         if not isinstance(self.algorithm, str) or self.algorithm not in ALGORITHMS:
             names = ", ".join(ALGORITHMS)
             raise ValueError(f"algorithm must be one of {names}, got {self.algorithm!r}")
@@ -53,21 +42,18 @@ class SearchSettings(ShapeSettings):
         lmdif = self.algorithm == "lmdif"
         if lmdif and self.hold:
             raise ValueError("algorithm must be 'minimum-norm' with hold, got 'lmdif'")
-        self.check_held(layout if self.of_points else Layout.tableau(stages, rows), force)
+        self.check_held(layout if self.of_points else Layout.tableau(self.stages, rows), force)
         width, maxfev, refine_maxfev = self.width, self.maxfev, self.refine_maxfev
         if width is None:
-            best = _TREE_WIDTH if self.of_points else _BEST_WIDTHS.get(order, _WIDTH_ABOVE)
+            best = _TREE_WIDTH if self.of_points else _BEST_WIDTHS.get(self.order, _WIDTH_ABOVE)
             width = 1.0 if lmdif else best
         if maxfev is None:
-            bound = _TREE_BOUND if self.of_points else _BEST_BOUNDS.get(order, _BOUND_ABOVE)
+            bound = _TREE_BOUND if self.of_points else _BEST_BOUNDS.get(self.order, _BOUND_ABOVE)
             maxfev = 200 * (size + 1) if lmdif else bound
         if refine_maxfev is None:
             refine_maxfev = 20 * (size + 1)
         return replace(
             self,
-            order=order,
-            stages=stages,
-            seed=seed,
             width=check_real("width", width, most=MAX_HALF_WIDTH),
             flows=flows if layout is None else None,
             embedded=bool(self.embedded),
@@ -85,7 +71,7 @@ class SearchSettings(ShapeSettings):
         if not self.of_points:
             self.check_tableau()
             size, conditions = unknowns(stages, rows), count(order, independent=True)
-            if not check_flag("force", force) and size < conditions:
+            if not force and size < conditions:
                 raise ValueError(
                     f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for "
                     f"{conditions} independent conditions of order {order}; pass force=True to "

@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.conditions.counts import check_order
 from cg.construction.solvers.held import Hold, read_hold
 from cg.construction.solvers.system import ConditionSystem
 from cg.layouts.layout import Layout
@@ -202,10 +203,15 @@ class ShapeSettings:
 
     @classmethod
     def of(cls, arguments: Mapping[str, Any]) -> Self:
-        """Return the settings of the arguments of a function, not yet checked."""
+        """Return the settings of the arguments of a function, of which only numbers are checked."""
         names = [field.name for field in fields(cls) if field.name in arguments]
-        hold = () if arguments["hold"] is None else read_hold(arguments["hold"])
-        return cls(**{name: arguments[name] for name in names} | {"hold": hold})
+        checked = {
+            "order": check_order(arguments["order"]),
+            "stages": check_integer("stages", arguments["stages"], 1, MAX_STAGES),
+            "seed": check_integer("seed", arguments["seed"], 0),
+            "hold": () if arguments["hold"] is None else read_hold(arguments["hold"]),
+        }
+        return cls(**{name: arguments[name] for name in names} | checked)
 
     def check_held(self, layout: Layout | None, force: bool) -> None:
         """Raise ValueError if a condition, or their number, can't be satisfied by free unknowns."""
@@ -265,7 +271,7 @@ class ShapeSettings:
                 check_integer("stages", stages, 2)
             flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
             unknowns = most_unknowns(stages - last, flows)
-        if not check_flag("force", force):
+        if not force:
             second = 0 if layout is None else int(layout.pair)
             _check_counts(self.order, stages - last, flows - second, unknowns)
         return layout, flows

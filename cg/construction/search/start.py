@@ -1,6 +1,7 @@
 """One random start of a search: determined by its settings and index."""
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,22 +102,17 @@ def _run_lmdif(
     trees = np.array(table_rows(settings.order), dtype=np.intc)
     # lmdif requires at least as many rows as unknowns; rows of zeros change nothing
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
-    shape = settings.order, layout
-    x, f, info, nfev = stoppable(
-        lambda stop_flag: fit_lmdif(
-            *shape, guess, trees, np.array([1e-18]), settings.maxfev, stop_flag
-        )
-    )
+
+    def fit(x: NDArray[Any], tolerance: NDArray[Any], maxfev: int) -> tuple[Any, ...]:
+        problem = settings.order, layout, x, trees, tolerance, maxfev
+        return stoppable(lambda stop_flag: fit_lmdif(*problem, stop_flag))
+
+    x, f, info, nfev = fit(guess, np.array([1e-18]), settings.maxfev)
     double = Phase(_finite(f[0]), int(info), int(nfev))
     bits = quads.from_float(x if np.isfinite(x).all() else guess)
     if double.f > settings.refine_below:
         return double, None, bits
-    tolerance = quads.from_float([1e-32]).T
-    x_quad, f, info, nfev = stoppable(
-        lambda stop_flag: fit_lmdif(
-            *shape, bits.T, trees, tolerance, settings.refine_maxfev, stop_flag
-        )
-    )
+    x_quad, f, info, nfev = fit(bits.T, quads.from_float([1e-32]).T, settings.refine_maxfev)
     refined = Phase(_finite(quads.to_float(f.T)[0]), int(info), int(nfev))
     x_quad = np.ascontiguousarray(x_quad.T)
     return double, refined, x_quad if np.isfinite(quads.to_float(x_quad)).all() else bits

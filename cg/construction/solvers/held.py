@@ -107,10 +107,6 @@ class Held:
         x[self.pivots] = rows[:, -1] - rows[:, :-1] @ x
         return np.asarray(x)
 
-    def complete_quads(self, x: quads.Quads) -> quads.Quads:
-        """Return `complete` to the accuracy of binary128."""
-        return quads.encode(self.complete(quads.decode(x)))
-
     def derivatives(self, jac: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives, shape (m, size), with respect to the free unknowns; 0 for pivots."""
         return np.asarray(jac - jac[:, self.pivots] @ self._floats[:, :-1])

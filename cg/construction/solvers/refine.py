@@ -56,7 +56,8 @@ def refine(
     best, best_size, iterations = x, np.inf, 0
     for iterations in range(_MAX_ITERATIONS + 1):  # noqa: B007
         raise_if_stopped()
-        x = x if system.held is None else system.held.complete_quads(x)
+        if system.held is not None:
+            x = quads.encode(system.held.complete(quads.decode(x)))
         residual = system.residual_quad(x)
         largest = float(np.abs(residual).max())
         # rounding errors remain: stop at the first correction that doesn't reduce them

@@ -39,11 +39,6 @@ class Decomposition:
     inverse: Vector  # shape (n, m), without singular values below 1e-11 of the largest
     kernel: Vector  # shape (n, n - rank), an orthonormal basis
 
-    @property
-    def rank(self) -> int:
-        """Numerical rank."""
-        return int(np.subtract(*self.kernel.shape))
-
 
 def pseudo_inverse(jac: Vector, rcond: float) -> tuple[Vector, int]:
     """Return the pseudo-inverse and the rank by singular values above `rcond` times the largest."""

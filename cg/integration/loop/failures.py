@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.integration.loop.messages import DERIVATIVES, StageOverflowError, StepTooLongError
+from cg.integration.loop.messages import DERIVATIVES, StepTooLongError
 from cg.integration.loop.record import COUNTS
 from cg.integration.loop.run import Run
 from cg.integration.loop.stiffness import find_difficulty
@@ -69,7 +69,7 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
             error = ValueError(f"{name} must return finite numbers, and all of them, {where}")
         case Stop.STAGE_NOT_FINITE:
             reason = f"a stage is no longer finite {where}"
-            error = StageOverflowError(str(run.callbacks.last_error or reason))
+            error = OverflowError(str(run.callbacks.last_error or reason))
         case Stop.STEP_TOO_LONG:
             error = StepTooLongError(t)
         case Stop.SOLUTION_NOT_FINITE:

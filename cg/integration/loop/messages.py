@@ -7,10 +7,6 @@ DERIVATIVES = "derivatives of the solution"
 TERMINAL_EVENT = "A terminal event ended the integration."
 
 
-class StageOverflowError(OverflowError):
-    """A stage exceeds the range of floating point, which isn't an error of ``f``."""
-
-
 class StepTooLongError(ArithmeticError):
     """A step of a method on a Lie algebra reached coordinates beyond the radius of dexp⁻¹.
 

@@ -8,6 +8,7 @@ budget of steps is used up, or a buffer is full; then Python collects the output
 from __future__ import annotations
 
 import ctypes
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ class Run:
         events, jacobian = problem.events, problem.jacobian
         self._functions = 0 if events is None else len(events)
         if jacobian is not None:
-            jacobian = jacobian.for_run(self._lanes)
+            jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
         self.kept = plan.kept + plan.kept_nodes
@@ -82,8 +83,7 @@ class Run:
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
         self._share("stops", problem.stops)
-        if self.rhs.inputs is not None:
-            self._share_inputs()
+        self._share_inputs()
         self._share("rtols", self.control.rtol.ravel())
         self._share("atol", self.control.atol.ravel())
         if events is not None and self._functions:
@@ -178,10 +178,9 @@ class Run:
 
     def _share_inputs(self) -> None:
         """Share the table of the inputs of compiled functions."""
-        rhs = self.rhs
-        if isinstance(rhs, CompiledRhs) and rhs.inputs is not None:
-            first = 0 if rhs.parameters is None else rhs.parameters.shape[1]
-            self.record.curves = len(self._share("inputs", rhs.inputs.table(first)))
+        inputs, rhs = self.rhs.inputs, self.rhs
+        if inputs is not None and isinstance(rhs, CompiledRhs):
+            self.record.curves = len(self._share("inputs", inputs.table(rhs.parameters)))
 
     def _make_buffers(self, capacity: int) -> None:
         """Share arrays for the output of some number of steps."""

@@ -128,7 +128,7 @@ class CompiledRhs:
         """Return what the function writes for a single member at times and points."""
         assert self.frame is not None
         shape = (self.frame.dim,)
-        table = () if self.inputs is None else self.inputs.table_behind(self.parameters)
+        table = () if self.inputs is None else self.inputs.table(self.parameters)
         return self.values(self.frame, self.data_address, times, y, shape, table)
 
     def values(self, frame: Frame, data: int, *rest: Any) -> Array:

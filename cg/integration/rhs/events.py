@@ -15,6 +15,7 @@ from cg.integration.rhs.compiled import compiled_event
 from cg.integration.rhs.inputs import WithInput
 from cg.integration.rhs.values import read_finite
 from cg.support.arrays import Points
+from cg.support.copies import filled
 from cg.support.shared_records import EVENT
 
 _UNLIMITED = 2**62  # the event never ends the integration
@@ -203,12 +204,6 @@ def _with_input(event: Event) -> Event:
 def _as_event(event: Any) -> Event:
     if isinstance(event, Event):
         return event
-    made = object.__new__(Event)  # checked later, with its index in messages
-    for name, value in (
-        ("function", event),
-        ("terminal", getattr(event, "terminal", False)),
-        ("direction", getattr(event, "direction", 0)),
-        ("jump", getattr(event, "jump", None)),
-    ):
-        object.__setattr__(made, name, value)
-    return made
+    defaults = {"terminal": False, "direction": 0, "jump": None}
+    given = {name: getattr(event, name, value) for name, value in defaults.items()}
+    return filled(Event, {"function": event, **given})  # checked later, with its index in messages

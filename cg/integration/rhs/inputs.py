@@ -79,11 +79,12 @@ class Inputs:
             return np.zeros((1, self.width))
         return np.concatenate([parameters, np.zeros((len(parameters), self.width))], axis=1)
 
-    def table(self, first: int) -> NDArray[np.int64]:
+    def table(self, parameters: Array | None) -> NDArray[np.int64]:
         """Return the table that ``fortran/steps/inputs.f90`` reads.
 
-        The values are written from number ``first`` of a member's data on.
+        The values are written behind the parameters of a member.
         """
+        first = 0 if parameters is None else parameters.shape[1]
         rows: NDArray[np.int64] = np.empty((len(self.curves), 7), dtype=np.int64)
         for k, curve in enumerate(self.curves):
             starts, numbers, stride = curve.numbers()
@@ -91,10 +92,6 @@ class Inputs:
             rows[k] = powers, pieces, width, first, address(starts), address(numbers), stride
             first += width
         return rows
-
-    def table_behind(self, parameters: Array | None) -> NDArray[np.int64]:
-        """Return the table for data of parameters, behind which values are written."""
-        return self.table(0 if parameters is None else parameters.shape[1])
 
     def corners(self, tolerance: float | None) -> Array:
         """Return the times at which curves aren't smooth, as seen with a tolerance."""

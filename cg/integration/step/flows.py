@@ -15,21 +15,13 @@ from cg.frames.homogeneous import HomogeneousSpace
 from cg.support.arrays import Array, Points
 from cg.support.capsules import provide_lapack
 
-_KNOWN = (
-    "SO, SU, U, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them, real "
-    "IsospectralOrbit, LinearAction"
-)
-
-
 Dexpinv = Callable[[Array, Array], Array]
 """``dexpinv(u, v)`` is `Frame.dexpinv`."""
 
 
 def describe_blocks(frame: Frame) -> NDArray[np.int32]:
-    """Return the blocks of a frame, shape ``(3, blocks)``; ValueError if it isn't compiled."""
-    blocks = frame.compiled_blocks()
-    if blocks is None:
-        raise ValueError(f"frame must be one that is compiled, {_KNOWN}; {frame!r} is not")
+    """Return the blocks of a compiled frame, shape ``(3, blocks)``."""
+    blocks = frame.compiled_blocks() or ()
     if any(needs_lapack(block) for block in blocks):
         provide_lapack()
     return np.array([block[:3] for block in blocks], dtype=np.int32, order="C").T

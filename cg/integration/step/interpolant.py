@@ -85,7 +85,7 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.support.arrays import Array
 from cg.support.copies import cached
-from cg.trees.rooted import rooted_trees_through
+from cg.trees import rooted
 
 # Nodes of interpolants that use the stages of a method, in this order. A search over grids chose
 # them for small errors and weights of the interpolants of orders 4 to 8.
@@ -236,15 +236,11 @@ class _Trees:
     """The conditions of rooted trees on derivatives k, for interpolants through an order."""
 
     def __init__(self, order: int) -> None:
-        trees = rooted_trees_through(order)
+        trees = rooted.rooted_trees_through(order)
         place = {tree: i for i, tree in enumerate(trees)}
         self.children = [[place[child] for child in tree] for tree in trees]
-        size, density = [0] * len(trees), [0] * len(trees)
-        for i, children in enumerate(self.children):
-            size[i] = 1 + sum(size[child] for child in children)
-            density[i] = size[i] * math.prod(density[child] for child in children)
-        self.size = np.array(size)
-        self.density = np.array(density, dtype=np.float64)
+        self.size = np.array(list(map(rooted.node_count, trees)))
+        self.density = np.array(list(map(rooted.density, trees)), dtype=np.float64)
 
     def with_stage(self, known: Array, row: Array) -> Array:
         """Return the elementary weights of n + 1 derivatives, shape ``(trees, n + 1)``.

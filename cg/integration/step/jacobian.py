@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -39,10 +39,6 @@ class Jacobian:
     lanes: int = 1  # how many members are integrated at the same time
     # of each member the sparse matrix and its factors, the latest used last
     kept: dict[int, list[Any]] = field(default_factory=dict)
-
-    def for_run(self, lanes: int) -> Jacobian:
-        """Return the Jacobian for a run, which keeps matrices of its own."""
-        return replace(self, lanes=lanes, kept={})
 
     def value(self, rhs: Rhs, member: int, t: float, y: Points) -> Any:
         """Return the matrix at a point, after checking it."""

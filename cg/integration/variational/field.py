@@ -56,15 +56,12 @@ class VariationalField:
         return n + self.count + (0 if self.noise is None else n)
 
     def __post_init__(self) -> None:
-        n = self.frame.dim
-        made = {
-            "product": Product(self.frame, Euclidean(n * self.columns)),
-            "structure": structure_constants(self.frame),
-            "check": Check(self.f, self.frame, self.vectorized),
-            "_flows": flows_of(self.frame),
-        }
-        for name, value in made.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(
+            product=Product(self.frame, Euclidean(self.frame.dim * self.columns)),
+            structure=structure_constants(self.frame),
+            check=Check(self.f, self.frame, self.vectorized),
+            _flows=flows_of(self.frame),
+        )
 
     product: Product = field(init=False)  # the frame of points with derivatives
     # the indices (i, j, k) of structure constants, and the constants

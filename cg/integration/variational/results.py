@@ -84,26 +84,23 @@ class VariationalOutput(DenseOutput):
 
     def __call__(self, t: ArrayLike) -> Points:
         """Return the solution at times, shape ``(*t.shape, *point_shape)``."""
-        points: Points = self._parts(t)["y"]
-        return points
+        return self._part("y", t)
 
     def transition(self, t: ArrayLike) -> Array:
         """Return transition matrices, shape ``(*t.shape, dim, dim)``."""
-        matrices: Array = self._parts(t)["transition"]
-        return matrices
+        return self._part("transition", t)
 
     def sensitivity(self, t: ArrayLike) -> Array | None:
         """Return derivatives by parameters, shape ``(*t.shape, dim, k)``; None without any."""
-        matrices: Array | None = self._parts(t)["sensitivity"]
-        return matrices
+        return self._part("sensitivity", t)
 
     def covariance(self, t: ArrayLike) -> Array | None:
         """Return covariances, shape ``(*t.shape, dim, dim)``; None without ``P0`` and noise."""
-        matrices: Array | None = self._parts(t)["covariance"]
-        return matrices
+        return self._part("covariance", t)
 
-    def _parts(self, t: ArrayLike) -> dict[str, Any]:
-        return split_results(self._output(t), self._field, self._covariance)
+    def _part(self, name: str, t: ArrayLike) -> Points:
+        parts: dict[str, Points] = split_results(self._output(t), self._field, self._covariance)
+        return parts[name]
 
 
 class EnsembleVariationalOutput(VariationalOutput, EnsembleOutput):

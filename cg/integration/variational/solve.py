@@ -155,11 +155,13 @@ def solve_variational(
     )  # fmt: skip
     adjoint = check_derivatives(derivatives)
     if adjoint:
-        _check_without(
-            P0=P0,
-            noise=noise,
-            control_derivatives=check_flag("control_derivatives", control_derivatives) or None,
-        )
+        controlled = check_flag("control_derivatives", control_derivatives) or None
+        others = {"P0": P0, "noise": noise, "control_derivatives": controlled}
+        for name, value in others.items():
+            if value is not None:
+                raise ValueError(
+                    f"{name} must not be given with derivatives='adjoint', got {value!r}"
+                )
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise, adjoint)
     if adjoint:
         joint = with_adjoint(problem, partial(_equation_along, joint))
@@ -233,20 +235,13 @@ def solve_variational_ensemble(
     array([1.648721, 2.718282])
     """
     problem = make_problem(
-        f, t_span, y0, frame=frame, many=True, vectorized=check_flag("vectorized", vectorized),
+        f, t_span, y0, frame=frame, many=True, vectorized=vectorized, common=common_steps,
         options=complete_options(solve_variational_ensemble, rest, options),
-        common=check_flag("common_steps", common_steps), stage_solver=stage_solver,
+        stage_solver=stage_solver,
     )  # fmt: skip
     joint = add_derivatives(problem, jac, df_dp, P0, control_derivatives, noise)
     solution = solve_members(joint, progress, executor, workers)
     return cast(EnsembleVariationalSolution, solution)
-
-
-def _check_without(**given: Any) -> None:
-    """Raise ValueError unless arguments that derivatives by the adjoint equation lack are None."""
-    for name, value in given.items():
-        if value is not None:
-            raise ValueError(f"{name} must not be given with derivatives='adjoint', got {value!r}")
 
 
 def _equation_along(joint: Problem, sol: DenseOutput) -> Equation:
