@@ -33,6 +33,7 @@ _ROUGH = 1e-9  # far above rounding errors in double
 
 Word = tuple[int, ...]
 Series = dict[Word, Any]
+Degree = Callable[[Word], int]
 Row = Sequence[Fraction]
 Values = tuple[Row, Sequence[Row], Sequence[tuple[Row, Row]]]
 """The nodes, the weights of each exponential, and those of both sides of each bracket."""
@@ -130,12 +131,12 @@ def bracket(a: Series, b: Series, order: int, sign: int = -1) -> Series:
     return total
 
 
-def times(a: Series, b: Series, order: int) -> Series:
+def times(a: Series, b: Series, order: int, degree_of: Degree = sum) -> Series:
     """Return the words of a product through a degree."""
-    second = sorted((sum(word), word) for word in b)
+    second = sorted((degree_of(word), word) for word in b)
     product: Series = {}
     for first, x in a.items():
-        room = order - sum(first)
+        room = order - degree_of(first)
         for degree, word in second:
             if degree > room:
                 break
@@ -143,12 +144,12 @@ def times(a: Series, b: Series, order: int) -> Series:
     return product
 
 
-def exponential(exponent: Series, order: int) -> Series:
+def exponential(exponent: Series, order: int, degree_of: Degree = sum) -> Series:
     """Return the exponential of a series without a constant, through a degree."""
     power: Series = {(): 1}
     total = dict(power)
     for n in range(1, order + 1):
-        power = {word: x / n for word, x in times(power, exponent, order).items()}
+        power = {word: x / n for word, x in times(power, exponent, order, degree_of).items()}
         for word, x in power.items():
             total[word] = total.get(word, 0) + x
     return total

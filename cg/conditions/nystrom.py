@@ -25,6 +25,7 @@ from itertools import accumulate, chain, product
 from math import factorial, prod
 from typing import Any
 
+from cg.conditions.linear_equations import Series, exponential, times
 from cg.trees.rooted import RootedTree, density, rooted_trees_through
 
 
@@ -99,17 +100,11 @@ def splitting_words(order: int) -> tuple[tuple[int, ...], ...]:
 
 def splitting_values(drifts: Sequence[Any], kicks: Sequence[Any], order: int) -> list[Any]:
     """Return the coefficients of `splitting_words` in the product of exponentials of T and V."""
-    one = drifts[0] * 0 + 1
-    values = {(): one} | dict.fromkeys(splitting_words(order), one * 0)
-    for k, weight in enumerate(chain.from_iterable(zip(drifts, (*kicks, one * 0), strict=True))):
-        for word in reversed(splitting_words(order)):  # shorter words are still unchanged
-            factor = one
-            for n, letter in enumerate(word, 1):
-                if letter != k % 2:
-                    break
-                factor = factor * weight / n
-                values[word] = values[word] + factor * values[word[n:]]
-    return [values[word] for word in splitting_words(order)]
+    zero = drifts[0] * 0
+    values: Series = {(): zero + 1}
+    for k, weight in enumerate(chain.from_iterable(zip(drifts, (*kicks, zero), strict=True))):
+        values = times(exponential({(k % 2,): weight}, order, len), values, order, len)
+    return [values.get(word, zero) for word in splitting_words(order)]
 
 
 def splitting_residuals(drifts: Sequence[Any], kicks: Sequence[Any], order: int) -> list[Any]:

@@ -54,9 +54,8 @@ def to_array(method: Method) -> str:
         lines += [f"&{stages}", f"&{ends}"]
         return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
     rows = [[_short(entry) if entry else "" for entry in row] for row in _entries(method)]
-    body = [" & ".join(row) for row in rows]
-    body[method.stages - 1] += r" \\ \hline"
-    lines = [line if line.endswith("hline") else line + r" \\" for line in body]
+    lines = [" & ".join(row) + r" \\" for row in rows]
+    lines[method.stages - 1] += r" \hline"
     columns = "c|" + "c" * method.stages
     return f"\\begin{{array}}{{{columns}}}\n" + "\n".join(lines) + "\n\\end{array}"
 

@@ -12,7 +12,7 @@ from fractions import Fraction
 from itertools import accumulate
 
 from cg.formats.digits import Numbers
-from cg.layouts.points import START, Point, PointTree, tree_of_flat_rows
+from cg.layouts.points import START, PointTree, tree_of_flat_rows
 from cg.method.munthe_kaas import MuntheKaas
 
 
@@ -90,7 +90,7 @@ def make_program(numbers: Numbers, title: str) -> Program:
             f"sequence of flows; {method.name or 'this one'} is"
         )
     tree, errors = _tree(numbers)
-    tree = _without_repetitions(tree)
+    tree = tree.without_repetitions()
     order, before = _sequence(tree)
     slots, count = _slots(tree, order, before)
     moves = tuple(
@@ -142,19 +142,6 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
     return PointTree(tree.points, tree.stage_points, result, second), []
 
 
-def _without_repetitions(tree: PointTree) -> PointTree:
-    """Return the tree in which equal points are merged."""
-    same = tree.merged
-    points = tuple(Point(same[point.parent], point.weights) for point in tree.points)
-    second = tree.embedded_result
-    return PointTree(
-        points,
-        tuple(same[at] for at in tree.stage_points),
-        same[tree.result],
-        None if second is None else same[second],
-    )
-
-
 def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
     """Return the points in the order of their moves, and the number of moves before each stage."""
     order: dict[int, None] = {}  # an ordered set
@@ -166,9 +153,8 @@ def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
     for at in tree.stage_points:
         append_path(at)
         before.append(len(order))
-    append_path(tree.result)
-    if tree.embedded_result is not None:
-        append_path(tree.embedded_result)
+    for end in tree.results:
+        append_path(end)
     return list(order), tuple(before)
 
 
@@ -181,9 +167,8 @@ def _slots(
         last[tree.points[m].parent] = k
     for at, count in zip(tree.stage_points, before, strict=True):
         last[at] = max(last.get(at, 0), count)
-    for end in (tree.result, tree.embedded_result):
-        if end is not None:
-            last[end] = len(order)
+    for end in tree.results:
+        last[end] = len(order)
     last[START] = len(order)
     slots = {START: 0}
     unused: list[int] = []

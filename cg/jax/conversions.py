@@ -11,7 +11,7 @@ from cg.frames import SE3, SO3, Euclidean, Frame, Product, UnitQuaternion
 from cg.jax.entire import JaxArray
 from cg.jax.groups import quaternion_of
 from cg.jax.products import join, split
-from cg.jax.rules import read_point
+from cg.jax.rules import linear, read_point
 
 _T = TypeVar("_T")
 
@@ -131,11 +131,5 @@ def _rolled(frame: Any, quaternion: JaxArray, places: int) -> JaxArray:
 
 
 def _matrix(wxyz: JaxArray) -> JaxArray:
-    w, x, y, z = wxyz
-    return jnp.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
+    wedge = linear(wxyz[1:], SO3().basis)
+    return jnp.eye(3, dtype=wxyz.dtype) + 2.0 * (wxyz[0] * wedge + wedge @ wedge)

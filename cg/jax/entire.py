@@ -6,6 +6,7 @@ Everything here is a function of :math:`q = |v|^2`, which is smooth where :math:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -27,6 +28,14 @@ _ARCTAN_NEAR = 0.04
 _ARCTAN_TERMS = 14
 
 
+def power_series(coefficients: Sequence[float], x: JaxArray) -> JaxArray:
+    """Return the polynomial with some coefficients, that of 1 first, by Horner's rule."""
+    total = jnp.full_like(x, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        total = coefficient + x * total
+    return total
+
+
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def stumpff(k: int, q: JaxArray) -> JaxArray:
     r"""Return Stumpff's function :math:`c_k(q) = \sum_j (-q)^j / (2 j + k)!` for real q ≥ 0.
@@ -45,9 +54,7 @@ def stumpff(k: int, q: JaxArray) -> JaxArray:
         x = jnp.maximum(x, jnp.finfo(q.dtype).tiny)
         return jnp.sin(x) / x
     near = jnp.minimum(q, _NEAR)
-    series = jnp.full_like(q, 1.0 / math.factorial(2 * _TERMS + k))
-    for j in range(_TERMS - 1, -1, -1):
-        series = 1.0 / math.factorial(2 * j + k) - near * series
+    series = power_series([1.0 / math.factorial(2 * j + k) for j in range(_TERMS + 1)], -near)
     far = jnp.maximum(q, _NEAR)
     value = stumpff(k % 2, far)
     for j in range(k % 2, k, 2):
@@ -71,11 +78,8 @@ def dexpinv_factor(q: JaxArray) -> JaxArray:
     exponential; see `cg.frames.dexpinv.rotation_dexpinv`. It is :math:`\sum_k 2 / (4 k^2 \pi^2 -
     q)`; the terms from the third on are summed as a series in q.
     """
-    series = jnp.full_like(q, _FACTOR_TERMS[-1])
-    for term in _FACTOR_TERMS[-2::-1]:
-        series = term + q * series
     near, far = _POLES[0] - q, _POLES[1] - q
-    return 2.0 * (near + far) / (near * far) + series
+    return 2.0 * (near + far) / (near * far) + power_series(_FACTOR_TERMS, q)
 
 
 def motion_factors(q: JaxArray) -> tuple[JaxArray, JaxArray]:
@@ -118,8 +122,6 @@ def rotation_vector(vector: JaxArray, scalar: JaxArray) -> JaxArray:
 def _arctan_quotient(x: JaxArray) -> JaxArray:
     """Return arctan(√x) / √x."""
     near = jnp.minimum(x, _ARCTAN_NEAR)
-    series = jnp.full_like(x, (-1.0) ** _ARCTAN_TERMS / (2 * _ARCTAN_TERMS + 1))
-    for j in range(_ARCTAN_TERMS - 1, -1, -1):
-        series = (-1.0) ** j / (2 * j + 1) + near * series
+    series = power_series([1.0 / (2 * j + 1) for j in range(_ARCTAN_TERMS + 1)], -near)
     root = jnp.sqrt(jnp.maximum(x, _ARCTAN_NEAR))
     return jnp.where(x < _ARCTAN_NEAR, series, jnp.arctan(root) / root)

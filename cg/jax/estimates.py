@@ -16,7 +16,6 @@ import numpy as np
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
 from cg.integration.step.paths import MethodPaths
 from cg.jax.entire import JaxArray
-from cg.jax.rules import Rules
 from cg.jax.stages import Stages, Start, Steps
 from cg.method.estimate import MAX_ANGLE
 
@@ -41,14 +40,29 @@ def no_step(paths: MethodPaths, first: JaxArray) -> Before:
 def error_estimate(
     steps: Steps, start: Start, stages: Stages, before: Before | None
 ) -> JaxArray | None:
-    """Return the estimate, of Magnus methods after another step; None without a pair."""
-    if before is None:
-        error = _error(steps, start, stages)
+    """Return the estimate, of Magnus methods after another step; None without a pair.
+
+    It is a tangent at the end of the step.
+    """
+    rules, h, y1, paths = start.rules, start.h, stages.result, steps.paths
+
+    def of_vector(v: JaxArray) -> Estimate:
+        return rules.field(v, y1), rules.measured(v, y1)
+
+    if rules.log is None:
+        estimates = [(y1 - other, y1 - other) for other in stages.others]
     else:
-        error = _error_of_time(steps, start, stages, before)
-    if error is None:
+        estimates = [of_vector(rules.log(other, y1)) for other in stages.others]
+    estimates += [of_vector(v) for v in h * stages.errors]
+    if not estimates:
         return None
-    angle = _turning(start.rules.frame, start.h * stages.values[0])
+    if before is not None:
+        estimates.append(of_vector(_node_difference(paths, stages.values, h, before)))
+    size = rules.extent(start.y0, y1)
+    errors = [tangent for tangent, _ in estimates]
+    squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
+    error = (_error if before is None else _error_of_time)(paths, errors, squares)
+    angle = _turning(rules.frame, h * stages.values[0])
     return jax.lax.cond(angle > MAX_ANGLE, lambda: _change(start, stages, error), lambda: error)
 
 
@@ -78,70 +92,37 @@ def _turning(frame: Frame, v: JaxArray) -> JaxArray:
     return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))
 
 
-def _of_vector(rules: Rules, v: JaxArray, y1: JaxArray) -> Estimate:
-    return rules.field(v, y1), rules.measured(v, y1)
-
-
-def _of_results(rules: Rules, stages: Stages) -> list[Estimate]:
-    """Return the differences of the result and others."""
-    y1 = stages.result
-    if rules.log is None:
-        return [(y1 - other, y1 - other) for other in stages.others]
-    return [_of_vector(rules, rules.log(other, y1), y1) for other in stages.others]
-
-
-def _error_of_time(steps: Steps, start: Start, stages: Stages, before: Before) -> JaxArray | None:
-    """Return the estimate of a Magnus method: that of the results, or the larger of the nodes."""
-    if not stages.others and not len(stages.errors):
-        return None
-    rules, y1, paths = start.rules, stages.result, steps.paths
-    size = rules.extent(start.y0, y1)
-
-    def norm(estimate: Estimate) -> JaxArray:
-        squares = (jnp.abs(estimate[1] / size) ** 2).sum()
-        return jnp.sqrt(jnp.maximum(squares, jnp.finfo(size.dtype).tiny))
-
-    estimates = _of_results(rules, stages)
-    estimates += [_of_vector(rules, v, y1) for v in start.h * stages.errors]
-    norms = [norm(each) for each in estimates]
-    scale = jnp.ones((), size.dtype)
-    if len(norms) == 2:
-        factor = float(paths.factor)
-        scale = (norms[0] / jnp.hypot(norms[0], factor * norms[1])) ** paths.power
+def _error_of_time(paths: MethodPaths, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+    """Return the error of a Magnus method: that of the results, or the larger of the nodes."""
+    norms = [jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)) for square in squares]
+    scale = jnp.ones_like(norms[0])
+    if len(norms) > 2:
+        scale = (norms[0] / jnp.hypot(norms[0], float(paths.factor) * norms[1])) ** paths.power
     scale = jax.lax.stop_gradient(scale)
-    unseen = _of_vector(rules, _node_difference(paths, stages.values, start.h, before), y1)
-    return jnp.where(norm(unseen) > scale * norms[0], unseen[0], scale * estimates[0][0])
+    return jnp.where(norms[-1] > scale * norms[0], errors[-1], scale * errors[0])
 
 
-def _error(steps: Steps, start: Start, stages: Stages) -> JaxArray | None:
-    """Return the estimate as a tangent at the end of the step; None without a pair."""
-    rules, h, y1 = start.rules, start.h, stages.result
-    estimates = _of_results(rules, stages)
-    estimates += [_of_vector(rules, v, y1) for v in h * stages.errors]
-    if not estimates:
-        return None
-    error = estimates[0][0]
-    if len(estimates) == 1:
+def _error(paths: MethodPaths, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+    """Return the error of other methods, one of up to three estimates."""
+    error = errors[0]
+    if len(errors) == 1:
         return error
-    size = rules.extent(start.y0, y1)
-    squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
-    if steps.paths.power == 0:
-        at_end = estimates[-len(steps.paths.errors)][0]
-        return _larger(error, float(steps.paths.factor) * at_end, steps, squares)
-    if len(estimates) > 2:  # with `kink_weights`
-        error = jnp.where(squares[1] > squares[0], estimates[-2][0], error)
+    if paths.power == 0:
+        return _larger(paths, errors, squares)
+    if len(errors) > 2:  # with `kink_weights`
+        error = jnp.where(squares[1] > squares[0], errors[-2], error)
         squares = [jnp.maximum(*squares[:2]), squares[2]]
-    total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
+    total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(squares[0].dtype).tiny)
     return jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
 
 
-def _larger(error: JaxArray, at_end: JaxArray, steps: Steps, squares: list[JaxArray]) -> JaxArray:
+def _larger(paths: MethodPaths, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
     """Return the error, or that at the end of the step if it is larger, see `end_weights`."""
-    end = squares[1]
+    factor, end, at_end = float(paths.factor), squares[1], errors[-len(paths.errors)]
     if len(squares) > 2:
         share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
         end, at_end = end * share, jax.lax.stop_gradient(jnp.sqrt(share)) * at_end
-    return jnp.where(float(steps.paths.factor) ** 2 * end > squares[0], at_end, error)
+    return jnp.where(factor**2 * end > squares[0], factor * at_end, errors[0])
 
 
 def _node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:

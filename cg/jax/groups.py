@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from cg.frames import SL, SO, SU, Frame, MatrixGroup, Semidirect, Sp, U, UnitQuaternion
 from cg.frames.matrix_functions import symplectic_correction
 from cg.frames.quaternion import _generators
-from cg.jax.dexpinv import motion_dexpinv, series_dexpinv, turning_dexpinv
+from cg.jax.dexpinv import motion_dexpinv, series_dexpinv
 from cg.jax.entire import JaxArray, dexpinv_factor, rotation_vector, stumpff
 from cg.jax.matrices import expm, logarithm_of, projection
 from cg.jax.rules import (
@@ -102,7 +102,7 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
     def coefficients(y: JaxArray, tangent: JaxArray) -> JaxArray:
         return 2.0 * sines(y, tangent)
 
-    dexpinv = turning_dexpinv(frame._rotation_sign)
+    dexpinv = motion_dexpinv(frame._rotation_sign)
     return Rules(frame, flow, unit_step, log, dexpinv, coefficients, distance=length_error)
 
 
@@ -117,7 +117,7 @@ def functions_of(frame: MatrixGroup) -> Group:
             group,
             exponential=lambda v: rotation_matrix(v, linear(v, basis)),
             log1p=rotation_logarithm,
-            dexpinv=turning_dexpinv(frame._side),
+            dexpinv=motion_dexpinv(frame._side),
         )
     if isinstance(frame, SO) and frame.n == 2:
 
@@ -139,7 +139,7 @@ def functions_of(frame: MatrixGroup) -> Group:
         def vector(x: JaxArray) -> JaxArray:
             return rotation_vector(0.5 * projection(frame, x), 1.0 + 0.5 * jnp.trace(x).real)
 
-        dexpinv = turning_dexpinv(frame._side)
+        dexpinv = motion_dexpinv(frame._side)
         return replace(group, exponential=spin, log1p=vector, dexpinv=dexpinv)
     return group
 
@@ -221,7 +221,7 @@ def _motions(frame: Semidirect) -> Group:
     return Group(
         exponential,
         log1p,
-        lambda u, v, order: motion_dexpinv(u, v, frame._side),
+        motion_dexpinv(frame._side),
         inverse,
         lambda y: _assembled(newton_schulz(y[:3, :3]), y[:3, 3:]),
         distance,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -9,7 +11,7 @@ from cg import frames
 from cg.frames.stiefel import least_generator
 from cg.integration.step.plan import has_brackets
 from cg.jax.dexpinv import series_dexpinv
-from cg.jax.entire import JaxArray, angle_over_sine
+from cg.jax.entire import JaxArray, angle_over_sine, power_series
 from cg.jax.groups import functions_of
 from cg.jax.matrices import expm, projection
 from cg.jax.rules import (
@@ -139,9 +141,7 @@ def _expm1_quotient(a: JaxArray) -> JaxArray:
     """Return (exp(a) - 1) / a."""
     near = jnp.abs(a) < 1.0
     small, large = jnp.where(near, a, 0.0), jnp.where(near, 1.0, a)
-    series = jnp.ones_like(a)
-    for k in range(_SERIES_TERMS, 1, -1):
-        series = 1.0 + small / k * series
+    series = power_series([1.0 / math.factorial(k) for k in range(1, _SERIES_TERMS + 1)], small)
     return jnp.where(near, series, jnp.expm1(large) / large)
 
 

@@ -90,12 +90,11 @@ class Layout:
     @classmethod
     def of_tree(cls, tree: PointTree) -> Layout:
         """Return the layout of the nonzero weights of a tree of points."""
-        second = () if tree.embedded_result is None else (tree.embedded_result,)
         return cls(
             tuple(point.parent for point in tree.points),
             tuple(tuple(point.weights) for point in tree.points),
             tree.stage_points,
-            (tree.result, *second),
+            tree.results,
         )
 
     @property

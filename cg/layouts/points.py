@@ -77,6 +77,12 @@ class PointTree:
         """The tree itself, so that methods and trees have the same interface."""
         return self
 
+    @property
+    def results(self) -> tuple[int, ...]:
+        """The points of the result, and of the second result if there is one."""
+        second = () if self.embedded_result is None else (self.embedded_result,)
+        return self.result, *second
+
     def path(self, point: int) -> tuple[int, ...]:
         """Return the points from the initial point to `point`, without the initial point."""
         path: list[int] = []
@@ -127,6 +133,13 @@ class PointTree:
             same = Point(parent, point.weights)
             merged[m] = first.setdefault(same, m) if point.weights else parent
         return merged
+
+    def without_repetitions(self) -> PointTree:
+        """Return the tree in which paths, and stages and results, have one of equal points."""
+        same = self.merged
+        points = tuple(Point(same[point.parent], point.weights) for point in self.points)
+        stages = tuple(same[at] for at in self.stage_points)
+        return PointTree(points, stages, *(same[end] for end in self.results))
 
 
 class FlatSums(np.ndarray[Any, np.dtype[np.float64]]):

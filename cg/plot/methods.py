@@ -139,7 +139,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
     if not method.explicit:
         raise ValueError(f"method must be explicit, got {method!r}")
     ax = axes_for(ax)
-    tree = method.tree
+    tree = method.tree.without_repetitions()
     places = _places(tree)
     used = [m for m in places if m != START]
     labelled = sum(len(tree.points[m].weights) for m in used) <= _MAX_TERMS
@@ -167,17 +167,14 @@ def points(method: str | Method, ax: Any = None) -> Any:
 
 
 def _draw_points(ax: Any, tree: PointTree, places: dict[int, tuple[float, float]]) -> None:
-    same = tree.merged
     others = [place for m, place in places.items() if m != START]
     ax.scatter(*zip(*others, strict=True), s=12, color=FAINT, zorder=2)
-    ends = {"s": (tree.result, COLOURS[1], "result")}
-    if tree.embedded_result is not None:
-        ends["D"] = (tree.embedded_result, COLOURS[2], "second result")
-    for marker, (end, colour, label) in ends.items():
-        ax.scatter(*places[same[end]], s=230, marker=marker, color=colour, zorder=3, label=label)
+    looks = ("s", COLOURS[1], "result"), ("D", COLOURS[2], "second result")
+    for end, (marker, colour, label) in zip(tree.results, looks, strict=False):
+        ax.scatter(*places[end], s=230, marker=marker, color=colour, zorder=3, label=label)
     stages: dict[int, list[str]] = {}
     for k, at in enumerate(tree.stage_points, 1):
-        stages.setdefault(same[at], []).append(str(k))
+        stages.setdefault(at, []).append(str(k))
     for number, (at, numbers) in enumerate(stages.items()):
         once = {"label": "stages"} if number == 0 else {}
         ax.scatter(*places[at], s=130, color=COLOURS[0], zorder=4, **once)
@@ -196,18 +193,15 @@ def _draw_points(ax: Any, tree: PointTree, places: dict[int, tuple[float, float]
 
 def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
     """Return the places of the points: x is the time, and each branch has another height."""
-    same = tree.merged
-    ends = [*tree.stage_points, tree.result]
-    if tree.embedded_result is not None:
-        ends.append(tree.embedded_result)
-    used = sorted({same[m] for end in ends for m in tree.path(end)} - {START})
+    ends = *tree.stage_points, *tree.results
+    used = sorted({m for end in ends for m in tree.path(end)})
     children: dict[int, list[int]] = {m: [] for m in (START, *used)}
     for m in used:
-        children[same[tree.points[m].parent]].append(m)
+        children[tree.points[m].parent].append(m)
     times = {START: 0.0}
     for m in used:
-        weights = tree.points[m].weights.values()
-        times[m] = times[same[tree.points[m].parent]] + float(sum(weights, Fraction(0)))
+        point = tree.points[m]
+        times[m] = times[point.parent] + float(sum(point.weights.values(), Fraction(0)))
     heights: dict[int, float] = {}
     pending = [(START, START, True)]
     while pending:  # depth first, each branch above the previous ones

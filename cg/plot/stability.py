@@ -56,8 +56,7 @@ def stability_region(
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['CG2', 'CF4']
     """
-    single = isinstance(method, str | Method)
-    if not single and not isinstance(method, Sequence):
+    if not isinstance(method, Method | Sequence):
         raise TypeError(f"method must be a method, a name, or a sequence of them, got {method!r}")
     names = [method] if isinstance(method, str | Method) else list(method)
     methods = [resolve_method(name) for name in names]

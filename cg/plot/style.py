@@ -14,28 +14,22 @@ _MARKERS = "os^Dv<>"
 _CURVE = "cg-curve"
 
 
-def axes_for(ax: Any) -> Any:
-    """Return `ax`, or axes of a new figure if it is None; TypeError if it isn't axes."""
-    return _axes(ax, None)
+def axes_for(ax: Any, *, spatial: bool = False) -> Any:
+    """Return `ax`, or axes of a new figure if it is None, three-dimensional if `spatial`.
 
-
-def spatial_axes_for(ax: Any) -> Any:
-    """Return `ax`, or three-dimensional axes of a new figure if it is None."""
-    ax = _axes(ax, "3d")
-    if getattr(ax, "name", "") != "3d":
-        raise ValueError(f"ax must be three-dimensional, made with projection='3d', got {ax!r}")
-    return ax
-
-
-def _axes(ax: Any, projection: str | None) -> Any:
+    TypeError if it isn't axes; ValueError if it isn't three-dimensional as it should be.
+    """
     from matplotlib.axes import Axes
 
     if ax is None:
         from matplotlib import pyplot
 
+        projection = "3d" if spatial else None
         return pyplot.figure(layout="constrained").add_subplot(projection=projection)
     if not isinstance(ax, Axes):
         raise TypeError(f"ax must be None or axes of matplotlib, got {ax!r}")
+    if spatial and ax.name != "3d":
+        raise ValueError(f"ax must be three-dimensional, made with projection='3d', got {ax!r}")
     return ax
 
 

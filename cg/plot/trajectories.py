@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.plot.drawn_rotations import drawn_rotations
-from cg.plot.style import COLOURS, check_label, check_points, spatial_axes_for
+from cg.plot.style import COLOURS, axes_for, check_label, check_points
 from cg.support.arrays import check_finite, complex_array, real_array
 from cg.support.checks import check_integer
 
@@ -69,7 +69,7 @@ def _trajectory(
     check_label(label)
     if color is not None and not isinstance(color, str):
         raise TypeError(f"color must be a str or None, got {color!r}")
-    ax = spatial_axes_for(ax)
+    ax = axes_for(ax, spatial=True)
     number = len(ax.get_lines())
     _draw_sphere(ax, radius)
     colour = COLOURS[number % len(COLOURS)] if color is None else color
@@ -171,7 +171,7 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     """
     matrices = drawn_rotations(y)[0].as_matrix()
     triads = min(check_integer("triads", triads, 0), len(matrices))
-    ax = spatial_axes_for(ax)
+    ax = axes_for(ax, spatial=True)
     _draw_sphere(ax, 1.0)
     for k, name in enumerate(_NAMES):
         _draw_path(ax, matrices[:, :, k], COLOURS[k], f"{name} axis")

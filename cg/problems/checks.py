@@ -27,11 +27,11 @@ def number(value: Any, name: str) -> float:
     return float(array.item())
 
 
-def moments(value: ArrayLike, name: str = "inertia") -> tuple[float, ...]:
+def moments(value: ArrayLike) -> tuple[float, ...]:
     """Return three principal moments of inertia; ValueError if they violate the inequalities."""
-    three = vector(value, name, 3)
+    three = vector(value, "inertia", 3)
     if min(three) <= 0.0 or 2.0 * max(three) > sum(three) * (1.0 + 1e-12):
         raise ValueError(
-            f"{name} must be positive, none larger than the sum of the others, got {value!r}"
+            f"inertia must be positive, none larger than the sum of the others, got {value!r}"
         )
     return three

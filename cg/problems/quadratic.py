@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,53 +11,6 @@ import numpy as np
 from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
 from cg.support import flint
 from cg.support.balls import to_ball
-
-
-class Polynomial:
-    """A polynomial in the unknowns, with balls as coefficients.
-
-    Arrays of polynomials let equations be written as formulas of NumPy. `terms` has the coefficient
-    of each product of unknowns, given by their indices in increasing order.
-    """
-
-    def __init__(self, terms: dict[tuple[int, ...], flint.arb]) -> None:
-        self.terms = terms
-
-    @classmethod
-    def of(cls, value: Polynomial | flint.arb | float) -> Polynomial:
-        """Return a polynomial or a constant as a polynomial."""
-        if isinstance(value, Polynomial):
-            return value
-        return cls({(): to_ball(value)})
-
-    def __add__(self, other: Polynomial | flint.arb | float) -> Polynomial:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        terms = dict(self.terms)
-        for indices, coefficient in Polynomial.of(other).terms.items():
-            terms[indices] = terms.get(indices, flint.arb()) + coefficient
-        return Polynomial(terms)
-
-    def __mul__(self, other: Polynomial | flint.arb | float) -> Polynomial:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        terms: dict[tuple[int, ...], flint.arb] = {}
-        for (p, a), (q, b) in product(self.terms.items(), Polynomial.of(other).terms.items()):
-            indices = tuple(sorted((*p, *q)))
-            terms[indices] = terms.get(indices, flint.arb()) + a * b
-        return Polynomial(terms)
-
-    def __neg__(self) -> Polynomial:
-        return self * -1.0
-
-    def __sub__(self, other: Polynomial | flint.arb | float) -> Polynomial:
-        return self + -Polynomial.of(other)
-
-    def __rsub__(self, other: flint.arb | float) -> Polynomial:
-        return -self + other
-
-    __radd__ = __add__
-    __rmul__ = __mul__
 
 
 class QuadraticProblem(ABC):
@@ -70,18 +22,28 @@ class QuadraticProblem(ABC):
 
     @abstractmethod
     def _derivatives(self, y: Any) -> Any:
-        """Return the derivatives of the unknowns, as `y` an array of `Polynomial`."""
+        """Return the derivatives of the unknowns, for an array ``y`` of balls."""
 
     def _system(self) -> QuadraticSystem:
+        """Return the terms of the equations, from their values where one or two unknowns are 1."""
         initial = tuple(self._initial())
-        unknowns = np.array([Polynomial({(i,): flint.arb(1)}) for i in range(len(initial))])
-        equations = [
-            tuple((c, indices) for indices, c in Polynomial.of(derivative).terms.items() if c != 0)
-            for derivative in self._derivatives(unknowns)
-        ]
-        if any(len(indices) > 2 for terms in equations for _, indices in terms):
-            raise ValueError(f"the equations of {self!r} must be quadratic")
-        return QuadraticSystem(tuple(equations), initial)
+
+        def value(*ones: int) -> Any:
+            y = np.array([flint.arb(ones.count(i)) for i in range(len(initial))])
+            return np.array([*map(to_ball, self._derivatives(y))])
+
+        constant, units = value(), [value(i) for i in range(len(initial))]
+        terms: dict[tuple[int, ...], Any] = {(): constant}
+        for i, at_i in enumerate(units):
+            square = (value(i, i) - 2 * at_i + constant) / 2
+            terms[i, i], terms[(i,)] = square, at_i - constant - square
+            for j in range(i):
+                terms[j, i] = value(i, j) - at_i - units[j] + constant
+        equations = tuple(
+            tuple((c[k], indices) for indices, c in terms.items() if c[k] != 0)
+            for k in range(len(initial))
+        )
+        return QuadraticSystem(equations, initial)
 
     def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
         """Return the solution at given times in extended precision, with an error estimate.

@@ -147,16 +147,16 @@ def _solve(
             while abs(t - start) > step:
                 series = series or _taylor(system, point, order)
                 # Continue with midpoints: the radii would grow much faster than the errors.
-                point = [_horner(s, step * direction).mid() for s in series]
+                point = [polynomial(to_ball(step * direction)).mid() for polynomial in series]
                 start += step * direction
                 series = None
             series = series or _taylor(system, point, order)
-            solutions[t] = [_horner(s, t - start) for s in series]
+            solutions[t] = [polynomial(to_ball(t - start)) for polynomial in series]
     return [solutions[t] for t in times]
 
 
-def _taylor(system: QuadraticSystem, point: list[flint.arb], order: int) -> list[list[flint.arb]]:
-    """Return the Taylor coefficients of every unknown."""
+def _taylor(system: QuadraticSystem, point: list[flint.arb], order: int) -> list[flint.arb_poly]:
+    """Return the Taylor polynomials of every unknown."""
     series = [[x] for x in point]
     products = {indices for terms in system.equations for _, indices in terms}
     for n in range(order):
@@ -167,7 +167,7 @@ def _taylor(system: QuadraticSystem, point: list[flint.arb], order: int) -> list
         ]
         for coefficients, value in zip(series, following, strict=True):
             coefficients.append(value)
-    return series
+    return [*map(flint.arb_poly, series)]
 
 
 def _coefficient(series: list[list[flint.arb]], indices: tuple[int, ...], n: int) -> flint.arb:
@@ -176,10 +176,3 @@ def _coefficient(series: list[list[flint.arb]], indices: tuple[int, ...], n: int
         return series[indices[0]][n] if indices else flint.arb(int(n == 0))
     first, second = (series[i] for i in indices)
     return sum((x * y for x, y in zip(first, reversed(second), strict=True)), flint.arb())
-
-
-def _horner(coefficients: list[flint.arb], t: Fraction) -> flint.arb:
-    time, total = to_ball(t), flint.arb()
-    for coefficient in reversed(coefficients):
-        total = total * time + coefficient
-    return total

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from kinds import FROZEN, MUNTHE_KAAS
+from slow_cases import slow
 from strategies import rationals, tableaux
 
 from cg import conditions
@@ -38,14 +39,11 @@ def test_source_is_given(name):
     assert len(methods[name].source) > 20
 
 
+QUICK = [name for name in EXACT if methods[name].order <= 7]
+
+
 # of order eight in exact arithmetic this takes ten seconds
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow) if methods[name].order > 7 else name
-        for name in EXACT
-    ],
-)
+@pytest.mark.parametrize("name", [*QUICK, *slow(*(name for name in EXACT if name not in QUICK))])
 def test_residuals_vanish_through_the_order_and_not_beyond(name):
     method = methods[name]
     order = method.exact_order

@@ -16,11 +16,6 @@ from cg.trees.ordered import OrderedTree, forest
 from cg.trees.tables import fortran_tables, main
 
 exactly = partial(conditions.residuals, arithmetic="exact")
-FLOATS = {"dtype": np.float64}
-
-
-def as_floats(a, b):
-    return np.array(a, **FLOATS), np.array(b, **FLOATS)
 
 
 def shuffles(u, v):
@@ -110,7 +105,7 @@ class TestExactOracle:
 class TestPacking:
     @given(tableaux(), st.data())
     def test_round_trip(self, tableau, data):
-        a, b = as_floats(*tableau)
+        a, b = (np.array(part, dtype=np.float64) for part in tableau)
         rows = data.draw(st.sampled_from([None, Rows.FULL, conditions.rows_of(a)]))
         packed = conditions.pack(a, b, rows)
         pattern = conditions.rows_of(a) if rows is None else rows

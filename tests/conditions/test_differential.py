@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from quad_core import residuals_quad
+from slow_cases import slow
 
 from cg import conditions
 from cg.layouts.layout import Layout, Rows
@@ -64,14 +65,11 @@ def compare(seed):
     return worst
 
 
-@pytest.mark.parametrize("part", range(4))
-def test_the_core_agrees_with_the_oracle(part):
-    for seed in range(50 * part, 50 * (part + 1)):
-        compare(seed)
+PARTS = [range(50 * part, 50 * (part + 1)) for part in range(4)]
+MANY = [range(1000 * part, 1000 * (part + 1)) for part in range(10)]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("part", range(10))
-def test_the_core_agrees_with_the_oracle_on_ten_thousand(part):
-    for seed in range(1000 * part, 1000 * (part + 1)):
+@pytest.mark.parametrize("seeds", [*PARTS, *slow(*MANY)], ids=str)
+def test_the_core_agrees_with_the_oracle(seeds):
+    for seed in seeds:
         compare(seed)

@@ -3,6 +3,7 @@
 import math
 from fractions import Fraction
 from functools import partial
+from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def by_definition(tree, t):
     def at(point, t):
         total = Fraction(0)
         path, word = tree.path(point), trees.children[t - 1]
-        for chosen in nondecreasing(len(word), len(path)):
+        for chosen in combinations_with_replacement(range(len(path)), len(word)):
             product = Fraction(1)
             for child, k in zip(word, chosen, strict=True):
                 weights = tree.points[path[k]].weights.items()
@@ -48,15 +49,6 @@ def by_definition(tree, t):
         return total
 
     return at(tree.result, t)
-
-
-def nondecreasing(length, choices, least=0):
-    if length == 0:
-        yield ()
-        return
-    for k in range(least, choices):
-        for rest in nondecreasing(length - 1, choices, k):
-            yield (k, *rest)
 
 
 class TestResiduals:

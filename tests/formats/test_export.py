@@ -12,6 +12,7 @@ import pytest
 from heisenberg import START, STEP, TIME, Heisenberg
 from kinds import FROZEN, MUNTHE_KAAS
 from python_steps import Step
+from slow_cases import slow
 
 import cg
 from cg.catalogue import resolve_method
@@ -100,10 +101,6 @@ def check_python(names, tmp_path):
     agree(output_of(sys.executable, "-I", program, folder=tmp_path), names)
 
 
-def test_python_module_runs_alone(tmp_path):
-    check_python(SOME, tmp_path)
-
-
 def c_program(names):
     lines = ["#include <stdio.h>", heisenberg.C]
     lines += ["static void hexes(const double *x)"]
@@ -134,10 +131,6 @@ def check_c(names, folder):
     flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-pedantic", "-Werror"]
     output_of("gcc", *flags, "program.c", "-o", "program", folder=folder)
     agree(output_of(folder / "program", folder=folder), names)
-
-
-def test_c(tmp_path):
-    check_c(SOME, tmp_path)
 
 
 def fortran_program(names):
@@ -181,10 +174,6 @@ def check_fortran(names, folder):
     words = [[int(word, 16) for word in line.split()] for line in shown.splitlines()]
     rows = np.array(words, dtype=np.uint64).view(np.float64)
     agree("\n".join(" ".join(x.hex() for x in row) for row in rows.tolist()), names)
-
-
-def test_fortran(tmp_path):
-    check_fortran(SOME, tmp_path)
 
 
 GROWTH = sum(Fraction(1, 8**k * math.factorial(k)) for k in range(5))
@@ -269,17 +258,12 @@ def check_octave(names, folder):
     agree("\n".join(" ".join(x.hex() for x in row) for row in rows), names)
 
 
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave isn't installed")
-def test_octave(tmp_path):
-    check_octave(SOME, tmp_path)
-
-
-@pytest.mark.slow
+@pytest.mark.parametrize("names", [SOME, *slow(ALL)], ids=["some", "all"])
 @pytest.mark.parametrize("check", [check_python, check_c, check_fortran, check_octave])
-def test_all_methods(check, tmp_path):
+def test_methods(check, names, tmp_path):
     if check is check_octave and shutil.which("octave-cli") is None:
         pytest.skip("Octave isn't installed")
-    check(ALL, tmp_path)
+    check(names, tmp_path)
 
 
 NO_FLOWS = {

@@ -57,20 +57,6 @@ def test_mixed_states_lie_within_the_sphere():
     assert ax.get_zlim()[1] >= 1.0
 
 
-REFUSED = [
-    (cg.plot.bands, ([0, 1], [1, 2]), ValueError, "values"),
-    (cg.plot.bands, ([0, 1], [[1], [np.nan]]), ValueError, "values"),
-    (cg.plot.bloch, (np.eye(3),), ValueError, "shape"),
-    (cg.plot.bloch, ([[1, np.nan]],), ValueError, "finite"),
-]
-
-
-@pytest.mark.parametrize(("draw", "arguments", "error", "word"), REFUSED)
-def test_bad_input_is_named(draw, arguments, error, word):
-    with pytest.raises(error, match=word):
-        draw(*arguments)
-
-
 def test_invariants_of_other_shapes_are_refused():
     run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))
     with pytest.raises(ValueError, match="energy"):

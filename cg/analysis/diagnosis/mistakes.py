@@ -120,7 +120,7 @@ def _as_decimal(k: Coefficient) -> Coefficient:
     return k if decimal is None else Coefficient.read(f"{value * 10**decimal}e-{decimal}")
 
 
-def _truncated_digits(method: Method, order: int, place: Fraction | None) -> list[Finding]:
+def _truncated_digits(method: Method, order: int, place: Fraction | None) -> Iterator[Finding]:
     if place is not None:
         rounded = [
             Coefficient(k.value, k.text, max(k.unit, _unit(k, place))) for k in method.coefficients
@@ -128,29 +128,24 @@ def _truncated_digits(method: Method, order: int, place: Fraction | None) -> lis
         try:
             full = method.with_coefficients(rounded).exact_order
         except MethodError:
-            return []
+            return
         if full > order:
             places = f"{len(str(place.denominator)) - 1} places"
             precision = "single precision" if place < 0 else places
-            return [
-                Finding(
-                    "digits",
-                    f"its coefficients are truncated to {precision}: with all digits the "
-                    f"order would be {full}; now conditions are off by "
-                    f"{method.largest_residual(full):.1g}, and errors can't fall below that",
-                )
-            ]
-    if order and not method.approximate:
-        residual = method.largest_residual(order)
-        if residual > _HARMLESS:
-            return [
-                Finding(
-                    "digits",
-                    f"its coefficients have too few digits for double precision: conditions are "
-                    f"off by {residual:.1g}, and errors can't fall below that",
-                )
-            ]
-    return []
+            yield Finding(
+                "digits",
+                f"its coefficients are truncated to {precision}: with all digits the order would "
+                f"be {full}; now conditions are off by {method.largest_residual(full):.1g}, and "
+                "errors can't fall below that",
+            )
+            return
+    residual = method.largest_residual(order) if order and not method.approximate else 0.0
+    if residual > _HARMLESS:
+        yield Finding(
+            "digits",
+            "its coefficients have too few digits for double precision: conditions are off by "
+            f"{residual:.1g}, and errors can't fall below that",
+        )
 
 
 def _truncation_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
