@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries, entries_of
 from cg.frames.logarithms import rotation_log1p
-from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import MAX_DENSE
 from cg.frames.matrix_group_kinds import SizedMatrixGroup, UnitaryMatrixGroup
-from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
+from cg.frames.rotations import is_rotation
 from cg.support.arrays import Array, Convention, Points
 from cg.support.shared_numbers import BlockKind
 
@@ -108,9 +107,7 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
             cosine, sine = np.cos(angle), np.sin(angle)
             rows = [np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)]
             return np.stack(rows, axis=-2)
-        if self.n == 3:
-            return rotate(self._vectors(v), np.eye(3))
-        return unitary_exponential(self.algebra(v))
+        return super().exponential(v)
 
     def _log1p(self, difference: Points) -> Array:
         # Angles are at most pi.
@@ -118,8 +115,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
             sine = difference[..., 1, 0] - difference[..., 0, 1]
             cosine = 2.0 + np.trace(difference, axis1=-2, axis2=-1)
             return np.asarray(np.arctan2(sine, cosine)[..., None])
-        if self.n == 3:
-            return rotation_logarithm(difference)
         return self._algebra_projection(rotation_log1p(difference))
 
     @property
@@ -143,10 +138,3 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_matrix(self._points(y))
-
-    def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
-        """Return the upper blocks of the affine exponential, in closed form for n = 3."""
-        if self.n == 3:
-            vector = self._vectors(v)
-            return rotate(vector, np.eye(3)), averaged_rotation(vector, columns)
-        return super().affine_exponential(v, columns)

@@ -146,7 +146,7 @@ contains
 
     factor(0) = 1.0_wp
     factor(1) = 1.0_wp
-    bound = length**2 / 2
+    bound = length / 2                   ! relative to x
     terms = 0                            ! powers of the square
     do while (bound > epsilon(bound) / 8 .and. terms < max_terms)
       terms = terms + 1

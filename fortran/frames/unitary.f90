@@ -150,21 +150,20 @@ contains
     if (abs(trace) > 0) e = cmplx(cos(trace), sin(trace), wp) * e
   end subroutine series_of_three
 
-  ! One Newton-Schulz step, and for SU(n) one towards determinant 1
+  ! One Newton-Schulz step, and for SU(n) one to determinant 1, whose phase has no digits after flows
+  ! by large angles
   subroutine restore_unitary(kind, n, y)
     integer, intent(in) :: kind, n
     real(wp), intent(inout) :: y(:)              ! (point_size)
-    complex(wp) :: point(n, n), excess
-    integer :: k
+    complex(wp) :: point(n, n), det
+    real(wp) :: angle
 
     call get_point(2, n, y, point)
     call orthogonalise(n, point)
     if (kind == su_block) then
-      do k = 1, 2                                  ! once more after flows by large angles
-        excess = add_real(-1.0_wp, determinant(n, point))
-        point = point * add_real(1.0_wp, times_real(-1 / real(n, wp), excess))
-        if (abs(excess) < sqrt(epsilon(1.0_wp)) / 16) exit
-      end do
+      det = determinant(n, point)
+      angle = -atan2(aimag(det), real(det, wp)) / real(n, wp)
+      point = point * cmplx(cos(angle), sin(angle), wp)
     end if
     call put_point(n, point, y)
   end subroutine restore_unitary
