@@ -30,8 +30,8 @@ class SO3(SO):
 
     Notes
     -----
-    The flow is Rodrigues' formula (`rotate`), followed by a step towards the group that removes
-    rounding errors, as in `SO`.
+    The exponential is the rotation of a unit quaternion. Each flow ends with a step towards the
+    group that removes rounding errors, as in `SO`.
 
     Examples
     --------

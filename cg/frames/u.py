@@ -39,9 +39,9 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is a Taylor polynomial with scaling and squaring, ``scipy.linalg.expm`` for more
-    than 16 rows, and computed from eigenvalues for large angles. Every pair of points has
-    `exp_coordinates`. Each flow ends with a step towards the group that removes rounding errors.
+    The exponential is a Taylor polynomial with scaling and squaring, in compiled code. Every pair
+    of points has `exp_coordinates`. Each flow ends with a step towards the group that removes
+    rounding errors.
 
     Examples
     --------
