@@ -75,15 +75,6 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         sign = np.where((i + j) % 2, 1.0, -1.0)
         return entries_of(self.n, (j, i, sign), (i, j, -sign))
 
-    def exponential(self, v: ArrayLike) -> Points:
-        r"""Return the rotations :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
-        if self.n == 2:
-            angle = self._vectors(v)[..., 0]
-            cosine, sine = np.cos(angle), np.sin(angle)
-            rows = [np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)]
-            return np.stack(rows, axis=-2)
-        return super().exponential(v)
-
     def _log1p(self, difference: Points) -> Array:
         # Angles are at most pi.
         if self.n == 2:

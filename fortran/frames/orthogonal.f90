@@ -68,6 +68,13 @@ contains
     real(wp) :: scaled(n, n), length, max_terms
     integer :: k, squarings
 
+    if (n == 2) then                       ! one angle
+      e(1, 1) = cos(x(1, 2))
+      e(1, 2) = sin(x(1, 2))
+      e(2, 1) = -e(1, 2)
+      e(2, 2) = e(1, 1)
+      return
+    end if
     ! bounds of the largest angle, of which each counts twice
     length = sqrt(sum(x**2) / 2)
     if (n > largest_own) length = min(length, maxval(sum(abs(x), dim=1)))

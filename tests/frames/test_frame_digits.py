@@ -15,6 +15,10 @@ from cg import frames as fr
 UNITARY = [fr.SO3(), fr.SO(6), *COMPACT_GROUPS]
 OTHERS = [*(frame for frame in SMALL_EXPONENTS if isinstance(frame, fr.MatrixGroup)), fr.SE3()]
 GROUPS = UNITARY + OTHERS
+MATRICES = [
+    *(fr.SO(5), fr.SO(8, "space"), fr.SO(12), fr.SU(4), fr.SU(12)),
+    *(fr.SO(13), fr.SO(20, "space"), fr.SU(14, "body"), fr.U(13)),  # by BLAS
+]
 EPSILON = np.finfo(float).eps
 SMALL = [1e-300, 1e-160, 1e-20, 1e-16, 1e-12, 1e-9, 1e-6, 1e-3, 0.03]
 
@@ -54,8 +58,8 @@ def of_size(group, rng, size):
     return v * (size / np.linalg.norm(group.algebra(v)))
 
 
-@pytest.mark.parametrize("group", GROUPS, ids=repr)
-@pytest.mark.parametrize("size", [*SMALL, 1.0, 10.0, 1e3, 1e8])
+@pytest.mark.parametrize("group", [*GROUPS, *MATRICES], ids=repr)
+@pytest.mark.parametrize("size", [*SMALL, 0.5, 0.86, 1.0, 1.9, 2.1, 10.0, 90.0, 1e3, 1e8])
 def test_exponentials(group, size):
     if group in OTHERS and size > 10.0:
         size = 30.0  # they grow exponentially
