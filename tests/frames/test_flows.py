@@ -5,7 +5,8 @@ import pytest
 from compiled_differences import difference_of
 from compiled_examples import FRAMES as STARTS
 from compiled_examples import ORBITS
-from flint import acb_mat, arb_mat, ctx
+from exact_matrices import doubles, flint_matrix
+from flint import ctx
 
 from cg.frames import (
     SE3,
@@ -36,9 +37,7 @@ WEIGHTS = 0.75 * np.array([0.5, -1.25, 0.0625])[:, None]
 
 def exact_exponential(x):
     with ctx.workdps(60):
-        exponential = (acb_mat if x.dtype.kind == "c" else arb_mat)(x.tolist()).exp()
-        convert = complex if x.dtype.kind == "c" else float
-        return np.array([[convert(entry) for entry in row] for row in exponential.tolist()])
+        return doubles(flint_matrix(x).exp())
 
 
 def exact_flow(frame, v, y):
