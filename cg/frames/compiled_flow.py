@@ -39,9 +39,9 @@ class CompiledFlow(Frame):
     def _rows(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return contiguous coefficients and points with the same leading axes."""
         vectors, points = self._arguments(v, y)
-        axes = points.ndim - len(self.point_shape)
-        lead = np.broadcast_shapes(vectors.shape[:-1], points.shape[:axes])
-        return (
-            np.ascontiguousarray(np.broadcast_to(vectors, (*lead, self.dim))),
-            np.ascontiguousarray(np.broadcast_to(points, (*lead, *self.point_shape)), self.dtype),
-        )
+        leads = vectors.shape[:-1], points.shape[: points.ndim - len(self.point_shape)]
+        if leads[0] != leads[1]:
+            lead = np.broadcast_shapes(*leads)
+            vectors = np.broadcast_to(vectors, (*lead, self.dim))
+            points = np.broadcast_to(points, (*lead, *self.point_shape))
+        return np.ascontiguousarray(vectors), np.ascontiguousarray(points)
