@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from cg.catalogue import methods
-from cg.frames.rotations import rotate
+from cg.frames import hat
 from cg.integration import integrate
 from cg.problems import HeavyTop
 from cg.support.arrays import Array
@@ -89,7 +89,7 @@ def flow_distances(reading: Reading, method: str, steps: int) -> Array:
         rotation, momentum = y[:9].reshape(3, 3), y[9:]
         for weight, field in zip(weights, fields, strict=False):
             if weight:
-                rotation = rotate(-h * weight * field[:3], rotation.T).T
+                rotation = _rotated(-h * weight * field[:3], rotation.T).T
                 momentum = momentum + h * weight * field[3:]
         return np.concatenate([rotation.ravel(), momentum])
 
@@ -101,6 +101,14 @@ def flow_distances(reading: Reading, method: str, steps: int) -> Array:
         y = follow(y, tableau.b.tolist(), fields)
         points.append(y)
     return np.array([_off_group(point[:9].tolist()) for point in points])
+
+
+def _rotated(v: Array, columns: Array) -> Array:
+    """Return the columns after a rotation, by Rodrigues' formula in half the angle."""
+    half = 0.5 * float(np.linalg.norm(v))
+    sinc = np.sin(half) / half if half else 1.0
+    first = hat(v) @ columns
+    return np.asarray(columns + sinc * (np.cos(half) * first + (0.5 * sinc) * (hat(v) @ first)))
 
 
 def end_error(reading: Reading, method: str, steps: int) -> float:

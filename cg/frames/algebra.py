@@ -8,9 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.dexpinv import rotation_dexpinv, series_dexpinv
+from cg.frames.block_kinds import SPACE_AXES
+from cg.frames.compiled import dexpinv
+from cg.frames.dexpinv import series_dexpinv
 from cg.support.arrays import Array, is_array, real_array
 from cg.support.checks import check_integer
+from cg.support.shared_numbers import BlockKind
 
 # Largest dimension for which brackets by structure constants are faster than products of matrices.
 MAX_CONSTANTS = 16
@@ -109,7 +112,7 @@ class FieldAlgebra(ABC):
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
         """Return dexpinv of checked coefficients, in closed form or as a series."""
         if sign := self._rotation_sign:
-            return rotation_dexpinv(u, v, sign)
+            return dexpinv((BlockKind.SO3, 3, SPACE_AXES if sign > 0.0 else 0), u, v)
         if self.dim <= MAX_CONSTANTS:
             flat = u @ self._adjoint_basis.reshape(self.dim, -1)
             matrix = flat.reshape(*u.shape, self.dim)

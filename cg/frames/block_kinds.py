@@ -13,12 +13,16 @@ _WITHOUT_COORDINATES = BlockKind.ISOSPECTRAL, BlockKind.LINEAR_ACTION, BlockKind
 SCALAR_FIRST = int(BlockOption.SCALAR_FIRST)
 """Block option: the scalar part of a quaternion comes first."""
 
-Blocks = tuple[tuple[int, int, int, *tuple[float | Array, ...]], ...]
+Block = tuple[int, int, int, *tuple[float | Array, ...]]
+Blocks = tuple[Block, ...]
 """For each block: its `BlockKind`; its size n (of R^n, SO(n), SU(n) and U(n), the number of rows of
 isospectral matrices, entries of the vector of a linear action, translations of SE(3), rows of
 columns, 3 for other kinds); the sum of its
 options; and its constants, which are the increasing eigenvalues of isospectral matrices, or the
 sparse matrices of a linear action."""
+
+CLOSED_FORMS = BlockKind.SO3, BlockKind.SU2, BlockKind.SE3
+"""Kinds of matrices whose coordinates have a closed form."""
 
 _MATRICES = BlockKind.SO, BlockKind.SU, BlockKind.U, BlockKind.ISOSPECTRAL
 
@@ -26,7 +30,7 @@ MAX_MATRIX = 12
 """Largest number of rows of matrices that compiled code multiplies without BLAS."""
 
 
-def needs_lapack(block: tuple[int, int, int, *tuple[float | Array, ...]]) -> bool:
+def needs_lapack(block: Block) -> bool:
     """Return whether compiled code calls BLAS and LAPACK for a block."""
     return block[0] == BlockKind.STIEFEL or (block[0] in _MATRICES and block[1] > MAX_MATRIX)
 

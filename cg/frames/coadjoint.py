@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.frames.matrix_functions import combine, expm, newton_corrected
 from cg.frames.matrix_group import MatrixGroup
-from cg.frames.rotations import rotate
+from cg.frames.so3 import SO3
 from cg.support.arrays import Array, Convention, Size, check_convention, check_finite, real_array
 
 Constants = tuple[tuple[tuple[float, ...], ...], ...]
@@ -116,12 +116,11 @@ class CoadjointOrbit(Frame):
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
         vector, point = self._arguments(v, y)
-        column = point[..., None]
         if self._rotation_sign:
-            moved = rotate(self._rotation_sign * vector, column)
+            moved = SO3("space").exponential(self._rotation_sign * vector)
         else:
-            moved = expm(combine(vector, self._fields), vector) @ column
-        return self.restore(moved[..., 0])
+            moved = expm(combine(vector, self._fields), vector)
+        return self.restore((moved @ point[..., None])[..., 0])
 
     def _bracket(self, u: Array, v: Array) -> Array:
         if self._rotation_sign:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import scipy
 
-from cg.support.arrays import Array, Points
+from cg.support.arrays import Points
 
 # Largest 1-norm of X - I for the series: z below has norm 1/7, the omitted terms are 1e-18.
 _NEAR = 0.25
@@ -107,32 +108,23 @@ def unitary_log1p(difference: Points, *, special: bool) -> Points:
     They are traceless if ``special``, for determinants of 1. Otherwise the angles are in
     :math:`(-\pi, \pi]`.
     """
-    if not special:
-        return _log1p(difference, _unitary_logarithm)
-    result = _log1p(difference, _special_unitary_logarithm)
-    # With 26 or more eigenvalues, small angles may add up to 2 pi.
-    turns = np.trace(result, axis1=-2, axis2=-1).imag
-    for index in map(tuple, np.argwhere(np.abs(turns) > np.pi)):
-        result[index] = _special_unitary_logarithm(np.eye(difference.shape[-1]) + difference[index])
+    far = partial(_unitary_logarithm, special=special)
+    result = _log1p(difference, far)
+    if special:
+        # With 26 or more eigenvalues, small angles may add up to 2 pi.
+        turns = np.trace(result, axis1=-2, axis2=-1).imag
+        for index in map(tuple, np.argwhere(np.abs(turns) > np.pi)):
+            result[index] = far(np.eye(difference.shape[-1]) + difference[index])
     return result
 
 
-def _unitary_angles(x: Points) -> tuple[Array, Points]:
-    """Return the arguments of the eigenvalues and the eigenvectors of one unitary matrix."""
+def _unitary_logarithm(x: Points, *, special: bool) -> Points:
     # The Schur form of a normal matrix is diagonal, with exactly orthonormal vectors.
     form, vectors = scipy.linalg.schur(x, output="complex")
-    return np.angle(np.diagonal(form)), vectors
-
-
-def _unitary_logarithm(x: Points) -> Points:
-    angles, vectors = _unitary_angles(x)
-    return np.asarray((vectors * (1j * angles)) @ vectors.conj().T)
-
-
-def _special_unitary_logarithm(x: Points) -> Points:
-    angles, vectors = _unitary_angles(x)
-    # The angles sum to 2 pi k; shift the k largest (or smallest) by 2 pi, so that they sum to zero.
-    turns = round(float(angles.sum()) / (2.0 * np.pi))
-    order = np.argsort(-np.sign(turns) * angles)
-    angles[order[: abs(turns)]] -= np.sign(turns) * 2.0 * np.pi
+    angles = np.angle(np.diagonal(form))
+    if special:
+        # They sum to 2 pi k; shift the k largest (or smallest) by 2 pi, so that they sum to zero.
+        turns = round(float(angles.sum()) / (2.0 * np.pi))
+        order = np.argsort(-np.sign(turns) * angles)
+        angles[order[: abs(turns)]] -= np.sign(turns) * 2.0 * np.pi
     return np.asarray((vectors * (1j * angles)) @ vectors.conj().T)

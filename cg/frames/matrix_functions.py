@@ -12,11 +12,9 @@ import scipy
 from cg.frames.base import FlowOverflowError
 from cg.support.arrays import Array, Points
 
-# Coefficients of x^(4 i + j) / (4 i + j)!, shape (5, 4); the remainder for |x| = 1 is 4e-19.
+# Coefficients of x^(4 i + j) / (4 i + j)! for cg.jax, shape (5, 4); the remainder for |x| = 1 is
+# 4e-19.
 _TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
-
-# Largest number of rows for which batched products are faster than SciPy's exponential.
-_MAX_TAYLOR = 16
 
 MAX_EXPONENT = 2.0**32
 """The largest norm of a matrix whose exponential is computed.
@@ -26,9 +24,6 @@ tests. Restoring squares the distance from the manifold, to 5e-9 at this norm; f
 would exceed the tolerance for points.
 """
 
-# Largest norm for scaling and squaring of unitary exponentials; larger ones use eigenvalues.
-_MAX_SQUARED = 1e3
-
 _MAX_CORRECTIONS = 10  # Newton steps
 _ROUNDING = 1e-15
 
@@ -36,13 +31,18 @@ _ROUNDING = 1e-15
 def expm(matrix: Points, v: Array) -> Points:
     """Return the exponentials of square matrices, not finite where they overflow.
 
+    They are accurate to a few roundings times the norm of the matrices. SciPy's Padé approximant
+    preserves quadratic groups such as the symplectic one, which matters where points grow.
     FlowOverflowError, which names ``v``, for a norm greater than `MAX_EXPONENT`.
     """
-    # A cheap sufficient test
-    if not np.vdot(matrix, matrix).real <= MAX_EXPONENT**2:
-        norms = np.linalg.matrix_norm(matrix)
-        largest = float(np.max(norms, where=np.isfinite(norms), initial=0.0))
-        if largest > MAX_EXPONENT:
+    with np.errstate(over="ignore", invalid="ignore"):
+        # SciPy's exponential is accurate up to norm 1, but loses two digits at norm 3 and four at
+        # norm 10. Scaling and squaring of larger matrices avoids that.
+        if np.vdot(matrix, matrix).real <= 1.0:
+            return np.asarray(scipy.linalg.expm(matrix))
+        norms = np.asarray(np.linalg.matrix_norm(matrix))
+        norms = np.where(np.isfinite(norms), norms, 0.0)
+        if (largest := norms.max(initial=0.0)) > MAX_EXPONENT:
             lengths = np.linalg.norm(v, axis=-1)
             longest = float(np.max(lengths, where=np.isfinite(lengths), initial=0.0))
             raise FlowOverflowError(
@@ -50,104 +50,12 @@ def expm(matrix: Points, v: Array) -> Points:
                 f"the matrix in its exponential has norm {largest:.3g}, more than "
                 f"{MAX_EXPONENT:.3g}"
             )
-    return _expm(matrix)
-
-
-def _scipy_expm(matrix: Points) -> Points:
-    return np.asarray(scipy.linalg.expm(matrix))
-
-
-def _expm(matrix: Points, small: Callable[[Points], Points] = _scipy_expm) -> Points:
-    """Return exponentials, accurate to a few roundings times the norm of the matrices.
-
-    ``small`` computes the exponentials of matrices of norm at most one. SciPy's Padé approximant
-    preserves quadratic groups such as the symplectic one, which matters where points grow.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):
-        # SciPy's exponential is accurate up to norm 1, but loses two digits at norm 3 and four at
-        # norm 10. Scaling and squaring of larger matrices avoids that.
-        if np.vdot(matrix, matrix).real <= 1.0:
-            return small(matrix)
-        norms = np.linalg.matrix_norm(matrix)
-        factors = np.where(np.isfinite(norms) & (norms > 1.0), norms, 1.0)
-        halvings = np.ceil(np.log2(factors)).astype(int)
-        scaled = matrix * np.ldexp(1.0, -halvings)[..., None, None]
-        result = small(scaled)
+        halvings = np.ceil(np.log2(np.maximum(norms, 1.0))).astype(int)
+        result = np.asarray(scipy.linalg.expm(matrix * np.ldexp(1.0, -halvings)[..., None, None]))
         for squarings in range(int(halvings.max(initial=0))):
             rest = halvings > squarings
             result[rest] = result[rest] @ result[rest]
         return result
-
-
-def _taylor_expm(matrix: Points) -> Points:
-    """Return exponentials of matrices of norm at most one, to rounding."""
-    n = matrix.shape[-1]
-    if n > _MAX_TAYLOR:
-        return _scipy_expm(matrix)
-    # Taylor polynomial of degree 19 by the Paterson-Stockmeyer scheme, for all matrices at once;
-    # SciPy loops over matrices in Python.
-    powers = np.empty((4, *matrix.shape), dtype=matrix.dtype)
-    powers[0] = np.eye(n)
-    powers[1] = matrix
-    np.matmul(matrix, matrix, out=powers[2])
-    np.matmul(powers[2], matrix, out=powers[3])
-    fourth = powers[2] @ powers[2]
-    parts = (_TAYLOR @ powers.reshape(4, -1)).reshape(5, *matrix.shape)
-    result: Points = parts[4]
-    for i in (3, 2, 1, 0):
-        result = result @ fourth
-        result += parts[i]
-    return result
-
-
-def unitary_exponential(matrix: Points, *, special: bool = False) -> Points:
-    r"""Return the exponentials of stacked skew-Hermitian matrices of any size.
-
-    Exponentials of large matrices are :math:`V e^{\Theta} V^*` with the orthonormal vectors V of a
-    Schur form: unitary to rounding, and of determinant 1 if ``special``.
-    """
-    if np.vdot(matrix, matrix).real <= _MAX_SQUARED**2:
-        return _expm(matrix, _taylor_expm)
-    norms = np.linalg.matrix_norm(matrix)
-    large = np.isfinite(norms) & (norms > _MAX_SQUARED)
-    result = _expm(np.where(large[..., None, None], 0.0, matrix), _taylor_expm)
-    for index in map(tuple, np.argwhere(large)):
-        omega = matrix[index]
-        result[index] = (
-            _complex_exponential(omega, special)
-            if np.iscomplexobj(omega)
-            else _real_exponential(omega)
-        )
-    return result
-
-
-def _complex_exponential(omega: Points, special: bool) -> Points:
-    """Return the exponential of one skew-Hermitian matrix."""
-    angles, vectors = np.linalg.eigh(-1j * omega)
-    phases = np.exp(1j * angles)
-    if special:
-        # The sum of the angles is zero only up to the rounding of the largest one.
-        phases *= np.exp(-1j * np.angle(phases.prod()) / len(phases))
-    return np.asarray((vectors * phases) @ vectors.conj().T)
-
-
-def _real_exponential(omega: Points) -> Points:
-    """Return the exponential of one skew matrix."""
-    # Rounding of large eigenvalues would differ in a complex pair, whose sum would not be real.
-    form, axes = scipy.linalg.schur(omega, output="real")
-    rotation = np.eye(len(form))
-    j = 0
-    while j + 1 < len(form):
-        angle = 0.5 * (form[j + 1, j] - form[j, j + 1])
-        if form[j + 1, j] == 0.0:
-            j += 1
-            continue
-        rotation[j : j + 2, j : j + 2] = [
-            [np.cos(angle), -np.sin(angle)],
-            [np.sin(angle), np.cos(angle)],
-        ]
-        j += 2
-    return np.asarray(axes @ rotation @ axes.T)
 
 
 def combine(v: Array, basis: Points) -> Points:

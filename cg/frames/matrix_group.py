@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from cg.frames.algebra import MAX_CONSTANTS
 from cg.frames.base import Frame
+from cg.frames.block_kinds import CLOSED_FORMS, Block
+from cg.frames.compiled import coordinates_between, move
 from cg.frames.dexpinv import series_dexpinv
 from cg.frames.entries import Entries, dual_of
 from cg.frames.logarithms import real_log1p
@@ -204,14 +206,27 @@ class MatrixGroup(Frame):
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., size, size)``."""
         vector = self._vectors(v)
-        return expm(self.algebra(vector), vector)
+        if not (blocks := self.compiled_blocks()):
+            return expm(self.algebra(vector), vector)
+        one = np.broadcast_to(np.eye(self.size), (*vector.shape[:-1], *self.point_shape))
+        return move(blocks[0], vector, one.astype(self.dtype))
+
+    def _closed_form(self) -> Block | None:
+        """Return the block whose coordinates compiled code knows for all points."""
+        for block in self.compiled_blocks() or ():
+            if block[0] in CLOSED_FORMS:
+                return block
+        return None
 
     def logarithm(self, x: ArrayLike) -> Array:
         """Return the ``v`` of least norm with ``exponential(v) == x``, NaN where there is none.
 
         Near the identity its relative accuracy is that of ``x - I``.
         """
-        return self._log1p(self._points(x, "x") - np.eye(self.size))
+        point, one = self._points(x, "x"), np.eye(self.size, dtype=self.dtype)
+        if block := self._closed_form():
+            return coordinates_between(block, self.dim, 2, one, point)
+        return self._log1p(point - one)
 
     def _log1p(self, difference: Points) -> Array:
         """Return the logarithm of the identity plus ``difference``, shape ``(..., dim)``."""
@@ -261,6 +276,8 @@ class MatrixGroup(Frame):
         1e-8 of its norm because the quotient has lost its digits.
         """
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
+        if block := self._closed_form():
+            return coordinates_between(block, self.dim, 2, start, end)
         # Points may be singular by rounding; np.linalg.inv would raise.
         regular = (np.linalg.slogdet(start)[0] != 0.0)[..., None, None]
         inverse = self.inverse(np.where(regular, start, np.eye(self.size)))

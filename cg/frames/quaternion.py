@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.block_kinds import SCALAR_FIRST, Blocks, convention_option
-from cg.frames.matrix_functions import combine, unit_step
+from cg.frames.block_kinds import SCALAR_FIRST, Block, Blocks, convention_option
+from cg.frames.compiled import coordinates_between
+from cg.frames.compiled_flow import CompiledFlow
+from cg.frames.matrix_functions import combine
 from cg.frames.orthonormal import UnitVectors
-from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm
+from cg.frames.rotations import is_rotation
 from cg.support.arrays import Array, Convention, Points, check_convention
 from cg.support.shared_numbers import BlockKind
 
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class UnitQuaternion(UnitVectors):
+class UnitQuaternion(CompiledFlow, UnitVectors):
     r"""Unit quaternions, with angular velocities in body or space axes as coefficients.
 
     A quaternion represents the same rotation as in ``scipy.spatial.transform.Rotation``, and the
@@ -78,17 +80,8 @@ class UnitQuaternion(UnitVectors):
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
         vector, point = self._arguments(v, y)
-        return self._field(vector, point)
-
-    def _field(self, vector: Array, point: Array) -> Array:
         generator = combine(vector, _generators(self.convention, self.scalar_first))
         return np.asarray((generator @ point[..., None])[..., 0])
-
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        vector, point = self._arguments(v, y)
-        half, sinc = half_angle(vector)
-        moved = np.cos(half)[..., None] * point + sinc[..., None] * self._field(vector, point)
-        return unit_step(moved)
 
     @property
     def _rotation_sign(self) -> float:
@@ -108,12 +101,7 @@ class UnitQuaternion(UnitVectors):
         Its flow ends at ``y1``, even where ``-y1`` is nearer; see `attitude_difference`.
         """
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        generators = 2.0 * _generators(self.convention, self.scalar_first)
-        directions = (generators @ start[..., None, :, None])[..., 0]
-        # The directions are normal to the start, so the difference gives the same products without
-        # cancellation.
-        difference = (end - start)[..., None, :]
-        return quaternion_logarithm(np.vecdot(directions, difference), np.vecdot(start, end))
+        return coordinates_between(self._block, 3, 1, start, end)
 
     def attitude_difference(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return the shortest rotation vector from one attitude to another.
@@ -147,9 +135,13 @@ class UnitQuaternion(UnitVectors):
         opposite = np.vecdot(start, end) < 0.0
         return self.exp_coordinates(start, np.where(opposite[..., None], -end, end))
 
-    def _blocks(self) -> Blocks | None:
+    @property
+    def _block(self) -> Block:
         options = convention_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)
-        return ((BlockKind.QUATERNION, 3, options),)
+        return BlockKind.QUATERNION, 3, options
+
+    def _blocks(self) -> Blocks | None:
+        return (self._block,)
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and the quaternions of ``Rotation`` of SciPy."""

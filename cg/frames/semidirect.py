@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.block_kinds import Blocks
-from cg.frames.dexpinv import motion_bracket, motion_dexpinv
+from cg.frames.block_kinds import Blocks, convention_option
+from cg.frames.compiled import dexpinv
 from cg.frames.entries import Entries
 from cg.frames.matrix_group import MatrixGroup
 from cg.support.arrays import Array, Convention, Points, Size, check_random
@@ -104,20 +104,10 @@ class Semidirect(MatrixGroup):
         point[..., n:, n:] = np.eye(self.copies)
         return point
 
-    def exponential(self, v: ArrayLike) -> Points:
-        vector = self._vectors(v)
-        split = self.group.dim
-        stacked = vector[..., split:].reshape(*vector.shape[:-1], self.copies, self.group.size)
-        return self._assemble(*self.group.affine_exponential(vector[..., :split], stacked.mT))
-
-    def _bracket(self, u: Array, v: Array) -> Array:
-        if self.group._rotation_sign:
-            return self._side * motion_bracket(u, v)
-        return super()._bracket(u, v)
-
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
         if self.group._rotation_sign:
-            return motion_dexpinv(u, v, self._side)
+            block = BlockKind.SE3, self.copies, convention_option(self.convention)
+            return dexpinv(block, u, v)
         return super()._dexpinv(u, v, order)
 
     def _log1p(self, difference: Points) -> Array:

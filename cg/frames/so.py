@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -12,10 +11,8 @@ from numpy.typing import ArrayLike
 from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries, entries_of
 from cg.frames.logarithms import rotation_log1p
-from cg.frames.matrix_functions import unitary_exponential
-from cg.frames.matrix_group import MAX_DENSE
 from cg.frames.matrix_group_kinds import SizedMatrixGroup, UnitaryMatrixGroup
-from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
+from cg.frames.rotations import is_rotation
 from cg.support.arrays import Array, Convention, Points
 from cg.support.shared_numbers import BlockKind
 
@@ -47,8 +44,8 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     Notes
     -----
     The exponential is a closed form for n = 2 and 3, and computed as for `U` otherwise. Every pair
-    of points has `exp_coordinates`, from the real Schur form. Each flow ends with a step towards
-    the group that removes rounding errors [1]_.
+    of points has `exp_coordinates`: a closed form there too, otherwise from the real Schur form.
+    Each flow ends with a step towards the group that removes rounding errors [1]_.
 
     References
     ----------
@@ -78,48 +75,12 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         sign = np.where((i + j) % 2, 1.0, -1.0)
         return entries_of(self.n, (j, i, sign), (i, j, -sign))
 
-    @cached_property
-    def _places(self) -> tuple[Any, Any, Array]:
-        """The places of the entries of all coefficients below and above the diagonal, and signs."""
-        entries = self._make_basis()
-        below, above = entries.places.reshape(2, -1)
-        return below, above, entries.values[: self.dim]
-
-    def _combine(self, v: Array) -> Points:
-        if self.n <= MAX_DENSE:
-            return super()._combine(v)
-        below, above, signs = self._places
-        flat = np.zeros((*v.shape[:-1], self.n**2))
-        flat[..., below] = signs * v
-        flat[..., above] = -signs * v
-        return flat.reshape(*v.shape[:-1], *self.point_shape)
-
-    def _algebra_projection(self, matrices: Points) -> Array:
-        if self.n <= MAX_DENSE:
-            return super()._algebra_projection(matrices)
-        below, above, signs = self._places
-        flat = matrices.reshape(*matrices.shape[:-2], self.n**2)
-        return np.asarray(0.5 * signs * (flat.take(below, -1) - flat.take(above, -1)))
-
-    def exponential(self, v: ArrayLike) -> Points:
-        r"""Return the rotations :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
-        if self.n == 2:
-            angle = self._vectors(v)[..., 0]
-            cosine, sine = np.cos(angle), np.sin(angle)
-            rows = [np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)]
-            return np.stack(rows, axis=-2)
-        if self.n == 3:
-            return rotate(self._vectors(v), np.eye(3))
-        return unitary_exponential(self.algebra(v))
-
     def _log1p(self, difference: Points) -> Array:
         # Angles are at most pi.
         if self.n == 2:
             sine = difference[..., 1, 0] - difference[..., 0, 1]
             cosine = 2.0 + np.trace(difference, axis1=-2, axis2=-1)
             return np.asarray(np.arctan2(sine, cosine)[..., None])
-        if self.n == 3:
-            return rotation_logarithm(difference)
         return self._algebra_projection(rotation_log1p(difference))
 
     @property
@@ -143,10 +104,3 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_matrix(self._points(y))
-
-    def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
-        """Return the upper blocks of the affine exponential, in closed form for n = 3."""
-        if self.n == 3:
-            vector = self._vectors(v)
-            return rotate(vector, np.eye(3)), averaged_rotation(vector, columns)
-        return super().affine_exponential(v, columns)

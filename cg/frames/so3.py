@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.block_kinds import Blocks
-from cg.frames.rotations import hat, rotate
+from cg.frames.rotations import hat
 from cg.frames.so import SO
 from cg.support.arrays import Array, Points, Size, check_random
 
@@ -30,8 +30,8 @@ class SO3(SO):
 
     Notes
     -----
-    The flow is Rodrigues' formula (`rotate`), followed by a step towards the group that removes
-    rounding errors, as in `SO`.
+    The exponential is the rotation of a unit quaternion. Each flow ends with a step towards the
+    group that removes rounding errors, as in `SO`.
 
     Examples
     --------
@@ -54,11 +54,6 @@ class SO3(SO):
     def algebra(self, v: ArrayLike) -> Points:
         """Return ``hat(v)``, shape ``(..., 3, 3)``."""
         return hat(self._vectors(v))
-
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        vector, point = self._arguments(v, y)
-        body = self.convention == "body"
-        return self.restore(rotate(-vector, point.mT).mT if body else rotate(vector, point))
 
     def _blocks(self) -> Blocks | None:
         return super()._blocks()

@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries
 from cg.frames.matrix_functions import determinant_step
-from cg.frames.rotations import half_angle, quaternion_logarithm
 from cg.frames.u import U, gell_mann
-from cg.support.arrays import Array, Points
+from cg.support.arrays import Points
 from cg.support.shared_numbers import BlockKind
 
 
@@ -67,14 +63,6 @@ class SU(U):
         """Return ``y`` after a step towards unitary matrices and one towards determinant 1."""
         return determinant_step(super().restore(y))
 
-    def exponential(self, v: ArrayLike) -> Points:
-        r"""Return :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
-        if self.n > 2:
-            return super().exponential(v)
-        half, sinc = half_angle(self._vectors(v))
-        identity = np.cos(half)[..., None, None] * np.eye(2)
-        return np.asarray(identity + sinc[..., None, None] * self.algebra(v))
-
     @property
     def _rotation_sign(self) -> float:
         return self._side if self.n == 2 else 0.0
@@ -82,10 +70,3 @@ class SU(U):
     def _blocks(self) -> Blocks | None:
         kind, size = (BlockKind.SU2, 3) if self.n == 2 else (BlockKind.SU, self.n)
         return ((kind, size, convention_option(self.convention)),)
-
-    def _log1p(self, difference: Points) -> Array:
-        if self.n > 2:
-            return super()._log1p(difference)
-        scalar = 1.0 + 0.5 * np.trace(difference, axis1=-2, axis2=-1).real
-        # The basis matrices are half the quaternion units.
-        return quaternion_logarithm(0.5 * self._algebra_projection(difference), np.asarray(scalar))

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
-from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group_kinds import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import BlockKind
@@ -41,9 +39,9 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is a Taylor polynomial with scaling and squaring, ``scipy.linalg.expm`` for more
-    than 16 rows, and computed from eigenvalues for large angles. Every pair of points has
-    `exp_coordinates`. Each flow ends with a step towards the group that removes rounding errors.
+    The exponential is a Taylor polynomial with scaling and squaring, in compiled code. Every pair
+    of points has `exp_coordinates`. Each flow ends with a step towards the group that removes
+    rounding errors.
 
     Examples
     --------
@@ -76,10 +74,6 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         if self._special and np.abs(matrix + matrix.conj().T).max() <= off:
             return f"; its trace {trace:.3g} must be zero; matrices with a trace need U({self.n})"
         return ""
-
-    def exponential(self, v: ArrayLike) -> Points:
-        r"""Return :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
-        return unitary_exponential(self.algebra(v), special=self._special)
 
     def _blocks(self) -> Blocks | None:
         return ((BlockKind.U, self.n, convention_option(self.convention)),)

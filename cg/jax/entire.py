@@ -75,7 +75,7 @@ def dexpinv_factor(q: JaxArray) -> JaxArray:
     r"""Return :math:`(1 - x \cot x) / (4 x^2)` with :math:`q = (2 x)^2 < 4 \pi^2`, 1/12 at zero.
 
     It multiplies :math:`\operatorname{ad}^2` in the inverse of the derivative of a rotation's
-    exponential; see `cg.frames.dexpinv.rotation_dexpinv`. It is :math:`\sum_k 2 / (4 k^2 \pi^2 -
+    exponential; see ``fortran/frames/algebra.f90``. It is :math:`\sum_k 2 / (4 k^2 \pi^2 -
     q)`; the terms from the third on are summed as a series in q.
     """
     near, far = _POLES[0] - q, _POLES[1] - q
@@ -83,7 +83,7 @@ def dexpinv_factor(q: JaxArray) -> JaxArray:
 
 
 def motion_factors(q: JaxArray) -> tuple[JaxArray, JaxArray]:
-    r"""Return the factors a and b of `cg.frames.dexpinv.motion_dexpinv`, for :math:`q = \theta^2`.
+    r"""Return the factors a and b of dexpinv for rigid motions, with :math:`q = \theta^2`.
 
     With g(q) the `dexpinv_factor` they are :math:`b = -g'(q)` and :math:`a = g(q) + q\, b`.
     """

@@ -49,18 +49,16 @@ contains
     type(block_t), intent(in) :: block
     real(wp), contiguous, intent(in) :: x(:), y(:)
     real(wp), contiguous, intent(out) :: v(:)
-    real(wp) :: p(4), q(4)
 
     select case (block%kind)
     case (euclidean_block)
       v = y - x
     case (quaternion_block, su2_block)
-      p = get_quaternion(block, x)
-      q = get_quaternion(block, y)
-      v = logarithm(quaternion_quotient(p, q, block%space))
+      v = logarithm(quaternion_quotient(get_quaternion(block, x), get_quaternion(block, y - x), &
+                                        block%space))
     case (so3_block)
       v = logarithm(quaternion_of(quotient(block, transpose(reshape(x, [3, 3])), &
-                                           transpose(reshape(y, [3, 3])))))
+                                           transpose(reshape(y - x, [3, 3])))))
     case (se3_block)
       call find_twist(block, x, y, v)
     case (sphere_block)
@@ -100,7 +98,8 @@ contains
     end do
   end subroutine sizes
 
-  ! The rotation from x to y, x^T y in body axes and y x^T in space axes
+  ! x^T y in body axes and y x^T in space axes. With the difference of two rotations as y it is the
+  ! rotation between them less the identity, without cancellation for small angles.
   pure function quotient(block, x, y)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: x(3, 3), y(3, 3)
@@ -114,7 +113,8 @@ contains
   end function quotient
 
   ! The quaternion (vector part, scalar part >= 0) of a rotation, by way of its component of largest
-  ! modulus: S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance Control 1 (1978).
+  ! modulus: S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance Control 1 (1978). The
+  ! rotation is given less the identity.
   pure function quaternion_of(r) result(q)
     real(wp), intent(in) :: r(3, 3)
     real(wp) :: q(4), outer(4, 4), trace     ! outer: four times the outer product of q with itself
@@ -123,11 +123,11 @@ contains
     trace = r(1, 1) + r(2, 2) + r(3, 3)
     outer(1:3, 1:3) = r + transpose(r)
     do i = 1, 3
-      outer(i, i) = 1 - trace + 2 * r(i, i)
+      outer(i, i) = 2 * r(i, i) - trace
     end do
     outer(1:3, 4) = [r(3, 2) - r(2, 3), r(1, 3) - r(3, 1), r(2, 1) - r(1, 2)]
     outer(4, 1:3) = outer(1:3, 4)
-    outer(4, 4) = 1 + trace
+    outer(4, 4) = 4 + trace
     largest = maxloc([(outer(i, i), i=1, 4)], 1)
     q = outer(:, largest) / norm2(outer(:, largest))
     if (q(4) < 0) q = -q
@@ -158,7 +158,7 @@ contains
     real(wp) :: r(3, 3), u(3), v(3), n(3), half, a, b
     integer :: i
 
-    r = quotient(block, transpose(x(1:3, :)), transpose(y(1:3, :)))
+    r = quotient(block, transpose(x(1:3, :)), transpose(y(1:3, :) - x(1:3, :)))
     v = logarithm(quaternion_of(r))
     twist(:, 0) = v
     half = max(sqrt(dot_product(v, v)) / 2, smallest)
@@ -167,7 +167,7 @@ contains
     b = half
     do i = 1, block%k
       if (block%space) then
-        u = y(3 + i, :) - matmul(r, x(3 + i, :))
+        u = y(3 + i, :) - x(3 + i, :) - matmul(r, x(3 + i, :))
       else
         u = matmul(x(1:3, :), y(3 + i, :) - x(3 + i, :))
       end if
@@ -175,14 +175,15 @@ contains
     end do
   end subroutine find_twist
 
-  ! p^-1 q, or q p^-1
-  pure function quaternion_quotient(p, q, space) result(r)
-    real(wp), intent(in) :: p(4), q(4)      ! vector part, scalar part
+  ! p^-1 q, or q p^-1, without cancellation for small angles
+  pure function quaternion_quotient(p, away, space) result(r)
+    real(wp), intent(in) :: p(4), away(4)   ! away: q - p; vector part, scalar part
     logical, intent(in) :: space
     real(wp) :: r(4)
 
-    r(1:3) = p(4) * q(1:3) - q(4) * p(1:3) + merge(1.0_wp, -1.0_wp, space) * cross(p(1:3), q(1:3))
-    r(4) = dot_product(p, q)
+    r(1:3) = p(4) * away(1:3) - away(4) * p(1:3) &
+             + merge(1.0_wp, -1.0_wp, space) * cross(p(1:3), away(1:3))
+    r(4) = dot_product(p, p + away)
   end function quaternion_quotient
 
   ! The smallest rotation vector that rotates the unit vector x to y

@@ -67,6 +67,13 @@ contains
     real(wp) :: scaled(n, n), length, max_terms
     integer :: k, squarings
 
+    if (n == 2) then                       ! one angle
+      e(1, 1) = cos(x(1, 2))
+      e(1, 2) = sin(x(1, 2))
+      e(2, 1) = -e(1, 2)
+      e(2, 2) = e(1, 1)
+      return
+    end if
     ! bounds of the largest angle, of which each counts twice
     length = sqrt(sum(x**2) / 2)
     if (n > largest_own) length = min(length, maxval(sum(abs(x), dim=1)))
@@ -145,7 +152,7 @@ contains
 
     factor(0) = 1.0_wp
     factor(1) = 1.0_wp
-    bound = length**2 / 2
+    bound = length / 2                   ! relative to x
     terms = 0                            ! powers of the square
     do while (bound > epsilon(bound) / 8 .and. terms < max_terms)
       terms = terms + 1

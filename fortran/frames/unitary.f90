@@ -151,22 +151,21 @@ contains
     if (abs(trace) > 0) e = cmplx(cos(trace), sin(trace), wp) * e
   end subroutine series_of_three
 
-  ! One Newton-Schulz step, and for SU(n) one towards determinant 1
+  ! One Newton-Schulz step, and for SU(n) one to determinant 1, whose phase has no digits after flows
+  ! by large angles
   subroutine restore_unitary(kind, n, y)
     integer, intent(in) :: kind, n
     real(wp), contiguous, target, intent(inout) :: y(:)    ! (point_size)
     complex(wp), pointer, contiguous :: point(:, :)
-    complex(wp) :: excess
-    integer :: k
+    complex(wp) :: det
+    real(wp) :: angle
 
     point => as_complex(n, y)
     call orthogonalise(n, point)
     if (kind == su_block) then
-      do k = 1, 2                                  ! once more after flows by large angles
-        excess = determinant(n, point) - one
-        point = point - excess / cmplx(n, kind=wp) * point
-        if (abs(excess) < sqrt(epsilon(1.0_wp)) / 16) exit
-      end do
+      det = determinant(n, point)
+      angle = -atan2(aimag(det), real(det, wp)) / real(n, wp)
+      point = point * cmplx(cos(angle), sin(angle), wp)
     end if
   end subroutine restore_unitary
 

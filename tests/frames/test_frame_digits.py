@@ -5,7 +5,8 @@ The references are computed by flint in 120 digits and more.
 
 import numpy as np
 import pytest
-from flint import acb, acb_mat, arb_mat, ctx
+from exact_matrices import doubles, flint_matrix
+from flint import acb, ctx
 from frame_examples import COMPACT_GROUPS, SMALL_EXPONENTS
 from refusals import refuses
 
@@ -15,27 +16,21 @@ from cg import frames as fr
 UNITARY = [fr.SO3(), fr.SO(6), *COMPACT_GROUPS]
 OTHERS = [*(frame for frame in SMALL_EXPONENTS if isinstance(frame, fr.MatrixGroup)), fr.SE3()]
 GROUPS = UNITARY + OTHERS
+MATRICES = [
+    *(fr.SO(5), fr.SO(8, "space"), fr.SO(12), fr.SU(4), fr.SU(12)),
+    *(fr.SO(13), fr.SO(20, "space"), fr.SU(14, "body"), fr.U(13)),  # by BLAS
+]
 EPSILON = np.finfo(float).eps
 SMALL = [1e-300, 1e-160, 1e-20, 1e-16, 1e-12, 1e-9, 1e-6, 1e-3, 0.03]
 
 
-def flint_matrix(group, x):
-    return (acb_mat if group.dtype.kind == "c" else arb_mat)(x.tolist())
-
-
-def doubles(group, matrix):
-    convert = complex if group.dtype.kind == "c" else float
-    rows = [[convert(x) for x in row] for row in matrix.tolist()]
-    return np.array(rows, dtype=group.dtype)
-
-
 def identity(group):
-    return flint_matrix(group, np.eye(group.size))
+    return flint_matrix(np.eye(group.size, dtype=group.dtype))
 
 
 def exact_exponential(group, v):
     """The exponential of the algebra's matrix of doubles."""
-    return flint_matrix(group, group.algebra(v)).exp()
+    return flint_matrix(group.algebra(v)).exp()
 
 
 def exact_logarithm(group, away):
@@ -46,7 +41,7 @@ def exact_logarithm(group, away):
         power = power * square
         total += power * (acb(1) / k if group.dtype.kind == "c" else acb(1).real / k)
     # scaled, so that the projection in doubles neither under- nor overflows
-    return group._algebra_projection(doubles(group, total * 2))
+    return group._algebra_projection(doubles(total * 2))
 
 
 def of_size(group, rng, size):
@@ -54,8 +49,8 @@ def of_size(group, rng, size):
     return v * (size / np.linalg.norm(group.algebra(v)))
 
 
-@pytest.mark.parametrize("group", GROUPS, ids=repr)
-@pytest.mark.parametrize("size", [*SMALL, 1.0, 10.0, 1e3, 1e8])
+@pytest.mark.parametrize("group", [*GROUPS, *MATRICES], ids=repr)
+@pytest.mark.parametrize("size", [*SMALL, 0.5, 0.86, 1.0, 1.9, 2.1, 10.0, 90.0, 1e3, 1e8])
 def test_exponentials(group, size):
     if group in OTHERS and size > 10.0:
         size = 30.0  # they grow exponentially
@@ -65,12 +60,12 @@ def test_exponentials(group, size):
             v = of_size(group, rng, size)
             exact = exact_exponential(group, v)
             actual = group.exponential(v)
-            expected = doubles(group, exact)
+            expected = doubles(exact)
             scale = max(1.0, np.abs(expected).max())
             rounding = 8.0 * EPSILON * (1.0 + size) * scale
             np.testing.assert_allclose(actual, expected, rtol=0, atol=rounding)
             # what is far below one has its own digits beside the diagonal
-            away = doubles(group, exact - identity(group))
+            away = doubles(exact - identity(group))
             beside = ~np.eye(group.size, dtype=bool)
             error = np.abs(actual - away)[beside].max(initial=0.0)
             if size < 1.0:
@@ -85,7 +80,7 @@ def test_logarithms_near_the_identity(group, size):
     with ctx.workdps(400):
         for _ in range(5):
             x = group.exponential(of_size(group, rng, size))
-            away = flint_matrix(group, x) - identity(group)
+            away = flint_matrix(x) - identity(group)
             expected = exact_logarithm(group, away)
             coordinates = group.logarithm(x)
             length = np.linalg.norm(expected)
@@ -101,7 +96,7 @@ def test_logarithms_far_from_the_identity(group, size):
         for _ in range(5):
             x = group.exponential(of_size(group, rng, size))
             coordinates = group.logarithm(x)
-            back = doubles(group, exact_exponential(group, coordinates) - flint_matrix(group, x))
+            back = doubles(exact_exponential(group, coordinates) - flint_matrix(x))
             condition = np.linalg.cond(x)
             assert np.abs(back).max() <= 30.0 * EPSILON * condition * np.abs(x).max()
 
@@ -115,7 +110,7 @@ def test_exp_coordinates_of_nearby_points(group, size):
         for _ in range(5):
             y0 = group.random_point(rng)
             y1 = group.flow(of_size(group, rng, size), y0)
-            start, end = flint_matrix(group, y0), flint_matrix(group, y1)
+            start, end = flint_matrix(y0), flint_matrix(y1)
             inverse = start.inv()
             quotient = inverse * end if group.convention == "body" else end * inverse
             expected = exact_logarithm(group, quotient - identity(group))
@@ -201,7 +196,7 @@ def test_largest_allowed_flows_stay_on_the_manifold(group, omega, size):
     moved = group.flow(v, np.eye(group.size))
     assert group.relative_error(moved) < max(4e-15, 1e-8 * (size / 2**32) ** 2)
     with ctx.workdps(60):
-        expected = doubles(group, exact_exponential(group, v))
+        expected = doubles(exact_exponential(group, v))
     np.testing.assert_allclose(moved, expected, rtol=0, atol=20.0 * EPSILON * size)
 
 

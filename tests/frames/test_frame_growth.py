@@ -5,7 +5,8 @@ Flows with exponentials in 100 digits are the reference.
 
 import numpy as np
 import pytest
-from flint import acb_mat, arb_mat, ctx
+from exact_matrices import doubles, flint_matrix
+from flint import arb_mat, ctx
 from refusals import refuses
 
 from cg.frames import GL, SE3, SL, CoadjointOrbit, MatrixFrame, Semidirect, Sp
@@ -37,16 +38,14 @@ def exact_flows(frame, vectors, y0):
     """Return the point after successive flows, as an array of doubles."""
     right = isinstance(frame, GL | SL | Sp | Semidirect) and frame.convention == "body"
     with ctx.workdps(100):
-        matrix = acb_mat if frame.dtype.kind == "c" else arb_mat
-        y = matrix(y0.reshape(len(y0), -1).tolist())
+        y = flint_matrix(y0.reshape(len(y0), -1))
         known = {}
         for v in vectors:
             key = v.tobytes()
             if key not in known:
-                known[key] = matrix(generator(frame, v).tolist()).exp()
+                known[key] = flint_matrix(generator(frame, v)).exp()
             y = y * known[key] if right else known[key] * y
-        convert = complex if frame.dtype.kind == "c" else float
-        return np.array([[convert(x) for x in row] for row in y.tolist()]).reshape(y0.shape)
+        return doubles(y).reshape(y0.shape)
 
 
 def hyperbolic(frame, rng, rate):
