@@ -103,4 +103,4 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
             raise ValueError(f"as_rotation requires n = 3, got {self!r}")
         from scipy.spatial.transform import Rotation
 
-        return Rotation.from_matrix(self._points(y))
+        return Rotation.from_matrix(np.array(self._points(y)))  # SciPy 1.15 wants it writeable
