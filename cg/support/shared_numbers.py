@@ -69,7 +69,6 @@ class Operation(IntEnum):
     """Callbacks from compiled code to Python; see ``cg/integration/step/callbacks.py``."""
 
     FLOW = 1  # move a point along flows, the first one first
-    RESTORE = 2
     COORDINATES = 3  # coefficients of the flow from one point to another
     NEARBY = 4  # the same by iteration, which every frame has
     SIZES = 5  # magnitudes that relative errors refer to
@@ -82,7 +81,7 @@ class Operation(IntEnum):
     JACOBIAN = 12  # of the right-hand side, for Newton's method
     FACTOR = 13  # the matrices of Newton's method, if they are sparse
     SOLVE = 14  # a linear system with one of them
-    BRACKET = 15  # of two fields
+    BRACKET = 2  # of two fields
 
 
 class BlockOption(IntEnum):

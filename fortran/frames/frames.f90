@@ -253,8 +253,6 @@ contains
           call restore_stiefel(block%k, rows, y(p + 1:p + n))
         case (su_block, u_block)
           call restore_unitary(block%kind, rows, y(p + 1:p + n))
-        case (callback_block)
-          call frame%callback%apply(restore_operation, (y), (y), y)
         case (su2_block)
           q = get_quaternion(block, y(p + 1:p + n))
           q = (1.5_wp - 0.5_wp * dot_product(q, q)) * q

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from compiled_differences import difference_of
+from compiled_differences import compiled_flows, difference_of
 from compiled_examples import FRAMES as STARTS
 from compiled_examples import ORBITS
 from exact_matrices import doubles, flint_matrix
@@ -22,7 +22,6 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
-from cg.integration.step.flows import _CompiledFlows, flows_of
 
 FRAMES = [
     SO3(), SO3("space"), SO(3), UnitQuaternion(),
@@ -70,8 +69,7 @@ def test_several_flows(frame, batch):
     points, vectors = frame.random_point(rng, batch), frame.random_vector(rng, (*batch, 3))
     vectors *= WEIGHTS
     before = points.copy()
-    flows = flows_of(frame)
-    assert isinstance(flows, _CompiledFlows)
+    flows = compiled_flows(frame)
     expected = exact_flows(frame, vectors, points)
     size = max(1.0, np.abs(points).max())
     for restore in (False, True):
@@ -86,7 +84,7 @@ def test_several_flows(frame, batch):
 def test_large_and_tiny_flows(name, size):
     frame, start = STARTS[name]
     v = size * np.resize([0.5, -1.0, 0.75], (1, frame.dim))
-    moved, expected = flows_of(frame)(v, start, restore=False), exact_flows(frame, v, start)
+    moved, expected = compiled_flows(frame)(v, start, restore=False), exact_flows(frame, v, start)
     np.testing.assert_allclose(moved, expected, rtol=1e-14, atol=4e-15 * size)
     assert np.abs(moved - start).max() > (size / 8 if size < 1e-3 else 0.1)
 
@@ -105,7 +103,7 @@ def test_points_are_restored_to_the_nearest_ones(frame):
         off[..., 3, :] = 0.0
     points = points + 1e-9 * (off[0] + 1j * off[1] if frame.dtype.kind == "c" else off[0])
     vectors = WEIGHTS * frame.random_vector(rng, (20, 3))
-    moved, nearest = (flows_of(frame)(vectors, y) for y in (points, frame.project(points)))
+    moved, nearest = (compiled_flows(frame)(vectors, y) for y in (points, frame.project(points)))
     # the rotation of an SE3 moves translations before it is restored
     rounding = 1e-8 if isinstance(frame, SE3) else 1e-14
     np.testing.assert_allclose(moved, nearest, rtol=0, atol=rounding)

@@ -1,9 +1,26 @@
-"""The flow from one point to another, as compiled code computes it."""
+"""Flows, and the flow from one point to another, as compiled code computes them."""
 
 import numpy as np
 
 import cg._core_r64 as core
-from cg.integration.step.flows import describe_blocks, has_compiled_difference
+from cg.integration.step.compiled_frames import (
+    block_constants,
+    describe_blocks,
+    has_compiled_difference,
+)
+
+
+def compiled_flows(frame):
+    """Return a function that moves points, shape (..., *shape), along flows (..., count, dim)."""
+    blocks = describe_blocks(frame), block_constants(frame)
+
+    def move(v, y, restore=True):
+        moved, fields = np.array(y, dtype=frame.dtype, order="C"), np.ascontiguousarray(v)
+        flat = moved.reshape(-1).view(np.float64)
+        core.frame_move(*blocks, v.shape[-2], fields.reshape(-1), restore, flat)
+        return moved
+
+    return move
 
 
 def difference_of(frame):

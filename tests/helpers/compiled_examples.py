@@ -5,7 +5,7 @@ from contextlib import ExitStack, contextmanager
 from unittest.mock import patch
 
 import numpy as np
-from compiled_differences import difference_of
+from compiled_differences import compiled_flows, difference_of
 
 from cg import frames as fr
 from cg.integration.step.callbacks import _HANDLERS
@@ -60,13 +60,20 @@ def _coordinates(callbacks, x, y):
     return np.full(callbacks.frame.dim, np.nan) if v is None else v
 
 
+def _flow(callbacks, v, y):
+    """Return a point after compiled flows, each with a restoring step, as frames in Python do."""
+    frame = callbacks.frame
+    return compiled_flows(frame)(v.reshape(-1, frame.dim), callbacks._point(y))
+
+
 @contextmanager
 def frames_in_python(**functions):
     """Let compiled code reach all frames through Python, where ``functions`` may be others."""
+    handlers = {Operation.COORDINATES: _coordinates, Operation.FLOW: _flow}
     with ExitStack() as stack:
         stack.enter_context(patch("cg.integration.problem.plan_of", Plan))
         stack.enter_context(patch("cg.integration.step.plan.is_compiled", lambda frame: False))
-        stack.enter_context(patch.dict(_HANDLERS, {Operation.COORDINATES: _coordinates}))
+        stack.enter_context(patch.dict(_HANDLERS, handlers))
         for name, function in functions.items():
             stack.enter_context(patch(f"cg.integration.step.callbacks.{name}", function))
         yield

@@ -11,7 +11,7 @@ from slow_cases import cases
 import cg
 from cg.analysis.convergence import observed_order
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.integration.step.flows import is_compiled
+from cg.integration.step.compiled_frames import is_compiled
 from cg.integration.step.plan import error_exponent
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation

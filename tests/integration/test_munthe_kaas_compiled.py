@@ -10,7 +10,7 @@ from test_munthe_kaas import METHODS
 import cg
 from cg.catalogue import resolve_method
 from cg.frames import SO, SU, Power, U
-from cg.integration.step.flows import dexpinv_of
+from cg.integration.step.compiled_frames import dexpinv_of
 
 
 @pytest.mark.parametrize("key", [key for key, method in METHODS.items() if method.explicit])

@@ -12,7 +12,7 @@ from cg.frames.base import FlowOverflowError
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs
-from cg.integration.step.flows import Dexpinv, Flows, dexpinv_of, flows_of
+from cg.integration.step.compiled_frames import Dexpinv, dexpinv_of
 from cg.integration.step.jacobian import Jacobian
 from cg.integration.step.plan import Plan
 from cg.support.arrays import Array, Points
@@ -42,10 +42,6 @@ class Callbacks:
         self.failed_event: tuple[str, float, int] | None = None
 
     @cached_property
-    def _flows(self) -> Flows:
-        return flows_of(self.frame)
-
-    @cached_property
     def _dexpinv(self) -> Dexpinv:
         return dexpinv_of(self.frame, self.plan.series)
 
@@ -61,15 +57,15 @@ class Callbacks:
         return y.view(self.frame.dtype).reshape(self.frame.point_shape)
 
     def _flow(self, v: Array, y: Array) -> Points:
+        point = self._point(y)
         try:
-            return self._flows(v.reshape(-1, self.frame.dim), self._point(y), False)
+            for coefficients in v.reshape(-1, self.frame.dim):
+                point = self.frame.flow(coefficients, point)
+            return point
         except FlowOverflowError as error:
             # an adaptive step is tried again with a smaller size
             self.last_error = error
             return np.full(self.frame.point_shape, np.nan, dtype=self.frame.dtype)
-
-    def _restore(self, y: Array, _: Array) -> Points:
-        return self._flows.restore(self._point(y))
 
     def _coordinates(self, x: Array, y: Array) -> Array:
         v = self.frame.exp_coordinates(self._point(x), self._point(y))
@@ -116,7 +112,6 @@ class Callbacks:
 
 _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.FLOW: Callbacks._flow,
-    Operation.RESTORE: Callbacks._restore,
     Operation.COORDINATES: Callbacks._coordinates,
     Operation.NEARBY: Callbacks._nearby,
     Operation.SIZES: lambda self, _, y: self.frame.coordinate_sizes(self._point(y)),

@@ -13,7 +13,7 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative
 from cg.integration.rhs.inputs import DataReader, Inputs, arguments_of
 from cg.integration.rhs.python import context_of
-from cg.integration.step.flows import is_compiled
+from cg.integration.step.compiled_frames import is_compiled
 from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
 from cg.integration.variational.noise import Noise

@@ -16,7 +16,6 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative, read_only
 from cg.integration.rhs.inputs import Reader, data_at
 from cg.integration.rhs.values import Check, when
-from cg.integration.step.flows import Flows, flows_of
 from cg.integration.step.plan import cached
 from cg.support.arrays import Array, Points
 
@@ -60,14 +59,12 @@ class VariationalField:
             product=Product(self.frame, Euclidean(self.frame.dim * self.columns)),
             structure=structure_constants(self.frame),
             check=Check(self.f, self.frame, self.vectorized),
-            _flows=flows_of(self.frame),
         )
 
     product: Product = field(init=False)  # the frame of points with derivatives
     # the indices (i, j, k) of structure constants, and the constants
     structure: tuple[NDArray[np.intp], Array] = field(init=False, repr=False)
     check: Check = field(init=False, repr=False)
-    _flows: Flows = field(init=False, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         functions, numbers = (self.f, self.jac, self.df_dp), (self.count, self.vectorized)
@@ -139,7 +136,7 @@ class VariationalField:
         start = np.broadcast_to(
             y.reshape(*lead, 1, *self.frame.point_shape), (*lead, 2 * n, *self.frame.point_shape)
         )
-        values = self._at_points(t, self._flows(v[..., None, :], start, False), arguments)
+        values = self._at_points(t, self.frame.flow(v, start), arguments)
         differences: Array = values[..., :n, :] - values[..., n:, :]
         return np.ascontiguousarray(differences.mT / (2.0 * sizes[..., None, :]))
 
