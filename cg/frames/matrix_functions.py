@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -11,10 +10,6 @@ import scipy
 
 from cg.frames.base import FlowOverflowError
 from cg.support.arrays import Array, Points
-
-# Coefficients of x^(4 i + j) / (4 i + j)! for cg.jax, shape (5, 4); the remainder for |x| = 1 is
-# 4e-19.
-_TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
 
 MAX_EXPONENT = 2.0**32
 """The largest norm of a matrix whose exponential is computed.

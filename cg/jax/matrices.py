@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cg.frames import SO, SU, MatrixGroup, U
-from cg.frames.matrix_functions import _TAYLOR, MAX_EXPONENT
+from cg.frames.matrix_functions import MAX_EXPONENT
 from cg.jax.entire import JaxArray
 from cg.jax.rules import adjoint, linear, real_dtype
 
@@ -26,12 +26,14 @@ _ARTANH_TERMS = 12
 _MAX_ROOTS = 60
 _ROOT_STEPS = 60
 _SIGN_STEPS = 12
+# Coefficients of x^(4 i + j) / (4 i + j)!, shape (5, 4); the remainder for |x| = 1 is 4e-19
+_TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
 
 
 def expm(matrix: JaxArray) -> JaxArray:
     """Return the exponential, NaN where the norm is greater than `MAX_EXPONENT`.
 
-    As in `cg.frames.matrix_functions` it is a Taylor polynomial of a matrix of norm at most one,
+    It is a Taylor polynomial of a matrix of norm at most one,
     squared; the error is a few roundings times the norm. The Padé approximant of
     ``jax.scipy.linalg.expm`` is used up to norm 11, where it loses eight digits.
     """
