@@ -57,7 +57,7 @@ class Problem:
     """An integration of one point or of the members of an ensemble."""
 
     plan: Plan
-    in_algebra: bool  # whether differences of points are measured in coordinates, not in entries
+    in_coordinates: bool  # whether differences of points are in coordinates, not in entries
     rhs: Rhs
     points: Points  # the initial ones, shape (members, *point_shape)
     t0: float
@@ -134,7 +134,7 @@ def _make_rhs(
     return compiled.on(frame, parameters, inputs)
 
 
-def _make_control(plan: Plan, in_algebra: bool, options: Options, span: float) -> Control:
+def _make_control(plan: Plan, in_coordinates: bool, options: Options, span: float) -> Control:
     """Return the step size control after checking its options except ``rtol``.
 
     Absolute tolerances may have a shape.
@@ -164,7 +164,7 @@ def _make_control(plan: Plan, in_algebra: bool, options: Options, span: float) -
         )
     if plan.method.embedded_order is not None:
         check_pair(plan.method, stacklevel=4)
-    shape = (plan.frame.dim,) if in_algebra else plan.frame.point_shape
+    shape = (plan.frame.dim,) if in_coordinates else plan.frame.point_shape
     tolerances = check_atol(atol)
     relative: Any = rtol
     for name, value in (("rtol", relative), ("atol", tolerances)):
@@ -293,8 +293,8 @@ def make_problem(
     if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
-    in_algebra = plan.in_algebra(points[0])
-    control = _make_control(plan, in_algebra, options, abs(stop - start))
+    in_coordinates = plan.in_coordinates(points[0])
+    control = _make_control(plan, in_coordinates, options, abs(stop - start))
     if inputs is not None:
         stops = inputs.add_stops(stops, start, control.tolerance)
     t_eval: Any = options["t_eval"]
@@ -307,7 +307,7 @@ def make_problem(
         events = _make_events(events, frame, rhs)
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return filled(Problem, {
-        "plan": plan, "in_algebra": in_algebra, "rhs": rhs, "points": points, "t0": start,
+        "plan": plan, "in_coordinates": in_coordinates, "rhs": rhs, "points": points, "t0": start,
         "stops": stops, "control": control, "events": events, "t_eval": t_eval,
         "every": every if t_eval is None else 0, "dense": dense, "stage_solver": stage_solver,
         "many": many, "common": common, "of_time": of_time, "jacobian": jac,

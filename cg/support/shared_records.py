@@ -10,7 +10,7 @@ RECORD = {
     "common": "integer",  # whether all members take the same steps
     "of_time": "integer",  # whether the right-hand side doesn't depend on the point
     "keep_last": "integer",  # whether the interpolant of the last step may be requested
-    "free": "integer",  # whether small coefficients determine the end of their flow
+    "unique_flows": "integer",  # whether small coefficients determine the end of their flow
     "jacobian": "integer",  # of f, a `JacobianKind`
     "t0": "real",
     "segments": "integer",
@@ -37,8 +37,8 @@ RECORD = {
     "rtol": "real",  # the smallest one
     "tolerances": "integer",
     "rtols": "address",  # one tolerance, or one for each coordinate or entry
-    "atol": "address",  # likewise
-    "in_entries": "integer",
+    "atol": "address",  # as many
+    "in_coordinates": "integer",  # whether differences of points are in coordinates, not in entries
     "parts": "integer",  # of an entry: two if it is complex
     "exponent": "real",  # power of an error that sizes are proportional to
     "max_step": "real",

@@ -1,6 +1,6 @@
 """Levenberg–Marquardt solver for split rows, with geodesic acceleration.
 
-The unknowns are combinations u of the `directions` D of the split rows, so that every x = x_0 + D u has
+The unknowns are combinations u of the `directions` D of split rows, so that all x = x_0 + D u have
 the rows of the flat tableau. A step v solves ``(Jᵀ J + λ) v = -Jᵀ r`` with J the derivatives of the
 residuals r by u; see `cg.construction.solvers.damped`.
 

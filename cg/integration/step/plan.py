@@ -107,7 +107,7 @@ class Plan:
         )  # fmt: skip
         return columns
 
-    def in_algebra(self, point: Points) -> bool:
+    def in_coordinates(self, point: Points) -> bool:
         """Return whether differences of points are measured in coordinates, not in entries.
 
         The answer is the same at all points.
@@ -116,7 +116,7 @@ class Plan:
             return self._measures
         return self.frame.exp_coordinates(point, point) is not None
 
-    def is_free(self, point: Points) -> bool:
+    def unique_flows(self, point: Points) -> bool:
         """Return whether the fields act freely: small coefficients that differ move points apart.
 
         Then the ends of a step determine its coordinates. Any point of a frame whose differences
