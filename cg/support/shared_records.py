@@ -23,7 +23,7 @@ RECORD = {
     "data_stride": "integer",  # bytes from one member's data to the next
     "curves": "integer",  # inputs of compiled functions
     "inputs": "address",  # a row for each curve, see fortran/steps/inputs.f90
-    "functions": "integer",  # number of events
+    "event_functions": "integer",  # number of functions whose zeros are events
     "event_width": "integer",  # numbers of a point that they depend on
     "event_table": "address",  # `EVENT`
     "observations": "integer",  # numbers that are evaluated at output times
@@ -35,9 +35,9 @@ RECORD = {
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones
     "rtol": "real",  # the smallest one
-    "tolerances": "integer",
-    "rtols": "address",  # one tolerance, or one for each coordinate or entry
-    "atol": "address",  # as many
+    "tolerance_count": "integer",  # of `rtols`, and of `atol`
+    "rtols": "address",  # one, or one for each coordinate or entry
+    "atol": "address",
     "in_coordinates": "integer",  # whether differences of points are in coordinates, not in entries
     "parts": "integer",  # of an entry: two if it is complex
     "exponent": "real",  # power of an error that sizes are proportional to
@@ -48,7 +48,7 @@ RECORD = {
     "budget": "integer",  # steps to try until the call returns
     # output of each call
     "ended": "integer",  # trajectories that have ended
-    "failed": "integer",  # those that reached neither the final time nor a terminal event
+    "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
     "raised": "integer",  # whether Python raised an exception
     "step_size": "real",  # signed, of the last step of a single trajectory
     "residual": "real",  # of the stage equations in the last iteration of a single trajectory
@@ -164,7 +164,7 @@ VARIATION = {
     "step": "real",  # of differences, relative
     "one_sided": "integer",  # 1 for forward differences in place of central ones
     "scales": "address",  # least sizes of parameters for differences, those of inputs if not zero
-    "failed": "integer",  # which function failed last: 0 f, 1 jac, 2 df_dp, 3 products, 4 noise
+    "failed_function": "integer",  # the last one: 0 f, 1 jac, 2 df_dp, 3 products, 4 noise
 }
 """A right-hand side with derivatives."""
 

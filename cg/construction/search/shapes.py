@@ -247,7 +247,7 @@ class ShapeSettings:
             if check_flag(name, getattr(self, name)):
                 raise ValueError(f"{name} needs flows; it is for commutator-free methods")
 
-    def check_points(self, force: bool) -> tuple[Layout | None, int]:
+    def check_layout(self, force: bool) -> tuple[Layout | None, int]:
         """Return the layout of a given tree, None if trees are drawn, and the number of flows.
 
         Unless `force` is true, shapes are refused that can't have the order where flows commute.

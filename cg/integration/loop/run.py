@@ -1,7 +1,7 @@
 """Runs: trajectories of any number of members, advanced by compiled code.
 
 Python allocates all output and passes its addresses in one record (`RECORD` of
-`cg.support.shared_numbers`). A call of compiled code returns when all members have ended, the
+`cg.support.shared_records`). A call of compiled code returns when all members have ended, the
 budget of steps is used up, or a buffer is full; then Python collects the output and calls again.
 """
 
@@ -99,9 +99,9 @@ class Run:
             members=self.members, lanes=self._lanes, common=problem.common, keep_last=keep_last,
             t0=problem.t0, segments=len(problem.stops), context=id(self.callbacks),
             function=function, vectorized=self.rhs.vectorized, data=data, data_stride=stride,
-            of_time=problem.of_time, functions=self._functions,
+            of_time=problem.of_time, event_functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
-            h=control.h or 0.0, rtol=rtol, tolerances=control.atol.size,
+            h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
             exponent=plan.exponent, max_step=control.max_step, first_step=control.first_step or 0.0,
             max_steps=control.max_steps, every=max(problem.every, 1), dense=problem.dense,
