@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -202,16 +202,17 @@ class ShapeSettings:
         return ConditionSystem(self.order, layout, hold=self.hold)
 
     @classmethod
-    def of(cls, arguments: Mapping[str, Any]) -> Self:
-        """Return the settings of the arguments of a function, of which only numbers are checked."""
-        names = [field.name for field in fields(cls) if field.name in arguments]
-        checked = {
-            "order": check_order(arguments["order"]),
-            "stages": check_integer("stages", arguments["stages"], 1, MAX_STAGES),
-            "seed": check_integer("seed", arguments["seed"], 0),
-            "hold": () if arguments["hold"] is None else read_hold(arguments["hold"]),
-        }
-        return cls(**{name: arguments[name] for name in names} | checked)
+    def of(
+        cls, order: int, stages: int, seed: int, hold: Mapping[str, Any] | None, **others: Any
+    ) -> Self:
+        """Return the settings of the arguments of a function, of which these four are checked."""
+        return cls(
+            order=check_order(order),
+            stages=check_integer("stages", stages, 1, MAX_STAGES),
+            seed=check_integer("seed", seed, 0),
+            hold=() if hold is None else read_hold(hold),
+            **others,
+        )
 
     def check_held(self, layout: Layout | None, force: bool) -> None:
         """Raise ValueError if a condition, or their number, can't be satisfied by free unknowns."""
