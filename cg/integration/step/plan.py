@@ -153,7 +153,7 @@ class Plan:
         return rows.reshape(*lead, *self.point_shape)
 
 
-_MAX_FRAMES = 64  # that are kept
+_MAX_FRAMES = 64  # whose results are kept
 _MAX_PLANS = 64  # of a frame that are kept
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
