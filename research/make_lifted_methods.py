@@ -1,6 +1,6 @@
 """Bring the flat methods of `flat_pairs.toml` to manifolds, as they are in the catalogue.
 
-Those up to order seven are found from random starts by `cg.lift`. The splittings of order eight
+Those up to order seven are found from random starts by `cg.lift`. The split rows of order eight
 took long to find; files beside this one have them in double precision, and they are refined from
 there.
 
@@ -19,7 +19,7 @@ from recipes import run
 
 import cg
 from cg.construction.lifting.exact import refined
-from cg.construction.lifting.splitting import FlatRows, Splitting
+from cg.construction.lifting.split_rows import FlatRows, SplitRows
 from cg.layouts.layout import Layout
 from cg.method.flat import stage_orders
 from cg.support.quads import DECIMAL_DIGITS, to_decimal
@@ -98,8 +98,8 @@ def number(text: str) -> str:
     return to_decimal(Fraction(parts["p"]) + q * root, DECIMAL_DIGITS)
 
 
-def start_of(flat: cg.Tableau) -> tuple[Splitting, np.ndarray]:
-    """Return a splitting that is stored in double precision."""
+def start_of(flat: cg.Tableau) -> tuple[SplitRows, np.ndarray]:
+    """Return split rows that are stored in double precision."""
     stored = tomllib.loads(STARTS[flat.name].read_text(encoding="utf-8"))
     weights = [{int(k): w for k, w in point["weights"].items()} for point in stored["points"]]
     layout = Layout(
@@ -111,17 +111,17 @@ def start_of(flat: cg.Tableau) -> tuple[Splitting, np.ndarray]:
     x = np.array([float.fromhex(row[k]) for row in weights for k in sorted(row)])
     rows = FlatRows(*flat.exact, flat.exact_embedded)
     orders = stored["order"], stored.get("embedded_order", 0)
-    splitting = Splitting(rows, layout, *orders, stage_orders(flat))
-    return splitting, splitting.nearest(x)
+    split = SplitRows(rows, layout, *orders, stage_orders(flat))
+    return split, split.nearest(x)
 
 
 def from_start(flat: cg.Tableau) -> cg.CommutatorFree:
-    """Refine a splitting stored in double precision."""
-    splitting, x = start_of(flat)
-    exact = refined(splitting, x)
+    """Refine split rows stored in double precision."""
+    split, x = start_of(flat)
+    exact = refined(split, x)
     print(f"{flat.name}: rank {exact.rank}, residuals {exact.largest_residual:.0e}")
     return cg.CommutatorFree.from_layout(
-        splitting.layout, exact.weights, name=flat.name, source=flat.source
+        split.layout, exact.weights, name=flat.name, source=flat.source
     )
 
 

@@ -22,7 +22,7 @@ import cg
 from cg.conditions import condition_trees, core_calls
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.solver import fit
-from cg.construction.lifting.splitting import FlatRows, Splitting, path_sums
+from cg.construction.lifting.split_rows import FlatRows, SplitRows, path_sums
 from cg.construction.solvers.held import Held
 from cg.layouts.layout import Layout
 from cg.layouts.points import START
@@ -63,7 +63,7 @@ NOTE = "; the second result by flows of its own"
 
 
 @dataclass(frozen=True)
-class SecondResult(Splitting):
+class SecondResult(SplitRows):
     """The conditions on a second result, where the first one and the stages are held."""
 
     held: tuple[Fraction, ...] = ()
@@ -83,8 +83,8 @@ class SecondResult(Splitting):
         return float(np.linalg.norm(residuals))
 
 
-def splitting_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
-    """Return the splitting of the flat second weights, to be solved."""
+def split_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
+    """Return the split rows of the flat second weights, to be solved."""
     tree = method.tree
     count = 1 + max(*tree.stage_points, tree.result)
     assert method.embedded_result is not None
@@ -110,27 +110,27 @@ def splitting_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
 
 def make(method: cg.CommutatorFree, recipe: Recipe) -> tuple[cg.CommutatorFree, int]:
     """Return the pair, and how many starts led to one."""
-    splitting = splitting_of(method, recipe)
+    split = split_of(method, recipe)
     results = []
     for index in range(recipe.tries):
         generator = np.random.default_rng(np.random.SeedSequence(_SEED, spawn_key=(index,)))
-        start = generator.uniform(-_WIDTH, _WIDTH, splitting.movable.size)
-        end = fit(splitting, splitting.from_unknowns(start), max_iterations=_ITERATIONS)
+        start = generator.uniform(-_WIDTH, _WIDTH, split.movable.size)
+        end = fit(split, split.from_unknowns(start), max_iterations=_ITERATIONS)
         if end.solved:
-            ratio = estimate_ratio(pair_of(method, splitting, end.x.tolist())) or np.inf
-            results.append((max(ratio, _MAX_RATIO), splitting.second_error(end.x), index, end.x))
-    weights = list(refined(splitting, min(results)[-1]).weights)
+            ratio = estimate_ratio(pair_of(method, split, end.x.tolist())) or np.inf
+            results.append((max(ratio, _MAX_RATIO), split.second_error(end.x), index, end.x))
+    weights = list(refined(split, min(results)[-1]).weights)
     first = [w.text for row in method.point_coefficients for w in row.values()]
-    held = len(splitting.held)
-    return pair_of(method, splitting, [*first[:held], *weights[held:]]), len(results)
+    held = len(split.held)
+    return pair_of(method, split, [*first[:held], *weights[held:]]), len(results)
 
 
 def pair_of(
-    method: cg.CommutatorFree, splitting: Splitting, weights: Sequence[Any]
+    method: cg.CommutatorFree, split: SplitRows, weights: Sequence[Any]
 ) -> cg.CommutatorFree:
     """Return the pair with given weights."""
     return cg.CommutatorFree.from_layout(
-        splitting.layout, weights, third=method.third_weights, name=method.name,
+        split.layout, weights, third=method.third_weights, name=method.name,
         source=method.source.removesuffix(NOTE) + NOTE,
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from cg.catalogue import dumps, save
 from cg.command.arguments import as_json, check_output, say
 from cg.command.engines import engine
 from cg.command.main import NO
-from cg.command.shapes import arguments_of, construction_options, search_options
+from cg.command.search_options import arguments_of, construction_options, search_options
 from cg.construction import Construction, construct
 from cg.construction.search.random_search import search
 from cg.construction.search.result import SearchResult

@@ -142,7 +142,12 @@ def construct(
     >>> construct(order=3, stages=3).method.order
     3
     """
-    settings = ConstructionSettings.of(locals()).checked(check_flag("force", force))
+    settings = ConstructionSettings.of(
+        order, stages, seed, hold, largest=largest, restarts=restarts, full_rank=full_rank,
+        structure=structure, first_stages=first_stages, width=width, iterations=iterations,
+        tree=tree, flows=flows, first_flows=first_flows, embedded=embedded,
+        first_same_as_last=first_same_as_last,
+    ).checked(check_flag("force", force))  # fmt: skip
     quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, MAX_COUNT)
     bound = None if abscissae is None else settings.largest

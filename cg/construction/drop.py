@@ -69,7 +69,7 @@ def drop_flow(
     accept: Accept = solved,
 ) -> Candidate | None:
     """Drop a point that is neither a stage nor a result, like `drop_stage`."""
-    layout = _check_points(candidate)
+    layout = _check_of_points(candidate)
     merged = (
         merge_point(layout, candidate.x.tolist(), m)
         for m in range(len(layout.parents))
@@ -91,7 +91,7 @@ def drop_point_stage(
     accept: Accept = solved,
 ) -> Candidate | None:
     """Drop a stage of a commutator-free method; its point stays if flows start from it."""
-    layout = _check_points(candidate)
+    layout = _check_of_points(candidate)
     starts = [
         start
         for stage in range(1, layout.stages)
@@ -147,7 +147,7 @@ def _without_column(candidate: Candidate) -> Iterator[Candidate]:
         yield Candidate(smaller.system, start)
 
 
-def _check_points(candidate: Candidate) -> Layout:
+def _check_of_points(candidate: Candidate) -> Layout:
     layout = check_candidate(candidate).system.layout
     if layout.rows is not None:
         raise ValueError("candidate must be a method of points, got a tableau")

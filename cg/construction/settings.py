@@ -102,7 +102,7 @@ class ConstructionSettings(ShapeSettings):
         if self.flows is None and self.tree is None:
             raise ValueError("first_flows needs flows, the number of flows to reach")
         shape = self if self.tree is None else replace(self, flows=None)
-        layout, most = shape.check_points(force)
+        layout, most = shape.check_layout(force)
         embedded, flows, first_flows = self.embedded, self.flows, self.first_flows
         if layout is None:
             flows, first_flows = most, most if first_flows is None else first_flows

@@ -117,7 +117,7 @@ def _loop(
             interrupted = interrupt
             running = pool.cancel_waiting()
             _log.warning(
-                "interrupted: finishing %d starts; interrupt again to discard them", running
+                "interrupted: finishing %d pieces; interrupt again to discard them", running
             )
         else:
             yield from _results_of(done, pool, work, queue)

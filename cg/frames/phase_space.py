@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Frame
-from cg.frames.block_kinds import Blocks
 from cg.frames.euclidean import Euclidean
 from cg.frames.inertia import Body, Inertia, read_inertia
 from cg.frames.product import Product
@@ -182,5 +181,4 @@ class PhaseSpace(Product):
         columns = np.array([body.columns for body in self._bodies], dtype=np.intc)
         return columns, np.concatenate([x for x in numbers if x is not None])
 
-    def _blocks(self) -> Blocks | None:
-        return super()._blocks()
+    _blocks = Product._blocks  # compiled too, see `Frame.compiled_blocks`

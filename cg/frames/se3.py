@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.block_kinds import Blocks
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.semidirect import Semidirect
 from cg.frames.so3 import SO3
@@ -68,8 +67,7 @@ class SE3(Semidirect):
     def __post_init__(self) -> None:
         object.__setattr__(self, "group", SO3(self.convention))
 
-    def _blocks(self) -> Blocks | None:
-        return super()._blocks()
+    _blocks = Semidirect._blocks  # compiled too, see `Frame.compiled_blocks`
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and the matrices of ``RigidTransform`` of SciPy."""

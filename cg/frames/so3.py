@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.block_kinds import Blocks
 from cg.frames.rotations import hat
 from cg.frames.so import SO
 from cg.support.arrays import Array, Points, Size, check_random
@@ -55,8 +54,7 @@ class SO3(SO):
         """Return ``hat(v)``, shape ``(..., 3, 3)``."""
         return hat(self._vectors(v))
 
-    def _blocks(self) -> Blocks | None:
-        return super()._blocks()
+    _blocks = SO._blocks  # compiled too, see `Frame.compiled_blocks`
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians between two rotations, shape ``(...)``.

@@ -208,7 +208,7 @@ def check_points(
     With ``many`` both may have a leading axis of members; a single point is then used for all rows
     of parameters. The results have the shapes ``(members, *point_shape)`` and ``(members, k)``.
     """
-    points = _check_points(plan, y0, many)
+    points = _initial_points(plan, y0, many)
     if parameters is None:
         return points, None
     numbers = real_array(parameters, "parameters")
@@ -224,7 +224,7 @@ def check_points(
     return points, rows
 
 
-def _check_points(plan: Plan, y0: ArrayLike, many: bool) -> Points:
+def _initial_points(plan: Plan, y0: ArrayLike, many: bool) -> Points:
     frame, shape = plan.frame, plan.point_shape
     if isinstance(y0, list | tuple) and isinstance(frame, Product):
         check_joined(frame, y0)

@@ -26,7 +26,7 @@ class MemberResults(NamedTuple):
     reached: Array  # their last times
     status: Any
     counts: Any  # shape (members, 6)
-    messages: dict[int, str]  # of those whose status isn't 0
+    messages: dict[int, str]  # of members whose status isn't 0
     steps: Steps | None
     events: tuple[Any, Array, Points] | None  # members and events, times, points before and after
     warnings: list[str]

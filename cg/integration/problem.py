@@ -47,7 +47,6 @@ from cg.method.splitting import Splitting
 from cg.method.warnings import check_order, check_pair
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag
-from cg.support.copies import filled
 
 Rhs = CompiledRhs | PythonRhs
 
@@ -57,7 +56,7 @@ class Problem:
     """An integration of one point or of the members of an ensemble."""
 
     plan: Plan
-    in_algebra: bool  # whether differences of points are measured in coordinates, not in entries
+    in_coordinates: bool  # whether differences of points are in coordinates, not in entries
     rhs: Rhs
     points: Points  # the initial ones, shape (members, *point_shape)
     t0: float
@@ -134,13 +133,11 @@ def _make_rhs(
     return compiled.on(frame, parameters, inputs)
 
 
-def _make_control(plan: Plan, in_algebra: bool, options: Options, span: float) -> Control:
-    """Return the step size control after checking its options except ``rtol``.
-
-    Absolute tolerances may have a shape.
-    """
+def _make_control(
+    plan: Plan, in_coordinates: bool, rtol: Array, options: Options, span: float
+) -> Control:
+    """Return the step size control after checking its options; ``rtol`` has been checked."""
     h, first_step = options["h"], options["first_step"]
-    rtol, atol, max_steps = options["rtol"], options["atol"], options["max_steps"]
     largest = check_step(options["max_step"], "max_step", infinite=True)
     if h is not None:
         for name in ("rtol", "atol", "first_step", "max_steps"):
@@ -164,18 +161,17 @@ def _make_control(plan: Plan, in_algebra: bool, options: Options, span: float) -
         )
     if plan.method.embedded_order is not None:
         check_pair(plan.method, stacklevel=4)
-    shape = (plan.frame.dim,) if in_algebra else plan.frame.point_shape
-    tolerances = check_atol(atol)
-    relative: Any = rtol
-    for name, value in (("rtol", relative), ("atol", tolerances)):
+    shape = (plan.frame.dim,) if in_coordinates else plan.frame.point_shape
+    atol = check_atol(options["atol"])
+    for name, value in (("rtol", rtol), ("atol", atol)):
         if value.shape not in ((), shape):
             raise ValueError(f"{name} must be a number or have shape {shape}, got {value.shape}")
-    if relative.shape != tolerances.shape:
-        relative, tolerances = np.full(shape, relative), np.full(shape, tolerances)
+    if rtol.shape != atol.shape:
+        rtol, atol = np.full(shape, rtol), np.full(shape, atol)
     first = None if first_step is None else check_step(first_step, "first_step")
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-    return Control(None, relative, tolerances, largest, first, check_max_steps(max_steps))
+    return Control(None, rtol, atol, largest, first, check_max_steps(options["max_steps"]))
 
 
 def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
@@ -246,16 +242,16 @@ def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable:
     return table
 
 
-def _make_plan(f: Any, frame: Any, options: Options) -> Plan:
-    """Return the plan of the frame and the method, after checking them and ``rtol``."""
+def _make_plan(f: Any, frame: Any, options: Options) -> tuple[Plan, Array]:
+    """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     if not isinstance(frame, Frame):
         raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
-    rtol = None
+    rtol, least = RTOL, None
     if options["h"] is None:
-        given = options["rtol"]
-        options["rtol"] = relative = RTOL if given is None else check_rtol(given)
-        rtol = relative.item() if relative.size == 1 else float(relative.min())
-    return plan_of(frame, _choose_method(options["method"], f, frame, rtol))
+        if options["rtol"] is not None:
+            rtol = check_rtol(options["rtol"])
+        least = rtol.item() if rtol.size == 1 else float(rtol.min())
+    return plan_of(frame, _choose_method(options["method"], f, frame, least)), rtol
 
 
 def make_problem(
@@ -275,7 +271,7 @@ def make_problem(
     """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
     check_stage_solver(stage_solver)
     vectorized, common = check_flag("vectorized", vectorized), check_flag("common_steps", common)
-    plan = _make_plan(f, frame, options)
+    plan, rtol = _make_plan(f, frame, options)
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)
     members = len(points) if many else None
@@ -293,8 +289,8 @@ def make_problem(
     if of_time := isinstance(f, TimeFunction):
         _check_of_time(rhs, start, points[0])
     stops = check_stops(options["breakpoints"], start, stop)
-    in_algebra = plan.in_algebra(points[0])
-    control = _make_control(plan, in_algebra, options, abs(stop - start))
+    in_coordinates = plan.in_coordinates(points[0])
+    control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
     if inputs is not None:
         stops = inputs.add_stops(stops, start, control.tolerance)
     t_eval: Any = options["t_eval"]
@@ -306,10 +302,9 @@ def make_problem(
     if (events := options["events"]) is not None:
         events = _make_events(events, frame, rhs)
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
-    return filled(Problem, {
-        "plan": plan, "in_algebra": in_algebra, "rhs": rhs, "points": points, "t0": start,
-        "stops": stops, "control": control, "events": events, "t_eval": t_eval,
-        "every": every if t_eval is None else 0, "dense": dense, "stage_solver": stage_solver,
-        "many": many, "common": common, "of_time": of_time, "jacobian": jac,
-        "observer": observer, "make_solution": None,
-    })  # fmt: skip
+    return Problem(
+        plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
+        control=control, events=events, t_eval=t_eval, every=every if t_eval is None else 0,
+        dense=dense, stage_solver=stage_solver, many=many, common=common, of_time=of_time,
+        jacobian=jac, observer=observer, make_solution=None,
+    )  # fmt: skip

@@ -22,7 +22,7 @@ from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.stepper_state import check_data, check_points, get_state, replace_rhs, restored
+from cg.integration.stepper_state import check_data, check_new_y, get_state, replace_rhs, restored
 from cg.support.arrays import Points
 from cg.support.checks import check_flag
 
@@ -294,7 +294,7 @@ class Stepper(OpenRun):
             if inputs is None and run.rhs.inputs is not None:
                 run.rhs.inputs.check_span(time, time, "t")
         if y is not None:
-            rows = run.plan.doubles(check_points(self, y))
+            rows = run.plan.doubles(check_new_y(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
         replace_rhs(self, time, args, parameters, inputs)
         self.t, self.t_old, self._cut_output = time, None, None

@@ -63,7 +63,7 @@ def restored(kind: type, state: dict[str, Any]) -> Any:
     return stepper
 
 
-def check_points(stepper: Any, y: ArrayLike) -> Points:
+def check_new_y(stepper: Any, y: ArrayLike) -> Points:
     """Return new points of a stepper, one row for each member, after checking them."""
     frame, many = stepper.frame, stepper._many
     points: Points = frame.read_points(y, "y")

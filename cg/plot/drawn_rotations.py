@@ -14,7 +14,7 @@ from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import is_rotation
 from cg.frames.se3 import SE3
 from cg.frames.so import SO
-from cg.plot.style import check_points
+from cg.plot.style import check_stored
 from cg.support.arrays import check_finite, real_array
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def rotations_of(
     """
     frame, times = getattr(y, "frame", None), None
     if isinstance(frame, Frame):
-        check_points(y, name)
+        check_stored(y, name)
         times, points = np.asarray(y.t, dtype=np.float64), np.asarray(y.y)
         if points.ndim != 1 + len(frame.point_shape):
             raise ValueError(

@@ -54,7 +54,7 @@ def curve_style(ax: Any) -> dict[str, Any]:
     }
 
 
-def check_points(solution: Any, name: str) -> None:
+def check_stored(solution: Any, name: str) -> None:
     """Raise ValueError if a solution stores no points."""
     if getattr(solution, "y", 0) is None:
         raise ValueError(f'{name} must have points, got a solution with store="observed"')

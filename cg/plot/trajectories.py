@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.plot.drawn_rotations import drawn_rotations
-from cg.plot.style import COLOURS, axes_for, check_label, check_points
+from cg.plot.style import COLOURS, axes_for, check_label, check_stored
 from cg.support.arrays import check_finite, complex_array, real_array
 from cg.support.checks import check_integer
 
@@ -53,7 +53,7 @@ def trajectory_on_sphere(
     >>> ax.name
     '3d'
     """
-    check_points(y, "y")
+    check_stored(y, "y")
     points = real_array(getattr(y, "y", y), "y")
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise ValueError(f"y must have shape (n, 3), got {points.shape}")
@@ -112,7 +112,7 @@ def bloch(y: Any, ax: Any = None, *, label: str | None = None, color: str | None
     >>> cg.plot.bloch(run).get_zlabel()
     'z'
     """
-    check_points(y, "y")
+    check_stored(y, "y")
     states = complex_array(getattr(y, "y", y), "y")
     if states.ndim not in (2, 3) or states.shape[1:] not in ((2,), (2, 2)) or len(states) == 0:
         raise ValueError(f"y must have shape (n, 2) or (n, 2, 2), got {states.shape}")

@@ -17,12 +17,12 @@ class StoredStart:
     tree: str | None = None  # JSON, if it was drawn with the start
     phase: str  # arithmetic of the last solver, "double" or "quad"
     f: float  # sum of squared residuals after the solver in double precision
-    status: int | None = None  # of that solver
+    status: int | None = None  # of the solver in double precision
     evaluations: int | None = None  # of residuals
     refined_f: float | None = None
     refined_status: int | None = None
     refined_evaluations: int | None = None
-    largest_residual: float | None = None  # of all order conditions
+    largest_residual: float | None = None  # among all order conditions
     solved: bool
     coefficients: bytes  # packed, in binary128 of 16 bytes each
     seconds: float = 0.0

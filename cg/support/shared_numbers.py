@@ -58,7 +58,7 @@ class BlockKind(IntEnum):
     SU2 = 6  # complex 2 x 2 matrices, row by row
     SO = 7  # rotation matrices of any size, row by row
     SU = 8  # complex matrices of any size, row by row
-    U = 9  # likewise, of any determinant
+    U = 9  # complex matrices of any size and determinant, row by row
     ISOSPECTRAL = 10  # symmetric matrices with given eigenvalues, moved by SO(n)
     LINEAR_ACTION = 12  # vectors on which sparse matrices act
     STIEFEL = 13  # orthonormal columns, with fields for derivatives of them
@@ -70,7 +70,7 @@ class Operation(IntEnum):
 
     FLOW = 1  # move a point along flows, the first one first
     COORDINATES = 3  # coefficients of the flow from one point to another
-    NEARBY = 4  # the same by iteration, which every frame has
+    NEARBY = 4  # these coefficients by iteration, which every frame has
     SIZES = 5  # magnitudes that relative errors refer to
     TANGENT = 6  # the value of a field
     SHORTEST = 7  # coefficients without what leaves the point fixed

@@ -10,7 +10,7 @@ RECORD = {
     "common": "integer",  # whether all members take the same steps
     "of_time": "integer",  # whether the right-hand side doesn't depend on the point
     "keep_last": "integer",  # whether the interpolant of the last step may be requested
-    "free": "integer",  # whether small coefficients determine the end of their flow
+    "unique_flows": "integer",  # whether small coefficients determine the end of their flow
     "jacobian": "integer",  # of f, a `JacobianKind`
     "t0": "real",
     "segments": "integer",
@@ -18,28 +18,28 @@ RECORD = {
     # functions
     "context": "address",  # the `Callbacks`
     "function": "address",  # the right-hand side
-    "vectorized": "integer",  # whether it takes many points, and is called through the context
+    "vectorized": "integer",  # whether `function` takes many points, through the context
     "data": "address",
     "data_stride": "integer",  # bytes from one member's data to the next
     "curves": "integer",  # inputs of compiled functions
     "inputs": "address",  # a row for each curve, see fortran/steps/inputs.f90
-    "functions": "integer",  # number of events
-    "event_width": "integer",  # numbers of a point that they depend on
+    "event_functions": "integer",  # number of functions whose zeros are events
+    "event_width": "integer",  # numbers of a point that events depend on
     "event_table": "address",  # `EVENT`
     "observations": "integer",  # numbers that are evaluated at output times
-    "observers": "integer",  # functions in C for them, 0 for one in Python
+    "observers": "integer",  # functions in C for observations, 0 for one in Python
     "observer_table": "address",  # `EVENT`
     "observer": "address",  # the function in Python
     "observer_data": "address",
     "observer_stride": "integer",
     # steps
     "h": "real",  # size of equal steps, zero for adaptive ones
-    "rtol": "real",  # the smallest one
-    "tolerances": "integer",
-    "rtols": "address",  # one tolerance, or one for each coordinate or entry
-    "atol": "address",  # likewise
-    "in_entries": "integer",
-    "parts": "integer",  # of an entry: two if it is complex
+    "rtol": "real",  # the smallest relative tolerance
+    "tolerance_count": "integer",  # of `rtols`, and of `atol`
+    "rtols": "address",  # one, or one for each coordinate or entry
+    "atol": "address",
+    "in_coordinates": "integer",  # whether differences of points are in coordinates, not in entries
+    "parts": "integer",  # numbers in an entry: two if it is complex
     "exponent": "real",  # power of an error that sizes are proportional to
     "max_step": "real",
     "first_step": "real",  # zero to choose it
@@ -48,7 +48,7 @@ RECORD = {
     "budget": "integer",  # steps to try until the call returns
     # output of each call
     "ended": "integer",  # trajectories that have ended
-    "failed": "integer",  # those that reached neither the final time nor a terminal event
+    "failed": "integer",  # trajectories that reached neither the final time nor a terminal event
     "raised": "integer",  # whether Python raised an exception
     "step_size": "real",  # signed, of the last step of a single trajectory
     "residual": "real",  # of the stage equations in the last iteration of a single trajectory
@@ -82,7 +82,7 @@ RECORD = {
     "event_t": "address",
     "event_y": "address",
 }
-"""Of the compiled loop over steps."""
+"""What the compiled loop over steps reads and writes."""
 
 METHOD = {
     # numbers of paths, of their flows, of terms of these, and of stages
@@ -113,7 +113,7 @@ METHOD = {
     "final_stage": "integer",
     "series": "integer",  # on a Lie algebra, the order of that of dexp⁻¹, else 0
     "power": "integer",  # of the quotient of two error estimates
-    "factor": "real",  # of the second one in it
+    "factor": "real",  # of the second estimate in that quotient
     "blocks": "integer",  # of stages that an implicit method solves together
     "polynomial": "integer",  # whether the flows of a path are one along a polynomial
 }
@@ -164,7 +164,7 @@ VARIATION = {
     "step": "real",  # of differences, relative
     "one_sided": "integer",  # 1 for forward differences in place of central ones
     "scales": "address",  # least sizes of parameters for differences, those of inputs if not zero
-    "failed": "integer",  # which function failed last: 0 f, 1 jac, 2 df_dp, 3 products, 4 noise
+    "failed_function": "integer",  # the last one: 0 f, 1 jac, 2 df_dp, 3 products, 4 noise
 }
 """A right-hand side with derivatives."""
 

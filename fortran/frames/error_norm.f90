@@ -18,7 +18,7 @@ module error_norm_m
     real(wp), allocatable :: atol(:)       ! (width)
     real(wp), allocatable :: rtols(:)      ! (width)
     real(wp) :: rtol = 0.0_wp              ! the smallest one
-    logical :: in_entries = .false.        ! whether differences of entries are measured
+    logical :: in_coordinates = .true.     ! whether differences are in coordinates
     integer :: parts = 1                   ! numbers of an entry: 2 if it is complex
     real(wp) :: exponent = 0.0_wp          ! power of an error that a step size is proportional to
     real(wp) :: max_step = 0.0_wp
@@ -36,7 +36,7 @@ contains
     real(wp), contiguous, intent(out) :: found(:)      ! (width)
     integer :: i
 
-    if (.not. tolerances%in_entries) then
+    if (tolerances%in_coordinates) then
       found = v
       return
     end if
@@ -69,7 +69,7 @@ contains
     real(wp), contiguous, intent(out) :: found(:)      ! (width)
     integer :: counted
 
-    if (.not. tolerances%in_entries) then
+    if (tolerances%in_coordinates) then
       call sizes(frame, y, found)
       return
     end if

@@ -23,7 +23,7 @@ contains
 
     call set_problem(plan, run)
     call set_tolerances(run)
-    if (run%record%functions > 0) call set_events(run)
+    if (run%record%event_functions > 0) call set_events(run)
     call set_lanes(run, memory)
     if (memory /= 0) return
     if (run%record%observations > 0) call set_observer(run)
@@ -53,7 +53,7 @@ contains
       problem%scheme => plan%scheme
       problem%common = record%common /= 0
       problem%of_time = record%of_time /= 0
-      problem%unique_flows = record%free /= 0
+      problem%unique_flows = record%unique_flows /= 0
       problem%has_jacobian = record%jacobian /= differences_jacobian
       problem%dense = record%jacobian /= sparse_jacobian
     end associate
@@ -72,13 +72,13 @@ contains
       problem%h = record%h
       problem%first_step = record%first_step
       problem%max_steps = record%max_steps
-      n = merge(run%frame%point_size, run%frame%dimension, record%in_entries /= 0)
-      call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerances)])
-      call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerances)])
+      n = merge(run%frame%dimension, run%frame%point_size, record%in_coordinates /= 0)
+      call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerance_count)])
+      call c_f_pointer(transfer(record%rtols, c_null_ptr), rtols, [int(record%tolerance_count)])
       problem%tolerances = tolerances_t(atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], &
         rtols=[(rtols(1 + (i - 1) / (n / size(rtols))), i = 1, n)], rtol=record%rtol, &
-        in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
-        max_step=record%max_step)
+        in_coordinates=record%in_coordinates /= 0, parts=int(record%parts), &
+        exponent=record%exponent, max_step=record%max_step)
       if (problem%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
         run%frame%blocks%action%atol = minval(atol)
@@ -129,7 +129,8 @@ contains
     type(event_record_t), pointer, contiguous :: table(:)
 
     associate (record => run%record)
-      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [int(record%functions)])
+      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, &
+                       [int(record%event_functions)])
       run%events%count = size(table)
       run%events%width = int(record%event_width)
       run%events%address = table%function

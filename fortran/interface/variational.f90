@@ -57,14 +57,14 @@ contains
     f = nan
     if (.not. (all(abs(y) <= huge(1.0_wp)) .and. all(abs(x) <= huge(1.0_wp)))) return
     call evaluate_at(record%f, record%f_data, y, f)
-    record%failed = 0
+    record%failed_function = 0
     if (code /= 0) return
     a = nan
     if (record%jac == 0) then
       call difference_along_fields()
     else
       call evaluate_at(record%jac, record%jac_data, y, a)
-      if (code /= 0 .or. .not. all(abs(a) <= huge(1.0_wp))) record%failed = 1
+      if (code /= 0 .or. .not. all(abs(a) <= huge(1.0_wp))) record%failed_function = 1
     end if
     if (code /= 0) return
     call add_brackets(record, n, f, a)
@@ -80,7 +80,7 @@ contains
         call difference_by_parameters()
       else
         call evaluate_at(record%df_dp, record%df_dp_data, y, d)
-        if (code /= 0 .or. .not. all(abs(d) <= huge(1.0_wp))) record%failed = 2
+        if (code /= 0 .or. .not. all(abs(d) <= huge(1.0_wp))) record%failed_function = 2
       end if
       slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
     end if
@@ -89,8 +89,8 @@ contains
       call add_noise(x(j:, :), slope(j:, :))
     end if
     if (code == 0 .and. all(abs(f) <= huge(1.0_wp)) .and. all(abs(a) <= huge(1.0_wp))) then
-      if (all(record%failed /= [2_c_int64_t, 4_c_int64_t]) .and. &
-          .not. all(abs(slope) <= huge(1.0_wp))) record%failed = 3
+      if (all(record%failed_function /= [2_c_int64_t, 4_c_int64_t]) .and. &
+          .not. all(abs(slope) <= huge(1.0_wp))) record%failed_function = 3
     end if
 
   contains
@@ -108,7 +108,7 @@ contains
       else
         q = nan
         call evaluate_at(record%noise, record%noise_data, y, q)
-        if (code /= 0 .or. .not. all(abs(q) <= huge(1.0_wp))) record%failed = 4
+        if (code /= 0 .or. .not. all(abs(q) <= huge(1.0_wp))) record%failed_function = 4
       end if
       slope = slope + matmul(transpose(a), c) + q
     end subroutine add_noise

@@ -207,7 +207,7 @@ contains
 
     associate (tolerances => x%problem%tolerances)
       call sizes(x%problem%frame, x%y(:, 0), d)
-      if (x%problem%adaptive .and. .not. tolerances%in_entries) &
+      if (x%problem%adaptive .and. tolerances%in_coordinates) &
         d = max(d, merge(maxval(d, without_control(x, size(d))), tolerances%atol, &
                          without_control(x, size(d))))
       where (.not. d > 0) d = abs(x%h * x%slope)
@@ -223,7 +223,7 @@ contains
     logical :: without_control(n)
 
     without_control = .false.
-    if (x%problem%adaptive .and. .not. x%problem%tolerances%in_entries) &
+    if (x%problem%adaptive .and. x%problem%tolerances%in_coordinates) &
       without_control = x%problem%tolerances%atol > huge(1.0_wp)
   end function without_control
 

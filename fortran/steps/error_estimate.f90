@@ -154,10 +154,10 @@ contains
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: path
 
-    if (x%problem%tolerances%in_entries) then
-      x%control%v(:) = x%y(:, x%result) - x%y(:, path)
-    else
+    if (x%problem%tolerances%in_coordinates) then
       call difference(x%problem%frame, x%y(:, path), x%y(:, x%result), x%control%v)
+    else
+      x%control%v(:) = x%y(:, x%result) - x%y(:, path)
     end if
     distance = norm(x%problem%tolerances, x%control%v, x%control%scale)
   end function distance

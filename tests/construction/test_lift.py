@@ -7,7 +7,7 @@ from scipy.integrate._ivp import dop853_coefficients
 
 import cg
 from cg.catalogue import methods
-from cg.construction.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
+from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
 from cg.layouts.layout import Layout
 from cg.method.flat import flat_order, stage_orders
 
@@ -77,11 +77,11 @@ class TestFlat:
         assert stage_orders(FEHLBERG) == (0, 1, 2, 2, 2, 2)
 
 
-class TestSplittings:
+class TestSplitRows:
     def splitting(self, seed=0, flows=12):
         rows = FlatRows(*FEHLBERG.exact, FEHLBERG.exact_embedded)
         layout = random_layout(rows, flows, np.random.default_rng(seed))
-        return rows, Splitting(rows, layout, 5, 4)
+        return rows, SplitRows(rows, layout, 5, 4)
 
     @pytest.mark.parametrize("seed", range(6))
     def test_sums_are_exact_for_all_unknowns(self, seed):
@@ -113,7 +113,7 @@ class TestSplittings:
 
     def test_merged_flows(self):
         rows = FlatRows(*KUTTA.exact)
-        splitting = Splitting(rows, chains_layout(rows, [1, 2, 3]), 3)
+        splitting = SplitRows(rows, chains_layout(rows, [1, 2, 3]), 3)
         x = splitting.from_unknowns(np.linspace(0.1, 0.5, splitting.movable.size))
         assert splitting.merged(x, 0) is None
         assert splitting.merged(x, 1) is None

@@ -1,4 +1,4 @@
-"""Refinement of splittings beyond double precision, with residuals in ball arithmetic.
+"""Refinement of split rows beyond double precision, with residuals in ball arithmetic.
 
 Newton's method in fractions (`refine_rational`) with the midpoints of balls as residuals: trees of
 order eight have too many words for exact fractions, whose lengths grow with the order.
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cg.conditions.word_weights import Quantity, Weights
 from cg.conditions.words import condition_words, nodes, reciprocal_density
-from cg.construction.lifting.splitting import Splitting
+from cg.construction.lifting.split_rows import SplitRows
 from cg.construction.solvers.polish import refine_rational
 from cg.construction.solvers.singular import pseudo_inverse
 from cg.support.balls import exact_midpoint, to_ball, working_precision
@@ -36,21 +36,21 @@ class Exact:
     rank: int
 
 
-def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
+def refined(split: SplitRows, x: NDArray[np.float64]) -> Exact:
     """Refine weights x, shape (size,), to more digits than are written."""
     # the pseudo-inverse is in orthonormal directions, the unknowns are entries themselves
-    along, rank = pseudo_inverse(splitting.jacobian(x), _GAP)
-    inverse = splitting.directions[splitting.movable] @ along * splitting.scale
+    along, rank = pseudo_inverse(split.jacobian(x), _GAP)
+    inverse = split.directions[split.movable] @ along * split.scale
     end = refine_rational(
-        lambda movable: _residuals(splitting, movable),
-        [Fraction(value) for value in x[splitting.movable].tolist()],
+        lambda movable: _residuals(split, movable),
+        [Fraction(value) for value in x[split.movable].tolist()],
         inverse,
         below=_BELOW,
         grid=_GRID,
     )
     texts = list(map(_text, end.x))
-    weights: list[str | Fraction] = list(splitting.full([Fraction(text) for text in texts]))
-    for k, text in zip(splitting.movable.tolist(), texts, strict=True):
+    weights: list[str | Fraction] = list(split.full([Fraction(text) for text in texts]))
+    for k, text in zip(split.movable.tolist(), texts, strict=True):
         weights[k] = text
     return Exact(tuple(weights), float(end.largest_residual), rank)
 
@@ -61,13 +61,13 @@ def _text(value: Fraction) -> str:
     return str(simple) if abs(value - simple) <= _CLOSE else to_decimal(value, DECIMAL_DIGITS)
 
 
-def _residuals(splitting: Splitting, movable: Sequence[Fraction]) -> list[Fraction]:
-    """Return the residuals, not scaled, in the order of `Splitting.conditions`."""
-    layout, x = splitting.layout, splitting.full(movable)
-    claims = [(layout.stages, splitting.order, Fraction(1))]
-    if splitting.embedded_order:
-        claims.append((layout.stages + 1, splitting.embedded_order, Fraction(1)))
-    for stage, order in splitting.assumptions:
+def _residuals(split: SplitRows, movable: Sequence[Fraction]) -> list[Fraction]:
+    """Return the residuals, not scaled, in the order of `SplitRows.conditions`."""
+    layout, x = split.layout, split.full(movable)
+    claims = [(layout.stages, split.order, Fraction(1))]
+    if split.embedded_order:
+        claims.append((layout.stages + 1, split.embedded_order, Fraction(1)))
+    for stage, order in split.assumptions:
         claims.append((stage, order, sum((x[k] for k in layout.row(stage)), Fraction(0))))
     quantities, sides = [], []
     for row, order, c in claims:

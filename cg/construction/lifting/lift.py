@@ -17,7 +17,7 @@ from cg.conditions import MAX_ORDER
 from cg.construction.lifting.exact import refined
 from cg.construction.lifting.reduction import improved, merged_flows
 from cg.construction.lifting.solver import Fit, fit
-from cg.construction.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
+from cg.construction.lifting.split_rows import FlatRows, SplitRows, chains_layout, random_layout
 from cg.construction.search.shapes import start_generator
 from cg.method.commutator_free import CommutatorFree
 from cg.method.flat import flat_order, stage_orders
@@ -211,10 +211,10 @@ def lift(
     solutions: list[_Solution] = []
     best, index = np.inf, 0
     for index in range(tries):
-        splitting, end = settings.solve(index)
+        split, end = settings.solve(index)
         best = min(best, end.f)
         if end.solved:
-            solutions.append(settings.finish(index, splitting, end))
+            solutions.append(settings.finish(index, split, end))
         if len(solutions) == hits:
             break
     names = {
@@ -233,17 +233,17 @@ class _Solution:
 
     key: tuple[float, float]
     index: int
-    splitting: Splitting
+    split: SplitRows
     end: Fit
 
     def lifted(self, names: dict[str, str], starts: int, hits: int) -> Lifted | None:
         """Return the refined method, or None if it isn't exact."""
-        splitting, exact = self.splitting, refined(self.splitting, self.end.x)
+        split, exact = self.split, refined(self.split, self.end.x)
         if not exact.largest_residual < _EXACT:
             return None
         return Lifted(
-            CommutatorFree.from_layout(splitting.layout, exact.weights, **names),
-            self.index, starts, hits, splitting.movable.size, exact.rank, exact.largest_residual,
+            CommutatorFree.from_layout(split.layout, exact.weights, **names),
+            self.index, starts, hits, split.movable.size, exact.rank, exact.largest_residual,
         )  # fmt: skip
 
 
@@ -262,7 +262,7 @@ class _Settings:
     reduce: bool
     improve: bool
 
-    def solve(self, index: int) -> tuple[Splitting, Fit]:
+    def solve(self, index: int) -> tuple[SplitRows, Fit]:
         """Solve from one random start."""
         raise_if_stopped()
         generator = start_generator(self.seed, index)
@@ -271,23 +271,23 @@ class _Settings:
         else:
             zeros = (index + 1) % _FREE_ZEROS_EVERY != 0
             layout = chains_layout(self.rows, self.lengths, zeros=zeros)
-        splitting = Splitting(self.rows, layout, self.order, self.embedded_order, self.stage_orders)
+        split = SplitRows(self.rows, layout, self.order, self.embedded_order, self.stage_orders)
         # the remainders, last weights of chains, are large: flows are far from commuting
-        unknowns = generator.uniform(-_WIDTH, _WIDTH, splitting.movable.size)
-        start = splitting.from_unknowns(unknowns)
-        return splitting, fit(splitting, start, max_iterations=self.max_iterations)
+        unknowns = generator.uniform(-_WIDTH, _WIDTH, split.movable.size)
+        start = split.from_unknowns(unknowns)
+        return split, fit(split, start, max_iterations=self.max_iterations)
 
-    def finish(self, index: int, splitting: Splitting, end: Fit) -> _Solution:
+    def finish(self, index: int, split: SplitRows, end: Fit) -> _Solution:
         """Merge flows of a solution and reduce its principal error, if the settings say so."""
         if self.reduce:
-            splitting, end = merged_flows(splitting, end, self.max_iterations)
-        flows = len(splitting.layout.parents)
+            split, end = merged_flows(split, end, self.max_iterations)
+        flows = len(split.layout.parents)
         key = float(flows), float(np.max(np.abs(end.x)))
         if self.improve:
-            end = improved(splitting, end)
-            error = float(np.linalg.norm(splitting.principal_residual(end.x)))
+            end = improved(split, end)
+            error = float(np.linalg.norm(split.principal_residual(end.x)))
             key = flows * error ** (1 / self.order), 0.0
-        return _Solution(key, index, splitting, end)
+        return _Solution(key, index, split, end)
 
 
 def _check_improve(improve: bool, order: int) -> bool:

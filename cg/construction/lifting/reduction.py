@@ -1,4 +1,4 @@
-"""Fewer flows of a splitting, by merging them, and a smaller principal error.
+"""Fewer flows of split rows, by merging them, and a smaller principal error.
 
 A merge adds the weights of a flow to those of the flow before it, which changes the result little
 where both are short, and solves again from there. The principal error, the norm of the residuals e
@@ -10,7 +10,7 @@ import numpy as np
 from scipy import linalg
 
 from cg.construction.lifting.solver import Fit, fit
-from cg.construction.lifting.splitting import Splitting
+from cg.construction.lifting.split_rows import SplitRows
 from cg.support.parallel import raise_if_stopped
 
 _FIRST_ITERATIONS = 60  # most successful merges need fewer
@@ -27,20 +27,20 @@ _CORRECTIONS = 40
 _GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau
 
 
-def merged_flows(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit]:
+def merged_flows(split: SplitRows, end: Fit, max_iterations: int) -> tuple[SplitRows, Fit]:
     """Merge flows with those before them until no merge leads to a solution; return the last."""
     while True:
-        merged = _merged(splitting, end, max_iterations)
+        merged = _merged(split, end, max_iterations)
         if merged is None:
-            return splitting, end
-        splitting, end = merged
+            return split, end
+        split, end = merged
 
 
-def _merged(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit] | None:
+def _merged(split: SplitRows, end: Fit, max_iterations: int) -> tuple[SplitRows, Fit] | None:
     """Return the first merge that leads to a solution; merges with small residuals come first."""
     merges = []
-    for point in range(len(splitting.layout.parents)):
-        merge = splitting.merged(end.x, point)
+    for point in range(len(split.layout.parents)):
+        merge = split.merged(end.x, point)
         if merge is not None:
             violated = merge[0].residual(merge[1])
             merges.append((float(violated @ violated), point, *merge))
@@ -63,33 +63,33 @@ def _merged(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitt
     return None
 
 
-def improved(splitting: Splitting, end: Fit) -> Fit:
+def improved(split: SplitRows, end: Fit) -> Fit:
     """Reduce the principal error of a solution along the solution set until it hardly gets smaller.
 
     Levenberg–Marquardt steps for the residuals of the next order in the tangent space; a fit then
     returns to the set. Weights don't grow beyond 1.25 times the largest entry of the tableau.
     """
     x = end.x
-    rows = [*splitting.rows.stages, splitting.rows.result]
+    rows = [*split.rows.stages, split.rows.result]
     largest = float(max(abs(entry) for row in rows for entry in row))
     most = max(float(np.max(np.abs(x))), _GROWTH * largest)
-    residual = splitting.principal_residual(x)
+    residual = split.principal_residual(x)
     error, damping = float(residual @ residual), 1e-3
     for _ in range(_MAX_STEPS):
         raise_if_stopped()
-        kernel = linalg.null_space(splitting.jacobian(x), rcond=_GAP)
-        moves = splitting.directions @ kernel  # they change no condition to first order
+        kernel = linalg.null_space(split.jacobian(x), rcond=_GAP)
+        moves = split.directions @ kernel  # they change no condition to first order
         if moves.shape[1] == 0:
             break
-        jacobian = splitting.principal_jacobian(x) @ moves
+        jacobian = split.principal_jacobian(x) @ moves
         gram, slope = jacobian.T @ jacobian, jacobian.T @ residual
         size = float(np.max(np.diag(gram)))
         for _ in range(_MAX_TRIALS):
             shifted = gram + damping * size * np.eye(len(gram))
             step = moves @ linalg.solve(shifted, -slope, assume_a="pos")
-            trial = fit(splitting, x + step, max_iterations=_CORRECTIONS)
+            trial = fit(split, x + step, max_iterations=_CORRECTIONS)
             within = trial.solved and np.max(np.abs(trial.x)) <= most
-            residual = splitting.principal_residual(trial.x) if within else residual
+            residual = split.principal_residual(trial.x) if within else residual
             if within and residual @ residual < error:
                 break
             damping *= 4

@@ -1,6 +1,6 @@
-"""Levenberg–Marquardt solver for splittings, with geodesic acceleration.
+"""Levenberg–Marquardt solver for split rows, with geodesic acceleration.
 
-The unknowns are combinations u of the splitting's `directions` D, so that every x = x_0 + D u has
+The unknowns are combinations u of the `directions` D of split rows, so that all x = x_0 + D u have
 the rows of the flat tableau. A step v solves ``(Jᵀ J + λ) v = -Jᵀ r`` with J the derivatives of the
 residuals r by u; see `cg.construction.solvers.damped`.
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from cg.construction.lifting.splitting import Splitting
+from cg.construction.lifting.split_rows import SplitRows
 from cg.construction.solvers.damped import PROBE, DampedSteps, is_straight
 
 Vector = NDArray[np.float64]
@@ -51,36 +51,34 @@ class Fit:
         return self.f < SOLVED
 
 
-def fit(
-    splitting: Splitting, x: Vector, *, max_iterations: int, patience: int | None = None
-) -> Fit:
+def fit(split: SplitRows, x: Vector, *, max_iterations: int, patience: int | None = None) -> Fit:
     """Solve from weights x, (size,), until `patience` steps don't halve the sum of squares."""
-    directions = splitting.directions
-    residual = splitting.residual(x)
+    directions = split.directions
+    residual = split.residual(x)
     f = float(residual @ residual)
     if directions.shape[1] == 0:  # the rows determine all weights
         return Fit(x, f)
     damping, reached = 1e-2, [f]
     steps: DampedSteps | None = None
-    chosen, taken = _select(splitting, x, residual), 0
+    chosen, taken = _select(split, x, residual), 0
     for _ in range(max_iterations):
         if not (f < np.inf and damping < _MAX_DAMPING):
             break
         close = f < _CLOSE
         if _is_outdated(chosen, taken, residual):
-            chosen, taken, steps = _select(splitting, x, residual), 0, None
+            chosen, taken, steps = _select(split, x, residual), 0, None
         if steps is None:
-            steps = DampedSteps(splitting.jacobian(x, chosen), close)
+            steps = DampedSteps(split.jacobian(x, chosen), close)
         if not steps.damp(damping):
             damping *= 10
             continue
         now = residual[chosen]
         v = steps.step(now)
         moved = directions @ v
-        a = steps.acceleration(v, now, splitting.residual(x + PROBE * moved)[chosen])
+        a = steps.acceleration(v, now, split.residual(x + PROBE * moved)[chosen])
         trials = [x + moved + directions @ a / 2] * is_straight(v, a) + [x + moved] * close
         before_f = float(now @ now)
-        best, residual, best_f = _best(splitting, (x, residual, before_f), trials, chosen)
+        best, residual, best_f = _best(split, (x, residual, before_f), trials, chosen)
         gain = 1 - best_f / before_f if before_f else 0.0
         if f < SOLVED and gain < _MIN_GAIN:
             break
@@ -98,7 +96,7 @@ def fit(
 
 
 def _best(
-    splitting: Splitting,
+    split: SplitRows,
     here: tuple[Vector, Vector, float],
     trials: list[Vector],
     chosen: NDArray[np.intp] | slice,
@@ -106,18 +104,18 @@ def _best(
     """Return the best weights, their residual, and the sum of squares of the chosen ones."""
     best = here
     for trial in trials:
-        residual = splitting.residual(trial)
+        residual = split.residual(trial)
         part = residual[chosen]
         if part @ part < best[2]:
             best = trial, residual, float(part @ part)
     return best
 
 
-def _select(splitting: Splitting, x: Vector, residual: Vector) -> NDArray[np.intp] | slice:
+def _select(split: SplitRows, x: Vector, residual: Vector) -> NDArray[np.intp] | slice:
     """Return the indices of the conditions to use in steps, or a slice for all of them."""
     if residual.size < _MANY:
         return slice(None)
-    derivatives = splitting.jacobian(x).T
+    derivatives = split.jacobian(x).T
     pivots, order = linalg.qr(derivatives, mode="r", pivoting=True, check_finite=False)
     sizes = np.abs(np.diag(pivots))
     independent = order[: int(np.sum(sizes > _PIVOT * sizes[0]))]

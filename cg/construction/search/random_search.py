@@ -172,7 +172,11 @@ def search(
     >>> method.c.round(15)[1:3], method.weights[1].text
     (array([0.33333333, 0.66666667]), '0')
     """
-    settings = SearchSettings.of(locals()).checked(check_flag("force", force))
+    settings = SearchSettings.of(
+        order, stages, seed, hold, algorithm=algorithm, rows=rows, width=width, maxfev=maxfev,
+        refine_below=refine_below, refine_maxfev=refine_maxfev, tree=tree, flows=flows,
+        embedded=embedded, first_same_as_last=first_same_as_last,
+    ).checked(check_flag("force", force))  # fmt: skip
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)
     requirements = Requirements.checked(settings.order, abscissae, bound, minimise)

@@ -78,7 +78,7 @@ class SearchSettings(ShapeSettings):
                     "try nevertheless"
                 )
             return None, None, size
-        layout, flows = self.check_points(force)
+        layout, flows = self.check_layout(force)
         if rows is not Rows.EXPLICIT:
             raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
         if self.algorithm == "lmdif" and (self.embedded or (layout is not None and layout.pair)):

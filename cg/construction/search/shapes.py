@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -202,16 +202,17 @@ class ShapeSettings:
         return ConditionSystem(self.order, layout, hold=self.hold)
 
     @classmethod
-    def of(cls, arguments: Mapping[str, Any]) -> Self:
-        """Return the settings of the arguments of a function, of which only numbers are checked."""
-        names = [field.name for field in fields(cls) if field.name in arguments]
-        checked = {
-            "order": check_order(arguments["order"]),
-            "stages": check_integer("stages", arguments["stages"], 1, MAX_STAGES),
-            "seed": check_integer("seed", arguments["seed"], 0),
-            "hold": () if arguments["hold"] is None else read_hold(arguments["hold"]),
-        }
-        return cls(**{name: arguments[name] for name in names} | checked)
+    def of(
+        cls, order: int, stages: int, seed: int, hold: Mapping[str, Any] | None, **others: Any
+    ) -> Self:
+        """Return the settings of the arguments of a function, of which these four are checked."""
+        return cls(
+            order=check_order(order),
+            stages=check_integer("stages", stages, 1, MAX_STAGES),
+            seed=check_integer("seed", seed, 0),
+            hold=() if hold is None else read_hold(hold),
+            **others,
+        )
 
     def check_held(self, layout: Layout | None, force: bool) -> None:
         """Raise ValueError if a condition, or their number, can't be satisfied by free unknowns."""
@@ -247,7 +248,7 @@ class ShapeSettings:
             if check_flag(name, getattr(self, name)):
                 raise ValueError(f"{name} needs flows; it is for commutator-free methods")
 
-    def check_points(self, force: bool) -> tuple[Layout | None, int]:
+    def check_layout(self, force: bool) -> tuple[Layout | None, int]:
         """Return the layout of a given tree, None if trees are drawn, and the number of flows.
 
         Unless `force` is true, shapes are refused that can't have the order where flows commute.

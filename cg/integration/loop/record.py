@@ -22,9 +22,13 @@ class Record(ctypes.Structure):
 
 
 class Control(NamedTuple):
-    """The step size control."""
+    """The step size control.
 
-    h: float | None = None  # size of equal steps, None for adaptive steps
+    The defaults are those of equal steps: a collocation method scales the corrections of Newton's
+    method by the tolerances.
+    """
+
+    h: float | None  # size of equal steps, None for adaptive steps
     rtol: Array = np.array([1e-3])  # of the shape of atol
     atol: Array = np.array([1e-6])
     max_step: float = math.inf

@@ -1,7 +1,7 @@
 """Runs: trajectories of any number of members, advanced by compiled code.
 
 Python allocates all output and passes its addresses in one record (`RECORD` of
-`cg.support.shared_numbers`). A call of compiled code returns when all members have ended, the
+`cg.support.shared_records`). A call of compiled code returns when all members have ended, the
 budget of steps is used up, or a buffer is full; then Python collects the output and calls again.
 """
 
@@ -92,18 +92,18 @@ class Run:
 
     def _make_record(self, keep_last: bool) -> Record:
         plan, problem, control = self.plan, self.problem, self.control
-        in_entries = control.h is None and not problem.in_algebra
+        in_coordinates = control.h is not None or problem.in_coordinates
         function, data, stride = self.rhs.addresses()
         rtol = control.rtol.item() if control.rtol.size == 1 else control.rtol.min()
         return Record(
             members=self.members, lanes=self._lanes, common=problem.common, keep_last=keep_last,
             t0=problem.t0, segments=len(problem.stops), context=id(self.callbacks),
             function=function, vectorized=self.rhs.vectorized, data=data, data_stride=stride,
-            of_time=problem.of_time, functions=self._functions,
+            of_time=problem.of_time, event_functions=self._functions,
             event_width=problem.events.width if problem.events is not None else 0,
-            h=control.h or 0.0, rtol=rtol, tolerances=control.atol.size,
-            in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
-            max_step=control.max_step, first_step=control.first_step or 0.0,
+            h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
+            in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
+            exponent=plan.exponent, max_step=control.max_step, first_step=control.first_step or 0.0,
             max_steps=control.max_steps, every=max(problem.every, 1), dense=problem.dense,
         )  # fmt: skip
 
@@ -125,8 +125,8 @@ class Run:
         """Open the run in compiled code, which allocates memory for the members in its lanes."""
         plan, problem, record, lanes = self.plan, self.problem, self.record, self._lanes
         within = problem.dense or record.outputs or self._functions
-        if (within or record.keep_last) and problem.in_algebra:
-            record.free = plan.is_free(problem.points[0])
+        if (within or record.keep_last) and problem.in_coordinates:
+            record.unique_flows = plan.unique_flows(problem.points[0])
         rows = plan.kept + 4 * (self.kept - plan.kept)
         rows += 2 * plan.columns if within else 0
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)

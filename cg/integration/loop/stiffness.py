@@ -27,14 +27,13 @@ _DISCONTINUOUS = (
 )
 _MAX_DIM = 300
 _STEP = float(np.sqrt(np.finfo(np.float64).eps))
-# of the real stability limit, where steps whose size stability limits end up
+# Fraction of the real stability limit that steps reach at least if stability limits their size.
 _NEAR_LIMIT = 0.5
-# least damping of an eigenvalue, relative to its size
-_DAMPED = 0.05
+_DAMPED = 0.05  # least damping of an eigenvalue, relative to its size
 _COUNTS = [COUNTS.index("steps"), COUNTS.index("nrejected")]
 _FIRST_CHECK = 10_000  # steps, rejected ones included; a check takes as long as some hundred
 _CONFIRMED = 1000  # steps after which the check is repeated
-_FEW_REJECTED = 0.001  # of all steps, where f is taken to be continuous
+_FEW_REJECTED = 0.001  # rejected steps per step, where f is taken to be continuous
 # A change of f is a jump if most of it remains between points that lie a millionth as far apart.
 _BISECTIONS = 20
 _ROUNDING = 1e-6
@@ -49,7 +48,7 @@ class StepCheck:
 
     def __init__(self, run: Run, warn: Callable[[str], None] | None = None) -> None:
         self._run, self._warn = run, warn
-        self._taken = 0  # by all members
+        self._taken = 0  # steps of all members
         self._next = self._first = _FIRST_CHECK if run.control.h is None else 2**62
         self._last: str | None = None
 

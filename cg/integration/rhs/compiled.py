@@ -35,7 +35,7 @@ class CompiledRhs:
     user_data: int  # address passed as its last argument, or 0
     name: str = "f"  # in error messages
     requires_data: bool = False  # whether its last argument is a pointer to doubles
-    frame: Frame | None = None  # that of its points
+    frame: Frame | None = None  # the frame of its points
     # of each member, shape (members, k); their address is passed in place of ``user_data``
     parameters: Array | None = None
     source: Any = None  # the pointer made of ``function``, kept alive as well

@@ -25,7 +25,7 @@ class Observer:
     """What is evaluated at output times, after checking."""
 
     function: Any  # in Python, or a list of compiled ones
-    frame: Frame  # that of the points that it is given
+    frame: Frame  # frame of the points that it is given
     shape: tuple[int, ...]  # of its value at one time
     keeps_points: bool  # whether the points are stored as well
 

@@ -17,9 +17,7 @@ K. R. Jackson, S. P. Nørsett, P. G. Thomsen, "Interpolants for Runge–Kutta fo
 
 - Those of a Munthe-Kaas method use its stages. The conditions are those of rooted trees t,
   :math:`\sum_j b_j(\theta) \Phi_j(t) = \theta^{|t|} / \gamma(t)`, through the order of the method;
-  of all solutions the one of least norm is taken. Of the pairs with orders 5 and 8 this takes 2
-  and 8 evaluations, and the largest coefficient of the error within a step is at most twice that
-  at its end.
+  of all solutions the one of least norm is taken.
 - That of a collocation method is the collocation polynomial, of the order of its stages, since
   further evaluations would not help where an equation is stiff.
 - Those of other methods use the ends alone: :math:`u(1)` is found by Newton's method. Their
@@ -50,17 +48,13 @@ needed, so that it works on every frame.
 
 With n nodes interpolants of the last two kinds have order n + 1, after n - 2 nodes for each order
 from four on. They have n = p - 1 nodes for a method of order p, and from order four on one more
-where a method has as many stages as this takes evaluations: measured on the pairs of the
-catalogue, the largest error within a step was then at most 1.5 times that at its ends; with p - 1
-nodes it was at most 2.6 times for Crouch-Grossman pairs, but 4 to 12 times for commutator-free
-ones, whose own errors are smaller. A step with output takes 0, 3, 6, 10, 15
-more evaluations for order p = 3, 4, 5, 6, 7, or 6 for p = 6, 10 for p = 7 and 15 for p = 8 with
-p - 1 nodes.
+where a method has as many stages as this takes evaluations, so that the error within a step is
+about that at its ends.
 
 For splitting methods, whose kicks and drifts are no flows of the frame, another method of their
 order solves the problem that depends on time alone.
 
-Their nodes are those of Lobatto's formula with one node more, without the one in the middle: that
+The nodes are those of Lobatto's formula with one node more, without the one in the middle: that
 is the node at which the integral condition interpolates the derivative implicitly, so that the
 error between the nodes is that of Lobatto's points.
 """

@@ -107,7 +107,7 @@ class Plan:
         )  # fmt: skip
         return columns
 
-    def in_algebra(self, point: Points) -> bool:
+    def in_coordinates(self, point: Points) -> bool:
         """Return whether differences of points are measured in coordinates, not in entries.
 
         The answer is the same at all points.
@@ -116,7 +116,7 @@ class Plan:
             return self._measures
         return self.frame.exp_coordinates(point, point) is not None
 
-    def is_free(self, point: Points) -> bool:
+    def unique_flows(self, point: Points) -> bool:
         """Return whether the fields act freely: small coefficients that differ move points apart.
 
         Then the ends of a step determine its coordinates. Any point of a frame whose differences
@@ -153,6 +153,7 @@ class Plan:
         return rows.reshape(*lead, *self.point_shape)
 
 
+_MAX_FRAMES = 64  # whose results are kept
 _MAX_PLANS = 64  # of a frame that are kept
 _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
@@ -160,9 +161,9 @@ _MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is compute
 _Result = TypeVar("_Result")
 
 
-def cached(function: Callable[[Frame], _Result]) -> Callable[[Frame], _Result]:
+def cached_by_frame(function: Callable[[Frame], _Result]) -> Callable[[Frame], _Result]:
     """Keep the last results of a function, unless a frame of the user can't be hashed."""
-    results = lru_cache(maxsize=64)(function)
+    results = lru_cache(maxsize=_MAX_FRAMES)(function)
     last: Any = None, None
 
     @wraps(function)
@@ -191,7 +192,7 @@ def plan_of(frame: Frame, method: Method) -> Plan:
     return plan
 
 
-@cached
+@cached_by_frame
 def _plans_on(frame: Frame) -> dict[int, Plan]:
     return {}
 
@@ -233,7 +234,7 @@ def error_exponent(method: Method) -> float:
     return 1.0 / (min(order for order in orders if order is not None) + 1)
 
 
-@cached
+@cached_by_frame
 def has_brackets(frame: Frame) -> bool:
     """Return whether a frame has brackets of its fields."""
     try:

@@ -35,7 +35,7 @@ class CompiledVariation(CompiledRhs):
     """
 
     variational: Any = None  # the `VariationalField`
-    plan: Any = None  # that of the frame without derivatives
+    plan: Any = None  # plan of the frame without derivatives
     args: tuple[Any, ...] = ()  # type: ignore[misc]
     records: Any = None  # of the members, or one for all
     kept: tuple[Any, ...] = ()  # objects whose addresses are in the records
@@ -61,7 +61,7 @@ class CompiledVariation(CompiledRhs):
     def failed_name(self) -> str:
         """Name of the function that failed last."""
         names = "f", "jac", "df_dp", DERIVATIVES, "noise"
-        return names[max(int(record.failed) for record in self.records)]
+        return names[max(int(record.failed_function) for record in self.records)]
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""

@@ -16,7 +16,7 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative, read_only
 from cg.integration.rhs.inputs import Reader, data_at
 from cg.integration.rhs.values import Check, when
-from cg.integration.step.plan import cached
+from cg.integration.step.plan import cached_by_frame
 from cg.support.arrays import Array, Points
 
 _VANISHING = float(np.sqrt(np.finfo(np.float64).tiny))
@@ -198,7 +198,7 @@ def parameter_differences(
     return np.stack(columns, axis=-1)
 
 
-@cached
+@cached_by_frame
 def structure_constants(frame: Frame) -> tuple[NDArray[np.intp], Array]:
     """Return the indices i, j, k, shape ``(3, constants)``, and those of [E_i, E_j] along E_k."""
     basis = np.eye(frame.dim)

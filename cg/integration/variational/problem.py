@@ -117,12 +117,12 @@ def _tolerances(
     """Return tolerances of all coordinates: those of derivatives are larger unless controlled."""
     plan, given, is_absolute = problem.plan, getattr(problem.control, name), name == "atol"
     n = field.frame.dim
-    shape = (n,) if problem.in_algebra else field.frame.point_shape
+    shape = (n,) if problem.in_coordinates else field.frame.point_shape
     own = np.broadcast_to(np.asarray(given), shape).ravel()
-    rows = own if problem.in_algebra else np.full(n, own.min())
-    if not problem.in_algebra and not is_absolute:
+    rows = own if problem.in_coordinates else np.full(n, own.min())
+    if not problem.in_coordinates and not is_absolute:
         own = np.repeat(own, plan.parts)
-    elif not problem.in_algebra:
+    elif not problem.in_coordinates:
         # the norm is that of numbers here, and that of complex entries there
         own = np.repeat(own, plan.parts) / np.sqrt(plan.parts)
     if control_derivatives and not rows.min() > 0.0:

@@ -96,7 +96,7 @@ def _regular(matrix: flint.arb_mat) -> bool:
 class _Choice(NamedTuple):
     """A context and a letter, beside those that fill all places."""
 
-    frame: Spanned
+    spanned: Spanned
     context: int
     column: int
 
@@ -122,10 +122,10 @@ class _Relations:
         seen = list(among) or list(range(len(self.conditions)))
         basis = np.zeros((0, len(seen)))
         generator = np.random.default_rng(0)
-        for frame in self._frames():
+        for spanned in self._spanned():
             if len(chosen) == most:
                 break
-            us, vs, rows = self._in_doubles(frame)
+            us, vs, rows = self._in_doubles(spanned)
             sizes = np.linalg.norm(rows, axis=1)
             unit = rows[:, seen] / np.maximum(sizes, 1e-300)[:, None]
             unit[sizes <= _NEW * sizes.max()] = 0
@@ -147,11 +147,11 @@ class _Relations:
                 basis = np.vstack([basis, new])
                 rest = rest - np.outer(rest @ new, new)
                 i, j = divmod(int(places[best]), len(vs))
-                chosen.append(_Choice(frame, us[i], vs[j]))
+                chosen.append(_Choice(spanned, us[i], vs[j]))
         self.span = basis
         return chosen
 
-    def _frames(self) -> Iterator[Spanned]:
+    def _spanned(self) -> Iterator[Spanned]:
         """Yield contexts and letters that fill all places, and have more."""
         seen: set[tuple[Any, ...]] = set()
         for which, pairing in enumerate(self._pairings):
@@ -177,15 +177,15 @@ class _Relations:
                 # U_0 has at most `rank` dimensions, and at least as many less those of V's powers
                 if len(second) == len(columns) or rank + len(second) < len(places):
                     continue
-                frame = Spanned(
+                spanned = Spanned(
                     pairing,
                     places.tolist(),
                     contexts.tolist(),
                     columns.tolist(),
                     second=[int(columns[k]) for k in second],
                 )
-                if frame.complete and len(frame.first) < len(frame.shares):
-                    yield frame
+                if spanned.complete and len(spanned.first) < len(spanned.shares):
+                    yield spanned
 
     def _cuts(
         self, within: NDArray[np.bool_], around: NDArray[np.bool_]
@@ -212,29 +212,32 @@ class _Relations:
         if others >= 0:
             yield -1, -1, others
 
-    def _in_doubles(self, frame: Spanned) -> tuple[list[int], list[int], _Doubles]:
+    def _in_doubles(self, spanned: Spanned) -> tuple[list[int], list[int], _Doubles]:
         """Return contexts, letters, and the relation of each with each."""
-        us = [i for i in frame.shares if i not in set(frame.first)]
-        vs = [j for j in frame.columns if j not in set(frame.second)]
-        left = {i: np.array([float(x) for x in frame.left(i)]) for i in frame.shares}
-        right = {j: np.array([float(x) for x in frame.right(j)]) for j in frame.columns}
-        delta = _coefficients([left[i] for i in frame.first], [left[i] for i in us])
-        beta = _coefficients([right[j] for j in frame.second], [right[j] for j in vs])
+        us = [i for i in spanned.shares if i not in set(spanned.first)]
+        vs = [j for j in spanned.columns if j not in set(spanned.second)]
+        left = {i: np.array([float(x) for x in spanned.left(i)]) for i in spanned.shares}
+        right = {j: np.array([float(x) for x in spanned.right(j)]) for j in spanned.columns}
+        delta = _coefficients([left[i] for i in spanned.first], [left[i] for i in us])
+        beta = _coefficients([right[j] for j in spanned.second], [right[j] for j in vs])
         products = np.array(
-            [[self._product(frame.pairing, i, j) for j in frame.columns] for i in frame.contexts]
+            [
+                [self._product(spanned.pairing, i, j) for j in spanned.columns]
+                for i in spanned.contexts
+            ]
         )
-        at = {i: k for k, i in enumerate(frame.contexts)}
+        at = {i: k for k, i in enumerate(spanned.contexts)}
         reduced = products.copy()
-        for i, shares in frame.shares.items():
-            for other, share in zip(frame.reference, shares, strict=True):
+        for i, shares in spanned.shares.items():
+            for other, share in zip(spanned.reference, shares, strict=True):
                 if share != 0:
                     reduced[at[i]] -= float(share.p) / float(share.q) * products[at[other]]
-        column = {j: k for k, j in enumerate(frame.columns)}
+        column = {j: k for k, j in enumerate(spanned.columns)}
         rest = reduced[:, [column[j] for j in vs]] - np.einsum(
-            "iqt,jq->ijt", reduced[:, [column[j] for j in frame.second]], beta
+            "iqt,jq->ijt", reduced[:, [column[j] for j in spanned.second]], beta
         )
         relations = rest[[at[i] for i in us]] - np.einsum(
-            "pjt,ip->ijt", rest[[at[i] for i in frame.first]], delta
+            "pjt,ip->ijt", rest[[at[i] for i in spanned.first]], delta
         )
         return us, vs, relations.reshape(-1, len(self.conditions))
 
@@ -250,31 +253,33 @@ class _Relations:
 
     def in_balls(self, chosen: Sequence[_Choice]) -> list[dict[Condition, flint.arb]]:
         """Return the relations in ball arithmetic; ZeroDivisionError if vectors are dependent."""
-        by_frame: dict[int, list[_Choice]] = {}
+        groups: dict[int, list[_Choice]] = {}
         relations = []
         for one in chosen:
-            by_frame.setdefault(id(one.frame), []).append(one)
-        for group in by_frame.values():
-            frame = group[0].frame
+            groups.setdefault(id(one.spanned), []).append(one)
+        for group in groups.values():
+            spanned = group[0].spanned
             us = sorted({one.context for one in group})
             vs = sorted({one.column for one in group})
             delta, beta = _projections(
-                [frame.left(i) for i in frame.first],
-                [frame.right(j) for j in frame.second],
-                [frame.left(i) for i in us],
-                [frame.right(j) for j in vs],
+                [spanned.left(i) for i in spanned.first],
+                [spanned.right(j) for j in spanned.second],
+                [spanned.left(i) for i in us],
+                [spanned.right(j) for j in vs],
             )
             for one in group:
                 left: dict[int, Any] = {}
                 shares = [flint.arb(1), *(-share for share in delta[us.index(one.context)])]
-                terms = zip([one.context, *frame.first], shares, strict=True)
-                factors = [(k, s * flint.arb(f)) for i, s in terms for k, f in frame.raw(i).items()]
+                terms = zip([one.context, *spanned.first], shares, strict=True)
+                factors = [
+                    (k, s * flint.arb(f)) for i, s in terms for k, f in spanned.raw(i).items()
+                ]
                 for k, factor in factors:
                     left[k] = left.get(k, flint.arb(0)) + factor
                 # the rest of the row belongs to U_0
-                mine = zip(frame.second, beta[vs.index(one.column)], strict=False)
+                mine = zip(spanned.second, beta[vs.index(one.column)], strict=False)
                 right = {one.column: flint.arb(1)} | {j: -share for j, share in mine}
-                relations.append(self._combined(frame.pairing, left, right))
+                relations.append(self._combined(spanned.pairing, left, right))
         return relations
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Splittings of the rows of a flat tableau into flows, and their order conditions.
+"""Rows of a flat tableau that are split into flows, and their order conditions.
 
 The weights on a stage add up, along the path to each stage and to each result, to the entry of the
 flat tableau. In each of these linear equations, the last weight on the path is the remainder that
@@ -149,7 +149,7 @@ def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Frac
 
 
 @dataclass(frozen=True)
-class Splitting:
+class SplitRows:
     """The order conditions on a flat tableau that is split into flows.
 
     `embedded_order` is that of the second result, 0 without; `stage_orders` are the assumed orders
@@ -249,10 +249,10 @@ class Splitting:
         trees = next_trees(self.order)
         return core_calls.jacobian(self.order + 1, self.layout, x, trees)
 
-    def merged(self, x: Vector, point: int) -> tuple[Splitting, Vector] | None:
-        """Return the splitting in which the flow to a point is merged with that to its parent.
+    def merged(self, x: Vector, point: int) -> tuple[SplitRows, Vector] | None:
+        """Return the rows in which the flow to a point is merged with that to its parent.
 
-        Returns the splitting and its weights; None if the point starts from the initial point, a
+        Returns the rows and their weights; None if the point starts from the initial point, a
         stage or a result is at its parent, or other flows start from its parent.
         """
         layout = self.layout
