@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from frame_examples import FLAT, FRAMES, MAX_SCALE, OPEN, name
+from frame_examples import FLAT, FRAMES, MAX_SCALE, OPEN, condition, name
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses
@@ -32,11 +32,6 @@ def capped(frame, scale):
 def sample(frame, seed, scale):
     rng = np.random.default_rng(seed)
     return frame.random_point(rng), capped(frame, scale) * frame.random_vector(rng)
-
-
-def condition(*points):
-    """Return the factor by which rounding errors may grow: one on compact manifolds."""
-    return float(np.prod([max(1.0, np.abs(point).max()) for point in points])) ** 2
 
 
 def acts_freely(frame):

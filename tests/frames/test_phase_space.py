@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from mechanics import INERTIA, MATRIX
 
 from cg.frames import (
     SE3,
@@ -19,7 +20,6 @@ from cg.frames import (
     UnitQuaternion,
     check,
 )
-from tests.helpers.mechanics import INERTIA, MATRIX
 
 BODIES = Power(Product(Euclidean(3), UnitQuaternion()), 2)
 FRAMES = [

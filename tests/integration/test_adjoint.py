@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_variational import Wave
+from waves import TIGHT, Wave
 
 import cg
 from cg.frames import (
@@ -20,7 +20,6 @@ from cg.integration import adjoint_equation
 
 FRAMES = [SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), SU(2), Euclidean(4),
           Sphere(2), SE3(), CoadjointOrbit(SO3(), [1.0, 0.5, -0.2])]  # fmt: skip
-TIGHT = {"rtol": 1e-12, "atol": 1e-12}
 
 
 def differences(end, at, step=1e-3):

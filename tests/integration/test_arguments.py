@@ -21,11 +21,11 @@ QUATERNION = [0.0, 0.0, 0.0, 1.0]
 ATTITUDE = Product(UnitQuaternion(), Euclidean(3))
 MIDPOINT = Tableau([["1/2"]], ["1"])
 NO_SPANS = [
-    *((False, True), (0.0, True), np.array([False, True]), (np.False_, 1.0), {0.0, 1.0}),
-    *(frozenset([0.0, 1.0]), {0.0: 1.0, 1.0: 2.0}, UserDict({0.0: 1.0, 1.0: 2.0}), "01", b"01"),
-    *((0.0, 1j), np.ma.masked_array([0.0, 1.0], mask=[0, 1]), [[0.0], [1.0]], 1.0, None),
-    *((0.0, 1.0, 2.0), ("a", "b"), ("0", "1"), (0, HUGE)),
-]
+    (False, True), (0.0, True), np.array([False, True]), (np.False_, 1.0), {0.0, 1.0},
+    frozenset([0.0, 1.0]), {0.0: 1.0, 1.0: 2.0}, UserDict({0.0: 1.0, 1.0: 2.0}), "01", b"01",
+    (0.0, 1j), np.ma.masked_array([0.0, 1.0], mask=[0, 1]), [[0.0], [1.0]], 1.0, None,
+    (0.0, 1.0, 2.0), ("a", "b"), ("0", "1"), (0, HUGE),
+]  # fmt: skip
 
 
 def never(*arguments):

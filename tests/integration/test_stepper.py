@@ -9,16 +9,12 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy import LowLevelCallable
 from scipy.sparse import csc_array
+from turning import OPTIONS, turning
 
 import cg
 from cg.frames import GL, SO3, Euclidean
 
-OPTIONS = {"rtol": 1e-6, "atol": 1e-7}
 METHODS = ["auto", "CF5(4)", "RKMK5(4)", "DP5(4)", "DICG3(2)"]
-
-
-def turning(t, y):
-    return [0.1 + y[0, 0], np.cos(t), np.sin(t) * y[1, 2]]
 
 
 def shearing(t, y):

@@ -5,7 +5,7 @@ import copy
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from test_stepper import OPTIONS, turning
+from turning import OPTIONS, turning
 
 import cg
 from cg.frames import SO3, Euclidean

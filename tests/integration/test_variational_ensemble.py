@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_variational import TIGHT
+from waves import TIGHT
 
 import cg
 from cg.frames import SO3, Euclidean, Product

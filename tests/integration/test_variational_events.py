@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_variational import STEPS, TIGHT, WEIGHTS, Wave
+from waves import STEPS, TIGHT, WEIGHTS, Wave
 
 import cg
 from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, Sphere

@@ -28,9 +28,9 @@ def _soon():
 
 
 NAMES = [
-    *("../outside", "/tmp/outside", "a/b", "..", ".", "", ".hidden", "back\\slash", "C:drive"),
-    *("zero\0", "line\nbreak", "nul", "COM1.x", "x" * 300, "dot.", " space"),
-]
+    "../outside", "/tmp/outside", "a/b", "..", ".", "", ".hidden", "back\\slash", "C:drive",
+    "zero\0", "line\nbreak", "nul", "COM1.x", "x" * 300, "dot.", " space",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NAMES)
