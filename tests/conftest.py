@@ -97,6 +97,12 @@ def affine(function):
 
 
 @pytest.fixture
+def path(tmp_path):
+    """Return the file of a store of runs."""
+    return tmp_path / "runs.db"
+
+
+@pytest.fixture
 def run_command(capsys):
     """Run the command in this process; return its exit code, its output and its errors."""
     from cg.command import main

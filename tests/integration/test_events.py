@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from circle import height, solve
+from refusals import refuses
 
 import cg
 from cg.frames import SO3, Euclidean, Stiefel, UnitQuaternion
@@ -116,8 +117,7 @@ def test_events_do_not_change_the_steps():
     (np.array(True), r"events\[1\] must return a real number"),
 ])  # fmt: skip
 def test_bad_values_are_refused(value, message):
-    with pytest.raises(ValueError, match=message):
-        solve([height, lambda t, y: value if t > 2 else 1.0])
+    refuses(ValueError, message, solve, [height, lambda t, y: value if t > 2 else 1.0])
 
 
 @pytest.mark.parametrize(("name", "value", "error"), [
@@ -126,13 +126,11 @@ def test_bad_values_are_refused(value, message):
     ("jump", 3, TypeError),
 ])  # fmt: skip
 def test_bad_attributes_of_events_are_rejected(name, value, error):
-    with pytest.raises(error, match=rf"^event\.{name} must be"):
-        cg.Event(height, **{name: value})
+    refuses(error, rf"^event\.{name} must be", cg.Event, height, **{name: value})
 
     event = lambda t, y: 1.0
     setattr(event, name, value)
-    with pytest.raises(error, match=rf"^events\[0\]\.{name} must be"):
-        solve(event)
+    refuses(error, rf"^events\[0\]\.{name} must be", solve, event)
 
 
 OSCILLATOR = {"frame": Euclidean(2), "rtol": 1e-10, "atol": 1e-10}

@@ -297,8 +297,7 @@ def test_products_are_taken_apart_and_joined():
         np.testing.assert_array_equal(part, expected)
     np.testing.assert_array_equal(cg.jax.join(frame, *parts), y)
     refuses(ValueError, "parts must", cg.jax.join, frame, np.zeros(4))
-    with pytest.raises(ValueError, match=r"parts\[1\] must"):
-        cg.jax.join(frame, np.eye(2), np.zeros(3), np.zeros(2))
+    refuses(ValueError, r"parts\[1\] must", cg.jax.join, frame, np.eye(2), np.zeros(3), np.zeros(2))
 
 
 def test_cotangents():
