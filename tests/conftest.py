@@ -130,6 +130,12 @@ def load_script():
     return load
 
 
+@pytest.fixture(scope="module")
+def tool(request, load_script):
+    """Import the program that the module of tests names."""
+    return load_script(request.module.TOOL)
+
+
 def pytest_terminal_summary(terminalreporter):
     skipped = len(terminalreporter.stats.get("skipped", []))
     run = sum(len(terminalreporter.stats.get(kind, [])) for kind in ("passed", "failed", "xfailed"))

@@ -110,3 +110,12 @@ def generic(frame, seed=11):
 def condition(*points):
     """Return the factor by which rounding errors may grow: one on compact manifolds."""
     return float(np.prod([max(1.0, np.abs(point).max()) for point in points])) ** 2
+
+
+def capped(frame, scale):
+    return min(scale, MAX_SCALE.get(frame, np.inf))
+
+
+def sample(frame, seed, scale):
+    rng = np.random.default_rng(seed)
+    return frame.random_point(rng), capped(frame, scale) * frame.random_vector(rng)

@@ -60,3 +60,11 @@ class Wave:
 
 def flat(y):
     return np.ascontiguousarray(y).reshape(-1).view(np.float64)
+
+
+def differences(end, count, step=2e-4):
+    """Return the derivatives of a vector by ``count`` numbers, shape (vector, count)."""
+    columns = []
+    for e in np.eye(count):
+        columns.append(WEIGHTS @ np.array([end(s * step * e) for s in STEPS]) / step)
+    return np.transpose(columns)

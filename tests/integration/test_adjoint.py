@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from refusals import refuses
-from waves import TIGHT, Wave
+from waves import TIGHT, Wave, differences
 
 import cg
 from cg.frames import (
@@ -21,15 +21,6 @@ from cg.integration import adjoint_equation
 
 FRAMES = [SO3(), SO3("space"), Product(UnitQuaternion(), Euclidean(3)), SU(2), Euclidean(4),
           Sphere(2), SE3(), CoadjointOrbit(SO3(), [1.0, 0.5, -0.2])]  # fmt: skip
-
-
-def differences(end, at, step=1e-3):
-    """Return the gradient of a number by central differences of order four."""
-    rows = []
-    for e in np.eye(len(at)):
-        values = [end(at + s * step * e) for s in (-2.0, -1.0, 1.0, 2.0)]
-        rows.append((values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step))
-    return np.array(rows)
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
@@ -214,7 +205,10 @@ class TestLinear:
         size = np.abs(run.y).max()
         gradient = run.gradient(c)
         np.testing.assert_allclose(
-            gradient.parameters, differences(cost, p, 2e-4), rtol=0, atol=1e-7 * size
+            gradient.parameters,
+            differences(lambda step: cost(p + step), len(p)),
+            rtol=0,
+            atol=1e-7 * size,
         )
         change = frame.random_point(rng)
         expected = cost(p, y0 + change) - cost(p, y0)  # y depends on y0 linearly

@@ -22,16 +22,12 @@ from cg.method.flat import flat_residuals
 from cg.method.low_storage import from_two_registers, two_registers
 from cg.support.quads import to_decimal
 
+TOOL = "tools/write_low_storage_table"
 WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
 NAMES = [name for name, method in FROZEN.items() if two_registers(method)]
 
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def tool(load_script):
-    return load_script("tools/write_low_storage_table")
 
 
 class TestConversion:

@@ -5,6 +5,7 @@ import itertools
 import re
 
 import pytest
+from terminals import Terminal
 
 import cg
 from cg.command import main
@@ -18,11 +19,6 @@ LINE = re.compile(
     r"best f (?P<f>[\d.e+-]+)(?P<size>[^,]*), (?P<solved>\d+) solved"
     r"(, (?P<failed>\d+) failed)?(, (?P<left>.*) left)?"
 )
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
 
 
 def line(stream, **options):
