@@ -10,7 +10,7 @@ from cg.trees.ordered import forest
 from cg.trees.tables import fortran_tables
 
 MODULES = (
-    "support/stop_flag", "conditions/least_squares", "support/linalg",
+    "conditions/least_squares", "support/linalg",
     "conditions/levenberg_marquardt", "conditions/weights",
     "conditions/gradient", "conditions/conditions",
 )  # fmt: skip
