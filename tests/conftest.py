@@ -97,6 +97,12 @@ def affine(function):
 
 
 @pytest.fixture
+def path(tmp_path):
+    """Return the file of a store of runs."""
+    return tmp_path / "runs.db"
+
+
+@pytest.fixture
 def run_command(capsys):
     """Run the command in this process; return its exit code, its output and its errors."""
     from cg.command import main
@@ -122,6 +128,12 @@ def load_script():
             sys.path.remove(str(folder))
 
     return load
+
+
+@pytest.fixture(scope="module")
+def tool(request, load_script):
+    """Import the program that the module of tests names."""
+    return load_script(request.module.TOOL)
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -17,15 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.conditions import residuals
+from cg.construction.solvers.polish import refine_rational
+from cg.construction.solvers.singular import pseudo_inverse
 from cg.method.commutator_free import CommutatorFree
 from cg.method.flat import flat_residuals
 from cg.method.low_storage import from_two_registers
 from cg.reproduce.markdown import replace_between, table
-from cg.trees.rooted import rooted_trees_through
 
 METHODS = Path(__file__).parents[1] / "research" / "two_register_methods.toml"
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 GRID = 10**75  # parameters are multiples of 1/GRID, so that they don't grow
+STEP = Fraction(1, 10**30)  # of differences
 ENOUGH = Fraction(1, 10**60)
 RANK_CUT = 1e-7  # singular values below this fraction of the largest count as zero
 ZERO = Fraction(1, 10**55)  # what is below counts as zero where residuals are exact
@@ -62,53 +64,28 @@ def weights_of(parameters: Numbers) -> CommutatorFree:
     return from_two_registers([Fraction(0), *parameters[: stages - 1]], parameters[stages - 1 :])
 
 
-def flat_weights(parameters: NDArray[np.float64], order: int) -> NDArray[Any]:
-    """Return the classical weights in double or complex precision."""
-    stages = (len(parameters) + 1) // 2
-    register = np.zeros(stages, dtype=parameters.dtype)
-    rows = [register]
-    for i, step in enumerate(parameters[stages - 1 :]):
-        register = register * (parameters[i - 1] if i else 0)
-        register[i] = 1
-        rows.append(rows[-1] + step * register)
-    ends: dict[Any, NDArray[Any]] = {}
-
-    def planted(tree: Any) -> NDArray[Any]:
-        if tree not in ends:
-            inner = np.ones(stages, dtype=parameters.dtype)
-            for child in tree:
-                inner = inner * planted(child)[:-1]
-            ends[tree] = np.array([row @ inner for row in rows])
-        return ends[tree]
-
-    return np.array([planted(tree)[-1] for tree in rooted_trees_through(order)])
-
-
-def slopes(parameters: NDArray[np.float64], order: int) -> NDArray[np.float64]:
-    """Return the derivatives of the classical weights, by steps into the complex plane."""
-    size = 1e-30
-    columns = [
-        flat_weights(parameters + 1j * size * unit, order).imag / size
-        for unit in np.eye(len(parameters))
-    ]
+def slopes(parameters: Numbers, order: int) -> NDArray[np.float64]:
+    """Return the derivatives of the classical residuals, by exact differences."""
+    here = flat_residuals(*weights_of(parameters).exact, order)
+    columns = []
+    for k in range(len(parameters)):
+        moved = [p + STEP * (j == k) for j, p in enumerate(parameters)]
+        pairs = zip(flat_residuals(*weights_of(moved).exact, order), here, strict=True)
+        columns.append([float((there - value) / STEP) for there, value in pairs])
     return np.array(columns).T
 
 
 def closest(parameters: Numbers, order: int) -> list[Fraction]:
     """Return parameters close to given ones that satisfy the classical conditions alone."""
-    parameters = list(parameters)
-    for _ in range(20):
-        residuals = flat_residuals(*weights_of(parameters).exact, order)
-        size = max(map(abs, residuals))
-        if size < ENOUGH:
-            return parameters
-        jacobian = slopes(np.array([float(p) for p in parameters]), order)
-        step = np.linalg.pinv(jacobian, rcond=RANK_CUT) @ [float(r / size) for r in residuals]
-        parameters = [
-            p - Fraction(round(Fraction(move) * size * GRID), GRID)
-            for p, move in zip(parameters, step.tolist(), strict=True)
-        ]
-    raise RuntimeError(f"residuals are still {float(size):.1e}")
+
+    def residuals(parameters: Numbers) -> Numbers:
+        return flat_residuals(*weights_of(parameters).exact, order)
+
+    inverse, _ = pseudo_inverse(slopes(parameters, order), RANK_CUT)
+    end = refine_rational(residuals, parameters, inverse, below=ENOUGH, grid=GRID)
+    if end.largest_residual > ENOUGH:
+        raise RuntimeError(f"residuals are still {float(end.largest_residual):.1e}")
+    return list(end.x)
 
 
 def _largest(residuals: Sequence[Fraction]) -> Fraction:

@@ -364,5 +364,4 @@ def test_asymptotic_range_leaves_out_coarse_steps_and_rounding():
     ([0.1, 0.2], [1.0, 2.0], {"h_range": (0.15, 1.0)}, "errors must leave two points"),
 ])  # fmt: skip
 def test_bad_errors_are_refused(h, errors, changes, message):
-    with pytest.raises(ValueError, match=message):
-        observed_order(h, errors, **changes)
+    refuses(ValueError, message, observed_order, h, errors, **changes)

@@ -10,15 +10,11 @@ from kinds import FROZEN, MUNTHE_KAAS
 import cg
 from cg.problems import StateDependentRotation
 
+TOOL = "tools/make_reference_steps"
 FILE = Path(cg.catalogue.__file__).parent / "reference_steps.json"
 REFERENCE = json.loads(FILE.read_text(encoding="utf-8"))
 METHODS = {**FROZEN, **MUNTHE_KAAS}
 H = 0.25
-
-
-@pytest.fixture(scope="module")
-def tool(load_script):
-    return load_script("tools/make_reference_steps")
 
 
 def as_rotation(texts):

@@ -4,10 +4,7 @@ import pytest
 
 from cg.method.tableau import Tableau
 
-
-@pytest.fixture(scope="module")
-def tool(load_script):
-    return load_script("tools/check_implementations")
+TOOL = "tools/check_implementations"
 
 
 @pytest.fixture(scope="module")

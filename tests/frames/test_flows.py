@@ -90,9 +90,9 @@ def test_large_and_tiny_flows(name, size):
 
 
 CURVED = [
-    *(SO3("space"), SO3(), UnitQuaternion(), Sphere(2), SU(2), SO(2), SO(4), SU(3), U(1)),
-    *(SE3(), SE3("space")),
-]
+    SO3("space"), SO3(), UnitQuaternion(), Sphere(2), SU(2), SO(2), SO(4), SU(3), U(1),
+    SE3(), SE3("space"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("frame", CURVED, ids=repr)

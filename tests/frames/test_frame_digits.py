@@ -17,9 +17,9 @@ UNITARY = [fr.SO3(), fr.SO(6), *COMPACT_GROUPS]
 OTHERS = [*(frame for frame in SMALL_EXPONENTS if isinstance(frame, fr.MatrixGroup)), fr.SE3()]
 GROUPS = UNITARY + OTHERS
 MATRICES = [
-    *(fr.SO(5), fr.SO(8, "space"), fr.SO(12), fr.SU(4), fr.SU(12)),
-    *(fr.SO(13), fr.SO(20, "space"), fr.SU(14, "body"), fr.U(13)),  # by BLAS
-]
+    fr.SO(5), fr.SO(8, "space"), fr.SO(12), fr.SU(4), fr.SU(12),
+    fr.SO(13), fr.SO(20, "space"), fr.SU(14, "body"), fr.U(13),  # by BLAS
+]  # fmt: skip
 EPSILON = np.finfo(float).eps
 SMALL = [1e-300, 1e-160, 1e-20, 1e-16, 1e-12, 1e-9, 1e-6, 1e-3, 0.03]
 

@@ -12,9 +12,9 @@ from refusals import refuses
 from cg.frames import GL, SE3, SL, CoadjointOrbit, MatrixFrame, Semidirect, Sp
 
 GROUPS = [
-    *(GL(2), GL(3, "body"), SL(2), SL(2, "body"), SL(3), SL(4), SL(3, "body"), Sp(2), Sp(4)),
-    *(Sp(4, "body"), Sp(6), Semidirect(SL(2)), Semidirect(Sp(4, "body"), 2)),
-]
+    GL(2), GL(3, "body"), SL(2), SL(2, "body"), SL(3), SL(4), SL(3, "body"), Sp(2), Sp(4),
+    Sp(4, "body"), Sp(6), Semidirect(SL(2)), Semidirect(Sp(4, "body"), 2),
+]  # fmt: skip
 SPACES = [
     CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
     CoadjointOrbit(SL(2), (0.5, 0.25, 0.75), "space"),

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from frame_examples import CIRCLE, ELLIPSE, FRAMES, HEISENBERG_CONSTANTS, OPEN, name
+from frame_examples import CIRCLE, ELLIPSE, FRAMES, HEISENBERG_CONSTANTS, OPEN, condition, name
 from refusals import refuses
-from test_frames import condition
 
 from cg import frames as fr
 
@@ -50,11 +49,9 @@ def test_off_manifold_errors_suggest_project(frame):
 
 
 @pytest.mark.parametrize("frame", [
-    *(
-        fr.SU(2), fr.SU(3), fr.SL(2), fr.SL(3), fr.Sp(2), fr.Sp(4),
-        fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
-    ),
-    *(fr.SO3(), fr.SO(4), fr.U(3), fr.UnitQuaternion(), fr.Sphere(4), fr.Stiefel(4, 2)),
+    fr.SU(2), fr.SU(3), fr.SL(2), fr.SL(3), fr.Sp(2), fr.Sp(4),
+    fr.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    fr.SO3(), fr.SO(4), fr.U(3), fr.UnitQuaternion(), fr.Sphere(4), fr.Stiefel(4, 2),
     fr.CoadjointOrbit(fr.SL(2), (0.5, 0.25, 0.75)),
 ], ids=repr)  # fmt: skip
 def test_projection_residual_is_normal_to_the_fields(frame):

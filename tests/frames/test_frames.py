@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from frame_examples import FLAT, FRAMES, MAX_SCALE, OPEN, name
+from frame_examples import FLAT, FRAMES, OPEN, capped, condition, name, sample
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses
@@ -23,20 +23,6 @@ seeds = st.integers(0, 2**32 - 1)
 # From far below the square root of the smallest number to several turns.
 scales = st.sampled_from([0.0, 1e-300, 1e-160, 1e-20, 1e-9, 1e-8, 1e-5, 1e-3, 0.1, 1.0, 3.0, 30.0])
 axioms = settings(max_examples=15, deadline=None)
-
-
-def capped(frame, scale):
-    return min(scale, MAX_SCALE.get(frame, np.inf))
-
-
-def sample(frame, seed, scale):
-    rng = np.random.default_rng(seed)
-    return frame.random_point(rng), capped(frame, scale) * frame.random_vector(rng)
-
-
-def condition(*points):
-    """Return the factor by which rounding errors may grow: one on compact manifolds."""
-    return float(np.prod([max(1.0, np.abs(point).max()) for point in points])) ** 2
 
 
 def acts_freely(frame):

@@ -4,6 +4,8 @@ import pickle
 
 import numpy as np
 import pytest
+from mechanics import INERTIA, MATRIX
+from refusals import refuses
 
 from cg.frames import (
     SE3,
@@ -19,7 +21,6 @@ from cg.frames import (
     UnitQuaternion,
     check,
 )
-from tests.helpers.mechanics import INERTIA, MATRIX
 
 BODIES = Power(Product(Euclidean(3), UnitQuaternion()), 2)
 FRAMES = [
@@ -85,14 +86,11 @@ def test_inertia_of_equal_and_of_different_factors():
     (BODIES, (1.0, [1.0, 2.0]), r"inertia\[1\] must have shape"),
 ])  # fmt: skip
 def test_what_is_refused(frame, inertia, message):
-    with pytest.raises(ValueError, match=message):
-        PhaseSpace(frame, inertia)
+    refuses(ValueError, message, PhaseSpace, frame, inertia)
 
 
 def test_other_mistakes():
-    with pytest.raises(TypeError, match="frame must be a Frame"):
-        PhaseSpace(3)
+    refuses(TypeError, "frame must be a Frame", PhaseSpace, 3)
     with pytest.raises(ValueError, match="parts must be a configuration and a momentum, got 1"):
         FRAMES[0].join(np.eye(3))
-    with pytest.raises(ValueError, match=r"parts\[1\] must have shape"):
-        FRAMES[0].join(np.eye(3), [1.0, 2.0])
+    refuses(ValueError, r"parts\[1\] must have shape", FRAMES[0].join, np.eye(3), [1.0, 2.0])

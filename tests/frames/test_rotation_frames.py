@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from frame_examples import sample
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses
@@ -13,11 +14,6 @@ from cg.frames import SE3, SO, SO3, SU, Euclidean, Power, Product, Sphere, UnitQ
 CONVENTIONS = ["body", "space"]
 seeds = st.integers(0, 2**32 - 1)
 axioms = settings(max_examples=40, deadline=None)
-
-
-def sample(frame, seed, scale):
-    rng = np.random.default_rng(seed)
-    return frame.random_point(rng), scale * frame.random_vector(rng)
 
 
 def test_random_rotations_are_uniform():

@@ -42,10 +42,10 @@ def has_bracket(frame):
 
 WITH = [frame for frame in [*FRAMES, CLOSED, HEISENBERG_GROUP] if has_bracket(frame)]
 CLOSED_FORMS = [
-    *(SO3(), SO3("space"), UnitQuaternion(), SU(2), SU(2, "body"), SE3(), SE3("space")),
-    *(Semidirect(SO3(), 2), Sphere(2), CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)), Euclidean(3)),
+    SO3(), SO3("space"), UnitQuaternion(), SU(2), SU(2, "body"), SE3(), SE3("space"),
+    Semidirect(SO3(), 2), Sphere(2), CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)), Euclidean(3),
     Product(SE3(), SO3("space")),
-]
+]  # fmt: skip
 
 
 def vectors(frame, seed, count):

@@ -7,7 +7,9 @@ from unittest.mock import patch
 import numpy as np
 from compiled_differences import compiled_flows, difference_of
 
+import cg
 from cg import frames as fr
+from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.step.callbacks import _HANDLERS
 from cg.integration.step.plan import Plan
 from cg.problems.affine import AffineField
@@ -77,3 +79,18 @@ def frames_in_python(**functions):
         for name, function in functions.items():
             stack.enter_context(patch(f"cg.integration.step.callbacks.{name}", function))
         yield
+
+
+def from_python(f, frame):
+    """Return the compiled function as one in Python."""
+    rhs = compiled_rhs(f).on(frame, None)
+    return lambda t, y: rhs.at_member(0, t, y)
+
+
+def both(f, span, y0, frame, *, method="CG4(3)", **options):
+    """Solve with both functions; step sizes differ by rounding for large steps of high order."""
+    options["method"] = method
+    fast = cg.solve_ivp(f, span, y0, frame=frame, **options)
+    with frames_in_python():
+        slow = cg.solve_ivp(from_python(f, frame), span, y0, frame=frame, **options)
+    return fast, slow

@@ -93,9 +93,9 @@ def of_problem(problem):
 
 
 PROBLEMS = [
-    *(problems.AffineField(SO3, np.eye(3)), problems.ForcedRigidBody(), problems.FreeRigidBody()),
-    *(problems.HeavyTop(), problems.StateDependentRotation()),
-]
+    problems.AffineField(SO3, np.eye(3)), problems.ForcedRigidBody(), problems.FreeRigidBody(),
+    problems.HeavyTop(), problems.StateDependentRotation(),
+]  # fmt: skip
 
 for _name, _frame in FRAMES.items():
     FRAME_EXAMPLES.update(of_frame(_name, _frame))

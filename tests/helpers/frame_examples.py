@@ -38,16 +38,13 @@ HEISENBERG_CONSTANTS = (
 
 ROTATIONS = [fr.SO3(), fr.SO3("space")]
 QUATERNIONS = [
-    *(fr.UnitQuaternion(), fr.UnitQuaternion("space"), fr.UnitQuaternion(scalar_first=True)),
+    fr.UnitQuaternion(), fr.UnitQuaternion("space"), fr.UnitQuaternion(scalar_first=True),
     fr.UnitQuaternion("space", scalar_first=True),
-]
+]  # fmt: skip
 POSES = [fr.SE3(), fr.SE3("space")]
 COMPACT_GROUPS = [
-    *(
-        fr.SO(2), fr.SO(3, "space"), fr.SO(4), fr.SO(5, "space"), fr.U(1), fr.U(2, "body"), fr.U(3),
-        fr.SU(2),
-    ),
-    *(fr.SU(2, "body"), fr.SU(3), fr.SU(4, "body")),
+    fr.SO(2), fr.SO(3, "space"), fr.SO(4), fr.SO(5, "space"), fr.U(1), fr.U(2, "body"), fr.U(3),
+    fr.SU(2), fr.SU(2, "body"), fr.SU(3), fr.SU(4, "body"),
 ]  # fmt: skip
 COMPACT_SPACES = [
     fr.Sphere(1), fr.Sphere(2), fr.Sphere(4), fr.Stiefel(4, 2), fr.Stiefel(3, 3),
@@ -108,3 +105,17 @@ def generic(frame, seed=11):
         return np.sin(both @ weights.T + np.arange(frame.dim) + np.asarray(t)[..., None])
 
     return f, y0
+
+
+def condition(*points):
+    """Return the factor by which rounding errors may grow: one on compact manifolds."""
+    return float(np.prod([max(1.0, np.abs(point).max()) for point in points])) ** 2
+
+
+def capped(frame, scale):
+    return min(scale, MAX_SCALE.get(frame, np.inf))
+
+
+def sample(frame, seed, scale):
+    rng = np.random.default_rng(seed)
+    return frame.random_point(rng), capped(frame, scale) * frame.random_vector(rng)

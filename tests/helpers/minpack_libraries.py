@@ -11,10 +11,10 @@ TESTS = Path(__file__).parents[1]
 SOURCES = TESTS.parent / "fortran"
 KINDS = ("r64", "r128")
 FLAGS = [
-    *("-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra"),
-    *("-Wno-compare-reals", "-Wno-unused-dummy-argument", "-Werror"),
-    *("-fcheck=all", "-ffpe-trap=invalid,zero,overflow"),
-]
+    "-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra",
+    "-Wno-compare-reals", "-Wno-unused-dummy-argument", "-Werror",
+    "-fcheck=all", "-ffpe-trap=invalid,zero,overflow",
+]  # fmt: skip
 
 HAS_COMPILER = shutil.which("gfortran") is not None
 
@@ -59,13 +59,13 @@ class DebianMinpack:
         signature = ctypes.CFUNCTYPE(None, C_INTS, C_INTS, C_DOUBLES, C_DOUBLES, C_INTS)
         self._library.lmdif_(
             signature(callback),
-            *(reference(m), reference(n), pointer(x), pointer(fvec)),
-            *(reference(ftol), reference(xtol), reference(gtol)),
-            *(reference(maxfev), reference(epsfcn), pointer(diag), reference(1)),
-            *(reference(factor), reference(0), ctypes.byref(info), ctypes.byref(nfev)),
-            *(pointer(fjac), reference(m), pointer(ipvt), pointer(qtf)),
+            reference(m), reference(n), pointer(x), pointer(fvec),
+            reference(ftol), reference(xtol), reference(gtol),
+            reference(maxfev), reference(epsfcn), pointer(diag), reference(1),
+            reference(factor), reference(0), ctypes.byref(info), ctypes.byref(nfev),
+            pointer(fjac), reference(m), pointer(ipvt), pointer(qtf),
             *(pointer(array) for array in work),
-        )
+        )  # fmt: skip
         return {
             "x": x, "fvec": fvec, "info": info.value, "nfev": nfev.value, "fjac": fjac,
             "ipvt": ipvt - 1, "qtf": qtf,

@@ -3,7 +3,13 @@
 import json
 from html.parser import HTMLParser
 
+from cg.reproduce.context import Context, Settings
+
 VOID = {"meta", "link", "img", "br", "hr", "input"}
+
+
+def context(folder, **changes):
+    return Context(Settings(), folder, 2, **changes)
 
 
 def read(out):

@@ -19,9 +19,9 @@ from cg.problems import StateDependentRotation
 PAIRS = {name: m for name, m in FROZEN.items() if m.exact_embedded is not None}
 PROBLEM = StateDependentRotation()
 FRAMES = [
-    *(SO3(), SO3("space"), UnitQuaternion(), SE3(), SU(2), Sphere(2), Stiefel(3, 1)),
+    SO3(), SO3("space"), UnitQuaternion(), SE3(), SU(2), Sphere(2), Stiefel(3, 1),
     Product(SO3(), Euclidean(2)),
-]
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_inputs import FRAME, GAIN, GUSTS, LINE, START, TIGHT, driven
+from driven_bodies import FRAME, GAIN, GUSTS, LINE, START, TIGHT, driven
 
 import cg
 

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from compiled_examples import DOUBLES, PROBLEMS
+from refusals import refuses
 from scipy import LowLevelCallable
 
 import cg
@@ -160,10 +161,8 @@ def requires_data(library):
 def test_functions_that_read_numbers_need_them(kind, library):
     f = requires_data(library)[kind]
     message = "parameters must be given for a compiled f .* double \\*, got None"
-    with pytest.raises(ValueError, match=message):
-        integrate(f, (0, 1), [1.0], **OPTIONS)
-    with pytest.raises(ValueError, match=message):
-        cg.solve_ensemble(f, (0, 1), [[1.0], [2.0]], frame=Euclidean(1))
+    refuses(ValueError, message, integrate, f, (0, 1), [1.0], **OPTIONS)
+    refuses(ValueError, message, cg.solve_ensemble, f, (0, 1), [[1.0], [2.0]], frame=Euclidean(1))
     options = OPTIONS | {"parameters": [-1.0, 2.0], "h": 0.125}
     solution = integrate(f, (0, 1), [1.0], **options)
     assert solution.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)

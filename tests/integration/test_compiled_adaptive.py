@@ -2,29 +2,13 @@
 
 import numpy as np
 import pytest
-from compiled_examples import PROBLEMS, frames_in_python
+from compiled_examples import PROBLEMS, both
 
 import cg
 from cg.frames import Euclidean
-from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
 
 TOLERANCE = 1e-13
-
-
-def from_python(f, frame):
-    """Return the compiled function as one in Python."""
-    rhs = compiled_rhs(f).on(frame, None)
-    return lambda t, y: rhs.at_member(0, t, y)
-
-
-def both(f, span, y0, frame, *, method="CG4(3)", **options):
-    """Solve with both functions; step sizes differ by rounding for large steps of high order."""
-    options["method"] = method
-    fast = cg.solve_ivp(f, span, y0, frame=frame, **options)
-    with frames_in_python():
-        slow = cg.solve_ivp(from_python(f, frame), span, y0, frame=frame, **options)
-    return fast, slow
 
 
 def assert_same_steps(fast, slow, rounding=TOLERANCE):

@@ -4,9 +4,8 @@ import ctypes
 
 import numpy as np
 import pytest
-from compiled_examples import PROBLEMS
-from test_compiled_adaptive import both
-from test_events import CIRCLE, circle, height, solve
+from circle import CIRCLE, circle, height, solve
+from compiled_examples import PROBLEMS, both
 
 import cg
 from cg.frames import SU, Euclidean

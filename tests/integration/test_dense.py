@@ -36,11 +36,11 @@ from cg.integration.step.interpolant import extra_evaluations, nodes_of
 from cg.support.shared_numbers import Operation
 
 FRAMES = [
-    *(Euclidean(3), SO3(), SO3("space"), UnitQuaternion(), SE3(), SO(4), SU(2), SL(2), GL(2)),
-    *(Sphere(2), Sphere(3), Stiefel(3, 1), IsospectralOrbit((1.0, 2.0, 4.0))),
-    *(CoadjointOrbit(SO3(), (0.6, 0.0, 0.8)), Product(SO3(), Euclidean(2))),
+    Euclidean(3), SO3(), SO3("space"), UnitQuaternion(), SE3(), SO(4), SU(2), SL(2), GL(2),
+    Sphere(2), Sphere(3), Stiefel(3, 1), IsospectralOrbit((1.0, 2.0, 4.0)),
+    CoadjointOrbit(SO3(), (0.6, 0.0, 0.8)), Product(SO3(), Euclidean(2)),
     Product(UnitQuaternion(), Sphere(2)),
-]
+]  # fmt: skip
 T0 = 0.3
 
 

@@ -30,9 +30,9 @@ from cg.integration.step.compiled_frames import dexpinv_of, is_compiled
 TURN = 2 * np.pi
 TIMES = np.linspace(0.1, 0.9, 9)
 WITH_SERIES = [
-    *(SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(2), SL(3), Sphere(3), Stiefel(4, 2)),
-    *(IsospectralOrbit((1.0, 2.0, 4.0, 7.0)), Semidirect(SO(4)), CLOSED, Power(SU(3), 2), SO(8)),
-]
+    SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(2), SL(3), Sphere(3), Stiefel(4, 2),
+    IsospectralOrbit((1.0, 2.0, 4.0, 7.0)), Semidirect(SO(4)), CLOSED, Power(SU(3), 2), SO(8),
+]  # fmt: skip
 ALL = [frame for frame in CLOSED_FORMS if not isinstance(frame, Euclidean)] + WITH_SERIES
 
 
@@ -93,9 +93,9 @@ def test_commuting_factors_are_independent():
 
 FAST = 40.0
 STEPPED = [
-    *(SO3(), SE3("space"), UnitQuaternion(), SU(2), Sphere(2), SO(4), SU(3)),
-    *(Product(Euclidean(2), SO3("space")), SL(3), Sphere(3), Stiefel(4, 2), CLOSED),
-]
+    SO3(), SE3("space"), UnitQuaternion(), SU(2), Sphere(2), SO(4), SU(3),
+    Product(Euclidean(2), SO3("space")), SL(3), Sphere(3), Stiefel(4, 2), CLOSED,
+]  # fmt: skip
 
 
 def fast(frame):

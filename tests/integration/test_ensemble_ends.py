@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 from compiled_examples import DOUBLES
-from test_solve_ensemble import check, members_alone
+from members import check, members_alone
 
 import cg
 from cg.frames import SO3, SU, Euclidean, Stiefel

@@ -12,6 +12,7 @@ from cg.frames import SE3, SO, SO3, SU, Euclidean, LinearAction, Sphere, Stiefel
 from cg.integration.default_method import choose_method
 from cg.method.estimate import MAX_RATIO, estimate_ratio, jump_ratio, kink_ratio
 
+TOOL = "research/make_second_results"
 ROOT = Path(__file__).parents[2]
 FRAMES = (SO3(), Stiefel(3, 2), HEISENBERG)
 DEFAULTS = sorted({choose_method(frame, rtol) for frame in FRAMES for rtol in (None, 1e-3, 1e-8)})
@@ -269,11 +270,6 @@ class TestLongSteps:
             method="CF5(4)", parameters=[[0.0], [1e-3]], common_steps=True, rtol=1e-6, atol=1e-6,
         )  # fmt: skip
         assert run.steps[0] == run.steps[1] > 49
-
-
-@pytest.fixture
-def tool(load_script):
-    return load_script("research/make_second_results")
 
 
 def test_the_tool_finds_second_results(tool):

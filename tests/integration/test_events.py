@@ -5,21 +5,14 @@ import math
 import numpy as np
 import pytest
 import scipy.integrate
+from circle import height, solve
+from refusals import refuses
 
 import cg
 from cg.frames import SO3, Euclidean, Stiefel, UnitQuaternion
 from cg.integration.step.interpolant import extra_evaluations
 
 SPIN = {"frame": UnitQuaternion(), "rtol": 1e-9}
-CIRCLE = {"frame": Euclidean(2), "rtol": 1e-8, "atol": 1e-8}
-
-
-def circle(t, y):
-    return [-y[1], y[0]]
-
-
-def height(t, y):
-    return y[1]
 
 
 def marked(function=height, **attributes):
@@ -29,11 +22,6 @@ def marked(function=height, **attributes):
     for name, value in attributes.items():
         setattr(event, name, value)
     return event
-
-
-def solve(events, t_span=(0.1, 10.0), **options):
-    y0 = [np.cos(t_span[0]), np.sin(t_span[0])]
-    return cg.solve_ivp(circle, t_span, y0, events=events, **(CIRCLE | options))
 
 
 @pytest.mark.parametrize(
@@ -48,7 +36,7 @@ def test_zeros_are_found_in_their_direction(direction, multiples):
 
 
 @pytest.mark.parametrize(("terminal", "stop"), [
-    *((True, 1), (1, 1), (1.0, 1), (np.bool_(True), 1), (2, 2), (np.float64(2.0), 2)),
+    (True, 1), (1, 1), (1.0, 1), (np.bool_(True), 1), (2, 2), (np.float64(2.0), 2),
     *((value, None) for value in (False, None, 0, 0.0, 4, 10**400)),
 ])  # fmt: skip
 def test_terminal_events_end_the_integration(terminal, stop):
@@ -129,8 +117,7 @@ def test_events_do_not_change_the_steps():
     (np.array(True), r"events\[1\] must return a real number"),
 ])  # fmt: skip
 def test_bad_values_are_refused(value, message):
-    with pytest.raises(ValueError, match=message):
-        solve([height, lambda t, y: value if t > 2 else 1.0])
+    refuses(ValueError, message, solve, [height, lambda t, y: value if t > 2 else 1.0])
 
 
 @pytest.mark.parametrize(("name", "value", "error"), [
@@ -139,13 +126,11 @@ def test_bad_values_are_refused(value, message):
     ("jump", 3, TypeError),
 ])  # fmt: skip
 def test_bad_attributes_of_events_are_rejected(name, value, error):
-    with pytest.raises(error, match=rf"^event\.{name} must be"):
-        cg.Event(height, **{name: value})
+    refuses(error, rf"^event\.{name} must be", cg.Event, height, **{name: value})
 
     event = lambda t, y: 1.0
     setattr(event, name, value)
-    with pytest.raises(error, match=rf"^events\[0\]\.{name} must be"):
-        solve(event)
+    refuses(error, rf"^events\[0\]\.{name} must be", solve, event)
 
 
 OSCILLATOR = {"frame": Euclidean(2), "rtol": 1e-10, "atol": 1e-10}

@@ -5,12 +5,12 @@ import ctypes
 import numpy as np
 import pytest
 from flint import arb
+from mechanics import INERTIA, MATRIX
 from scipy import LowLevelCallable
 
 import cg
 from cg.frames import SO3, PhaseSpace, UnitQuaternion
 from cg.support.balls import working_precision
-from tests.helpers.mechanics import INERTIA, MATRIX
 
 EPSILON = np.finfo(np.float64).eps
 

@@ -7,33 +7,21 @@ import pickle
 import numpy as np
 import pytest
 from compiled_examples import DOUBLES
+from driven_bodies import FRAME, GAIN, GUST, GUSTS, LINE, START, TIGHT, TIMES, driven
+from refusals import refuses
 from scipy.interpolate import CubicSpline
 
 import cg
-from cg.frames import SO3, Euclidean, LinearAction, Product
+from cg.frames import SO3, Euclidean, LinearAction
 
 RNG = np.random.default_rng(3)
-FRAME, LINE = Product(SO3(), Euclidean(3)), Euclidean(1)
-START = np.concatenate([np.eye(3).ravel(), [0.3, -0.2, 0.5]])
-TIMES = np.array([-0.5, 0.0, 0.3, 0.45, 1.0, 1.4, 2.0, 2.5])
 TORQUE = RNG.standard_normal((8, 3))
-GUSTS = np.linspace(-0.5, 2.5, 11), RNG.standard_normal(11)
-GUST = cg.Samples(*GUSTS, "linear")
-GAIN = [1.5]
-TIGHT = {"rtol": 1e-9, "atol": 1e-9}
 
 
 def torque(kind):
     edges = np.append(TIMES, 3.0) if kind in ("averages", "causal") else TIMES
     causal = kind == "causal"
     return cg.Samples(edges, TORQUE, "averages" if causal else kind, causal=causal)
-
-
-def driven(t, y, u, p):
-    moment, gust = u
-    slope = p[0] * moment - y[9:]
-    slope[0] += gust
-    return np.concatenate([y[9:], slope])
 
 
 def closed_form(kind, curve):
@@ -251,10 +239,8 @@ def test_steppers_end_steps_at_samples(in_c, function):
         stepper = pickle.loads(pickle.dumps(copy.copy(stepper)))
     stepper.advance(2.5)
     np.testing.assert_allclose(stepper.y, run.y[-1], rtol=0, atol=1e-8)
-    with pytest.raises(ValueError, match="t must lie within the times of the samples"):
-        stepper.advance(2.6)
-    with pytest.raises(RuntimeError, match="inputs must lead beyond"):
-        stepper.step()
+    refuses(ValueError, "t must lie within the times of the samples", stepper.advance, 2.6)
+    refuses(RuntimeError, "inputs must lead beyond", stepper.step)
 
 
 @pytest.mark.parametrize("in_c", [False, True])

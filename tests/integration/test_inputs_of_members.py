@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from test_inputs import FRAME, GUST, LINE, RNG, START, TIGHT, TIMES, driven
+from driven_bodies import FRAME, GUST, LINE, START, TIGHT, TIMES, driven
 
 import cg
 
 MEMBERS = 7
-OF_EACH = RNG.standard_normal((MEMBERS, 8, 3))
+OF_EACH = np.random.default_rng(5).standard_normal((MEMBERS, 8, 3))
 OWN = cg.Samples(TIMES, OF_EACH, members=True)
 GAINS = np.linspace(0.5, 2.0, MEMBERS)[:, None]
 EACH = {"frame": FRAME, "parameters": GAINS, "inputs": (OWN, GUST), **TIGHT}
@@ -66,7 +66,7 @@ def test_members_without_parameters_and_those_that_fail():
 
 
 def test_vectorized_members_with_common_steps():
-    held = cg.Samples([0.0, 1.0], RNG.standard_normal((4, 2)), members=True)
+    held = cg.Samples([0.0, 1.0], np.random.default_rng(5).standard_normal((4, 2)), members=True)
     run = cg.solve_ensemble(
         lambda t, y, u: u[:, None] * y, (0, 2), np.ones((4, 1)), frame=LINE, inputs=held,
         vectorized=True, common_steps=True, **TIGHT,

@@ -2,24 +2,12 @@
 
 import numpy as np
 import pytest
+from bouncing_ball import GRAVITY, KEPT, bounce, fall, height
 
 import cg
 from cg.frames import SO3, Euclidean, Product
 
-GRAVITY, KEPT = 9.81, 0.9
 BODY = Product(SO3(), Euclidean(3))
-
-
-def fall(t, y):
-    return [y[1], -GRAVITY]
-
-
-def height(t, y):
-    return y[0]
-
-
-def bounce(t, y):
-    return [0.0, -KEPT * y[1]]
 
 
 FLOOR = cg.Event(height, direction=-1, jump=bounce)

@@ -5,12 +5,12 @@ import pickle
 
 import numpy as np
 import pytest
+from mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, system
 from scipy import LowLevelCallable
 
 import cg
 from cg.frames import SO, SO3, SU, Euclidean, PhaseSpace, Power, Product, Sphere, U, UnitQuaternion
 from cg.integration.step.interpolant import extra_evaluations
-from tests.helpers.mechanics import INERTIA, MATRIX, ORDINARY, SPLITTINGS, system
 
 TOP = system(SO3(), INERTIA)
 LATTICE = system(SU(3))

@@ -27,9 +27,6 @@ from cg.integration.step.plan import error_exponent
 from cg.layouts.points import MethodError
 from cg.method.low_storage import from_two_registers
 
-METHODS = MUNTHE_KAAS
-
-
 STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}
 
 
@@ -46,7 +43,7 @@ def test_order_on_all_frames_with_brackets(frame):
     for key, counts in STEPS.items():
         errors = [frame.distance(solution(key, n), fine).max() for n in counts]
         if min(errors) > 2e-12:
-            assert np.log2(errors[0] / errors[1]) / 2 > METHODS[key].order - 0.5
+            assert np.log2(errors[0] / errors[1]) / 2 > MUNTHE_KAAS[key].order - 0.5
         else:
             assert max(errors) < 1e-8  # next to exact: one field, or flows that commute
     assert frame.distance(solution("CF5a", 3), fine).max() < 1e-6
@@ -194,13 +191,13 @@ class TestMethods:
     def test_orders_stages_and_flows(self):
         assert {
             key: (m.order, m.embedded_order, m.third_order, m.stages, m.exponentials)
-            for key, m in METHODS.items()
+            for key, m in MUNTHE_KAAS.items()
         } == {
             "RKMK3(2)": (3, 2, None, 4, 3), "RKMK4": (4, None, None, 4, 4),
             "RKMK5(4)": (5, 4, None, 7, 6), "RKMK8(5,3)": (8, 5, 3, 12, 12),
             "RadauIIA5": (5, 3, None, 4, 3),
         }  # fmt: skip
-        assert all(m.pair_exponentials == m.exponentials for m in METHODS.values())
+        assert all(m.pair_exponentials == m.exponentials for m in MUNTHE_KAAS.values())
 
     def test_one_of_a_user(self):
         method = cg.MuntheKaas(HEUN)
@@ -229,7 +226,7 @@ class TestMethods:
         (lambda: cg.MuntheKaas(HEUN, third=["x", 0]), r"third\[0\]: expected a finite real"),
         (lambda: cg.MuntheKaas(cg.Tableau([[]], [0])), "result must depend on a stage"),
         (lambda: cg.MuntheKaas(HEUN, name=3), "name must be a str"),
-        (lambda: loads(dumps(METHODS["RKMK4"]).replace("e-K", "e-k")), "kind must be"),
+        (lambda: loads(dumps(MUNTHE_KAAS["RKMK4"]).replace("e-K", "e-k")), "kind must be"),
     ])  # fmt: skip
     def test_rejected_arguments(self, make, message):
         with pytest.raises(MethodError, match=message):

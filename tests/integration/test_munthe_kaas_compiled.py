@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from compiled_examples import ORBITS, PROBLEMS
 from frame_examples import generic, name
+from kinds import MUNTHE_KAAS
 from python_steps import Step, uncompiled
-from test_munthe_kaas import METHODS
 
 import cg
 from cg.catalogue import resolve_method
@@ -13,10 +13,10 @@ from cg.frames import SO, SU, Power, U
 from cg.integration.step.compiled_frames import dexpinv_of
 
 
-@pytest.mark.parametrize("key", [key for key, method in METHODS.items() if method.explicit])
+@pytest.mark.parametrize("key", [key for key, method in MUNTHE_KAAS.items() if method.explicit])
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_compiled_code_and_python_take_the_same_steps(problem, key):
-    problem, method = PROBLEMS[problem], METHODS[key]
+    problem, method = PROBLEMS[problem], MUNTHE_KAAS[key]
     run = cg.integrate(problem.f, (0, 1), problem.y0, frame=problem.frame, method=key, h=0.25)
     step = Step(problem.f, problem.frame, method)
     point = problem.y0
@@ -31,7 +31,7 @@ GROUPS = [SO(2), SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(1), U(2), Power(
 
 
 @pytest.mark.parametrize("frame", [*GROUPS, ORBITS[1], ORBITS[2], ORBITS[6]], ids=name)
-@pytest.mark.parametrize("key", [*METHODS, "CF4(3)", "CG4a", "DOP853"])
+@pytest.mark.parametrize("key", [*MUNTHE_KAAS, "CF4(3)", "CG4a", "DOP853"])
 def test_matrices_in_compiled_code(frame, key):
     f, y0 = generic(frame)
     method = resolve_method(key)

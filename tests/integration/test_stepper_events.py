@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from bouncing_ball import bounce, fall, height
 
 import cg
 from cg.frames import SO3, Euclidean
@@ -13,20 +14,8 @@ OPTIONS = {"frame": Euclidean(2), "rtol": 1e-9, "atol": 1e-9}
 UP = [1.0, 0.5]
 
 
-def fall(t, y):
-    return [y[1], -9.81]
-
-
-def ground(t, y):
-    return y[0]
-
-
-def bounce(t, y):
-    return [0.0, -0.8 * y[1]]
-
-
-FLOOR = cg.Event(ground, direction=-1, jump=bounce)
-STOP = cg.Event(ground, direction=-1, jump=bounce, terminal=True)
+FLOOR = cg.Event(height, direction=-1, jump=bounce)
+STOP = cg.Event(height, direction=-1, jump=bounce, terminal=True)
 APEX = cg.Event(lambda t, y: y[1], direction=-1)
 REFERENCE = cg.solve_ivp(
     fall, (0, 2), UP, events=[FLOOR, APEX], max_step=0.1, dense_output=True, **OPTIONS
@@ -153,7 +142,7 @@ class TestFailures:
                 raise KeyError("lost")
             return bounce(t, y)
 
-        event = cg.Event(ground, direction=-1, jump=jump, terminal=2)
+        event = cg.Event(height, direction=-1, jump=jump, terminal=2)
         stepper = cg.Stepper(fall, 0, UP, 2.0, events=[event, APEX], **OPTIONS)
         with pytest.raises(KeyError):
             stepper.advance(2.0)
@@ -163,7 +152,7 @@ class TestFailures:
         np.testing.assert_allclose(stepper.t_events[0], REFERENCE.t_events[0][:2], atol=1e-7)
 
     def test_a_resting_contact(self):
-        rest = cg.Event(ground, direction=-1, jump=lambda t, y: [0.0, 0.0])
+        rest = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, 0.0])
         stepper = cg.Stepper(fall, 0, UP, events=rest, **OPTIONS)
         assert "events[0]" in stepper.advance(5.0)
         assert stepper.status == "failed"

@@ -8,6 +8,7 @@ from refusals import refuses
 from scipy import sparse
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from van_der_pol import PLANE, START, solve, van_der_pol
 
 import cg
 from cg.analysis.convergence import final_errors, observed_order
@@ -15,26 +16,6 @@ from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, Unit
 from cg.integration.step.implicit import transformation
 
 RADAU = cg.methods["RadauIIA5"]
-PLANE = Euclidean(2)
-START = [2.0, 0.0]
-MU = 100.0
-
-
-def van_der_pol(t, y):
-    return np.array([y[1], MU * (1.0 - y[0] ** 2) * y[1] - y[0]])
-
-
-def jacobian(t, y):
-    return np.array([[0.0, 1.0], [-2.0 * MU * y[0] * y[1] - 1.0, MU * (1.0 - y[0] ** 2)]])
-
-
-def sparse_jacobian(t, y):
-    return sparse.csr_array(jacobian(t, y))
-
-
-def solve(f=van_der_pol, t1=200.0, y0=START, frame=PLANE, **options):
-    options = {"method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6} | options
-    return cg.solve_ivp(f, (0, t1), y0, frame=frame, **options)
 
 
 def turn(t, y):

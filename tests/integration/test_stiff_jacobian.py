@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from refusals import refuses
 from scipy import sparse
-from test_stiff import jacobian, solve, sparse_jacobian
+from van_der_pol import jacobian, solve, sparse_jacobian
 
 import cg
 from cg.frames import SO3, Euclidean, Product, Sphere

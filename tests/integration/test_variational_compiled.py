@@ -10,6 +10,7 @@ from scipy import LowLevelCallable
 import cg
 from cg.frames import SO3, Euclidean, IsospectralOrbit, Product, Stiefel
 from cg.integration.step.plan import has_brackets
+from cg.problems import AffineField
 
 BODY = Product(SO3(), Euclidean(3))
 Y0 = BODY.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
@@ -71,27 +72,20 @@ def jacobian(functions, y, p):
     return actual
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
-def test_differences_on_every_frame(name, affine):
-    problem = PROBLEMS[name]
+IN_PYTHON = [IsospectralOrbit((-1.0, 0.25, 1.5)), Stiefel(4, 2)]  # their flows are in Python
+
+
+@pytest.mark.parametrize("problem", [
+    *PROBLEMS.values(),
+    *(AffineField(frame, frame.random_point(np.random.default_rng(2)), 1) for frame in IN_PYTHON),
+], ids=[*PROBLEMS, "orbit", "Stiefel"])  # fmt: skip
+def test_differences_on_every_frame(problem, affine):
+    assert has_brackets(problem.frame)
     compiled, _data = affine(problem)
     options = {"frame": problem.frame, "method": "CF6(5)", "h": 0.125}
     solution = cg.solve_variational(compiled, (0, 0.5), problem.y0, **options)
     expected = cg.solve_variational(problem.f, (0, 0.5), problem.y0, **options)
     np.testing.assert_allclose(solution.y, expected.y, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(solution.transition, expected.transition, rtol=1e-8, atol=1e-8)
-
-
-@pytest.mark.parametrize(
-    "frame", [IsospectralOrbit((-1.0, 0.25, 1.5)), Stiefel(4, 2)], ids=lambda frame: repr(frame)[:9]
-)
-def test_frames_whose_flows_are_in_python(frame, affine):
-    problem = cg.problems.AffineField(frame, frame.random_point(np.random.default_rng(2)), seed=1)
-    compiled, _data = affine(problem)
-    assert has_brackets(frame)
-    options = {"frame": frame, "method": "CF6(5)", "h": 0.125}
-    solution = cg.solve_variational(compiled, (0, 0.5), problem.y0, **options)
-    expected = cg.solve_variational(problem.f, (0, 0.5), problem.y0, **options)
     np.testing.assert_allclose(solution.transition, expected.transition, rtol=1e-8, atol=1e-8)
 
 

@@ -2,21 +2,13 @@
 
 import numpy as np
 import pytest
-from test_variational import STEPS, TIGHT, WEIGHTS, Wave
+from waves import TIGHT, Wave, differences
 
 import cg
 from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, Sphere
 
 GRAVITY = 9.81
 BODY = Product(SO3(), Euclidean(2))
-
-
-def differences(end, count, step=2e-4):
-    """Return the derivatives of a vector by ``count`` numbers, shape (vector, count)."""
-    columns = []
-    for e in np.eye(count):
-        columns.append(WEIGHTS @ np.array([end(s * step * e) for s in STEPS]) / step)
-    return np.transpose(columns)
 
 
 def kick(t, y, p):

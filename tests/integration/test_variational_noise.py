@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
-from test_variational import SPAN, TIGHT, Wave
+from waves import SPAN, TIGHT, Wave
 
 import cg
 from cg.frames import SE3, SO3, SU, Euclidean, PhaseSpace, Product, UnitQuaternion

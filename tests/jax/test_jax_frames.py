@@ -23,17 +23,17 @@ jnp = jax.numpy
 
 QUICK = [fr.UnitQuaternion(), fr.Euclidean(3)]
 FRAMES = [
-    *(fr.SE3(), fr.SU(2), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2))),
-    *(squeeze(bracket=lambda u, v: jnp.zeros(2)), fr.SPD(2), fr.Hyperbolic(3)),
-]
+    fr.SE3(), fr.SU(2), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2)),
+    squeeze(bracket=lambda u, v: jnp.zeros(2)), fr.SPD(2), fr.Hyperbolic(3),
+]  # fmt: skip
 OTHERS = [
-    *(fr.UnitQuaternion("space", scalar_first=True), fr.SO3("space"), fr.SO3(), fr.SE3("space")),
-    *(fr.SO(2), fr.SO(4), fr.SU(3), fr.SU(2, "body"), fr.U(2), fr.GL(2), fr.SL(3, "body")),
-    *(fr.Semidirect(fr.SO3(), 2), fr.Sp(4), fr.Sphere(1), fr.Sphere(3), fr.Stiefel(4, 2)),
-    *(fr.Grassmann(4, 2), fr.IsospectralOrbit((1.0, 2.0, 4.0)), fr.Power(fr.Sphere(2), 3)),
+    fr.UnitQuaternion("space", scalar_first=True), fr.SO3("space"), fr.SO3(), fr.SE3("space"),
+    fr.SO(2), fr.SO(4), fr.SU(3), fr.SU(2, "body"), fr.U(2), fr.GL(2), fr.SL(3, "body"),
+    fr.Semidirect(fr.SO3(), 2), fr.Sp(4), fr.Sphere(1), fr.Sphere(3), fr.Stiefel(4, 2),
+    fr.Grassmann(4, 2), fr.IsospectralOrbit((1.0, 2.0, 4.0)), fr.Power(fr.Sphere(2), 3),
     fr.IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
     fr.MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]]),
-]
+]  # fmt: skip
 EPS = np.finfo(float).eps
 
 
@@ -297,8 +297,7 @@ def test_products_are_taken_apart_and_joined():
         np.testing.assert_array_equal(part, expected)
     np.testing.assert_array_equal(cg.jax.join(frame, *parts), y)
     refuses(ValueError, "parts must", cg.jax.join, frame, np.zeros(4))
-    with pytest.raises(ValueError, match=r"parts\[1\] must"):
-        cg.jax.join(frame, np.eye(2), np.zeros(3), np.zeros(2))
+    refuses(ValueError, r"parts\[1\] must", cg.jax.join, frame, np.eye(2), np.zeros(3), np.zeros(2))
 
 
 def test_cotangents():

@@ -20,15 +20,15 @@ METHODS = {**FROZEN, **MUNTHE_KAAS}
 EXPLICIT = [name for name, method in METHODS.items() if method.explicit]
 
 FRAMES = [
-    *(fr.SE3(), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2))),
-    *(fr.Hyperbolic(2), fr.Grassmann(3, 1)),
-]
+    fr.SE3(), fr.Sphere(2), fr.Stiefel(3, 2), fr.Product(fr.SU(2), fr.Euclidean(2)),
+    fr.Hyperbolic(2), fr.Grassmann(3, 1),
+]  # fmt: skip
 OTHERS = [
-    *(fr.SO3("space"), fr.SU(3), fr.Power(fr.Sphere(2), 2), fr.Semidirect(fr.SO3(), 2), fr.SO(4)),
-    *(fr.SO(2), fr.U(2), fr.SPD(2), fr.SL(2), fr.Sp(2, "body")),
+    fr.SO3("space"), fr.SU(3), fr.Power(fr.Sphere(2), 2), fr.Semidirect(fr.SO3(), 2), fr.SO(4),
+    fr.SO(2), fr.U(2), fr.SPD(2), fr.SL(2), fr.Sp(2, "body"),
     fr.IsospectralOrbit((0.0, 0.0, 1.0)),
     fr.IsospectralOrbit((-1.0, 1.0), hermitian=True),
-]
+]  # fmt: skip
 
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
 
@@ -237,7 +237,7 @@ class TestOutput:
         fr.SO3(), fr.SU(2), fr.UnitQuaternion(), fr.Sphere(2), fr.Power(fr.Sphere(2), 3),
         fr.SO(4), fr.Grassmann(3, 1),
     ),
-    *(fr.Product(fr.Euclidean(1), fr.SO3()), fr.IsospectralOrbit((-1.0, 1.0), hermitian=True)),
+    fr.Product(fr.Euclidean(1), fr.SO3()), fr.IsospectralOrbit((-1.0, 1.0), hermitian=True),
 ], ids=repr)  # fmt: skip
 @pytest.mark.parametrize("name", ["CF5(4)", "RKMK5(4)"])
 def test_estimates_of_long_turns_are_not_believed(frame, name):

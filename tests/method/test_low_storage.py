@@ -22,16 +22,12 @@ from cg.method.flat import flat_residuals
 from cg.method.low_storage import from_two_registers, two_registers
 from cg.support.quads import to_decimal
 
+TOOL = "tools/write_low_storage_table"
 WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
 NAMES = [name for name, method in FROZEN.items() if two_registers(method)]
 
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def tool(load_script):
-    return load_script("tools/write_low_storage_table")
 
 
 class TestConversion:
@@ -66,9 +62,9 @@ class TestConversion:
     def test_number_of_places_of_weights(self):
         a = ["0", "-0.4801594388478", "-1.4042471952", "-2.016477077503", "-1.056444269767"]
         b = [
-            *("0.1028639988105", "0.7408540575767", "0.7426530946684", "0.4694937902358"),
+            "0.1028639988105", "0.7408540575767", "0.7426530946684", "0.4694937902358",
             "0.1881733382888",
-        ]
+        ]  # fmt: skip
         method = from_two_registers(a, b)
         assert method.order == 4
         exact = from_two_registers(list(map(Fraction, a)), list(map(Fraction, b)))
@@ -121,7 +117,7 @@ class TestOrderOnManifolds:
         refined = tool.weights_of(actual)
         assert max(map(abs, conditions.residuals(refined, 5, arithmetic="exact"))) < 1e-55
         assert max(map(abs, flat_residuals(*refined.exact, 6))) > 1e-5
-        slopes = tool.slopes(np.array(parameters, dtype=float), 5)
+        slopes = tool.slopes(parameters, 5)
         assert np.linalg.svd(slopes, compute_uv=False)[-1] > 1e-4
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refuses
 
 import cg
 from cg.catalogue import dumps, loads
@@ -154,8 +155,7 @@ def test_times_of_kicks():
     (3, [1], "drifts must be a sequence of numbers, got 3"),
 ])  # fmt: skip
 def test_bad_coefficients_are_refused(drifts, kicks, message):
-    with pytest.raises(MethodError, match=re.escape(message)):
-        cg.Splitting(drifts, kicks)
+    refuses(MethodError, re.escape(message), cg.Splitting, drifts, kicks)
 
 
 @pytest.mark.parametrize(("call", "error", "message"), [
@@ -165,8 +165,7 @@ def test_bad_coefficients_are_refused(drifts, kicks, message):
     (cg.certify, TypeError, "method must not be a splitting method"),
 ])  # fmt: skip
 def test_what_splitting_methods_cannot_do(call, error, message):
-    with pytest.raises(error, match=message):
-        call(cg.methods["Leapfrog"])
+    refuses(error, message, call, cg.methods["Leapfrog"])
 
 
 def test_show_lists_conditions(run_command):

@@ -30,12 +30,12 @@ def returned(size):
     """Return values, most of them wrong for a function that returns vectors of `size` entries."""
     right = np.full(size, 0.1)
     return [
-        *(None, "x", b"", 0.1, True, [], {}, object(), [None] * size, ["a"] * size),
-        *(right[:-1], np.append(right, 0.1), right[:, None], right[None], right.reshape(1, 1, -1)),
-        *(right * np.nan, right * np.inf, right * 1j, right.astype(str), right.astype(object)),
-        *(np.ma.masked_array(right, mask=True), [[0.1], [0.1, 0.2]], np.array(0.1), 10**400),
-        *(right.astype("datetime64[s]"), (x for x in right), np.full(size, 1e308), right > 0),
-    ]
+        None, "x", b"", 0.1, True, [], {}, object(), [None] * size, ["a"] * size,
+        right[:-1], np.append(right, 0.1), right[:, None], right[None], right.reshape(1, 1, -1),
+        right * np.nan, right * np.inf, right * 1j, right.astype(str), right.astype(object),
+        np.ma.masked_array(right, mask=True), [[0.1], [0.1, 0.2]], np.array(0.1), 10**400,
+        right.astype("datetime64[s]"), (x for x in right), np.full(size, 1e308), right > 0,
+    ]  # fmt: skip
 
 
 class Wrong:

@@ -10,10 +10,10 @@ from cg.trees.ordered import forest
 from cg.trees.tables import fortran_tables
 
 MODULES = (
-    *("conditions/least_squares", "support/linalg"),
-    *("conditions/levenberg_marquardt", "conditions/weights"),
-    *("conditions/gradient", "conditions/conditions"),
-)
+    "conditions/least_squares", "support/linalg",
+    "conditions/levenberg_marquardt", "conditions/weights",
+    "conditions/gradient", "conditions/conditions",
+)  # fmt: skip
 
 
 @pytest.mark.skipif(not HAS_COMPILER, reason="gfortran is not installed")

@@ -336,8 +336,7 @@ class TestAttitude:
         ends = [line.get_ydata()[-1] for line in ax.lines[2::3]]
         np.testing.assert_allclose(ends, np.rad2deg([0.1, 0.2, 0.3]))
         assert len(ax.get_legend().get_lines()) == 3
-        with pytest.raises(ValueError, match="one point"):
-            cg.plot.trajectory_of_axes(run)
+        refuses(ValueError, "one point", cg.plot.trajectory_of_axes, run)
 
     def test_rejects_a_frame_without_rotations(self, ax):
         run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))

@@ -17,9 +17,9 @@ from cg.problems import (
 )
 
 PROBLEMS = [
-    *(FreeRigidBody(), ForcedRigidBody(), HeavyTop(), HeavyTop("velocity")),
-    *(StateDependentRotation("body"), StateDependentRotation("space")),
-]
+    FreeRigidBody(), ForcedRigidBody(), HeavyTop(), HeavyTop("velocity"),
+    StateDependentRotation("body"), StateDependentRotation("space"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=repr)

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from kinds import FROZEN
+from terminals import Terminal
 
 import cg
 from cg.problems import HeavyTop
@@ -51,11 +52,6 @@ class Clock:
 
     def __call__(self):
         return self.now
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
 
 
 def test_progress_in_a_file_shows_the_remaining_time():

@@ -10,21 +10,18 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from refusals import refuses
+from report_pages import context
 
 from cg.construction.search.random_search import search
 from cg.construction.search.start import random_start
 from cg.reproduce.blocks import Chart, Table
 from cg.reproduce.coefficients import labels
-from cg.reproduce.context import Context, Settings
+from cg.reproduce.context import Settings
 from cg.reproduce.sections import evaluations
 from cg.reproduce.sections import search as section
 from cg.reproduce.sections.search import PLANS
 from cg.reproduce.statistics import median, quartiles
 from cg.runs import Store
-
-
-def context(folder, **changes):
-    return Context(Settings(), folder, 2, **changes)
 
 
 def test_plans_match_the_paper():

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 from refusals import refuses
-from report_pages import Page, check_page, read
+from report_pages import Page, check_page, context, read
 from tests_of_pages import power_of_ten, words_of
 
 from cg.catalogue import methods
@@ -13,7 +13,7 @@ from cg.reproduce import items
 from cg.reproduce import run as run_module
 from cg.reproduce.blocks import number
 from cg.reproduce.coefficients import fixed, labels, method_data
-from cg.reproduce.context import Context, Settings
+from cg.reproduce.context import Settings
 from cg.reproduce.evidence import gather
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
@@ -21,10 +21,6 @@ from cg.reproduce.report import page
 from cg.reproduce.sections import table3_2
 from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
 from cg.support.quads import to_decimal
-
-
-def context(folder, **changes):
-    return Context(Settings(), folder, 2, **changes)
 
 
 def test_needed_items_run_first():

@@ -90,11 +90,10 @@ class Losing(ThreadPoolExecutor):
 
 @pytest.mark.parametrize("executor", [None, "threads", ThreadPoolExecutor])
 @pytest.mark.parametrize("workers", [None, 1, 3])
-def test_same_result_on_any_executor(executor, workers, tmp_path):
+def test_same_result_on_any_executor(executor, workers, path):
     whole = cg.search(**SEARCH, workers=1)
     make = partial(executor) if isinstance(executor, type) else executor
     assert cg.search(**SEARCH, executor=make, workers=workers) == whole
-    path = tmp_path / "runs.db"
     assert cg.search(**SEARCH, executor=make, workers=workers, store=path) == whole
 
 
@@ -189,14 +188,13 @@ class TestDeath:
         ):
             list(completed(die_at_seven, range(12), 12, 2, pool))
 
-    def test_search_reports_failed_start(self, tmp_path, monkeypatch):
+    def test_search_reports_failed_start(self, path, monkeypatch):
         def ended(*_, **__):
             yield execution.Finished(0, None, failure="Killed")
             yield from (execution.Finished(k, run(k), 0.1) for k in (2, 1))
 
         result = cg.search(3, 3, 3, 5)
         run = result.starts.__getitem__
-        path = tmp_path / "runs.db"
         monkeypatch.setattr(cg.runs.long_run, "completed", ended)
         for store in (None, path):
             again = cg.search(3, 3, 3, 5, store=store)
@@ -236,8 +234,7 @@ class TestDeath:
         ):
             list(completed(double, range(40), 40, 2, pool))
 
-    def test_search_resumes_with_another_executor(self, tmp_path, monkeypatch):
-        path = tmp_path / "runs.db"
+    def test_search_resumes_with_another_executor(self, path, monkeypatch):
         for duration in ("_CHUNK_SECONDS", "_MIN_SECONDS"):
             monkeypatch.setattr(cg.executors.chunks, duration, 0.0)  # chunks of one start
         with Losing(3, "at work") as pool, pytest.raises(BrokenExecutor) as lost:
@@ -254,8 +251,7 @@ class TestDeath:
             assert before <= set(opened.run(1).entries())
 
     @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
-    def test_workers_end_with_a_run_that_is_killed(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_workers_end_with_a_run_that_is_killed(self, tmp_path, path):
         script = tmp_path / "run.py"
         script.write_text(FOREVER)
         running = subprocess.Popen(

@@ -227,8 +227,7 @@ class TestInterrupt:
         (search, {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}),
         (construct, {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}),
     ])  # fmt: skip
-    def test_interrupted_run_is_resumed(self, function, options, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_interrupted_run_is_resumed(self, function, options, path):
         name = function.__name__
         call = f"cg.{name}(**{options}, workers=1, store={str(path)!r}, progress=say_and_wait)"
         assert interrupted_after(call, after_one) == "interrupted"

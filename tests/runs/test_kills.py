@@ -95,8 +95,7 @@ def report(kind, kills, useful, ended):
 
 
 @pytest.mark.parametrize("kind", ["search", "construct"])
-def test_searches_and_constructions(kind, tmp_path):
-    path = tmp_path / "runs.db"
+def test_searches_and_constructions(kind, tmp_path, path):
     function = cg.search if kind == "search" else cg.construct
     settings = SEARCH if kind == "search" else CONSTRUCT
     whole = function(**settings)

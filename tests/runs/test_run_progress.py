@@ -5,6 +5,7 @@ import itertools
 import re
 
 import pytest
+from terminals import Terminal
 
 import cg
 from cg.command import main
@@ -18,11 +19,6 @@ LINE = re.compile(
     r"best f (?P<f>[\d.e+-]+)(?P<size>[^,]*), (?P<solved>\d+) solved"
     r"(, (?P<failed>\d+) failed)?(, (?P<left>.*) left)?"
 )
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
 
 
 def line(stream, **options):
@@ -57,8 +53,7 @@ class TestSearch:
         assert lines[-1]["left"] is None
         assert result == cg.search(**SEARCH)
 
-    def test_stored_starts_count_except_in_rate(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_stored_starts_count_except_in_rate(self, path):
         begun = cg.search(**{**SEARCH, "starts": 6}, store=path)
         with stored_run(path, "search", vars(begun.settings)) as run:
             run.fail(Failure(11, "Killed"))
@@ -143,13 +138,12 @@ class TestCommand:
         assert main(["construct", "--order", "3", "--stages", "3"]) == 0
         assert parse_lines(capsys.readouterr().err)[0]["pieces"] == "tries"
 
-    def test_interrupt_says_how_to_continue(self, capsys, monkeypatch, tmp_path):
+    def test_interrupt_says_how_to_continue(self, capsys, monkeypatch, path):
         def interrupted(*_, **__):
             raise KeyboardInterrupt
             yield
 
         monkeypatch.setattr(cg.runs.long_run, "completed", interrupted)
-        path = tmp_path / "runs.db"
         assert main([*self.ARGUMENTS, "--store", str(path)]) == 130
         assert capsys.readouterr().err.splitlines()[-1] == (
             f"crouch-grossman: interrupted; finished results are in {path}; run the same search "

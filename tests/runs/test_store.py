@@ -32,8 +32,7 @@ class TestSearch:
         monkeypatch.setattr(search_module, "run_start", counted)
         return runs
 
-    def test_more_starts_continue_fewer(self, tmp_path, monkeypatch):
-        path = tmp_path / "runs.db"
+    def test_more_starts_continue_fewer(self, path, monkeypatch):
         search(**SMALL, starts=3, store=path)
         runs = self.counted_runs(monkeypatch)
         more = search(**SMALL, starts=6, store=path, workers=1)
@@ -54,8 +53,7 @@ class TestSearch:
             with pytest.raises(IndexError, match=f"start {index} of 6"):
                 stored[index]
 
-    def test_runs_share_a_store(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_runs_share_a_store(self, path):
         changes = [{}, {"order": 2}, {"seed": 6}, {"algorithm": "lmdif"}]
         changes += [{"rows": "diagonal"}, {"width": 1e200}, {"maxfev": 7}, {"flows": 4}]
         changes += [{"flows": 4, "embedded": True}, {"tree": cg.methods["CF3"]}]
@@ -72,8 +70,7 @@ class TestSearch:
         assert [run.settings["order"] for run in runs[:2]] == [3, 2]
         assert all(run.seconds > 0 and not run.running and not run.failed for run in runs)
 
-    def test_best_f_is_taken_after_refinement(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_best_f_is_taken_after_refinement(self, path):
         starts = search(**SMALL, starts=6, store=path).starts
         ends = [start.quad.f if start.quad else start.double.f for start in starts]
         assert min(ends) < min(start.double.f for start in starts)
@@ -82,8 +79,7 @@ class TestSearch:
             assert run.best == min(ends)
             assert min(opened.run(1).decades()) == max(-99, math.floor(math.log10(min(ends))))
 
-    def test_two_processes_write_at_once(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_two_processes_write_at_once(self, path):
         script = "import cg, sys; cg.search(3, 3, 40, int(sys.argv[2]), store=sys.argv[1])"
         commands = [[sys.executable, "-c", script, str(path), seed] for seed in ("1", "2")]
         processes = [subprocess.Popen(command) for command in commands]
@@ -93,8 +89,7 @@ class TestSearch:
             assert {run.settings["seed"] for run in opened.runs()} == {1, 2}
         assert starts_of_the_file_alone(path) == [40, 40]
 
-    def test_open_while_another_creates_the_tables(self, tmp_path, monkeypatch):
-        path = tmp_path / "runs.db"
+    def test_open_while_another_creates_the_tables(self, path, monkeypatch):
         others = []
 
         class Slow(sqlite3.Connection):
@@ -111,7 +106,7 @@ class TestSearch:
         with Store(path) as opened:
             assert opened.runs() == ()
 
-    def test_interrupt_at_begin_of_transaction(self, tmp_path, monkeypatch):
+    def test_interrupt_at_begin_of_transaction(self, path, monkeypatch):
         begun = []
 
         class Interrupted(sqlite3.Connection):
@@ -122,7 +117,6 @@ class TestSearch:
                     raise KeyboardInterrupt
                 return cursor
 
-        path = tmp_path / "runs.db"
         monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Interrupted))
         with pytest.raises(KeyboardInterrupt):
             search(**SMALL, starts=5, store=path, workers=1)
@@ -130,9 +124,7 @@ class TestSearch:
         assert len(stored_numbers(path)) < 5
         assert search(**SMALL, starts=5, store=path) == search(**SMALL, starts=5)
 
-    def test_exception_of_progress_keeps_finished_starts(self, tmp_path, monkeypatch):
-        path = tmp_path / "runs.db"
-
+    def test_exception_of_progress_keeps_finished_starts(self, path, monkeypatch):
         def stop(done, _):
             if done == 2:
                 raise KeyboardInterrupt

@@ -49,8 +49,7 @@ FORGERIES = {
 
 
 @pytest.mark.parametrize("forgery", FORGERIES)
-def test_rejects_forged_starts(forgery, tmp_path):
-    path = tmp_path / "runs.db"
+def test_rejects_forged_starts(forgery, path):
     whole = search(**SMALL, starts=6, store=path)
     assert {start.exact for start in whole.starts} == {True, False}
     content = path.read_bytes()
@@ -67,8 +66,7 @@ def test_rejects_forged_starts(forgery, tmp_path):
     "coefficients = zeroblob(length(coefficients))", "number = -5", "stages = stages + 1",
     "tree = '{}'",
 ])  # fmt: skip
-def test_rejects_forged_tries(settings, change, tmp_path):
-    path = tmp_path / "runs.db"
+def test_rejects_forged_tries(settings, change, path):
     whole = cg.construct(**settings, workers=1, store=path)
     assert cg.construct(**settings, store=path) == whole
     run_sql(path, f"UPDATE starts SET {change} WHERE number = 0")
@@ -102,23 +100,20 @@ def only_immutable(monkeypatch):
 class TestLog:
     """SQLite's log beside the file."""
 
-    def test_new_store_is_readable_without_log(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_new_store_is_readable_without_log(self, path):
         with Store(path):
             assert starts_of_the_file_alone(path) == []
 
     @pytest.mark.parametrize("other", [Store, partial(Store, read=True)])
-    def test_finished_run_is_in_file_while_others_have_it_open(self, other, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_finished_run_is_in_file_while_others_have_it_open(self, other, path):
         Store(path).close()
         with other(path):
             search(**SMALL, starts=20, store=path)
             assert starts_of_the_file_alone(path) == [20]
         assert starts_of_the_file_alone(path) == [20]
 
-    def test_warns_if_reader_prevents_folding(self, tmp_path, monkeypatch, caplog):
+    def test_warns_if_reader_prevents_folding(self, path, monkeypatch, caplog):
         monkeypatch.setattr(database, "_FOLD_SECONDS", 0.1)
-        path = tmp_path / "runs.db"
         result = search(**SMALL, starts=2, store=path)
         with closing(iter(result.starts)) as reading:
             next(reading)
@@ -128,8 +123,7 @@ class TestLog:
         Store(path).close()
         assert starts_of_the_file_alone(path) == [9]
 
-    def test_waits_for_another_process_that_folds(self, tmp_path, monkeypatch, caplog):
-        path = tmp_path / "runs.db"
+    def test_waits_for_another_process_that_folds(self, path, monkeypatch, caplog):
         killed(path)
         pauses = []
 
@@ -147,23 +141,20 @@ class TestLog:
         assert starts_of_the_file_alone(path) == [1]
         assert "still in its log" not in caplog.text
 
-    def test_warns_if_log_cannot_be_folded(self, tmp_path, caplog):
-        path = tmp_path / "runs.db"
+    def test_warns_if_log_cannot_be_folded(self, path, caplog):
         killed(path)
         path.write_bytes(b"notes " * 1000)
         database.fold_log(path)
         assert "still in its log runs.db-wal (file is not a database)" in caplog.text
 
-    def test_error_if_log_cannot_be_read(self, tmp_path, monkeypatch, capsys):
-        path = tmp_path / "runs.db"
+    def test_error_if_log_cannot_be_read(self, path, monkeypatch, capsys):
         killed(path)
         only_immutable(monkeypatch)
         refuses(OSError, r"part of it is in its log runs\.db-wal", Store, path, read=True)
         assert cg.command.main(["runs", "list", str(path)]) == 2
         assert "part of it is in its log runs.db-wal" in capsys.readouterr().err
 
-    def test_warns_if_log_is_missing(self, tmp_path, caplog):
-        path = tmp_path / "runs.db"
+    def test_warns_if_log_is_missing(self, path, caplog):
         killed(path)
         with Store(path, read=True) as opened:
             assert [run.starts for run in opened.runs()] == [1]
@@ -176,8 +167,7 @@ class TestLog:
         assert starts_of_the_file_alone(path) == [1]
         assert not caplog.text
 
-    def test_rejects_empty_file_without_log(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_rejects_empty_file_without_log(self, path):
         with closing(sqlite3.connect(path)) as connection:
             connection.execute("PRAGMA journal_mode = WAL")
         with pytest.raises(ValueError, match=r"is not a store, or its log runs\.db-wal is missing"):
@@ -185,8 +175,7 @@ class TestLog:
 
 
 class TestFile:
-    def test_rejects_second_process_with_same_settings(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_rejects_second_process_with_same_settings(self, path):
         script = "import cg, sys; cg.search(3, 3, 4, 5, store=sys.argv[1])"
         command = [sys.executable, "-c", script, str(path)]
         settings = vars(search(**SMALL, starts=1, store=path).settings)
@@ -203,15 +192,13 @@ class TestFile:
         {"process": 2**22 + 1, "began": 1},  # no such process
         {"process": os.getppid(), "began": 1},  # another one has its number now
     ])  # fmt: skip
-    def test_resumes_run_of_dead_process(self, tmp_path, owner):
-        path = tmp_path / "runs.db"
+    def test_resumes_run_of_dead_process(self, path, owner):
         search(**SMALL, starts=1, store=path)
         machine = socket.gethostname()
         run_sql(path, "UPDATE runs SET owner = ?", json.dumps({"machine": machine, **owner}))
         assert len(search(**SMALL, starts=2, store=path).starts) == 2
 
-    def test_resumes_silent_run_of_another_machine(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_resumes_silent_run_of_another_machine(self, path):
         search(**SMALL, starts=1, store=path)
         owner = json.dumps({"machine": "another", "process": 1, "began": 1})
         run_sql(path, "UPDATE runs SET owner = ?, changed = ?", owner, time.time())
@@ -221,23 +208,20 @@ class TestFile:
         assert len(search(**SMALL, starts=2, store=path).starts) == 2
 
     @pytest.mark.parametrize("content", [b"notes\n", b"\xff\xfe\x00\n" * 40, b"\n" * 9000])
-    def test_refuses_other_files_unchanged(self, tmp_path, content):
-        path = tmp_path / "runs.db"
+    def test_refuses_other_files_unchanged(self, path, content):
         path.write_bytes(content)
         with pytest.raises(ValueError, match=r"runs\.db is not an SQLite database"):
             search(**SMALL, starts=1, store=path)
         assert path.read_bytes() == content
 
-    def test_refuses_other_databases_unchanged(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_refuses_other_databases_unchanged(self, path):
         with closing(sqlite3.connect(path)) as connection:
             connection.execute("CREATE TABLE starts (x)")
         content = path.read_bytes()
         refuses(ValueError, "a database of another program", search, **SMALL, starts=1, store=path)
         assert path.read_bytes() == content
 
-    def test_error_names_damaged_file(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_error_names_damaged_file(self, path):
         search(**SMALL, starts=30, store=path)
         content = bytearray(path.read_bytes())
         content[4096:] = b"\xa5" * (len(content) - 4096)
@@ -246,8 +230,7 @@ class TestFile:
 
     @pytest.mark.parametrize("read", [False, True])
     @pytest.mark.parametrize("version", [schema.VERSION - 1, schema.VERSION + 1])
-    def test_refuses_store_of_another_version_unchanged(self, tmp_path, version, read):
-        path = tmp_path / "runs.db"
+    def test_refuses_store_of_another_version_unchanged(self, path, version, read):
         search(**SMALL, starts=1, store=path)
         with closing(sqlite3.connect(path)) as connection:
             connection.execute(f"PRAGMA user_version = {version}")
@@ -255,8 +238,7 @@ class TestFile:
         refuses(ValueError, "written by another version", Store, path, read=read)
         assert path.read_bytes() == content
 
-    def test_full_disk_keeps_stored_starts(self, tmp_path):
-        path = tmp_path / "runs.db"
+    def test_full_disk_keeps_stored_starts(self, path):
         with Store(path) as opened, closing(opened.begin("search", {"order": 3})) as run:
             (pages,) = opened._connection.execute("PRAGMA page_count").fetchone()
             opened._connection.execute(f"PRAGMA max_page_count = {pages + 4}")
@@ -267,8 +249,7 @@ class TestFile:
             assert complete == [0]  # all of a call or nothing
         assert stored_numbers(path) == complete
 
-    def test_error_for_readonly_file(self, tmp_path, monkeypatch):
-        path = tmp_path / "runs.db"
+    def test_error_for_readonly_file(self, path, monkeypatch):
         search(**SMALL, starts=1, store=path)
         connect = sqlite3.connect
         monkeypatch.setattr(
@@ -306,9 +287,8 @@ class TestFile:
         assert path.read_bytes() == content
         assert [file.name for file in tmp_path.iterdir()] == ["a.toml"]
 
-    def test_reads_in_readonly_folder(self, tmp_path, monkeypatch):
+    def test_reads_in_readonly_folder(self, path, monkeypatch):
         """SQLite can't create the files that readers share there."""
-        path = tmp_path / "runs.db"
         search(**SMALL, starts=2, store=path)
         before = path.read_bytes()
         only_immutable(monkeypatch)

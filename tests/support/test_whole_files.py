@@ -11,7 +11,7 @@ import cg
 from cg.catalogue import save, summary
 from cg.command import main
 from cg.proofs import certificate_of
-from cg.support import parsing as texts
+from cg.support import parsing
 
 METHOD = cg.methods["CG3"]
 WRITERS = {
@@ -61,7 +61,7 @@ def test_commands_leave_the_old_file(what, old, capsys):
 
 
 def test_encoding_errors_leave_the_old_file(old):
-    refuses(ValueError, "surrogates not allowed", texts.write_file, old, "\ud800")
+    refuses(ValueError, "surrogates not allowed", parsing.write_file, old, "\ud800")
     assert old.read_text(encoding="utf-8") == "old"
 
 
@@ -70,13 +70,13 @@ def test_modes_and_links_stay(tmp_path):
     file, link = tmp_path / "file", tmp_path / "link"
     before = os.umask(0o027)
     try:
-        texts.write_file(file, "one")
+        parsing.write_file(file, "one")
     finally:
         os.umask(before)
     assert stat.S_IMODE(file.stat().st_mode) == 0o640
     file.chmod(0o604)
     link.symlink_to(file)
-    texts.write_file(link, "two")
+    parsing.write_file(link, "two")
     assert link.is_symlink()
     assert file.read_text(encoding="utf-8") == "two"
     assert stat.S_IMODE(file.stat().st_mode) == 0o604
@@ -84,8 +84,8 @@ def test_modes_and_links_stay(tmp_path):
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no such files")
 def test_devices_are_written_to(tmp_path):
-    texts.write_file(Path(os.devnull), "text")
+    parsing.write_file(Path(os.devnull), "text")
     assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
-    refuses(FileNotFoundError, "missing", texts.write_file, tmp_path / "missing" / "file", "text")
+    refuses(FileNotFoundError, "missing", parsing.write_file, tmp_path / "missing" / "file", "text")
     with pytest.raises(IsADirectoryError):
-        texts.write_file(tmp_path, "text")
+        parsing.write_file(tmp_path, "text")
