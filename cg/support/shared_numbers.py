@@ -114,6 +114,16 @@ class StateSize(IntEnum):
     INTEGERS = 17
 
 
+class FailedFunction(IntEnum):
+    """The function of a right-hand side with derivatives that failed last."""
+
+    F = 0
+    JAC = 1
+    DF_DP = 2
+    PRODUCTS = 3  # of what the functions returned
+    NOISE = 4
+
+
 class Status(IntEnum):
     """MINPACK's ``info`` (Moré, Garbow, Hillstrom, User Guide for MINPACK-1, ANL-80-74, 1980)."""
 
@@ -195,6 +205,7 @@ _SUFFIXES = {
     StageLimit: "_limit",
     JacobianKind: "_jacobian",
     StateSize: "_of_state",
+    FailedFunction: "_failed",
     Status: "",
     MinimumNormStatus: "",
     ConditionOwner: "",

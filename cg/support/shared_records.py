@@ -164,7 +164,7 @@ VARIATION = {
     "step": "real",  # of differences, relative
     "one_sided": "integer",  # 1 for forward differences in place of central ones
     "scales": "address",  # least sizes of parameters for differences, those of inputs if not zero
-    "failed_function": "integer",  # the last one: 0 f, 1 jac, 2 df_dp, 3 products, 4 noise
+    "failed_function": "integer",  # the last one, a `FailedFunction`
 }
 """A right-hand side with derivatives."""
 

@@ -44,6 +44,16 @@ contains
     if (solver%mode == scale_as_given) proper_input = proper_input .and. all(solver%diag > 0)
   end function proper_input
 
+  ! Allocates the results.
+  pure subroutine prepare(solver, m, n)
+    type(lmdif_t), intent(inout) :: solver
+    integer, intent(in) :: m, n
+
+    allocate (solver%fjac(m, n), solver%qtf(n), source=0.0_wp)
+    allocate (solver%ipvt(n), source=0)
+    if (.not. allocated(solver%diag)) allocate (solver%diag(n), source=1.0_wp)
+  end subroutine prepare
+
   ! Minimises |f(x)|. If the settings are improper, f is never called.
   subroutine lmdif(problem, x, fvec, solver)
     class(least_squares_t), intent(inout) :: problem
@@ -57,13 +67,8 @@ contains
 
     fvec = 0
     flag = 0
-    solver%info = improper_input
-    solver%nfev = 0
-    allocate (ftrial(size(fvec)), solver%fjac(size(fvec), size(x)), source=0.0_wp)
-    allocate (solver%ipvt(size(x)), source=0)
-    allocate (solver%qtf(size(x)), source=0.0_wp)
-    if (.not. allocated(solver%diag)) allocate (solver%diag(size(x)), source=1.0_wp)
-
+    allocate (ftrial(size(fvec)), source=0.0_wp)
+    call prepare(solver, size(fvec), size(x))
     main: block
       if (.not. proper_input(solver, size(x), size(fvec))) exit main
       call problem%residual(x, fvec, flag)
@@ -74,21 +79,14 @@ contains
       iteration = 1
 
       outer: do
-        call difference_jacobian(problem, x, fvec, solver, flag)
+        call linearise(problem, x, fvec, solver, ftrial, acnorm, flag)
         if (flag < 0) exit main
-        call qrfac(solver%fjac, solver%ipvt, work, acnorm, problem%stop_flag)
-        if (stop_requested(problem%stop_flag)) flag = stopped_by_user
-        if (flag < 0) exit main
-
         if (iteration == 1) then
           if (solver%mode /= scale_as_given) solver%diag = merge(acnorm, 1.0_wp, acnorm > 0)
           xnorm = enorm(solver%diag * x)
           delta = solver%factor * xnorm
           if (.not. delta > 0) delta = solver%factor
         end if
-
-        ftrial = fvec
-        call apply_reflections(solver%fjac, work, ftrial, solver%qtf)
         gnorm = scaled_gradient(solver%fjac, solver%ipvt, solver%qtf, fnorm, acnorm)
         if (gnorm <= solver%gtol) then
           solver%info = small_gradient
@@ -135,6 +133,26 @@ contains
 
     if (flag < 0) solver%info = flag
   end subroutine lmdif
+
+  ! Factorises the Jacobian at x and applies its reflections to f.
+  subroutine linearise(problem, x, fvec, solver, work, acnorm, flag)
+    class(least_squares_t), intent(inout) :: problem
+    real(wp), intent(inout) :: x(:)     ! (n): unchanged on return
+    real(wp), intent(in) :: fvec(:)     ! (m): f(x)
+    type(lmdif_t), intent(inout) :: solver
+    real(wp), intent(inout), contiguous :: work(:)     ! (m)
+    real(wp), intent(out) :: acnorm(:)                 ! (n): norms of the Jacobian's columns
+    integer, intent(inout) :: flag
+    real(wp) :: diagonal(size(x))
+
+    call difference_jacobian(problem, x, fvec, solver, flag)
+    if (flag < 0) return
+    call qrfac(solver%fjac, solver%ipvt, diagonal, acnorm, problem%stop_flag)
+    if (stop_requested(problem%stop_flag)) flag = stopped_by_user
+    if (flag < 0) return
+    work = fvec
+    call apply_reflections(solver%fjac, diagonal, work, solver%qtf)
+  end subroutine linearise
 
   ! The Jacobian by forward differences with steps sqrt(epsfcn) * |x_j|.
   subroutine difference_jacobian(problem, x, fvec, solver, flag)

@@ -40,7 +40,7 @@ contains
     integer, intent(out) :: iterations, evaluations, status
     real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
     real(wp), allocatable :: r(:), r_trial(:), y(:), step(:), trial(:)
-    real(wp) :: damping, growth, f_trial, predicted, gain, least
+    real(wp) :: damping, growth, f_trial, gain, least
     integer :: flag, info
 
     allocate (full(conditions, size(x)), jac(conditions, size(moving)))
@@ -83,10 +83,8 @@ contains
       call problem%residual(trial, r_trial, flag)
       evaluations = evaluations + 2
       f_trial = sum(r_trial**2)
-      if (flag < 0 .or. .not. f_trial <= huge(f)) f_trial = huge(f)
-      if (f_trial < f) then
-        predicted = f - sum((damping*y)**2)
-        gain = (f - f_trial)/max(predicted, tiny(f))
+      if (flag >= 0 .and. f_trial < f) then
+        gain = (f - f_trial)/max(f - sum((damping*y)**2), tiny(f))
         damping = max(damping*max(1.0_wp/3.0_wp, 1.0_wp - (2.0_wp*gain - 1.0_wp)**3), least)
         growth = 2.0_wp
         x = trial

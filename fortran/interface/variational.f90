@@ -13,12 +13,22 @@ module variational_m
   use frames_m, only: apply_flows
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
-  use shared_numbers, only: variation_t
+  use shared_numbers, only: df_dp_failed, f_failed, jac_failed, noise_failed, products_failed, &
+                            variation_t
   use vector_field_m, only: field_at, rhs_i
-  use vectors_m, only: nan
+  use vectors_m, only: finite, nan
   implicit none
   private
   public :: variational_field
+
+  ! What one evaluation refers to
+  type :: evaluation_t
+    type(variation_t), pointer :: record => null()
+    type(plan_t), pointer :: plan => null()            ! of the frame alone
+    type(c_ptr) :: parameters = c_null_ptr             ! of a member
+    real(wp) :: t = 0.0_wp
+    integer(c_int) :: code = 0                         ! what the last function returned
+  end type evaluation_t
 
 contains
 
@@ -30,166 +40,182 @@ contains
     real(c_double), intent(inout) :: f(*)
     type(c_ptr), value, intent(in) :: user_data
     integer(c_int) :: code
-    type(variation_t), pointer :: record
+    type(evaluation_t) :: self
     integer(c_intptr_t), pointer :: address
 
     call c_f_pointer(transfer(transfer(user_data, 0_c_intptr_t) - 8, c_null_ptr), address)
-    call c_f_pointer(transfer(address, c_null_ptr), record)
-    associate (n => int(record%dimension), width => int(record%width))
-      call evaluate(record, user_data, t, y, y(width + 1), f, f(n + 1), code)
+    call c_f_pointer(transfer(address, c_null_ptr), self%record)
+    self%plan => plan_at(self%record%frame)
+    self%parameters = user_data
+    self%t = t
+    associate (record => self%record, n => int(self%record%dimension))
+      call evaluate(self, n, n + int(record%parameters + record%noises), y, y(record%width + 1), &
+                    f, f(n + 1))
     end associate
+    code = self%code
   end function variational_field
 
   ! Evaluates f and X'. Matrices are stored row by row, so that columns here are their rows.
-  subroutine evaluate(record, parameters, t, y, x, f, slope, code)
-    type(variation_t), intent(inout) :: record
-    type(c_ptr), intent(in) :: parameters
-    real(wp), intent(in) :: t, y(record%width), x(columns(record), record%dimension)
-    real(wp), intent(inout) :: f(record%dimension), slope(columns(record), record%dimension)
-    integer(c_int), intent(out) :: code
-    real(wp) :: a(record%dimension, record%dimension)        ! A, then
-    real(wp) :: d(record%parameters, record%dimension)       ! df/dp
-    integer :: i, j, n, k
+  subroutine evaluate(self, n, columns, y, x, f, slope)
+    type(evaluation_t), intent(inout) :: self
+    integer, intent(in) :: n, columns                  ! dimension, and columns of X
+    real(wp), intent(in) :: y(self%record%width), x(columns, n)
+    real(wp), intent(inout) :: f(n), slope(columns, n)
+    real(wp) :: a(n, n), d(self%record%parameters, n)  ! A, df/dp
+    integer :: first, i, j
 
-    n = int(record%dimension)
-    k = int(record%parameters)
-    code = 0
     f = nan
-    if (.not. (all(abs(y) <= huge(1.0_wp)) .and. all(abs(x) <= huge(1.0_wp)))) return
-    call evaluate_at(record%f, record%f_data, y, f)
-    record%failed_function = 0
-    if (code /= 0) return
-    a = nan
-    if (record%jac == 0) then
-      call difference_along_fields()
-    else
-      call evaluate_at(record%jac, record%jac_data, y, a)
-      if (code /= 0 .or. .not. all(abs(a) <= huge(1.0_wp))) record%failed_function = 1
-    end if
-    if (code /= 0) return
-    call add_brackets(record, n, f, a)
-    do i = 1, n
-      slope(:, i) = a(1, i) * x(:, 1)
-      do j = 2, n
-        slope(:, i) = slope(:, i) + a(j, i) * x(:, j)
+    if (.not. (finite(size(y), y) .and. finite(size(x), x))) return
+    associate (record => self%record, k => size(d, 1))
+      call call_function(self, record%f, record%f_data, y, f)
+      record%failed_function = f_failed
+      if (self%code /= 0) return
+      if (record%jac == 0) then
+        call difference_along_fields(self, y, f, a)
+      else
+        call call_checked(self, record%jac, record%jac_data, y, jac_failed, a)
+      end if
+      if (self%code /= 0) return
+      call add_brackets(record, n, f, a)
+      do i = 1, n
+        slope(:, i) = a(1, i) * x(:, 1)
+        do j = 2, n
+          slope(:, i) = slope(:, i) + a(j, i) * x(:, j)
+        end do
       end do
-    end do
-    if (k > 0) then
-      d = nan
-      if (record%df_dp == 0) then
-        call difference_by_parameters()
-      else
-        call evaluate_at(record%df_dp, record%df_dp_data, y, d)
-        if (code /= 0 .or. .not. all(abs(d) <= huge(1.0_wp))) record%failed_function = 2
+      if (k > 0) then
+        if (record%df_dp == 0) then
+          call difference_by_parameters(self, y, f, d)
+        else
+          call call_checked(self, record%df_dp, record%df_dp_data, y, df_dp_failed, d)
+        end if
+        slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
       end if
-      slope(n + 1:n + k, :) = slope(n + 1:n + k, :) + d
-    end if
-    if (record%noises > 0 .and. code == 0) then
-      j = columns(record) - int(record%noises) + 1
-      call add_noise(x(j:, :), slope(j:, :))
-    end if
-    if (code == 0 .and. all(abs(f) <= huge(1.0_wp)) .and. all(abs(a) <= huge(1.0_wp))) then
-      if (all(record%failed_function /= [2_c_int64_t, 4_c_int64_t]) .and. &
-          .not. all(abs(slope) <= huge(1.0_wp))) record%failed_function = 3
-    end if
-
-  contains
-
-    ! Adds C A^T + Q, where c(:, i) is row i of C.
-    subroutine add_noise(c, slope)
-      real(wp), intent(in) :: c(:, :)
-      real(wp), intent(inout) :: slope(:, :)
-      real(wp), pointer, contiguous :: constant(:, :)
-      real(wp) :: q(record%dimension, record%dimension)
-
-      if (record%noise == 0) then
-        call c_f_pointer(transfer(record%noise_data, c_null_ptr), constant, [n, n])
-        q = constant
-      else
-        q = nan
-        call evaluate_at(record%noise, record%noise_data, y, q)
-        if (code /= 0 .or. .not. all(abs(q) <= huge(1.0_wp))) record%failed_function = 4
+      if (self%code == 0 .and. record%noises > 0) then
+        first = n + k + 1
+        call add_noise(self, y, a, x(first:, :), slope(first:, :))
       end if
-      slope = slope + matmul(transpose(a), c) + q
-    end subroutine add_noise
+      if (self%code /= 0 .or. any(int(record%failed_function) == [df_dp_failed, noise_failed])) return
+      if (finite(n, f) .and. finite(size(a), a) .and. .not. finite(size(slope), slope)) &
+        record%failed_function = products_failed
+    end associate
+  end subroutine evaluate
 
-    ! Calls a function, which may write into the point that it is given. Its data are its own, or
-    ! the parameters of the member, or those of f.
-    subroutine evaluate_at(address, own_data, y, values)
-      integer(c_intptr_t), intent(in) :: address, own_data
-      real(wp), intent(in) :: y(record%width)
-      real(wp), intent(inout) :: values(*)
-      procedure(rhs_i), pointer :: rhs
-      real(wp) :: point(record%width)
-      type(plan_t), pointer :: plan
-      type(c_ptr) :: data
+  ! Adds C A^T + Q, where c(:, i) is row i of C.
+  subroutine add_noise(self, y, a, c, slope)
+    type(evaluation_t), intent(inout) :: self
+    real(wp), intent(in) :: y(:), a(:, :), c(:, :)
+    real(wp), intent(inout) :: slope(:, :)
+    real(wp), pointer, contiguous :: constant(:, :)
+    real(wp) :: q(size(a, 1), size(a, 1))
 
+    if (self%record%noise == 0) then
+      call c_f_pointer(transfer(self%record%noise_data, c_null_ptr), constant, shape(q))
+      q = constant
+    else
+      call call_checked(self, self%record%noise, self%record%noise_data, y, noise_failed, q)
+    end if
+    slope = slope + matmul(transpose(a), c) + q
+  end subroutine add_noise
+
+  ! Calls a function other than f and records whether it fails.
+  subroutine call_checked(self, address, own_data, y, failure, values)
+    type(evaluation_t), intent(inout) :: self
+    integer(c_intptr_t), intent(in) :: address, own_data
+    real(wp), intent(in) :: y(:)
+    integer, intent(in) :: failure                     ! a FailedFunction
+    real(wp), contiguous, intent(out) :: values(:, :)
+
+    values = nan
+    call call_function(self, address, own_data, y, values)
+    if (self%code /= 0 .or. .not. finite(size(values), values)) &
+      self%record%failed_function = int(failure, c_int64_t)
+  end subroutine call_checked
+
+  ! Calls a function, which may write into the point that it is given. Its data are its own, or
+  ! the parameters of the member, or those of f.
+  subroutine call_function(self, address, own_data, y, values)
+    type(evaluation_t), intent(inout) :: self
+    integer(c_intptr_t), intent(in) :: address, own_data
+    real(wp), intent(in) :: y(:)
+    real(wp), intent(inout) :: values(*)
+    procedure(rhs_i), pointer :: rhs
+    real(wp) :: point(size(y))
+    type(c_ptr) :: data
+
+    associate (record => self%record, frame => self%plan%frame)
       data = transfer(merge(own_data, record%data, own_data /= 0), data)
-      if (own_data == 0 .and. record%parameters + record%inputs > 0) data = parameters
+      if (own_data == 0 .and. record%parameters + record%inputs > 0) data = self%parameters
       point = y
       rhs => field_at(address)
-      code = rhs(t, point, values, data)
-      plan => plan_at(record%frame)
-      if (code /= 0 .or. plan%frame%forces == 0) return
-      call take_forces(plan%frame, y, values)
-      call add_free_motion(plan%frame, y, values)
-    end subroutine evaluate_at
+      self%code = rhs(self%t, point, values, data)
+      if (self%code /= 0 .or. frame%forces == 0) return
+      call take_forces(frame, y, values)
+      call add_free_motion(frame, y, values)
+    end associate
+  end subroutine call_function
 
-    ! a(j, i) becomes the difference of f(i) along field j.
-    subroutine difference_along_fields()
-      type(plan_t), pointer :: plan
-      real(wp) :: step(record%dimension), v(record%dimension), point(record%width)
-      real(wp) :: values(record%dimension, 2)          ! ahead and behind
-      integer :: side, sides
+  ! a(j, i) becomes the difference of f(i) along field j.
+  subroutine difference_along_fields(self, y, f, a)
+    type(evaluation_t), intent(inout) :: self
+    real(wp), contiguous, intent(in) :: y(:), f(:)
+    real(wp), intent(out) :: a(:, :)
+    real(wp), dimension(size(f)) :: step, v
+    real(wp) :: point(size(y)), values(size(f), 2)     ! values: ahead and behind
+    integer :: j, side, sides
 
-      plan => plan_at(record%frame)
-      a = 0.0_wp
-      call sizes(plan%frame, y, step)
+    a = 0.0_wp
+    associate (record => self%record, frame => self%plan%frame)
+      call sizes(frame, y, step)
       step = record%step * max(step, 1.0_wp)
       sides = merge(1, 2, record%one_sided /= 0)
       values(:, 2) = f
-      do j = 1, n
+      do j = 1, size(f)
         v = 0.0_wp
         do side = 1, sides
           v(j) = merge(step(j), -step(j), side == 1)
           point = y
-          call apply_flows(plan%frame, 1, v, point)
+          call apply_flows(frame, 1, v, point)
           values(:, side) = nan
-          call evaluate_at(record%f, record%f_data, point, values(:, side))
-          if (code /= 0) return
+          call call_function(self, record%f, record%f_data, point, values(:, side))
+          if (self%code /= 0) return
         end do
         a(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step(j))
       end do
-    end subroutine difference_along_fields
+    end associate
+  end subroutine difference_along_fields
 
-    ! d(j, i) becomes the difference of f(i) by parameter j. Parameters are changed in
-    ! place, since functions of Python hold a view of them.
-    subroutine difference_by_parameters()
-      real(wp), pointer, contiguous :: values(:), scales(:)
-      real(wp) :: step, before, f_at(record%dimension, 2)      ! f_at: ahead and behind
-      integer :: side, sides
+  ! d(j, i) becomes the difference of f(i) by parameter j. Parameters are changed in
+  ! place, since functions of Python hold a view of them.
+  subroutine difference_by_parameters(self, y, f, d)
+    type(evaluation_t), intent(inout) :: self
+    real(wp), intent(in) :: y(:), f(:)
+    real(wp), intent(out) :: d(:, :)
+    real(wp), pointer, contiguous :: parameters(:), scales(:)
+    real(wp) :: step, before, values(size(f), 2)       ! values: ahead and behind
+    integer :: j, side, sides
 
-      call c_f_pointer(parameters, values, [k])
-      call c_f_pointer(transfer(record%scales, c_null_ptr), scales, [k])
-      d = 0.0_wp
+    d = 0.0_wp
+    associate (record => self%record)
+      call c_f_pointer(self%parameters, parameters, [size(d, 1)])
+      call c_f_pointer(transfer(record%scales, c_null_ptr), scales, [size(d, 1)])
       sides = merge(1, 2, record%one_sided /= 0)
-      f_at(:, 2) = f
-      do j = 1, k
-        before = values(j)
+      values(:, 2) = f
+      do j = 1, size(d, 1)
+        before = parameters(j)
         step = max(abs(before), scales(j))
         step = record%step * merge(step, 1.0_wp, step > sqrt(tiny(1.0_wp)))
         do side = 1, sides
-          values(j) = before + merge(step, -step, side == 1)
-          f_at(:, side) = nan
-          call evaluate_at(record%f, record%f_data, y, f_at(:, side))
-          values(j) = before
-          if (code /= 0) return
+          parameters(j) = before + merge(step, -step, side == 1)
+          values(:, side) = nan
+          call call_function(self, record%f, record%f_data, y, values(:, side))
+          parameters(j) = before
+          if (self%code /= 0) return
         end do
-        d(j, :) = (f_at(:, 1) - f_at(:, 2)) / (real(sides, wp) * step)
+        d(j, :) = (values(:, 1) - values(:, 2)) / (real(sides, wp) * step)
       end do
-    end subroutine difference_by_parameters
-
-  end subroutine evaluate
+    end associate
+  end subroutine difference_by_parameters
 
   ! Adds the matrix of brackets with f.
   subroutine add_brackets(record, n, f, a)
@@ -210,12 +236,5 @@ contains
       end associate
     end do
   end subroutine add_brackets
-
-  ! The number of columns of X
-  pure integer function columns(record)
-    type(variation_t), intent(in) :: record
-
-    columns = int(record%dimension + record%parameters + record%noises)
-  end function columns
 
 end module variational_m

@@ -22,6 +22,7 @@ module error_estimate_m
   use coordinates_m, only: difference
   use error_norm_m, only: norm, remove_isotropy, scales, tangent
   use frames_m, only: turning
+  use method_m, only: method_t
   use newton_m, only: filtered
   use trajectory_m, only: trajectory_t
   use vectors_m, only: combine, finite
@@ -40,25 +41,23 @@ contains
   subroutine estimate_error(x)
     type(trajectory_t), intent(inout) :: x
     real(wp) :: errors(3), error, ratio
-    integer :: i, place, sums
+    integer :: i, place
 
     associate (frame => x%problem%frame, tolerances => x%problem%tolerances, &
                method => x%problem%method, v => x%u)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%control%work, x%control%scale)
       errors = 0.0_wp
-      sums = size(method%error, 2)
       if (method%embedded > 0) then
         if (.not. finite(frame%point_size, x%y(:, method%embedded))) return
         errors(1) = distance(x, method%embedded)
         if (method%third > 0) errors(2) = distance(x, method%third)
       end if
       x%path_of_u = 0
-      do i = 1, sums
+      do i = 1, size(method%error, 2)
         call combine(size(v), size(x%f, 2), x%h * method%error(:, i), x%f, v)
         if (method%collocation) call filtered(x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
-        place = merge(2 + i - sums, 1 + 2 * (i - 1) / sums, method%embedded > 0)
-        if (method%power == 0) place = 1 + i
+        place = estimate_of(method, i)
         error = norm_of_u(x)
         if (method%polynomial) error = hypot(errors(place), error)
         if (.not. error <= errors(place)) errors(place) = error
@@ -81,6 +80,23 @@ contains
       end if
     end associate
   end subroutine estimate_error
+
+  ! Which of e1, e2 and e3 sum i of stages belongs to: with a second result the last sum to e2, and
+  ! one before it to e1, or those at the end of the step to e2 and e3; else each half to one.
+  pure integer function estimate_of(method, i)
+    type(method_t), intent(in) :: method
+    integer, intent(in) :: i
+
+    associate (sums => size(method%error, 2))
+      if (method%power == 0) then
+        estimate_of = 1 + i
+      else if (method%embedded > 0) then
+        estimate_of = merge(2, 1, i == sums)
+      else
+        estimate_of = merge(1, 2, i <= (sums + 1) / 2)
+      end if
+    end associate
+  end function estimate_of
 
   ! Raises the error of a step that turns by more than max_angle, so that the next one is shorter,
   ! unless coefficients change by less than the tolerances: constant ones may turn by any angle.

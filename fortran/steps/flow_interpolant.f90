@@ -115,8 +115,8 @@ contains
       if (self%node <= n) return
       self%field(:, n + 1) = self%field(:, n)
       self%field(:, 2:n) = self%next(:, 2:n)
-      n = n + 1
     end associate
+    self%known = self%known + 1
     call add_last_flow(self)
   end subroutine add_flow_node
 

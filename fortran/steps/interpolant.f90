@@ -168,11 +168,9 @@ contains
       call add_flow_node(f, self)
       return
     end if
-    associate (n => self%known)
-      self%next(:, n + 1) = f
-      call dexpinv(self%frame, self%scheme%series, self%u, self%next(:, n + 1), exists)
-      n = n + 1
-    end associate
+    self%known = self%known + 1
+    self%next(:, self%known) = f
+    call dexpinv(self%frame, self%scheme%series, self%u, self%next(:, self%known), exists)
     call finish_or_fall_back(self, exists)
   end subroutine add_node
 

@@ -44,63 +44,72 @@ contains
       x%status = finished
     end select
     do while (x%status == finished .and. x%phase /= phase_ended)
-      select case (x%phase)
-      case (phase_begin_segment)
-        call begin_segment(x)
-      case (phase_guess_size)
-        call guess_size(x)
-      case (phase_guess_shared)
-        call request_curvature(x)
-      case (phase_curvature_received)
-        call choose_first_size(x)
-      case (phase_size_shared)
-        x%control%step_size = x%request%shared
-        x%phase = phase_choose_step
-      case (phase_choose_step)
-        if (.not. has_room(output)) then
-          x%status = buffer_full
-        else if (budget <= 0) then
-          x%status = paused
-        else
-          budget = budget - 1
-          call choose_step(x)
-        end if
-      case (phase_start_received)
-        if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
-        x%slope_known = .true.
-        x%phase = phase_next_stage
-        if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
-      case (phase_next_stage)
-        call request_stage(x)
-      case (phase_stage_received)
-        call store_stage(x)
-      case (phase_column_received)
-        call store_column(x)
-      case (phase_error_received)
-        call store_error(x)
-      case (phase_finish_step)
-        if (x%problem%method%polynomial) call prepare_inner(x, output)
-        call finish_step(x)
-      case (phase_decide_step)
-        call accept_or_reject(x)
-      case (phase_accepted)
-        call examine_step(x, output)
-      case (phase_request_end)
-        call request(x, x%t, x%y(:, 0), phase_end_received, x%request%received)
-      case (phase_begin_received)
-        call store_begin(x)
-      case (phase_end_received)
-        call store_end(x)
-      case (phase_next_node)
-        call request_node(x)
-      case (phase_node_received)
-        call store_node(x)
-      case (phase_detect_events)
-        call detect_events(x)
-      case (phase_store_output)
-        call store_output(x, output)
-      end select
+      call advance(x, output, budget)
     end do
   end subroutine resume
+
+  ! Does what the phase asks for.
+  subroutine advance(x, output, budget)
+    type(trajectory_t), target, intent(inout) :: x
+    type(output_t), intent(inout) :: output
+    integer(int64), intent(inout) :: budget
+
+    select case (x%phase)
+    case (phase_begin_segment)
+      call begin_segment(x)
+    case (phase_guess_size)
+      call guess_size(x)
+    case (phase_guess_shared)
+      call request_curvature(x)
+    case (phase_curvature_received)
+      call choose_first_size(x)
+    case (phase_size_shared)
+      x%control%step_size = x%request%shared
+      x%phase = phase_choose_step
+    case (phase_choose_step)
+      if (.not. has_room(output)) then
+        x%status = buffer_full
+      else if (budget <= 0) then
+        x%status = paused
+      else
+        budget = budget - 1
+        call choose_step(x)
+      end if
+    case (phase_start_received)
+      if (.not. associated(x%problem%field)) x%slope(:) = x%request%received
+      x%slope_known = .true.
+      x%phase = phase_next_stage
+      if (x%problem%adaptive .and. .not. x%control%step_size > 0) x%phase = phase_guess_size
+    case (phase_next_stage)
+      call request_stage(x)
+    case (phase_stage_received)
+      call store_stage(x)
+    case (phase_column_received)
+      call store_column(x)
+    case (phase_error_received)
+      call store_error(x)
+    case (phase_finish_step)
+      if (x%problem%method%polynomial) call prepare_inner(x, output)
+      call finish_step(x)
+    case (phase_decide_step)
+      call accept_or_reject(x)
+    case (phase_accepted)
+      call examine_step(x, output)
+    case (phase_request_end)
+      call request(x, x%t, x%y(:, 0), phase_end_received, x%request%received)
+    case (phase_begin_received)
+      call store_begin(x)
+    case (phase_end_received)
+      call store_end(x)
+    case (phase_next_node)
+      call request_node(x)
+    case (phase_node_received)
+      call store_node(x)
+    case (phase_detect_events)
+      call detect_events(x)
+    case (phase_store_output)
+      call store_output(x, output)
+    end select
+  end subroutine advance
 
 end module loop_m

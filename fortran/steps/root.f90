@@ -27,25 +27,25 @@ module root_m
 contains
 
   ! Evaluates the function at a fraction of the step; the trajectory fails if there is no value.
-  subroutine value(self, x, y)
+  subroutine value(self, theta, found)
     class(event_function_t), intent(inout) :: self
-    real(wp), intent(in) :: x
-    real(wp), intent(out) :: y
+    real(wp), intent(in) :: theta
+    real(wp), intent(out) :: found
 
     associate (trajectory => self%trajectory)
-      call point_at(trajectory, x, self%y)
+      call point_at(trajectory, theta, self%y)
       call trajectory%problem%events%value(trajectory%member, self%event, &
-                                           time_at(trajectory, x), self%y, y, self%stopped)
+                                           time_at(trajectory, theta), self%y, found, self%stopped)
       if (self%stopped) call fail(trajectory, raised, trajectory%t_end)
     end associate
   end subroutine value
 
   ! Finds a zero of g between low and high.
-  subroutine find_root(g, low, high, at_low, at_high, x)
+  subroutine find_root(g, low, high, at_low, at_high, zero)
     type(event_function_t), intent(inout) :: g
     real(wp), intent(in) :: low, high              ! the ends
     real(wp), intent(in) :: at_low, at_high        ! values there, of opposite signs
-    real(wp), intent(out) :: x
+    real(wp), intent(out) :: zero
     ! the best estimate, the one before, and one on the other side of the zero
     real(wp) :: a, b, c, fa, fb, fc
     real(wp) :: middle, enough, step, last_step, p, q, r, s
@@ -103,7 +103,7 @@ contains
       call g%value(b, fb)
       if (g%stopped) exit
     end do
-    x = b
+    zero = b
   end subroutine find_root
 
 end module root_m

@@ -86,23 +86,23 @@ contains
   end function parts
 
   ! Finds the zeros of one event, given its values at the ends of parts.
-  subroutine find_zeros_of(g, x, values)
+  subroutine find_zeros_of(g, theta, values)
     type(event_function_t), intent(inout) :: g
-    real(wp), contiguous, intent(in) :: x(0:), values(0:)    ! (0:parts)
+    real(wp), contiguous, intent(in) :: theta(0:), values(0:)    ! (0:parts)
     real(wp) :: turning, value
     integer :: k, last
     logical :: exists
 
     last = 0                                           ! part with a pair of zeros
-    do k = 1, ubound(x, 1)
-      call add_zero(g, x(k - 1:k), values(k - 1:k))
-      if (g%stopped .or. k == ubound(x, 1)) return
-      call find_turning_point(g, x(k - 1:k + 1), values(k - 1:k + 1), turning, value, exists)
+    do k = 1, ubound(theta, 1)
+      call add_zero(g, theta(k - 1:k), values(k - 1:k))
+      if (g%stopped .or. k == ubound(theta, 1)) return
+      call find_turning_point(g, theta(k - 1:k + 1), values(k - 1:k + 1), turning, value, exists)
       if (g%stopped) return
-      if (.not. exists .or. (turning < x(k) .and. last == k)) cycle
-      last = merge(k, k + 1, turning < x(k))
-      call add_zero(g, [x(last - 1), turning], [values(last - 1), value])
-      if (.not. g%stopped) call add_zero(g, [turning, x(last)], [value, values(last)])
+      if (.not. exists .or. (turning < theta(k) .and. last == k)) cycle
+      last = merge(k, k + 1, turning < theta(k))
+      call add_zero(g, [theta(last - 1), turning], [values(last - 1), value])
+      if (.not. g%stopped) call add_zero(g, [turning, theta(last)], [value, values(last)])
       if (g%stopped) return
     end do
   end subroutine find_zeros_of
@@ -117,22 +117,22 @@ contains
     logical, intent(out) :: exists
     integer, parameter :: max_iterations = 8
     real(wp), parameter :: margin = 0.02_wp            ! relative to differences of values
-    real(wp) :: x(3), v(3), first, second, nearest, inner(2), at_inner(2)
+    real(wp) :: theta(3), v(3), first, second, nearest, inner(2), at_inner(2)
     integer :: i
 
-    x = ends
+    theta = ends
     v = abs(values)
     turning = 0.0_wp
     value = 0.0_wp
     exists = .false.
     if (.not. minval(values * sign(1.0_wp, values(1))) > 0) return
     do i = 1, max_iterations
-      first = (v(2) - v(1)) / (x(2) - x(1))
-      second = ((v(3) - v(2)) / (x(3) - x(2)) - first) / (x(3) - x(1))
+      first = (v(2) - v(1)) / (theta(2) - theta(1))
+      second = ((v(3) - v(2)) / (theta(3) - theta(2)) - first) / (theta(3) - theta(1))
       if (.not. second > 0) return
-      turning = (x(1) + x(2) - first / second) / 2
-      if (turning <= x(1) .or. turning >= x(3)) return
-      nearest = v(1) + (turning - x(1)) * (first + second * (turning - x(2)))
+      turning = (theta(1) + theta(2) - first / second) / 2
+      if (turning <= theta(1) .or. turning >= theta(3)) return
+      nearest = v(1) + (turning - theta(1)) * (first + second * (turning - theta(2)))
       exists = g%detects .and. min(nearest, minval(v)) < margin * (maxval(v) - minval(v))
       value = -values(1)
       if (exists .or. nearest > minval(v) / 2) return
@@ -140,17 +140,17 @@ contains
       if (g%stopped) return
       exists = value * sign(1.0_wp, values(1)) <= 0
       if (exists) return
-      inner = [x(2), turning]
+      inner = [theta(2), turning]
       at_inner = [v(2), abs(value)]
-      if (turning < x(2)) then
+      if (turning < theta(2)) then
         inner = inner(2:1:-1)
         at_inner = at_inner(2:1:-1)
       end if
       if (at_inner(1) < at_inner(2)) then
-        x = [x(1), inner]
+        theta = [theta(1), inner]
         v = [v(1), at_inner]
       else
-        x = [inner, x(3)]
+        theta = [inner, theta(3)]
         v = [at_inner, v(3)]
       end if
     end do
@@ -178,42 +178,42 @@ contains
   ! other side at the end of the first part or of the step, it is evaluated ever nearer to the
   ! start. The first values that are larger than rounding tell a line through zero, which passes,
   ! from a higher power of time. If the step is too small to tell, the next one decides.
-  subroutine find_after_event(g, x, values)
+  subroutine find_after_event(g, theta, values)
     type(event_function_t), intent(inout) :: g
-    real(wp), contiguous, intent(in) :: x(0:)
-    real(wp), contiguous, intent(inout) :: values(0:)  ! at x; first ones of rounding become zero
+    real(wp), contiguous, intent(in) :: theta(0:)
+    real(wp), contiguous, intent(inout) :: values(0:)  ! there; first ones of rounding become zero
     integer, parameter :: halvings = 60
     ! points ever nearer, the function there, and its rounding
     real(wp), allocatable :: at(:), near(:), rounding(:)
     real(wp) :: elapsed, point, value
     integer :: first, k, last
 
-    associate (trajectory => g%trajectory, from => g%trajectory%events%came_from(g%event), &
-               side => real(g%trajectory%events%came_from(g%event), wp), n => ubound(x, 1))
+    associate (trajectory => g%trajectory, events => g%trajectory%events, n => ubound(theta, 1), &
+               side => real(g%trajectory%events%came_from(g%event), wp))
       do k = 1, n
-        if (abs(values(k)) > rounding_at(g, x(k), values(n))) exit
+        if (abs(values(k)) > rounding_at(g, theta(k), values(n))) exit
         values(k) = 0.0_wp
       end do
-      trajectory%events%after(g%event) = values(n)
+      events%after(g%event) = values(n)
       first = merge(1, n, values(1) * side < 0)
       if (.not. values(first) * side < 0) then
-        if (abs(values(n)) > 0) from = 0
+        if (abs(values(n)) > 0) events%came_from(g%event) = 0
         return
       end if
       last = first - 1 + findloc([values(first + 1:) * side < 0, .false.], .false., 1)
-      at = x(last:first:-1)
+      at = theta(last:first:-1)
       near = values(last:first:-1)
       rounding = [(rounding_at(g, at(k), values(n)), k=1, size(at))]
-      elapsed = abs((trajectory%t - trajectory%events%time(g%event)) / trajectory%h)
+      elapsed = abs((trajectory%t - events%time(g%event)) / trajectory%h)
       do k = 1, halvings
-        point = x(first) * 0.5_wp**k
+        point = theta(first) * 0.5_wp**k
         if (point < elapsed / 16 .or. power_of(elapsed, at, near, rounding, 3) < 1.05_wp) exit
         call g%value(point, value)
         if (g%stopped) return
         if (abs(value) <= rounding_at(g, point, values(n))) exit
         if (value * side > 0) then
-          if (first == 1) call add_zero(g, [point, x(1)], [value, values(1)])
-          from = 0
+          if (first == 1) call add_zero(g, [point, theta(1)], [value, values(1)])
+          events%came_from(g%event) = 0
           return
         end if
         at = [at, point]
@@ -222,8 +222,8 @@ contains
       end do
       associate (power => power_of(elapsed, at, near, rounding, 1))
         if (power < 0) return
-        if (power < 1.5_wp .or. .not. g%trajectory%problem%events%jumps(g%event)) then
-          from = 0
+        if (power < 1.5_wp .or. .not. trajectory%problem%events%jumps(g%event)) then
+          events%came_from(g%event) = 0
           return
         end if
       end associate

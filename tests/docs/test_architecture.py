@@ -93,3 +93,23 @@ def test_files_have_350_lines_and_functions_40():
                 if node.end_lineno - begin[0].lineno >= 40:
                     long.add(f"{name}: {node.name}")
     assert not long
+
+
+def test_procedures_in_fortran_have_60_lines():
+    """Declarations, comments and empty lines don't count, nor do procedures within others."""
+    begins = re.compile(r"(?:[\w() ]+ )?(subroutine|function) (\w+)")
+    uncounted = re.compile(r"use\b|implicit none|!|$|.*::")
+    long = set()
+    for path in ROOT.glob("fortran/*/*.f90"):
+        counts = [("module", 0)]
+        for line in map(str.strip, path.read_text("utf-8").splitlines()):
+            if re.match("end (subroutine|function)", line):
+                name, count = counts.pop()
+                if count > 60:
+                    long.add(f"{path.name}: {name}, {count}")
+            elif found := begins.match(line):
+                counts.append((found[2], 0))
+            elif not uncounted.match(line):
+                counts[-1] = counts[-1][0], counts[-1][1] + 1
+        assert len(counts) == 1
+    assert not long

@@ -18,6 +18,7 @@ from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
 from cg.integration.variational.noise import Noise
 from cg.support.arrays import Array, Points
+from cg.support.shared_numbers import FailedFunction
 from cg.support.shared_records import VARIATION, fields_of
 
 
@@ -60,8 +61,8 @@ class CompiledVariation(CompiledRhs):
     @property
     def failed_name(self) -> str:
         """Name of the function that failed last."""
-        names = "f", "jac", "df_dp", DERIVATIVES, "noise"
-        return names[max(int(record.failed_function) for record in self.records)]
+        failed = FailedFunction(max(record.failed_function for record in self.records))
+        return DERIVATIVES if failed is FailedFunction.PRODUCTS else failed.name.lower()
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of the function and of the first member's data, and their stride."""
