@@ -95,7 +95,8 @@ contains
         first = n + k + 1
         call add_noise(self, y, a, x(first:, :), slope(first:, :))
       end if
-      if (self%code /= 0 .or. any(int(record%failed_function) == [df_dp_failed, noise_failed])) return
+      if (self%code /= 0) return
+      if (any(int(record%failed_function) == [df_dp_failed, noise_failed])) return
       if (finite(n, f) .and. finite(size(a), a) .and. .not. finite(size(slope), slope)) &
         record%failed_function = products_failed
     end associate
