@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 from cg.frames.block_kinds import Blocks, convention_option
 from cg.frames.entries import Entries, entries_of
 from cg.frames.logarithms import rotation_log1p
+from cg.frames.matrix_group import MAX_DENSE
 from cg.frames.matrix_group_kinds import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.rotations import is_rotation
 from cg.support.arrays import Array, Convention, Points
@@ -74,6 +76,31 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         i, j = (indices[::-1] for indices in np.triu_indices(self.n, 1))
         sign = np.where((i + j) % 2, 1.0, -1.0)
         return entries_of(self.n, (j, i, sign), (i, j, -sign))
+
+    # Right-hand sides convert a matrix at each stage; for many rows this is faster than products
+    # with sparse matrices.
+    @cached_property
+    def _places(self) -> tuple[Any, Any, Array]:
+        """The places of the entries of all coefficients below and above the diagonal, and signs."""
+        entries = self._make_basis()
+        below, above = entries.places.reshape(2, -1)
+        return below, above, entries.values[: self.dim]
+
+    def _combine(self, v: Array) -> Points:
+        if self.n <= MAX_DENSE:
+            return super()._combine(v)
+        below, above, signs = self._places
+        flat = np.zeros((*v.shape[:-1], self.n**2))
+        flat[..., below] = signs * v
+        flat[..., above] = -signs * v
+        return flat.reshape(*v.shape[:-1], *self.point_shape)
+
+    def _algebra_projection(self, matrices: Points) -> Array:
+        if self.n <= MAX_DENSE:
+            return super()._algebra_projection(matrices)
+        below, above, signs = self._places
+        flat = matrices.reshape(*matrices.shape[:-2], self.n**2)
+        return np.asarray(0.5 * signs * (flat.take(below, -1) - flat.take(above, -1)))
 
     def _log1p(self, difference: Points) -> Array:
         # Angles are at most pi.
