@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from operator import mul
 
-from flint import arb
-
 from cg.layouts.points import START
 from cg.method.method import Method
 from cg.problems import HeavyTop
@@ -53,6 +51,8 @@ def _fixed(x: Fraction) -> int:
 
 
 def _start(top: HeavyTop) -> _Point:
+    from cg.support.flint import arb  # without python-flint its error says what to install
+
     with working_precision(2 * _BITS):
         half = to_flint(top.phi_over_pi) / 2
         sine, cosine = map(exact_midpoint, arb.sin_cos_pi_fmpq(half))

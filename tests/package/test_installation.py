@@ -51,6 +51,14 @@ def test_python_m_crouch_grossman():
     assert "Usage" in run.stdout
 
 
+def test_the_command_shows_its_help_without_flint():
+    code = "import sys; sys.modules['flint'] = None; from crouch_grossman.command import main; main()"
+    run = subprocess.run(
+        [sys.executable, "-c", code, "--help"], capture_output=True, text=True, check=False
+    )
+    assert "Usage" in run.stdout, run.stderr
+
+
 @pytest.mark.parametrize(
     ("left", "version"), [("cg-88.24.0.dist-info", "88.24.0"), ("CG-1.0-py3.11.egg-info", "1.0")]
 )
