@@ -52,7 +52,9 @@ def test_python_m_crouch_grossman():
 
 
 def test_the_command_shows_its_help_without_flint():
-    code = "import sys; sys.modules['flint'] = None; from crouch_grossman.command import main; main()"
+    code = (
+        "import sys; sys.modules['flint'] = None; from crouch_grossman.command import main; main()"
+    )
     run = subprocess.run(
         [sys.executable, "-c", code, "--help"], capture_output=True, text=True, check=False
     )
