@@ -69,6 +69,7 @@ benchmarks: build
 
 catalogue: build
 	$(PY) tools/update_catalogue.py
+	$(PY) tools/compile_tables.py
 	$(PY) tools/make_reference_steps.py
 
 implementations: build

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import cg
-from cg.integration.step.paths import paths_of
 from cg.problems import HeavyTop
 
 # as steps.c reads them, after the numbers of paths, flows, terms and stages
@@ -65,16 +64,17 @@ class PlainLoop:
         self, f: cg.CompiledFunction, method: str, h: float, steps: int, y0: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return where steps from points lead, of shape ``(members, 12)`` or ``(members, 7)``."""
-        paths, end = paths_of(cg.methods[method]), np.empty_like(y0)
-        if paths.series or paths.registers or paths.final_stage:
+        table, end = cg.methods[method].table(), np.empty_like(y0)
+        record, arrays = table.record, table.arrays
+        if record.series or record.registers or record.final_stage:
             raise ValueError(f"method must be one that steps.c can follow, got {method!r}")
-        record = paths.record
         numbers = [record.paths, record.flows, record.terms, record.stages]
-        arrays = [record.arrays[name] for name in _INTEGERS]
-        integers = np.concatenate([numbers, *arrays, [paths.result]], dtype=np.intc)
+        integers = np.concatenate(
+            [numbers, *(arrays[name] for name in _INTEGERS), [record.result]], dtype=np.intc
+        )
         if self._integrate(
-            y0.shape[1] - 3, f.address, f.data_address, integers, record.arrays["weight"],
-            paths.abscissae, h, steps, len(y0), y0, end,
+            y0.shape[1] - 3, f.address, f.data_address, integers, arrays["weight"],
+            table.c, h, steps, len(y0), y0, end,
         ):  # fmt: skip
             raise RuntimeError("f returned an error")
         return end

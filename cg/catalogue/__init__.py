@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Hashable, Iterator, Mapping
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
@@ -24,7 +24,7 @@ from typing import Any
 
 from cg.catalogue.entries import dumps, dumps_json, is_file, load, loads, read, save
 from cg.layouts.points import MethodError
-from cg.method.magnus import MagnusMethod
+from cg.method.magnus import LOBATTO, MagnusMethod, lobatto
 from cg.method.method import Method
 from cg.support import checks
 
@@ -90,6 +90,7 @@ class Catalogue(Mapping[str, Method]):
             method = self.read_again(name)
             if (stored := self.summaries.get(name)) is not None:
                 method.set_orders(stored["order"], stored["embedded_order"])
+                vars(method)["stored"] = True
             self._loaded[name] = method
         return self._loaded[name]
 
@@ -119,6 +120,7 @@ class Catalogue(Mapping[str, Method]):
 methods = Catalogue(files(__name__))
 """All methods, by name."""
 
+_LOBATTO_NODES = 9  # of interpolation on LinearAction; more save few evaluations and no products
 _STIFF = "RadauIIA5 is the one here for stiff equations"
 _ELSEWHERE = {
     "RK45": "SciPy has a method of that name; DP5(4) has its coefficients",
@@ -135,6 +137,21 @@ def find_method(name: str) -> Method | None:
     if name not in methods:
         return None
     return methods[name]
+
+
+def method_of(name: str) -> Method:
+    """Return the method of a stored table."""
+    return _lobatto() if name == LOBATTO else methods[name]
+
+
+def stored_methods() -> list[Method]:
+    """Return the methods whose tables are stored: those of the catalogue, and an unlisted one."""
+    return [*methods.values(), _lobatto()]
+
+
+@cache
+def _lobatto() -> MagnusMethod:
+    return lobatto(_LOBATTO_NODES)
 
 
 def similar_names(name: object) -> str:

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.integration.step.plan import Plan
-from cg.method.method import Method
 from cg.support.arrays import Array, Points, check_finite, is_array, real_array
 from cg.support.checks import check_integer, short, total_memory
+from cg.tables import MethodTable
 
 DEFAULT_MAX_STEPS = 10**6
 """Default limit of the number of adaptive steps, rejected ones included."""
@@ -188,7 +188,7 @@ def equal_steps(h: float, ends: list[float]) -> int:
     return total
 
 
-def check_algebra(frame: Frame, method: Method, *, linear: bool = False) -> None:
+def check_algebra(frame: Frame, method: MethodTable, *, linear: bool = False) -> None:
     """Raise ValueError if a frame doesn't have the brackets that a method needs."""
     try:
         frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))

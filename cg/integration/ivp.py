@@ -17,8 +17,8 @@ from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.method.method import Method
 from cg.support.checks import check_integer
+from cg.tables import HasTable
 
 
 @expand_options
@@ -179,7 +179,7 @@ def integrate(
     y0: ArrayLike,
     *,
     frame: Frame,
-    method: str | Method,
+    method: str | HasTable,
     h: float,
     inputs: Samples | tuple[Samples, ...] | None = None,
     args: Iterable[Any] | None = None,

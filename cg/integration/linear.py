@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from functools import cache
 from typing import Any, Unpack
 
-import numpy as np
-from numpy.polynomial import Legendre
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
@@ -26,7 +23,6 @@ from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.step.plan import has_brackets
-from cg.method.magnus import MagnusMethod
 from cg.support.checks import check_flag
 from cg.support.shared_numbers import BlockKind
 
@@ -36,7 +32,8 @@ _CLOSED_FORMS = frozenset(
     (BlockKind.EUCLIDEAN, BlockKind.SO3, BlockKind.QUATERNION, BlockKind.SE3, BlockKind.SPHERE,
      BlockKind.SU2)
 )  # fmt: skip
-_NODES = 9  # of interpolation on LinearAction; more of them save few evaluations and no products
+# Nine nodes of interpolation on LinearAction; more of them save few evaluations and no products.
+_LOBATTO = "Lobatto's formula"
 
 
 @expand_options
@@ -204,7 +201,7 @@ def make_linear_problem(
         _check_callable(a, args, given["parameters"], given["inputs"])
     method = given["method"]
     if isinstance(method, str) and method == AUTO:
-        given["method"] = _lobatto() if isinstance(frame, LinearAction) else _default(frame)
+        given["method"] = _LOBATTO if isinstance(frame, LinearAction) else _default(frame)
     return make_problem(
         TimeFunction(a, vectorized), t_span, y0, frame=frame, options=given, many=many,
         common=common,
@@ -217,16 +214,6 @@ def _default(frame: Frame) -> str:
     if blocks is not None and _CLOSED_FORMS.issuperset(block[0] for block in blocks):
         return _WITHOUT
     return _WITH_BRACKETS if has_brackets(frame) else _WITHOUT
-
-
-@cache
-def _lobatto() -> MagnusMethod:
-    """Return the method whose only flow has the nodes and weights of Lobatto's formula."""
-    legendre = Legendre.basis(_NODES - 1)
-    x = np.array([-1.0, *np.real(legendre.deriv().roots()), 1.0])
-    weights = 1 / (_NODES * (_NODES - 1) * legendre(x) ** 2)
-    nodes, flow = ([f"{number:.16f}" for number in row] for row in ((x + 1) / 2, weights))
-    return MagnusMethod(nodes, [flow], name="Lobatto's formula")
 
 
 def _check_callable(a: Any, args: tuple[Any, ...], parameters: Any, inputs: Any) -> None:

@@ -140,7 +140,7 @@ class Results:
             "messages": dict(sorted(joint.messages.items())),
             "message": message,
             "success": not failures,
-            "method": problem.plan.method,
+            "table": problem.plan.method,
             "frame": problem.plan.frame,
             "h": problem.control.h,
             "observed": joint.observed,
@@ -180,7 +180,7 @@ def solution_of(problem: Problem, part: MemberResults) -> Solution:
     ends = part.reached.item(0), part.status[0], part.counts[0].tolist()
     return filled(Solution, {
         **member_fields(part, 0, *ends), "sol": None, "t_events": None, "y_events": None,
-        "y_after": None, "method": problem.plan.method, "frame": problem.plan.frame,
+        "y_after": None, "table": problem.plan.method, "frame": problem.plan.frame,
         "h": problem.control.h,
     })  # fmt: skip
 

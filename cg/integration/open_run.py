@@ -17,10 +17,10 @@ from cg.integration.loop.messages import TERMINAL_EVENT, failed_members
 from cg.integration.loop.run import Run
 from cg.integration.problem import Problem
 from cg.integration.rhs.inputs import Inputs
-from cg.method.method import Method
 from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Stop
 from cg.support.shared_records import COUNTERS
+from cg.tables import MethodTable, made
 
 _FAR = 2.0**40  # fixed steps without a final time
 _NO_LIMIT = 2**62
@@ -43,13 +43,18 @@ class OpenRun:
 
     f: Any
     frame: Frame
-    method: Method
+    table: MethodTable
     direction: float
+
+    @property
+    def method(self) -> Any:
+        """The method, a `cg.Method`."""
+        return made(self.table)
 
     def _open(self, problem: Problem, bound: float, breakpoints: Any, first: float | None) -> None:
         """Open the run of a problem that ends where it starts."""
         start, h = problem.t0, problem.control.h
-        self.frame, self.method = problem.plan.frame, problem.plan.method
+        self.frame, self.table = problem.plan.frame, problem.plan.method
         self.t_bound, self._many, self._common = bound, problem.many, problem.common
         self._first_step = first
         self._breakpoints = check_stops(breakpoints, start, self._end_from(start, h))

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from cg.integration.default_method import AUTO
 from cg.integration.rhs.samples import Samples
-from cg.method.method import Method
 from cg.support.checks import similar_names
+from cg.tables import HasTable
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -20,7 +20,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 class StepOptions(TypedDict, total=False):
     """Options of all integrations, also of a `cg.Stepper`."""
 
-    method: str | Method
+    method: str | HasTable
     h: float | None
     rtol: ArrayLike | None
     atol: ArrayLike | None

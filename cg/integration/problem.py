@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import FunctionType
@@ -11,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.catalogue import methods, resolve_method
 from cg.frames.base import Frame
+from cg.frames.linear_action import LinearAction
 from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import (
     RTOL,
@@ -39,14 +40,10 @@ from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
 from cg.integration.step.jacobian import Jacobian, jacobian_of
-from cg.integration.step.plan import Plan, has_brackets, paths_on, plan_of
-from cg.method.magnus import MagnusMethod
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
-from cg.method.splitting import Splitting
-from cg.method.warnings import check_order, check_pair
+from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag
+from cg.tables import Kind, MethodTable, table_of
 
 Rhs = CompiledRhs | PythonRhs
 
@@ -143,24 +140,23 @@ def _make_control(
         for name in ("rtol", "atol", "first_step", "max_steps"):
             if options[name] is not None:
                 raise ValueError(f"{name} must not be given together with h, got {options[name]!r}")
-        check_order(plan.method, stacklevel=4)
+        _warn(plan.method, pair=False)
         size = check_step(h, "h")
         if math.isinf(span):
             raise ValueError("t_span must be finite with h, got an infinite end")
         if size > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
         return Control(h=size)
-    if isinstance(plan.method, Splitting):
+    if plan.method.kind is Kind.SPLITTING:
         raise ValueError(
             f"h must be given with {plan.method!r}: steps of splitting methods have a fixed size"
         )
-    if not plan.exponent:
+    if not plan.table.exponent:
         raise ValueError(
             f"method must be a pair unless h gives the step size, got {options['method']!r}, "
             "which has no embedded weights"
         )
-    if plan.method.embedded_order is not None:
-        check_pair(plan.method, stacklevel=4)
+    _warn(plan.method)
     shape = (plan.frame.dim,) if in_coordinates else plan.frame.point_shape
     atol = check_atol(options["atol"])
     for name, value in (("rtol", rtol), ("atol", atol)):
@@ -172,6 +168,15 @@ def _make_control(
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
     return Control(None, rtol, atol, largest, first, check_max_steps(options["max_steps"]))
+
+
+def _warn(method: MethodTable, pair: bool = True) -> None:
+    """Warn if solutions don't converge, or the error estimate of a ``pair`` is unreliable."""
+    name = method.name or "the method"
+    if not method.converges:
+        warnings.warn(f"{name} has order 0: its solutions don't converge", stacklevel=6)
+    if pair and method.fault:
+        warnings.warn(f"{name}: {method.fault}", stacklevel=6)
 
 
 def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
@@ -209,12 +214,12 @@ def check_force(rhs: Rhs, t: float, y: Points, frame: PhaseSpace, ahead: bool = 
         )
 
 
-def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | None) -> Method:
-    """Return the method after checking that it suits ``f`` and the frame."""
+def _choose_method(method: Any, f: Any, frame: Frame, rtol: float | None) -> MethodTable:
+    """Return the table of the method after checking that it suits ``f`` and the frame."""
     if isinstance(method, str) and method == AUTO:
-        return methods[choose_method(frame, rtol)]
-    chosen = resolve_method(method)
-    if isinstance(chosen, MagnusMethod) and not isinstance(f, TimeFunction):
+        return table_of(choose_method(frame, rtol))
+    chosen = table_of(method)
+    if chosen.kind is Kind.LINEAR and not isinstance(f, TimeFunction):
         raise ValueError(
             f"method must be for nonlinear equations, got {chosen!r}, which is for cg.solve_linear"
         )
@@ -222,13 +227,13 @@ def _choose_method(method: str | Method, f: Any, frame: Frame, rtol: float | Non
         raise ValueError(
             f"frame must not be a phase space, got {frame!r}, whose velocities depend on the point"
         )
-    if isinstance(chosen, Splitting) and not isinstance(frame, PhaseSpace):
+    if chosen.kind is Kind.SPLITTING and not isinstance(frame, PhaseSpace):
         raise ValueError(
             f"frame must be a cg.frames.PhaseSpace with {chosen!r}, which splits the equations of "
             f"mechanical systems, got {frame!r}"
         )
-    brackets = isinstance(chosen, MuntheKaas) or bool(paths_on(frame, chosen).brackets)
-    if brackets and not has_brackets(frame):
+    along = isinstance(frame, LinearAction) and chosen.polynomial is not None
+    if (chosen.on_algebra or (chosen.has_brackets and not along)) and not has_brackets(frame):
         check_algebra(frame, chosen, linear=isinstance(f, TimeFunction))
     return chosen
 
@@ -280,7 +285,7 @@ def make_problem(
     if inputs is not None:
         inputs = check_inputs(inputs, start, stop, members, plan.method, name)
     rhs = _make_rhs(f, frame, (options["args"], numbers, inputs), vectorized, many)
-    if isinstance(plan.method, Splitting) and isinstance(frame, PhaseSpace):
+    if plan.method.kind is Kind.SPLITTING and isinstance(frame, PhaseSpace):
         check_force(rhs, start, points[0], frame)
         if np.isfinite(stop):  # a friction may vanish at the start
             check_force(rhs, stop, points[0], frame, ahead=True)

@@ -11,9 +11,9 @@ from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
 from cg.integration.loop.record import COUNTS
-from cg.method.method import Method
 from cg.support.arrays import Array, Points
 from cg.support.copies import ReadOnly, filled
+from cg.tables import MethodTable, made
 
 _EVENT_FIELDS = "t_events", "y_events", "y_after"
 _DERIVATIVES = {  # with their last axes
@@ -29,8 +29,13 @@ class _Labelled(ReadOnly):
     y: Points
     observed: Array | None
     status: Any
-    method: Method
+    table: MethodTable
     frame: Frame
+
+    @property
+    def method(self) -> Any:
+        """The method, a `cg.Method`."""
+        return made(self.table)
 
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset`` with the variable ``y`` and named axes, ``t`` first.
@@ -48,7 +53,7 @@ class _Labelled(ReadOnly):
         points = {0: [], 1: ["component"], 2: ["row", "column"]}.get(
             axes, [f"axis_{k}" for k in range(axes)]
         )
-        attributes = {"method": self.method.name, "frame": repr(self.frame)}
+        attributes = {"method": self.table.name, "frame": repr(self.frame)}
         variables = {} if self.y is None else {"y": (["t", *members, *points], self.y)}
         if self.observed is not None:
             last = [f"observable_{k}" for k in range(np.ndim(self.observed) - 1 - len(members))]
@@ -140,7 +145,7 @@ class Solution(_Labelled):
     status: int
     message: str
     success: bool
-    method: Method
+    table: MethodTable
     frame: Frame
     h: float | None = None
     observed: Array | None = None
@@ -212,7 +217,7 @@ class EnsembleSolution(_Labelled):
     messages: dict[int, str]
     message: str
     success: bool
-    method: Method
+    table: MethodTable
     frame: Frame
     h: float | None = None
     observed: Array | None = None
@@ -237,7 +242,7 @@ class EnsembleSolution(_Labelled):
             events[name] = None if lists is None else [members[member] for members in lists]
         counts = [int(getattr(self, name)[member]) for name in COUNTS]
         fields = member_fields(self, member, self.t_end[member], self.status[member], counts)
-        fields |= {"method": self.method, "frame": self.frame, "h": self.h}
+        fields |= {"table": self.table, "frame": self.frame, "h": self.h}
         return fields | events | {"sol": None if self.sol is None else self.sol[member]}
 
 

@@ -164,7 +164,7 @@ class Stepper(OpenRun):
         return self.frame.dim
 
     def __repr__(self) -> str:
-        return f"Stepper(t={self.t:g}, status={self.status!r}, method={self.method.name!r})"
+        return f"Stepper(t={self.t:g}, status={self.status!r}, method={self.table.name!r})"
 
     t_events = property(lambda self: self._event_lists("t"), doc="Times of each event.")
     y_events = property(lambda self: self._event_lists("before"), doc="Points before jumps.")

@@ -14,9 +14,9 @@ from cg.integration.arguments import check_args
 from cg.integration.problem import check_force
 from cg.integration.rhs.inputs import check_inputs
 from cg.integration.rhs.python import PythonRhs
-from cg.method.splitting import Splitting
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import short
+from cg.tables import Kind
 
 
 def get_state(stepper: Any) -> dict[str, Any]:
@@ -96,7 +96,7 @@ def replace_rhs(
     if extra is not rhs.args or numbers is not rhs.parameters or curves is not rhs.inputs:
         changed = rhs.with_data(extra, numbers, curves, rhs.first)
         check_data(changed, stepper._many, rhs)
-        if isinstance(run.plan.method, Splitting) and isinstance(stepper.frame, PhaseSpace):
+        if run.plan.method.kind is Kind.SPLITTING and isinstance(stepper.frame, PhaseSpace):
             check_force(changed, t, run.plan.points(run.end, (run.members,))[0], stepper.frame)
         run.replace_rhs(changed)
 

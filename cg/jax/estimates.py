@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
-from cg.integration.step.paths import MethodPaths
 from cg.jax.entire import JaxArray
 from cg.jax.stages import Stages, Start, Steps
 from cg.method.estimate import MAX_ANGLE
+from cg.method.paths import MethodPaths
 
 _ROUNDINGS = 64  # as in fortran/steps/error_estimate.f90
 

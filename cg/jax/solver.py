@@ -13,7 +13,6 @@ import jax.numpy as jnp
 from cg.catalogue import resolve_method
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_algebra
-from cg.integration.step.plan import error_exponent
 from cg.jax.entire import JaxArray
 from cg.jax.estimates import Before, error_estimate, no_step
 from cg.jax.rules import Rules
@@ -27,6 +26,7 @@ from cg.jax.term import (
     unwrapped,
 )
 from cg.jax.within import Within, interpolant
+from cg.method.compile import error_exponent
 from cg.method.method import Method
 from cg.method.splitting import Splitting
 
@@ -146,7 +146,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         rules = rules_in(terms)
         frame = rules.frame
         if self.steps.on_algebra or self.steps.paths.brackets:
-            check_algebra(frame, self.method)
+            check_algebra(frame, self.method.table())
         if self.steps.of_time and not isinstance(unwrapped(terms), LinearTerm):
             raise ValueError(
                 f"method must be for nonlinear equations, got {self.method!r}; those of time alone "

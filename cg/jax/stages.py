@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.integration.step.paths import MethodPaths, paths_of
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules, linear
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.paths import MethodPaths, paths_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The solution between the ends of a step: `cg.integration.step.interpolant` in JAX."""
+"""The solution between the ends of a step: `cg.method.interpolant` in JAX."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from cg.integration.step.interpolant import (
+from cg.jax.entire import JaxArray
+from cg.jax.rules import Rules
+from cg.jax.stages import Stages, Start, flow_weights
+from cg.method.interpolant import (
     basis_polynomials,
     extension_of,
     flows_within,
@@ -22,12 +25,9 @@ from cg.integration.step.interpolant import (
     nodes_of,
     series_order,
 )
-from cg.integration.step.paths import paths_of
-from cg.jax.entire import JaxArray
-from cg.jax.rules import Rules
-from cg.jax.stages import Stages, Start, flow_weights
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.paths import paths_of
 from cg.support.copies import cached
 
 _ITERATIONS = 3  # of Newton's method; each squares the error, which is of third order first

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 
 from cg.conditions.linear_equations import (
@@ -304,3 +305,16 @@ def _pairs(pairs: Any, count: int) -> tuple[tuple[tuple[Coefficient, ...], ...],
             raise MethodError(f"{label} must have two rows, got {len(rows)}")
         read.append(rows)
     return tuple(read)
+
+
+LOBATTO = "Lobatto's formula"
+"""Name of the method of `lobatto`, which isn't listed."""
+
+
+def lobatto(nodes: int) -> MagnusMethod:
+    """Return the method whose only flow has the nodes and weights of Lobatto's formula."""
+    legendre = Legendre.basis(nodes - 1)
+    x = np.array([-1.0, *np.real(legendre.deriv().roots()), 1.0])
+    weights = 1 / (nodes * (nodes - 1) * legendre(x) ** 2)
+    at, flow = ([f"{number:.16f}" for number in row] for row in ((x + 1) / 2, weights))
+    return MagnusMethod(at, [flow], name=LOBATTO)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar, cast
 
@@ -18,6 +19,7 @@ from cg.layouts.points import FlatSums, Point, PointTree
 from cg.method.orders import Orders
 from cg.support.checks import check_flag
 from cg.support.parsing import visible
+from cg.tables import MethodTable, stored_table
 
 Result = TypeVar("Result")
 
@@ -60,6 +62,7 @@ class Method(Orders):
     name: str
     source: str
     file: Path | None = None
+    stored: ClassVar[bool] = False  # whether its table is, as those of the catalogue are
     _COUNTED: ClassVar = ("evaluation", "flow")  # stages and exponentials, in words
 
     @property
@@ -160,6 +163,14 @@ class Method(Orders):
         if not self.explicit:
             parts.append("implicit")
         return ", ".join(parts)
+
+    def table(self) -> MethodTable:
+        """Return the constants that integrations read, compiled once."""
+        if self.stored:
+            return stored_table(self.name)
+        # the compiler knows all classes of methods, which are derived from this one
+        table: MethodTable = import_module("cg.method.compile").compiled(self)
+        return table
 
     @property
     def explicit(self) -> bool:

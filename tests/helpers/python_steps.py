@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from cg.integration.step.paths import paths_of
-from cg.integration.step.plan import error_exponent
+from cg.method.compile import error_exponent
+from cg.method.paths import paths_of
 
 
 class Step:

@@ -12,7 +12,7 @@ import cg
 from cg.analysis.convergence import observed_order
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
 from cg.integration.step.compiled_frames import is_compiled
-from cg.integration.step.plan import error_exponent
+from cg.method.compile import error_exponent
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
 

@@ -32,7 +32,7 @@ from cg.frames import (
 from cg.integration.loop import run
 from cg.integration.loop.drive import StepBudget
 from cg.integration.step.callbacks import _HANDLERS
-from cg.integration.step.interpolant import extra_evaluations, nodes_of
+from cg.method.interpolant import extra_evaluations, nodes_of
 from cg.support.shared_numbers import Operation
 
 FRAMES = [

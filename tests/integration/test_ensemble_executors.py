@@ -15,6 +15,7 @@ import cg
 from cg.executors import Finished
 from cg.frames import SO3, Euclidean
 from cg.integration import ensemble
+from cg.tables import stored_table
 
 FRAME = SO3()
 TIMES = [0.0, 0.3, 1.0]
@@ -170,9 +171,9 @@ def test_methods_of_the_package_travel_by_name(monkeypatch):
     for method in ("CF4(3)", pair, "RKMK5(4)", renamed):
         cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, method=method, workers=2)
     again = [pickle.loads(pickle.dumps(work)).args[0].plan.method for work in known]
-    assert again[0] is again[1] is pair
+    assert again[0] is again[1] is stored_table(pair.name)
     assert again[2] is known[2].args[0].plan.method
-    assert again[3] == renamed
+    assert again[3].source == renamed
 
 
 def test_pointers_do_not_travel(path):

@@ -10,7 +10,7 @@ from refusals import refuses
 
 import cg
 from cg.frames import SO3, Euclidean, Stiefel, UnitQuaternion
-from cg.integration.step.interpolant import extra_evaluations
+from cg.method.interpolant import extra_evaluations
 
 SPIN = {"frame": UnitQuaternion(), "rtol": 1e-9}
 

@@ -12,7 +12,7 @@ from kinds import FROZEN
 from cg.catalogue import methods
 from cg.frames import SO3, Euclidean
 from cg.integration import integrate
-from cg.integration.step.paths import paths_of
+from cg.method.paths import paths_of
 from cg.method.tableau import Tableau
 
 EXPLICIT = [name for name, tableau in FROZEN.items() if tableau.explicit]

@@ -10,7 +10,7 @@ from scipy import LowLevelCallable
 
 import cg
 from cg.frames import SO, SO3, SU, Euclidean, PhaseSpace, Power, Product, Sphere, U, UnitQuaternion
-from cg.integration.step.interpolant import extra_evaluations
+from cg.method.interpolant import extra_evaluations
 
 TOP = system(SO3(), INERTIA)
 LATTICE = system(SU(3))

@@ -22,9 +22,9 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integration.step.interpolant import extension_of
-from cg.integration.step.plan import error_exponent
 from cg.layouts.points import MethodError
+from cg.method.compile import error_exponent
+from cg.method.interpolant import extension_of
 from cg.method.low_storage import from_two_registers
 
 STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}

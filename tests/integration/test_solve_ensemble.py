@@ -15,6 +15,7 @@ from cg.integration.arguments import check_points
 from cg.integration.loop import drive
 from cg.integration.loop import run as run_module
 from cg.integration.step.plan import plan_of
+from cg.tables import table_of
 
 FRAMES = {
     "SO3": SO3(), "SU2": SU(2), "Euclidean": Euclidean(3), "Stiefel": Stiefel(4, 2), "GL": GL(2),
@@ -221,10 +222,10 @@ def test_the_wrong_point_of_many_is_named():
 
 def test_checking_points_takes_little_memory():
     y0 = np.broadcast_to(np.eye(3), (50_000, 3, 3))
-    check_points(plan_of(SO3(), cg.methods["CG3"]), y0[:10], None, True)
+    check_points(plan_of(SO3(), table_of("CG3")), y0[:10], None, True)
     tracemalloc.start()
     try:
-        points, _ = check_points(plan_of(SO3(), cg.methods["CG3"]), y0, None, True)
+        points, _ = check_points(plan_of(SO3(), table_of("CG3")), y0, None, True)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -233,7 +234,7 @@ def test_checking_points_takes_little_memory():
 
 @pytest.mark.parametrize("frame", [SO3(), SE3(), SU(2), Sphere(2), UnitQuaternion()], ids=repr)
 def test_nan_is_never_surely_on_the_manifold(frame):
-    plan = plan_of(frame, cg.methods["CG3"])
+    plan = plan_of(frame, table_of("CG3"))
     point = frame.random_point(np.random.default_rng(4))
     assert plan.surely_on_manifold(plan.doubles(point[None]))
     for index in np.ndindex(point.shape):

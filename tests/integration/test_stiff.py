@@ -13,7 +13,7 @@ from van_der_pol import PLANE, START, solve, van_der_pol
 import cg
 from cg.analysis.convergence import final_errors, observed_order
 from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, UnitQuaternion
-from cg.integration.step.implicit import transformation
+from cg.method.collocation import transformation
 
 RADAU = cg.methods["RadauIIA5"]
 

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,16 +9,16 @@ import numpy as np
 import pytest
 from compiled_examples import PROBLEMS
 from kinds import FROZEN
+from other_paths import without_registers
 from refusals import refuses
 
 from cg import MethodError, conditions
 from cg.catalogue import dumps, loads, methods
 from cg.integration import integrate, solve_ivp
-from cg.integration.step import plan
-from cg.integration.step.paths import paths_of
 from cg.layouts.points import Point
 from cg.method.flat import flat_residuals
 from cg.method.low_storage import from_two_registers, two_registers
+from cg.method.paths import paths_of
 from cg.support.quads import to_decimal
 
 TOOL = "tools/write_low_storage_table"
@@ -124,38 +123,31 @@ class TestOrderOnManifolds:
 class TestSteps:
     """The compiled step in two registers against the one with all stages."""
 
-    @staticmethod
-    def general(monkeypatch):
-        monkeypatch.setattr(plan, "_plans_on", lambda frame: {})  # none is prepared yet
-        monkeypatch.setattr(
-            plan, "paths_of", lambda method: replace(paths_of(method), registers=None)
-        )
-
     def test_paths_have_the_registers(self):
         assert paths_of(methods["CF4b"]).registers == two_registers(methods["CF4b"])
-        assert paths_of(methods["CF4b"]).record.registers
-        assert not paths_of(methods["CF4"]).record.registers
+        assert methods["CF4b"].table().record.registers
+        assert not methods["CF4"].table().record.registers
 
     @pytest.mark.parametrize("problem", list(PROBLEMS))
     @pytest.mark.parametrize("name", NAMES)
-    def test_equal_to_rounding(self, problem, name, affine, monkeypatch):
+    def test_equal_to_rounding(self, problem, name, affine):
         problem = PROBLEMS[problem]
         f, _keep = affine(problem)
         options = {"frame": problem.frame, "method": name, "h": 0.07}
         fast = integrate(f, (0.2, 1.0), problem.y0, **options)
-        self.general(monkeypatch)
+        options["method"] = without_registers(methods[name])
         slow = integrate(f, (0.2, 1.0), problem.y0, **options)
         np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
         assert (fast.nfev, fast.nexp) == (slow.nfev, slow.nexp)
 
-    def test_slopes_at_starts_of_steps_are_kept(self, affine, monkeypatch):
+    def test_slopes_at_starts_of_steps_are_kept(self, affine):
         problem = PROBLEMS["product"]
         f, _keep = affine(problem)
         at = np.linspace(0.2, 1.0, 23)
         options = {"frame": problem.frame, "method": "CF4b", "h": 0.1, "dense_output": True}
         fast = solve_ivp(f, (0.2, 1.0), problem.y0, **options)
         python = solve_ivp(problem.f, (0.2, 1.0), problem.y0, **options)
-        self.general(monkeypatch)
+        options["method"] = without_registers(methods["CF4b"])
         slow = solve_ivp(f, (0.2, 1.0), problem.y0, **options)
         np.testing.assert_allclose(fast.sol(at), slow.sol(at), rtol=0, atol=2e-14)
         np.testing.assert_allclose(python.sol(at), slow.sol(at), rtol=0, atol=2e-14)
@@ -167,17 +159,17 @@ class TestMemory:
 
     SCRIPT = """
 import re, sys
+sys.path.append(sys.argv[2])
 import numpy as np
 import cg
-from cg.integration.step import paths, plan
-from dataclasses import replace
-if sys.argv[1] == "general":
-    plan.paths_of = lambda m: replace(paths.paths_of(m), registers=None)
+from other_paths import as_they_are, without_registers
+chosen = without_registers if sys.argv[1] == "general" else as_they_are
+method = chosen(cg.methods["CF4b"])
 n = 200_000
 frame = cg.frames.Power(cg.frames.SO3(), n)
 y = np.broadcast_to(np.eye(3), (n, 3, 3)).reshape(frame.point_shape)
 f = np.ones(frame.dim)
-cg.integrate(lambda t, y: f, (0.0, 1.0), y, frame=frame, method="CF4b", h=0.5, save_every=2)
+cg.integrate(lambda t, y: f, (0.0, 1.0), y, frame=frame, method=method, h=0.5, save_every=2)
 # unlike ru_maxrss, nothing of what the parent had
 status = open("/proc/self/status").read()
 print(int(re.search(r"VmHWM:\\s+(\\d+) kB", status)[1]) * 1024 / (8 * n))
@@ -187,7 +179,7 @@ print(int(re.search(r"VmHWM:\\s+(\\d+) kB", status)[1]) * 1024 / (8 * n))
     def test_words_for_a_rotation(self):
         words = {}
         for path in ("general", "registers"):
-            command = [sys.executable, "-c", self.SCRIPT, path]
+            command = [sys.executable, "-c", self.SCRIPT, path, str(ROOT / "tests" / "helpers")]
             words[path] = float(subprocess.run(command, check=True, capture_output=True).stdout)
         # 7 points and 5 fields against 3 and 2: 78 words against 33; one of each is what f is given
         assert words["general"] - words["registers"] == pytest.approx(45, abs=5)

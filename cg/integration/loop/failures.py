@@ -14,6 +14,7 @@ from cg.integration.loop.stiffness import find_difficulty
 from cg.integration.step.implicit import STAGE_SOLVERS, ConvergenceError
 from cg.integration.step.plan import has_brackets
 from cg.support.shared_numbers import Stop
+from cg.tables import Kind
 
 _REJECTIONS = 1000  # more than the accepted steps, beyond which there is a warning
 _SHORT = 1.0  # length of coefficients that no frame has beyond the radius of dexp⁻¹
@@ -48,8 +49,8 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
     error: Exception = MemoryError("there is not enough memory for the stages of one step")
     match stop:
         case Stop.STAGES_NOT_SOLVED:
-            slow = not run.plan.collocation and flag in STAGE_SOLVERS.values()
-            residual = math.nan if run.plan.collocation else run.record.residual
+            slow = run.plan.table.kind is not Kind.COLLOCATION and flag in STAGE_SOLVERS.values()
+            residual = math.nan if run.plan.table.kind is Kind.COLLOCATION else run.record.residual
             reason = "it is too slow" if slow else "it diverges"
             error = ConvergenceError(reason, flag, residual, t, run.record.step_size)
         case Stop.SLOPE_NOT_FINITE:

@@ -24,6 +24,7 @@ from cg.support.arrays import Array, Points
 from cg.support.memory import reserved
 from cg.support.shared_numbers import FieldFlag, JacobianKind, StateSize, Stop
 from cg.support.shared_records import COUNTERS
+from cg.tables import Kind
 
 _MUCH = 1 << 20  # bytes; the check that there are as many takes longer than a short integration
 _MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
@@ -70,8 +71,8 @@ class Run:
             jacobian = replace(jacobian, lanes=self._lanes, kept={})  # with matrices of its own
         self.callbacks = Callbacks(plan, self.rhs, events, jacobian)
         self.record = self._make_record(keep_last)
-        self.kept = plan.kept + plan.kept_nodes
-        if plan.implicit:
+        self.kept = plan.table.kept + plan.table.kept_nodes
+        if not plan.table.explicit:
             self.kept += self._choose_stage_solver()
         self._buffers: dict[str, Any] = {}
         self._dense: list[list[Array]] = []
@@ -103,8 +104,9 @@ class Run:
             event_width=problem.events.width if problem.events is not None else 0,
             h=control.h or 0.0, rtol=rtol, tolerance_count=control.atol.size,
             in_coordinates=in_coordinates, parts=1 if in_coordinates else plan.parts,
-            exponent=plan.exponent, max_step=control.max_step, first_step=control.first_step or 0.0,
-            max_steps=control.max_steps, every=max(problem.every, 1), dense=problem.dense,
+            exponent=plan.table.exponent, max_step=control.max_step,
+            first_step=control.first_step or 0.0, max_steps=control.max_steps,
+            every=max(problem.every, 1), dense=problem.dense,
         )  # fmt: skip
 
     def _choose_stage_solver(self) -> int:
@@ -113,12 +115,12 @@ class Run:
         jacobian = problem.jacobian
         if jacobian is not None:
             self.record.jacobian = JacobianKind.SPARSE if jacobian.sparse else JacobianKind.MATRIX
-        elif problem.stage_solver == "fixed-point" and not plan.collocation:
+        elif problem.stage_solver == "fixed-point" and plan.table.kind is not Kind.COLLOCATION:
             self.record.jacobian = JacobianKind.SPARSE
         factors = plan.dim if self.record.jacobian != JacobianKind.SPARSE else 0
-        if plan.collocation:
+        if plan.table.kind is Kind.COLLOCATION:
             return stages - 1 + factors
-        blocks = plan.paths.blocks
+        blocks = plan.table.blocks
         return factors * stages**2 // blocks + stages if factors and blocks else 0
 
     def _open(self) -> None:
@@ -127,7 +129,7 @@ class Run:
         within = problem.dense or record.outputs or self._functions
         if (within or record.keep_last) and problem.in_coordinates:
             record.unique_flows = plan.unique_flows(problem.points[0])
-        rows = plan.kept + 4 * (self.kept - plan.kept)
+        rows = plan.table.kept + 4 * (self.kept - plan.table.kept)
         rows += 2 * plan.columns if within else 0
         needed = lanes * 8 * rows * (plan.width + 2 * plan.dim)
         self.address = self._reserving(
@@ -312,7 +314,7 @@ class Run:
         """
         reals, _, _, slopes = self.state()
         return np.asarray(
-            reals[0, 5] * slopes[0, 2 : 2 + min(self.plan.kept, self.plan.method.stages)]
+            reals[0, 5] * slopes[0, 2 : 2 + min(self.plan.table.kept, self.plan.table.stages)]
         )
 
     def replace_rhs(self, rhs: Rhs) -> None:

@@ -7,17 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cg.catalogue.summary import summary_of
 from cg.frames.base import Frame
 from cg.integration.loop.record import COUNTS
 from cg.integration.loop.run import Run
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.plan import has_brackets
-from cg.method.magnus import MagnusMethod
-from cg.method.method import Method
 from cg.support.arrays import Array, Points
 from cg.support.shared_numbers import Stop
+from cg.tables import Kind, MethodTable
 
 _STIFF = 'the equation is stiff, for which method="RadauIIA5" takes larger steps'
 _DISCONTINUOUS = (
@@ -88,7 +86,7 @@ def find_difficulty(run: Run, member: int, t: float) -> str | None:
     steps, rejected = run.counts[member, _COUNTS].tolist()
     if run.members > 1:
         h = (t - run.t0) / max(steps, 1)
-    if not has_brackets(plan.frame) or isinstance(plan.method, MagnusMethod):
+    if not has_brackets(plan.frame) or plan.method.kind is Kind.LINEAR:
         return None
     point = plan.points(run.end[member].copy(), ())
     arguments = run.rhs, member, t, point, h
@@ -127,7 +125,7 @@ def is_discontinuous(
 
 def is_stiff(
     frame: Frame,
-    method: Method,
+    method: MethodTable,
     rhs: CompiledRhs | PythonRhs,
     member: int,
     t: float,
@@ -139,8 +137,7 @@ def is_stiff(
     It does if a step of size ``h`` takes a damped eigenvalue of the Jacobian, which this function
     computes by differences, near the limit of the method's stability.
     """
-    limit = summary_of(method).real_stability
-    if limit is None or frame.dim > _MAX_DIM or not method.explicit:
+    if not method.explicit or frame.dim > _MAX_DIM or (limit := method.real_limit()) is None:
         return False
     steps = _STEP * np.maximum(frame.coordinate_sizes(y), 1.0)
     start = rhs.at_member(member, t, y)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.integration.rhs.samples import Samples
-from cg.method.method import Method
 from cg.support.arrays import Array
+from cg.tables import MethodTable
 
 _ROUNDING = 1e-15  # of abscissae
 
@@ -235,7 +235,7 @@ def data_at(t: float, arguments: tuple[Any, ...], has_parameters: bool) -> Array
 
 
 def check_inputs(
-    inputs: Any, start: float, stop: float, members: int | None, method: Method | None,
+    inputs: Any, start: float, stop: float, members: int | None, method: MethodTable | None,
     name: str = "t",
 ) -> Inputs | None:  # fmt: skip
     """Return the inputs of an integration, None without any, after checking them.

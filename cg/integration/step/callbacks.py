@@ -43,7 +43,7 @@ class Callbacks:
 
     @cached_property
     def _dexpinv(self) -> Dexpinv:
-        return dexpinv_of(self.frame, self.plan.series)
+        return dexpinv_of(self.frame, self.plan.table.output.series)
 
     def __call__(self, operation: int, a: Array, b: Array) -> Array | float:
         """Return the result of an operation on two vectors, as a vector of doubles or a float."""

@@ -1,15 +1,9 @@
-"""Implicit methods: iterations that solve their stage equations, and collocation methods."""
+"""Iterations that solve the stage equations of implicit methods."""
 
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 
-import numpy as np
-
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
-from cg.support.arrays import Array
 from cg.support.shared_numbers import StageLimit
 
 STAGE_SOLVERS = {"newton": int(StageLimit.NEWTON), "fixed-point": int(StageLimit.FIXED_POINT)}
@@ -73,26 +67,3 @@ def check_stage_solver(kind: object) -> None:
     if not isinstance(kind, str) or kind not in STAGE_SOLVERS:
         names = " or ".join(f'"{name}"' for name in STAGE_SOLVERS)
         raise ValueError(f"stage_solver must be {names}, got {kind!r}")
-
-
-def is_collocation(method: Method) -> bool:
-    """Return whether the stages of a method are solved by Newton's method in compiled code."""
-    return isinstance(method, MuntheKaas) and not method.explicit
-
-
-def collocation_polynomial(c: Array) -> Array:
-    """Return the integrals of Lagrange's polynomials at nodes, of θ, θ², …: ``(powers, nodes)``."""
-    powers = np.arange(len(c))
-    return np.asarray(np.linalg.inv(c[:, None] ** powers) / (powers + 1.0)[:, None])
-
-
-def transformation(method: MuntheKaas) -> tuple[Fraction, ...]:
-    """Return the entries of ``transformation_t`` in ``fortran/steps/newton.f90``, by columns."""
-    inverse = np.linalg.inv(method.a[1:, 1:])
-    values, vectors = np.linalg.eig(inverse)
-    real, pair = np.argmin(np.abs(values.imag)), np.argmin(values.imag)
-    basis = np.column_stack([vectors[:, real].real, vectors[:, pair].real, vectors[:, pair].imag])
-    matrices = inverse, basis, np.linalg.inv(basis), collocation_polynomial(method.c[1:])
-    eigenvalues = values[real].real, values[pair].real, -values[pair].imag
-    numbers = np.concatenate([*(matrix.ravel(order="F") for matrix in matrices), eigenvalues])
-    return tuple(map(Fraction, numbers.tolist()))

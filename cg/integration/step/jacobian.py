@@ -14,9 +14,8 @@ from cg.integration.rhs.derivatives import Derivative, derivative_of
 from cg.integration.rhs.inputs import data_at
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.rhs.values import when
-from cg.integration.step.implicit import is_collocation
-from cg.method.method import Method
 from cg.support.arrays import Array, Points
+from cg.tables import Kind, MethodTable
 
 Rhs = CompiledRhs | PythonRhs
 
@@ -104,9 +103,11 @@ class Jacobian:
         return np.concatenate([x.real, x.imag])
 
 
-def jacobian_of(jac: Any, frame: Frame, method: Method, rhs: Rhs, t: float, y: Points) -> Jacobian:
+def jacobian_of(
+    jac: Any, frame: Frame, method: MethodTable, rhs: Rhs, t: float, y: Points
+) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
-    if not is_collocation(method):
+    if method.kind is not Kind.COLLOCATION:
         raise ValueError(f'jac must be None unless method="RadauIIA5", and it is {method!r}')
     constant = isinstance(jac, np.ndarray | list | tuple) or hasattr(jac, "tocsc")
     if constant:

@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cg.catalogue import find_method, resolve_method
 from cg.frames.base import Frame
 from cg.frames.linear_action import LinearAction
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
@@ -21,23 +20,10 @@ from cg.integration.step.compiled_frames import (
     has_compiled_difference,
     is_compiled,
 )
-from cg.integration.step.implicit import is_collocation
-from cg.integration.step.interpolant import (
-    extension_of,
-    flows_within,
-    node_count,
-    nodes_of,
-    result_flows,
-    series_order,
-)
-from cg.integration.step.paths import MethodPaths, paths_of, polynomial_paths
-from cg.method.estimate import error_power
-from cg.method.magnus import MagnusMethod
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
 from cg.support.arrays import Array, Points
 from cg.support.capsules import provide_lapack
 from cg.support.shared_numbers import BlockKind, BlockOption
+from cg.tables import MethodTable
 
 
 class Plan:
@@ -45,67 +31,51 @@ class Plan:
 
     A frame in Python is called through callbacks. ``core`` is the compiled module, and ``address``
     that of the plan; ``width`` the number of doubles of a point, ``columns`` that of vectors of an
-    interpolant; ``exponent`` the power of an error that a step is proportional to, 0 without an
-    estimate of the error. ``kept`` vectors of coefficients are stored for a step: its stages, with
-    the end where the error estimate needs it, or one register; ``kept_nodes`` are those of the step
-    before, of a Magnus method.
+    interpolant. ``table`` is the table that compiled code reads: that of ``method``, or on a
+    `LinearAction` that of one flow along a polynomial.
     """
 
-    def __init__(self, frame: Frame, method: Method) -> None:
+    def __init__(self, frame: Frame, method: MethodTable) -> None:
         import cg._core_r64 as core
 
         self.core, self.frame, self.method = core, frame, method
+        along = method.polynomial if isinstance(frame, LinearAction) else None
+        self.table = table = method if along is None else along
         self.compiled = is_compiled(frame)
         self._measures = has_compiled_difference(frame) if self.compiled else None
         self.dtype, self.dim, self.point_shape = frame.dtype, frame.dim, frame.point_shape
         self.parts = 2 if self.dtype == np.complex128 else 1
         self.width = int(np.prod(frame.point_shape, dtype=np.int64)) * self.parts
-        self.series = series_order(method)  # order up to which that of dexp⁻¹ is needed
-        self.collocation = is_collocation(method)
+        self.columns = table.output.columns
         if self.compiled:
             blocks = describe_blocks(frame)
         else:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
-        self.paths = paths = paths_on(frame, method)
-        self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
-        if paths.polynomial or not method.explicit:
+        if table.is_polynomial or not table.explicit:
             provide_lapack()
-        if paths.polynomial:
+        if table.is_polynomial:
             blocks[2] |= BlockOption.POLYNOMIAL
-            self.exponent = 1.0 / (method.stages + paths.power)
-        self.implicit = self.collocation or paths.blocks > 0
-        columns = len(paths.stages) + len(paths.brackets)
-        self.kept = columns if paths.registers is None else 1
-        of_nodes = isinstance(method, MagnusMethod) and method.stages > 2
-        self.kept_nodes = columns if of_nodes else 0
         self.address: int = core.plan_open(
-            blocks, block_constants(frame), ctypes.addressof(paths.record)
+            blocks, block_constants(frame), ctypes.addressof(table.record)
         )
         if isinstance(frame, PhaseSpace):
             core.plan_set_bodies(self.address, *frame.compiled_bodies())
         weakref.finalize(self, core.plan_close, self.address)
-        self.columns = self._make_interpolants()
+        self._make_interpolants()
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a method is sent by its name, so that each process has one instance with its cached data
-        known = find_method(self.method.name) is self.method
-        return _restored, (self.frame, self.method.name if known else self.method)
+        return plan_of, (self.frame, self.method)
 
-    def _make_interpolants(self) -> int:
-        method, polynomial = self.method, self.paths.polynomial
-        nodes = method.stages if polynomial else node_count(method)
-        extension = extension_of(method)
-        flow_c, weights = result_flows(self.paths) if polynomial else flows_within(method)
-        flat = isinstance(method, MuntheKaas)
-        columns = max(len(extension.basis), nodes + 1)
-        padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty
+    def _make_interpolants(self) -> None:
+        output = self.table.output
+        padded = np.pad(output.rows, ((0, 1), (0, 0)))  # arrays can't be empty
         self.core.plan_set_scheme(
-            self.address, columns, flat, extension.final + 1, self.series,
-            np.append(extension.theta, 0.0), padded.T, extension.basis.T, polynomial,
-            *_node_tables(nodes, self.paths.abscissae if polynomial else None),
-            flow_c, weights.T,
+            self.address, output.columns, self.table.on_algebra, output.final, output.series,
+            np.append(output.theta, 0.0), padded.T, output.basis.T, self.table.is_polynomial,
+            np.asfortranarray(output.node), np.asfortranarray(output.blend), output.flow_c,
+            output.flow_weights.T,
         )  # fmt: skip
-        return columns
 
     def in_coordinates(self, point: Points) -> bool:
         """Return whether differences of points are measured in coordinates, not in entries.
@@ -181,10 +151,10 @@ def cached_by_frame(function: Callable[[Frame], _Result]) -> Callable[[Frame], _
     return call
 
 
-def plan_of(frame: Frame, method: Method) -> Plan:
+def plan_of(frame: Frame, method: MethodTable) -> Plan:
     """Return the plan of a frame and a method, which is cached."""
     plans = _plans_on(frame)
-    plan = plans.get(id(method))  # hashing coefficients takes long
+    plan = plans.get(id(method))
     if plan is None:
         if len(plans) == _MAX_PLANS:
             plans.pop(next(iter(plans)), None)
@@ -195,43 +165,6 @@ def plan_of(frame: Frame, method: Method) -> Plan:
 @cached_by_frame
 def _plans_on(frame: Frame) -> dict[int, Plan]:
     return {}
-
-
-def _restored(frame: Frame, method: str | Method) -> Plan:
-    return plan_of(frame, resolve_method(method))
-
-
-def paths_on(frame: Frame, method: Method) -> MethodPaths:
-    """Return the paths of a method on a frame."""
-    if isinstance(frame, LinearAction) and isinstance(method, MagnusMethod):
-        return polynomial_paths(method) or paths_of(method)
-    return paths_of(method)
-
-
-def _node_tables(nodes: int, stages: Array | None) -> tuple[Array, Array]:
-    """Return the nodes and the last flows' polynomials of interpolants with 2, ..., n nodes.
-
-    With nodes at given stages there is one interpolant.
-    """
-    node, blend = np.zeros((nodes, nodes - 1)), np.zeros((nodes + 2, nodes - 1))
-    if stages is not None:
-        node[:, -1] = stages
-        return np.asfortranarray(node), np.asfortranarray(blend)
-    for count in range(2, nodes + 1):
-        nodes_here = nodes_of(count)
-        node[:count, count - 2] = nodes_here.nodes
-        blend[: count + 2, count - 2] = nodes_here.blend.coef
-    return np.asfortranarray(node), np.asfortranarray(blend)
-
-
-def error_exponent(method: Method) -> float:
-    """Return the power of an error that a step is proportional to, by the orders of a pair."""
-    if method.third_order is not None:
-        advancing = method.advancing if isinstance(method, MuntheKaas) else method
-        second, third = advancing.embedded_order or 0, method.third_order
-        return 1.0 / max(second + 1 + error_power(advancing) * (second - third), 1)
-    orders = method.order, method.embedded_order
-    return 1.0 / (min(order for order in orders if order is not None) + 1)
 
 
 @cached_by_frame

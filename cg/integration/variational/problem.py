@@ -18,9 +18,9 @@ from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
 from cg.integration.variational.noise import check_covariance, noise_of
 from cg.integration.variational.results import SolutionMaker
-from cg.method.splitting import Splitting
 from cg.support.arrays import Array, check_finite
 from cg.support.checks import check_flag
+from cg.tables import Kind
 
 _LOOSE = 10.0
 """Tolerances of derivatives, in those of the solution, without ``control_derivatives``: steps are
@@ -71,7 +71,7 @@ def add_derivatives(
 def _check_problem(problem: Problem) -> None:
     """Raise ValueError if derivatives can't move along the solution."""
     frame = problem.plan.frame
-    if isinstance(problem.plan.method, Splitting):
+    if problem.plan.method.kind is Kind.SPLITTING:
         raise ValueError(
             f"method must not be a splitting method, got {problem.plan.method!r}, which moves no "
             "derivatives"

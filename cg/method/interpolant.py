@@ -70,15 +70,15 @@ from itertools import count
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
-from cg.catalogue import methods
-from cg.integration.step.implicit import collocation_polynomial
-from cg.integration.step.paths import MethodPaths, paths_of
+from cg.method.collocation import collocation_polynomial
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
+from cg.method.paths import MethodPaths, paths_of
 from cg.method.splitting import Splitting
 from cg.support.arrays import Array
 from cg.support.copies import cached
+from cg.tables.stored import stored_table
 from cg.trees import rooted
 
 # Nodes of interpolants that use the stages of a method, in this order. A search over grids chose
@@ -311,6 +311,8 @@ def result_flows(paths: MethodPaths) -> tuple[Array, Array]:
 def flows_within(method: Method) -> tuple[Array, Array]:
     """Return the flows of interpolants: those of a method, or of another one for a splitting."""
     if isinstance(method, Splitting) or (isinstance(method, MagnusMethod) and method.brackets):
-        fitting = (name for name in _WITH_FLOWS if methods[name].order >= method.order)
-        method = methods[next(fitting, _WITH_FLOWS[-1])]
+        tables = map(stored_table, _WITH_FLOWS)
+        fitting = (table for table in tables if table.order >= method.order)
+        output = next(fitting, stored_table(_WITH_FLOWS[-1])).output
+        return output.flow_c, output.flow_weights
     return result_flows(paths_of(method))

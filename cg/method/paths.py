@@ -16,7 +16,6 @@ B. Owren, "Commutator-free Lie group methods", Future Gener. Comput. Syst. 19 (2
 
 from __future__ import annotations
 
-import ctypes
 from collections import Counter
 from dataclasses import dataclass
 from fractions import Fraction
@@ -29,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.conditions import Rows
-from cg.integration.step.implicit import transformation
 from cg.layouts.points import START
+from cg.method.collocation import transformation
 from cg.method.end_weights import end_weights, kink_weights
 from cg.method.estimate import error_power
 from cg.method.low_storage import Registers, two_registers
@@ -40,7 +39,6 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.splitting import Splitting
 from cg.method.tableau import Tableau
 from cg.support.copies import cached
-from cg.support.shared_records import METHOD, fields_of
 
 _ROUNDING = Fraction(1, 10**14)  # of the sum of drifts
 
@@ -117,9 +115,22 @@ class MethodPaths:
         c.flags.writeable = False
         return c
 
-    @cached_property
-    def record(self) -> MethodRecord:
-        """The method as compiled code reads it."""
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The numbers of the record that compiled code reads."""
+        flows = [flow for path in self.paths for flow in path.flows]
+        return {
+            "paths": len(self.paths), "flows": len(flows), "terms": sum(map(len, flows)),
+            "stages": len(self.stages), "errors": len(self.errors),
+            "bracket_count": len(self.brackets), "result": self.result, "embedded": self.embedded,
+            "third": self.third, "final_stage": self.final_stage, "series": self.series,
+            "power": self.power, "factor": float(self.factor), "blocks": self.blocks,
+            "polynomial": int(self.polynomial),
+        }  # fmt: skip
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays of that record."""
         flows = [flow for path in self.paths for flow in path.flows]
         terms = [term for flow in flows for term in flow]
         integers = {
@@ -129,38 +140,21 @@ class MethodPaths:
             "flow_stage": [stage + 1 for stage, _ in terms],
             "stage_path": self.stages,
         }
+        columns = len(self.stages) + len(self.brackets)
+        sides = [(*side, *[Fraction(0)] * (columns - len(side))) for side in chain(*self.brackets)]
         reals = {
             "weight": [weight for _, weight in terms],
             "c": self.c,
             "error": [*chain(*self.errors)],
             "transformation": self.transformation,
+            "brackets": [*chain(*sides)],
         }
-        columns = len(self.stages) + len(self.brackets)
-        sides = [(*side, *[Fraction(0)] * (columns - len(side))) for side in chain(*self.brackets)]
-        reals["brackets"] = [*chain(*sides)]
         if self.drifts:
             reals["drifts"] = self.drifts
         if self.registers is not None:
             reals["registers"] = [*chain(*self.registers)]
         arrays = {name: np.array(row, np.intc) for name, row in integers.items()}
-        arrays |= {name: np.array(row, np.float64) for name, row in reals.items()}
-        record = MethodRecord(
-            paths=len(self.paths), flows=len(flows), terms=len(terms), stages=len(self.stages),
-            errors=len(self.errors), bracket_count=len(self.brackets), result=self.result,
-            embedded=self.embedded, third=self.third, final_stage=self.final_stage,
-            series=self.series, power=self.power, factor=float(self.factor), blocks=self.blocks,
-            polynomial=self.polynomial,
-            **{name: array.ctypes.data for name, array in arrays.items()},
-        )  # fmt: skip
-        record.arrays = arrays  # kept alive
-        return record
-
-
-class MethodRecord(ctypes.Structure):
-    """The record of a method in compiled code."""
-
-    _fields_ = fields_of(METHOD)
-    arrays: dict[str, NDArray[Any]]
+        return arrays | {name: np.array(row, np.float64) for name, row in reals.items()}
 
 
 @cached

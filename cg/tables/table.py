@@ -1,0 +1,188 @@
+"""The table of a method: its constants as compiled code reads them, and facts about it."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from functools import cached_property
+from importlib import import_module
+from typing import Any, Protocol
+
+import numpy as np
+
+from cg.support.arrays import Array
+from cg.support.shared_records import METHOD, fields_of
+
+_INTEGERS = {"origin", "path_first", "flow_first", "flow_stage", "stage_path"}
+
+
+class Kind(StrEnum):
+    """How a method takes a step."""
+
+    GROUP = "group"  # explicit stages, by flows
+    ALGEBRA = "algebra"  # explicit stages, by coordinates in the Lie algebra
+    IMPLICIT = "implicit"  # stages that are solved for, by flows
+    COLLOCATION = "collocation"  # all stages solved together, by coordinates
+    LINEAR = "linear"  # of linear equations, whose coefficients depend on time alone
+    SPLITTING = "splitting"  # kicks and drifts of mechanical systems
+
+
+class HasTable(Protocol):
+    """A method: anything that has a table."""
+
+    def table(self) -> MethodTable:
+        """Return the constants that integrations read."""
+        ...
+
+
+class MethodRecord(ctypes.Structure):
+    """The record of a method in compiled code."""
+
+    _fields_ = fields_of(METHOD)
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """How points between steps are computed; `cg.method.interpolant` explains it.
+
+    ``flow_c`` and ``flow_weights`` are the flows to the result of a method for fields that depend
+    on time alone; ``node`` and ``blend`` are one column for each interpolant with 2, 3, … nodes.
+    """
+
+    final: int  # the place, from 1, of the derivative at the end
+    series: int  # the order up to which that of dexp⁻¹ is needed
+    theta: Array  # further nodes, in the order of evaluation, shape (n,)
+    rows: Array  # weights of earlier derivatives in the coordinates of each node, (n, k)
+    basis: Array  # coefficients of the polynomials φ, shape (degree, k)
+    node: Array
+    blend: Array
+    flow_c: Array
+    flow_weights: Array  # (flows, stages)
+
+    @property
+    def columns(self) -> int:
+        """Number of vectors of an interpolant."""
+        return max(len(self.basis), len(self.node) + 1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MethodTable:
+    """A method as integrations read it.
+
+    ``numbers`` and ``arrays`` are the entries of `MethodRecord`. ``kept`` vectors of coefficients
+    are stored for a step: its stages, with the end where the error estimate needs it, or one
+    register; ``kept_nodes`` are those of the step before, of a linear method. ``exponent`` is the
+    power of an error that a step is proportional to, 0 without an estimate of the error.
+    """
+
+    name: str
+    kind: Kind
+    shown: str  # the method in messages
+    order: int
+    embedded_order: int | None
+    stages: int
+    exponent: float
+    kept: int
+    kept_nodes: int
+    # whether the weights of the result add up to one, and why the estimate of a pair is unreliable
+    converges: bool
+    fault: str
+    numbers: Mapping[str, float]
+    arrays: Mapping[str, Array]
+    output: Output
+    # on actions of matrices: one flow along the polynomial through the coefficients at the nodes
+    polynomial: MethodTable | None = None
+    real_stability: float | None = None
+    source: Any = None  # the method that the table was made of, unless it is stored
+
+    def __repr__(self) -> str:
+        return self.shown
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # processes read stored tables themselves
+        return _restored, (self.name if self.source is None else self.source,)
+
+    @property
+    def c(self) -> Array:
+        """The abscissae of the stages."""
+        return self.arrays["c"]
+
+    @property
+    def explicit(self) -> bool:
+        """Whether no equations have to be solved for the stages."""
+        return self.kind not in (Kind.IMPLICIT, Kind.COLLOCATION)
+
+    @property
+    def on_algebra(self) -> bool:
+        """Whether stages are coordinates in the Lie algebra, whose brackets the method needs."""
+        return self.kind in (Kind.ALGEBRA, Kind.COLLOCATION)
+
+    @property
+    def is_polynomial(self) -> bool:
+        """Whether the flows of the only path are one along a polynomial."""
+        return bool(self.numbers["polynomial"])
+
+    @property
+    def has_brackets(self) -> bool:
+        """Whether steps use brackets of coefficients."""
+        return bool(self.numbers["bracket_count"])
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks of stages that are solved one after the other."""
+        return int(self.numbers["blocks"])
+
+    def real_limit(self) -> float | None:
+        """Return the limit of stability along the negative real axis, None if there is none."""
+        if self.source is None:
+            return self.real_stability
+        limit: float | None = (
+            import_module("cg.catalogue.summary").summary_of(self.source).real_stability
+        )
+        return limit
+
+    @cached_property
+    def record(self) -> MethodRecord:
+        """The record in compiled code, whose arrays this object keeps alive."""
+        addresses = {name: array.ctypes.data for name, array in self.arrays.items()}
+        return MethodRecord(**self.numbers, **addresses)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the table as data for JSON."""
+        return _plain(self)  # type: ignore[no-any-return]
+
+
+def _restored(method: Any) -> MethodTable:
+    table: MethodTable = import_module("cg.tables").table_of(method)
+    return table
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as data for JSON."""
+    if isinstance(value, MethodTable | Output):
+        names = (field.name for field in fields(value) if field.name != "source")
+        return {name: _plain(getattr(value, name)) for name in names}
+    if isinstance(value, Mapping):
+        return {name: _plain(entry) for name, entry in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def from_dict(data: dict[str, Any]) -> MethodTable:
+    """Return the table that `MethodTable.as_dict` wrote."""
+    polynomial, output = data["polynomial"], dict(data["output"])
+    for name, entry in output.items():
+        if isinstance(entry, list):
+            output[name] = np.array(entry, np.float64)
+    output["rows"] = output["rows"].reshape(len(output["theta"]), output["basis"].shape[1])
+    changed = {
+        "kind": Kind(data["kind"]),
+        "arrays": {
+            name: np.array(entry, np.intc if name in _INTEGERS else np.float64)
+            for name, entry in data["arrays"].items()
+        },
+        "output": Output(**output),
+        "polynomial": None if polynomial is None else from_dict(polynomial),
+    }
+    return MethodTable(**(data | changed))

@@ -1,0 +1,22 @@
+"""Compile the methods of the catalogue into the tables that integrations read."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from cg.catalogue import methods, stored_methods
+from cg.method.compile import compiled
+from cg.method.method import Method
+from cg.tables import MethodTable
+from cg.tables.stored import FILE, write_tables
+
+PATH = Path(__file__).parent.parent / "cg" / "tables" / FILE
+
+
+def table(method: Method) -> MethodTable:
+    """Return the table of a method as it is stored."""
+    summary = methods.summaries.get(method.name, {})
+    return replace(compiled(method), source=None, real_stability=summary.get("real_stability"))
+
+
+if __name__ == "__main__":
+    write_tables(PATH, [table(method) for method in stored_methods()])
