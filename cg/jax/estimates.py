@@ -11,13 +11,11 @@ from __future__ import annotations
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from cg.frames import SO, SO3, SU, Frame, Power, Product, U, UnitQuaternion
 from cg.jax.entire import JaxArray
-from cg.jax.stages import Stages, Start, Steps
-from cg.method.estimate import MAX_ANGLE
-from cg.method.paths import MethodPaths
+from cg.jax.stages import Stages, Start
+from cg.tables import MAX_ANGLE, MethodTable
 
 _ROUNDINGS = 64  # as in fortran/steps/error_estimate.f90
 
@@ -31,20 +29,20 @@ class Before(eqx.Module):
     values: JaxArray
 
 
-def no_step(paths: MethodPaths, first: JaxArray) -> Before:
+def no_step(table: MethodTable, first: JaxArray) -> Before:
     """Return the step before a first one."""
-    count = len(paths.stages)
+    count = len(table.c)
     return Before(jnp.zeros((), first.dtype), jnp.zeros((count, len(first)), first.dtype))
 
 
 def error_estimate(
-    steps: Steps, start: Start, stages: Stages, before: Before | None
+    table: MethodTable, start: Start, stages: Stages, before: Before | None
 ) -> JaxArray | None:
     """Return the estimate, of Magnus methods after another step; None without a pair.
 
     It is a tangent at the end of the step.
     """
-    rules, h, y1, paths = start.rules, start.h, stages.result, steps.paths
+    rules, h, y1 = start.rules, start.h, stages.result
 
     def of_vector(v: JaxArray) -> Estimate:
         return rules.field(v, y1), rules.measured(v, y1)
@@ -57,11 +55,11 @@ def error_estimate(
     if not estimates:
         return None
     if before is not None:
-        estimates.append(of_vector(_node_difference(paths, stages.values, h, before)))
+        estimates.append(of_vector(_node_difference(table, stages.values, h, before)))
     size = rules.extent(start.y0, y1)
     errors = [tangent for tangent, _ in estimates]
     squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
-    error = (_error if before is None else _error_of_time)(paths, errors, squares)
+    error = (_error if before is None else _error_of_time)(table, errors, squares)
     angle = _turning(rules.frame, h * stages.values[0])
     return jax.lax.cond(angle > MAX_ANGLE, lambda: _change(start, stages, error), lambda: error)
 
@@ -92,23 +90,25 @@ def _turning(frame: Frame, v: JaxArray) -> JaxArray:
     return jnp.sqrt(factor * (v[: group.dim] @ v[: group.dim]))
 
 
-def _error_of_time(paths: MethodPaths, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+def _error_of_time(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
     """Return the error of a Magnus method: that of the results, or the larger of the nodes."""
     norms = [jnp.sqrt(jnp.maximum(square, jnp.finfo(square.dtype).tiny)) for square in squares]
     scale = jnp.ones_like(norms[0])
     if len(norms) > 2:
-        scale = (norms[0] / jnp.hypot(norms[0], float(paths.factor) * norms[1])) ** paths.power
+        scale = (
+            norms[0] / jnp.hypot(norms[0], table.record.factor * norms[1])
+        ) ** table.record.power
     scale = jax.lax.stop_gradient(scale)
     return jnp.where(norms[-1] > scale * norms[0], errors[-1], scale * errors[0])
 
 
-def _error(paths: MethodPaths, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+def _error(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
     """Return the error of other methods, one of up to three estimates."""
     error = errors[0]
     if len(errors) == 1:
         return error
-    if paths.power == 0:
-        return _larger(paths, errors, squares)
+    if table.record.power == 0:
+        return _larger(table, errors, squares)
     if len(errors) > 2:  # with `kink_weights`
         error = jnp.where(squares[1] > squares[0], errors[-2], error)
         squares = [jnp.maximum(*squares[:2]), squares[2]]
@@ -116,23 +116,23 @@ def _error(paths: MethodPaths, errors: list[JaxArray], squares: list[JaxArray]) 
     return jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
 
 
-def _larger(paths: MethodPaths, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
+def _larger(table: MethodTable, errors: list[JaxArray], squares: list[JaxArray]) -> JaxArray:
     """Return the error, or that at the end of the step if it is larger, see `end_weights`."""
-    factor, end, at_end = float(paths.factor), squares[1], errors[-len(paths.errors)]
+    factor, end, at_end = table.record.factor, squares[1], errors[-len(table.errors)]
     if len(squares) > 2:
         share = end / jnp.maximum(end + squares[2], jnp.finfo(end.dtype).tiny)
         end, at_end = end * share, jax.lax.stop_gradient(jnp.sqrt(share)) * at_end
     return jnp.where(factor**2 * end > squares[0], factor * at_end, errors[0])
 
 
-def _node_difference(paths: MethodPaths, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:
+def _node_difference(table: MethodTable, values: JaxArray, h: JaxArray, before: Before) -> JaxArray:
     """Return the largest error of interpolation between the nodes times h, zero in a first step.
 
     With the highest divided difference D of the coefficients over the nodes t_i of both steps, it
     is h D max_m |prod_i (m - t_i)| over the middles m between nodes of this step; D below rounding
     counts as zero. As in ``fortran/steps/error_estimate.f90``.
     """
-    c = np.asarray(paths.abscissae)
+    c = table.c
     known = h != 0.0
     ratio = before.h / jnp.where(known, h, 1.0)
     earlier = (jnp.asarray(c, h.dtype) - 1.0) * ratio

@@ -10,13 +10,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from cg.catalogue import resolve_method
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_algebra
 from cg.jax.entire import JaxArray
 from cg.jax.estimates import Before, error_estimate, no_step
 from cg.jax.rules import Rules
-from cg.jax.stages import Start, Steps, steps_of, take_stages
+from cg.jax.stages import Start, take_stages
 from cg.jax.term import (
     LinearTerm,
     check_noise,
@@ -26,9 +25,7 @@ from cg.jax.term import (
     unwrapped,
 )
 from cg.jax.within import Within, interpolant
-from cg.method.compile import error_exponent
-from cg.method.method import Method
-from cg.method.splitting import Splitting
+from cg.tables import HasTable, Kind, MethodTable, made, unique_table
 
 _DENSE = ("accurate", "steps")
 
@@ -76,7 +73,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     Solver("CF7(6)")
     """
 
-    steps: Steps = eqx.field(static=True)
+    table: MethodTable = eqx.field(static=True)
     dense: str = eqx.field(static=True)
     unroll: bool = eqx.field(static=True)
 
@@ -84,7 +81,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     interpolation_cls: ClassVar[Callable[..., Any]] = Within
 
     def __init__(
-        self, method: str | Method, *, dense: str = "accurate", unroll: bool = False
+        self, method: str | HasTable, *, dense: str = "accurate", unroll: bool = False
     ) -> None:
         if isinstance(method, str) and method == "auto":
             raise ValueError(
@@ -92,40 +89,36 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
                 'the least time in the benchmarks, and "CF5(4)" needs no brackets; "CF4" is for '
                 "fixed steps"
             )
-        method = resolve_method(method)
-        if not method.explicit:
-            raise ValueError(f"method must be explicit in JAX, got {method!r}")
-        if isinstance(method, Splitting):
-            raise ValueError(f"method must not be a splitting method in JAX, got {method!r}")
+        table = unique_table(method)
+        if not table.explicit:
+            raise ValueError(f"method must be explicit in JAX, got {table!r}")
+        if table.kind is Kind.SPLITTING:
+            raise ValueError(f"method must not be a splitting method in JAX, got {table!r}")
         if dense not in _DENSE:
             raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
         if not isinstance(unroll, bool):
             raise TypeError(f"unroll must be a bool, got {unroll!r}")
-        self.steps = steps_of(method)
+        self.table = table
         self.dense = dense
         self.unroll = unroll
 
     def __repr__(self) -> str:
-        method = self.steps.method
-        label = f'"{method.name}"' if method.name else repr(method)
+        label = f'"{self.table.name}"' if self.table.name else repr(self.table)
         suffix = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
         return f"Solver({label}{suffix}{', unroll=True' if self.unroll else ''})"
 
     @property
-    def method(self) -> Method:
-        """The method."""
-        return self.steps.method
+    def method(self) -> Any:
+        """The method, a `cg.Method`."""
+        return made(self.table)
 
     def order(self, terms: Any) -> int:
         """Return the order of the method."""
-        embedded = self.method.embedded_order
-        return max(self.method.order, embedded or 0)
+        return max(self.table.order, self.table.embedded_order or 0)
 
     def error_order(self, terms: Any) -> float | None:
         """Return the power of the step that the estimate is proportional to; None without one."""
-        if self.method.embedded_order is None:
-            return None
-        return 1.0 / error_exponent(self.method)
+        return 1.0 / self.table.exponent if self.table.exponent else None
 
     def strong_order(self, terms: Any) -> float:
         """Return the strong order for noise whose fields don't commute."""
@@ -145,15 +138,15 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         """
         rules = rules_in(terms)
         frame = rules.frame
-        if self.steps.on_algebra or self.steps.paths.brackets:
-            check_algebra(frame, self.method.table())
-        if self.steps.of_time and not isinstance(unwrapped(terms), LinearTerm):
+        if self.table.on_algebra or self.table.has_brackets:
+            check_algebra(frame, self.table)
+        if self.table.kind is Kind.LINEAR and not isinstance(unwrapped(terms), LinearTerm):
             raise ValueError(
-                f"method must be for nonlinear equations, got {self.method!r}; those of time alone "
+                f"method must be for nonlinear equations, got {self.table!r}; those of time alone "
                 "are a cg.jax.LinearTerm"
             )
         if isinstance(terms, diffrax.MultiTerm):
-            check_noise(terms, self.method)
+            check_noise(terms, self.table)
         first = self.func(terms, t0, y0, args)
         tolerance = max(MEMBERSHIP_TOLERANCE, 100.0 * float(jnp.finfo(y0.dtype).eps))
         first = eqx.error_if(
@@ -162,7 +155,7 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             f"y0 must be within {tolerance:.1g} of the manifold of {frame!r}; frame.project(y0) "
             "returns the nearest point",
         )
-        return (first, no_step(self.steps.paths, first)) if self.steps.of_time else first
+        return (first, no_step(self.table, first)) if self.table.kind is Kind.LINEAR else first
 
     @eqx.filter_jit  # diffrax calls a step three times, twice for the types of what it returns
     def step(
@@ -176,10 +169,10 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         made_jump: Any,
     ) -> tuple[Any, ...]:
         """Return the point after a step, its error, the interpolant, the state and the result."""
-        rules, steps = rules_in(terms), self.steps
+        rules, table = rules_in(terms), self.table
         if isinstance(terms, diffrax.MultiTerm):
             return self._noisy_step(rules, increments(terms, t0, t1, args), y0, solver_state)
-        first, before = solver_state if steps.of_time else (solver_state, None)
+        first, before = solver_state if table.kind is Kind.LINEAR else (solver_state, None)
         h = jnp.asarray(terms.contr(t0, t1), first.dtype)
 
         def f(c: Any, y: JaxArray) -> JaxArray:
@@ -190,11 +183,11 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             if before is not None:
                 before = Before(jnp.where(made_jump, 0.0, before.h), before.values)
         start = Start(rules, f, h, y0, first)
-        stages = take_stages(steps, start, unroll=self.unroll)
+        stages = take_stages(table, start, unroll=self.unroll)
         last = f(1.0, stages.result) if stages.last is None else stages.last
         accurate = self.dense == _DENSE[0]
-        within = interpolant(self.method, start, stages, last, accurate=accurate)
-        error = error_estimate(steps, start, stages, before)
+        within = interpolant(self.table, start, stages, last, accurate=accurate)
+        error = error_estimate(table, start, stages, before)
         state = last if before is None else (last, Before(h, stages.values))
         return stages.result, error, {"within": within}, state, _result(stages.result)
 
@@ -204,8 +197,8 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         """Take a step of size one along increments; there is no error estimate."""
         first = f(0.0, y0)
         start = Start(rules, f, jnp.ones((), first.dtype), y0, first)
-        stages = take_stages(self.steps, start, unroll=self.unroll)
-        within = interpolant(self.method, start, stages, first, accurate=False)
+        stages = take_stages(self.table, start, unroll=self.unroll)
+        within = interpolant(self.table, start, stages, first, accurate=False)
         return stages.result, None, {"within": within}, state, _result(stages.result)
 
 

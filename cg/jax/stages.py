@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 from typing import Any
 
 import jax
@@ -14,73 +13,7 @@ from numpy.typing import NDArray
 
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules, linear
-from cg.method.magnus import MagnusMethod
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
-from cg.method.paths import MethodPaths, paths_of
-
-
-@dataclass(frozen=True, eq=False)
-class Steps:
-    """A method with the tables of its steps.
-
-    JAX compares it by identity; `steps_of` returns one object for equal methods.
-    """
-
-    method: Method
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return steps_of, (self.method,)
-
-    @cached_property
-    def paths(self) -> MethodPaths:
-        """The paths of the method."""
-        return paths_of(self.method)
-
-    @cached_property
-    def flows(self) -> list[NDArray[np.float64]]:
-        """The weights of stages in the flows of each path, shape ``(flows, stages)``."""
-        return [flow_weights(path.flows, self.paths) for path in self.paths.paths]
-
-    @cached_property
-    def weights(self) -> NDArray[np.float64]:
-        """Of a method of Munthe-Kaas, the weights of stages in paths and in error estimates.
-
-        Shape ``(1 + paths + estimates, stages)``; the first row is zero and stands for the start of
-        the step.
-        """
-        return np.concatenate([np.zeros((1, len(self.paths.stages))), *self.flows, self.errors])
-
-    @cached_property
-    def on_algebra(self) -> bool:
-        """Whether the method is one of Munthe-Kaas."""
-        return isinstance(self.method, MuntheKaas)
-
-    @cached_property
-    def of_time(self) -> bool:
-        """Whether the method is one of Magnus."""
-        return isinstance(self.method, MagnusMethod)
-
-    @cached_property
-    def errors(self) -> NDArray[np.float64]:
-        """The weights of the error estimates, shape ``(0, 1 or 2, stages)``."""
-        columns = len(self.paths.stages) + len(self.paths.brackets)
-        return np.array(self.paths.errors, dtype=np.float64).reshape(-1, columns)
-
-
-def flow_weights(flows: Any, paths: MethodPaths) -> NDArray[np.float64]:
-    """Return the weights of stages and brackets in flows, shape ``(flows, stages + brackets)``."""
-    weights = np.zeros((len(flows), len(paths.stages) + len(paths.brackets)))
-    for row, flow in zip(weights, flows, strict=True):
-        for stage, weight in flow:
-            row[stage] = float(weight)
-    return weights
-
-
-@lru_cache(maxsize=256)
-def steps_of(method: Method) -> Steps:
-    """Return the tables of a method."""
-    return Steps(method)
+from cg.tables import Kind, MethodTable
 
 
 @dataclass(frozen=True)
@@ -116,48 +49,50 @@ class Stages:
     columns: JaxArray
 
 
-def take_stages(steps: Steps, start: Start, *, unroll: bool) -> Stages:
+def take_stages(table: MethodTable, start: Start, *, unroll: bool) -> Stages:
     """Return the stages and results of a method."""
-    if steps.on_algebra:
-        return _take_stages_on_algebra(steps, start, unroll)
+    if table.on_algebra:
+        return _take_stages_on_algebra(table, start, unroll)
     rules, f, h, y0, first = start.rules, start.f, start.h, start.y0, start.first
-    paths = steps.paths
+    record, c = table.record, table.c
     last = None
     stages: list[JaxArray] = []
     ends = [y0]
-    results = {paths.result, paths.embedded, paths.third}
+    results = {record.result, record.embedded, record.third}
 
     def follow(last: int) -> None:
         for k in range(len(ends), last + 1):
-            y = ends[paths.paths[k - 1].origin]
-            for row in steps.flows[k - 1]:
+            origin, flows = table.paths[k - 1]
+            y = ends[origin]
+            for row in flows:
                 # Without the barrier XLA compiles a flow once for each of its consumers. Then
                 # rounding errors, and with them sizes of steps, differ between the forward pass
                 # and its repetition by an adjoint.
                 y = jax.lax.optimization_barrier(rules.flow(_combined(h, row, stages), y))
             ends.append(rules.restore(y) if k in results else y)
 
-    if steps.of_time:
-        stages = list(jax.vmap(lambda c: f(c, y0))(jnp.asarray(paths.abscissae, h.dtype)))
-        last = stages[-1] if paths.abscissae[-1] == 1.0 else None
-        for pair in paths.brackets:
-            u, v = (_combined(h, np.array(row, np.float64), stages) for row in pair)
+    if table.kind is Kind.LINEAR:
+        stages = list(jax.vmap(lambda at: f(at, y0))(jnp.asarray(c, h.dtype)))
+        last = stages[-1] if c[-1] == 1.0 else None
+        for pair in table.brackets:
+            u, v = (_combined(h, row, stages) for row in pair)
             stages.append(v @ linear(u, rules.frame._adjoint_basis) / h)
-    for c, k in zip(paths.abscissae.tolist()[len(stages) :], paths.stages, strict=False):
+    places = table.arrays["stage_path"].tolist()
+    for at, k in zip(c.tolist()[len(stages) :], places, strict=False):
         follow(k)
-        value = first if k == 0 and c == 0.0 and not stages else f(c, ends[k])
-        if len(stages) + 1 == paths.final_stage:
+        value = first if k == 0 and at == 0.0 and not stages else f(at, ends[k])
+        if len(stages) + 1 == record.final_stage:
             last = value
         stages.append(value)
-    follow(len(paths.paths))
-    others = [ends[k] for k in (paths.embedded, paths.third) if k]
+    follow(len(table.paths))
+    others = [ends[k] for k in (record.embedded, record.third) if k]
     columns = jnp.stack(stages)
-    errors = jnp.asarray(steps.errors, h.dtype) @ columns
-    values = columns[: len(paths.stages)]
-    return Stages(values, ends[paths.result], others, errors, last, columns)
+    errors = jnp.asarray(table.errors, h.dtype) @ columns
+    values = columns[: len(c)]
+    return Stages(values, ends[record.result], others, errors, last, columns)
 
 
-def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
+def _take_stages_on_algebra(table: MethodTable, start: Start, unroll: bool) -> Stages:
     """Return the stages and the result of a method of Munthe-Kaas.
 
     Each path is one flow from the start, whose coordinates u are h times a weighted sum of the
@@ -165,10 +100,12 @@ def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
     kernel of XLA in either mode of differentiation. Reverse mode computes flows and dexpinv
     again, in fewer kernels than it takes to store what their derivatives need.
     """
-    paths, rules, f, h, y0 = steps.paths, start.rules, start.f, start.h, start.y0
-    weights = jnp.asarray(steps.weights, h.dtype)
-    nodes = jnp.asarray(paths.abscissae, h.dtype)
-    numbers = jnp.asarray(paths.stages)
+    record, rules, f, h, y0 = table.record, start.rules, start.f, start.h, start.y0
+    # of stages in paths and in error estimates, after the start of the step
+    rows = [np.zeros((1, table.columns)), *(flows for _, flows in table.paths), table.errors]
+    weights = jnp.asarray(np.concatenate(rows), h.dtype)
+    nodes = jnp.asarray(table.c, h.dtype)
+    numbers = jnp.asarray(table.arrays["stage_path"])
     assert rules.dexpinv is not None
     flow = jax.checkpoint(rules.flow, prevent_cse=False)
     dexpinv = jax.checkpoint(rules.dexpinv, prevent_cse=False, static_argnums=2)
@@ -176,7 +113,7 @@ def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
     def take(sums: JaxArray, stage: Any) -> tuple[JaxArray, JaxArray]:
         path, c, column = stage
         u = h * sums[path]
-        value = dexpinv(u, f(c, flow(u, y0)), paths.series)
+        value = dexpinv(u, f(c, flow(u, y0)), record.series)
         return sums + column[:, None] * value, value
 
     def loop(sums: JaxArray, begin: int, end: int) -> tuple[JaxArray, JaxArray]:
@@ -184,22 +121,22 @@ def _take_stages_on_algebra(steps: Steps, start: Start, unroll: bool) -> Stages:
         scanned: tuple[JaxArray, JaxArray] = jax.lax.scan(take, sums, rows, unroll=unroll)
         return scanned
 
-    count = len(paths.stages)
-    final = paths.final_stage - 1 if paths.final_stage else count
+    count = len(table.c)
+    final = record.final_stage - 1 if record.final_stage else count
     sums, values = loop(weights[:, :1] * start.first, 1, final)
     values = [start.first[None], values]
-    u = h * sums[paths.result]
+    u = h * sums[record.result]
     result = rules.restore(rules.flow(u, y0))
     last = None
     if final < count:
         last = f(1.0, result)
-        value = dexpinv(u, last, paths.series)
+        value = dexpinv(u, last, record.series)
         sums = sums + weights[:, final, None] * value
         values.append(value[None])
     if final + 1 < count:
         sums, after = loop(sums, final + 1, count)
         values.append(after)
-    errors = sums[len(steps.flows) + 1 :]
+    errors = sums[len(table.paths) + 1 :]
     columns = jnp.concatenate(values)
     return Stages(columns, result, [], errors, last, columns)
 

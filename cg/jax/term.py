@@ -16,7 +16,7 @@ from cg.frames import Euclidean, Frame, Product
 from cg.jax.entire import JaxArray
 from cg.jax.frames import rules_of
 from cg.jax.rules import Rules, real_dtype
-from cg.method.method import Method
+from cg.tables import MethodTable
 
 _CALLERS = 12  # calls to look back; equinox has some between diffrax and a solver
 
@@ -239,7 +239,7 @@ def refuse_implicit_adjoint(frame: Frame) -> None:
         place = place.f_back
 
 
-def check_noise(terms: diffrax.MultiTerm, method: Method) -> None:
+def check_noise(terms: diffrax.MultiTerm, method: MethodTable) -> None:
     """Raise an error unless terms are a FrameTerm and noise on its frame, and the method fits."""
     parts = [unwrapped(term) for term in terms.terms]
     noises = (isinstance(part, NoiseTerm) for part in parts[1:])

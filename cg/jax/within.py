@@ -16,19 +16,9 @@ from numpy.typing import NDArray
 
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
-from cg.jax.stages import Stages, Start, flow_weights
-from cg.method.interpolant import (
-    basis_polynomials,
-    extension_of,
-    flows_within,
-    node_count,
-    nodes_of,
-    series_order,
-)
-from cg.method.method import Method
-from cg.method.munthe_kaas import MuntheKaas
-from cg.method.paths import paths_of
+from cg.jax.stages import Stages, Start
 from cg.support.copies import cached
+from cg.tables import MethodTable, basis_polynomials
 
 _ITERATIONS = 3  # of Newton's method; each squares the error, which is of third order first
 
@@ -89,7 +79,7 @@ class Within(diffrax.AbstractLocalInterpolation):
 
 
 def interpolant(
-    method: Method, start: Start, stages: Stages, last: JaxArray, *, accurate: bool
+    table: MethodTable, start: Start, stages: Stages, last: JaxArray, *, accurate: bool
 ) -> _Interpolant:
     """Return the interpolant of a step; ``last`` are the coefficients at its end.
 
@@ -97,36 +87,34 @@ def interpolant(
     """
     rules = start.rules
     if not accurate:
-        return _Interpolant(start.y0, start.h * stages.columns, rules, _straight(method))
-    flat = isinstance(method, MuntheKaas)
-    if flat or (rules.unique and rules.dexpinv is not None and rules.log is not None):
-        return _on_algebra(method, start, stages, last)
-    return _by_flows(method, start, stages.result, last)
+        return _Interpolant(start.y0, start.h * stages.columns, rules, _straight(table))
+    if table.on_algebra or (rules.unique and rules.dexpinv is not None and rules.log is not None):
+        return _on_algebra(table, start, stages, last)
+    return _by_flows(table, start, stages.result, last)
 
 
 @cached
-def _straight(method: Method) -> _Scheme:
-    paths = paths_of(method)
-    return _Scheme(flow_weights(paths.result_flows, paths)[..., None], accurate=False)
+def _straight(table: MethodTable) -> _Scheme:
+    return _Scheme(table.result_flows[..., None], accurate=False)
 
 
-def _on_algebra(method: Method, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
+def _on_algebra(table: MethodTable, start: Start, stages: Stages, last: JaxArray) -> _Interpolant:
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
-    extension, series = extension_of(method), series_order(method)
+    output, series = table.output, table.output.series
     dexpinv = rules.dexpinv
     assert dexpinv is not None
     # all derivatives are times h, which may be zero
-    if isinstance(method, MuntheKaas):
+    if table.on_algebra:
         known = h * stages.values
-        if extension.final == len(known):
-            u = jnp.asarray(extension.basis[0, : len(known)], h.dtype) @ known
+        if output.final > len(known):
+            u = jnp.asarray(output.basis[0, : len(known)], h.dtype) @ known
             known = jnp.concatenate([known, dexpinv(u, h * last, series)[None]])
     else:
         u = _coordinates(rules, 0.5 * h * (start.first + last), y0, stages.result, series)
         known = jnp.stack([h * start.first, u, dexpinv(u, h * last, series)])
-    count, width = len(known), extension.basis.shape[1]
+    count, width = len(known), output.basis.shape[1]
     derivatives = jnp.pad(known, ((0, width - count), (0, 0)))
-    if len(extension.theta):
+    if len(output.theta):
 
         def evaluate(k: JaxArray, node: Any) -> tuple[JaxArray, None]:
             at, theta, row = node
@@ -136,12 +124,12 @@ def _on_algebra(method: Method, start: Start, stages: Stages, last: JaxArray) ->
 
         nodes = (
             jnp.arange(count, width),
-            jnp.asarray(extension.theta, h.dtype),
-            jnp.asarray(extension.rows, h.dtype),
+            jnp.asarray(output.theta, h.dtype),
+            jnp.asarray(output.rows, h.dtype),
         )
         derivatives, _ = jax.lax.scan(evaluate, derivatives, nodes)
-    scheme = _algebra_scheme(method)
-    fields = jnp.asarray(extension.basis, h.dtype) @ derivatives
+    scheme = _algebra_scheme(table)
+    fields = jnp.asarray(output.basis, h.dtype) @ derivatives
     return _Interpolant(y0, fields, rules, scheme)
 
 
@@ -158,18 +146,18 @@ def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: 
 
 
 @cached
-def _algebra_scheme(method: Method) -> _Scheme:
+def _algebra_scheme(table: MethodTable) -> _Scheme:
     """Return the polynomials of the basis, one flow."""
-    degree = len(extension_of(method).basis)
+    degree = len(table.output.basis)
     weights = np.zeros((1, degree, degree))
     for d, p in enumerate(basis_polynomials(degree)):
         weights[0, d, : d + 1] = p.coef[1 : d + 2]
     return _Scheme(weights)
 
 
-def _by_flows(method: Method, start: Start, y1: JaxArray, last: JaxArray) -> _Interpolant:
+def _by_flows(table: MethodTable, start: Start, y1: JaxArray, last: JaxArray) -> _Interpolant:
     rules, f, h, y0 = start.rules, start.f, start.h, start.y0
-    schemes = _flow_schemes(method)
+    schemes = _flow_schemes(table)
 
     def close(fields: JaxArray, scheme: _Scheme) -> _Interpolant:
         """Add the last flow, which leads to the end of the step."""
@@ -180,7 +168,7 @@ def _by_flows(method: Method, start: Start, y1: JaxArray, last: JaxArray) -> _In
     ends = h * jnp.stack([start.first, last])
     level = close(ends, schemes[0])
     for count, scheme in enumerate(schemes[1:], 3):
-        theta = jnp.asarray(nodes_of(count).nodes[1:-1], h.dtype)
+        theta = jnp.asarray(table.output.node[1 : count - 1, count - 2], h.dtype)
 
         def evaluate(node: JaxArray, level: _Interpolant = level) -> JaxArray:
             return h * f(node, level(node))
@@ -191,22 +179,23 @@ def _by_flows(method: Method, start: Start, y1: JaxArray, last: JaxArray) -> _In
 
 
 @cached
-def _flow_schemes(method: Method) -> list[_Scheme]:
+def _flow_schemes(table: MethodTable) -> list[_Scheme]:
     r"""Return the weights of interpolants with 2, 3, … nodes.
 
     A flow has weights :math:`\theta \sum_k w_k L_j(c_k \theta)` of the coefficients at nodes,
     with Lagrange's polynomials, and the last one the blend.
     """
-    c, flows = flows_within(method)
+    output = table.output
+    c, flows = output.flow_c, output.flow_weights
     schemes = []
-    for count in range(2, node_count(method) + 1):
-        at = nodes_of(count)
+    for count in range(2, len(output.node) + 1):
+        nodes = output.node[:count, count - 2]
         weights = np.zeros((len(flows) + 1, count + 1, count + 1))
         for j in range(count):
-            others = np.delete(at.nodes, j)
-            lagrange = Polynomial.fromroots(others) / np.prod(at.nodes[j] - others)
+            others = np.delete(nodes, j)
+            lagrange = Polynomial.fromroots(others) / np.prod(nodes[j] - others)
             for m, coefficient in enumerate(lagrange.coef):
                 weights[:-1, j, m] = coefficient * (flows @ c**m)
-        weights[-1, -1, :] = at.blend.coef[1 : count + 2]
+        weights[-1, -1, :] = output.blend[1 : count + 2, count - 2]
         schemes.append(_Scheme(weights))
     return schemes

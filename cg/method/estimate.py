@@ -35,6 +35,7 @@ from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.support.copies import cached
+from cg.tables import MAX_ANGLE
 
 Vector = NDArray[Any]
 Flow = Mapping[int, Any]
@@ -46,9 +47,6 @@ By perturbations at the nodes, in place of the powers of the nodes, and by angle
 
 MAX_RATIO = 10.0
 """Largest ratio of error to estimate of a pair whose estimate can be relied on."""
-
-MAX_ANGLE = 20.0
-"""Longest step for which ratios are computed, in radians: more than three turns."""
 
 _MAX_TURN = 6.0  # of Munthe-Kaas methods: dexp⁻¹ exists below 2π
 _POWERS = range(1, 5)  # of the perturbation

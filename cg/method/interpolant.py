@@ -78,7 +78,7 @@ from cg.method.paths import MethodPaths, paths_of
 from cg.method.splitting import Splitting
 from cg.support.arrays import Array
 from cg.support.copies import cached
-from cg.tables.stored import stored_table
+from cg.tables import basis_polynomials, stored_table
 from cg.trees import rooted
 
 # Nodes of interpolants that use the stages of a method, in this order. A search over grids chose
@@ -251,12 +251,6 @@ def _further_nodes() -> Iterator[float]:
     yield from _NODES
     for k in count(1):
         yield 0.05 + 0.9 * math.modf(k * (math.sqrt(5.0) - 1.0) / 2.0)[0]
-
-
-def basis_polynomials(degree: int) -> list[Polynomial]:
-    """Return the basis polynomials φ of interpolants in coordinates."""
-    x, rest = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
-    return [x ** ((d + 1) // 2) * rest ** (d // 2) for d in range(1, degree + 1)]
 
 
 def _values(degree: int, theta: float) -> Array:

@@ -4,16 +4,19 @@ Methods are made and proved elsewhere, and compiled into tables; integrations re
 nothing else of a method. Those of the catalogue are stored in ``methods.json.gz``, one line each.
 """
 
-from cg.tables.stored import made, stored_names, stored_table, table_of
-from cg.tables.table import HasTable, Kind, MethodTable, Output
+from cg.tables.stored import made, stored_names, stored_table, table_of, unique_table
+from cg.tables.table import MAX_ANGLE, HasTable, Kind, MethodTable, Output, basis_polynomials
 
 __all__ = [
+    "MAX_ANGLE",
     "HasTable",
     "Kind",
     "MethodTable",
     "Output",
+    "basis_polynomials",
     "made",
     "stored_names",
     "stored_table",
     "table_of",
+    "unique_table",
 ]

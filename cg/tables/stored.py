@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
-from functools import cache
+from functools import cache, lru_cache
 from importlib import import_module
 from importlib.resources import files
 from typing import Any
@@ -62,6 +62,12 @@ def table_of(method: Any) -> MethodTable:
     if not isinstance(table, MethodTable):
         raise TypeError(f"method.table() must return a MethodTable, got {table!r}")
     return table
+
+
+@lru_cache(maxsize=256)
+def unique_table(method: Any) -> MethodTable:
+    """Return the table of a method, the same one for equal methods."""
+    return table_of(method)
 
 
 def made(table: MethodTable) -> Any:

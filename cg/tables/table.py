@@ -8,12 +8,17 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
 from importlib import import_module
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from cg.support.arrays import Array
 from cg.support.shared_records import METHOD, fields_of
+
+MAX_ANGLE = 20.0
+"""Longest step whose error estimate is believed, in radians: more than three turns."""
 
 _INTEGERS = {"origin", "path_first", "flow_first", "flow_stage", "stage_path"}
 
@@ -35,6 +40,8 @@ class HasTable(Protocol):
     def table(self) -> MethodTable:
         """Return the constants that integrations read."""
         ...
+
+    def __hash__(self) -> int: ...
 
 
 class MethodRecord(ctypes.Structure):
@@ -102,11 +109,11 @@ class MethodTable:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # processes read stored tables themselves
-        return _restored, (self.name if self.source is None else self.source,)
+        return restored, (self.name if self.source is None else self.source,)
 
     @property
     def c(self) -> Array:
-        """The abscissae of the stages."""
+        """The abscissae of the stages, with that of an end that error estimates need."""
         return self.arrays["c"]
 
     @property
@@ -143,6 +150,45 @@ class MethodTable:
         )
         return limit
 
+    @property
+    def columns(self) -> int:
+        """Number of vectors that flows combine: coefficients at stages, then brackets."""
+        return len(self.c) + int(self.numbers["bracket_count"])
+
+    @cached_property
+    def paths(self) -> tuple[tuple[int, Array], ...]:
+        """Of each path the one that it starts at, from 1, and its flows.
+
+        0 is the start of the step. Flows are weights of stages and brackets, shape
+        ``(flows, columns)``.
+        """
+        at = self.arrays
+        first, term = at["path_first"] - 1, at["flow_first"] - 1
+        weights = np.zeros((len(term) - 1, self.columns))
+        for row, begin, end in zip(weights, term[:-1], term[1:], strict=True):
+            row[at["flow_stage"][begin:end] - 1] = at["weight"][begin:end]
+        flows = (weights[i:j] for i, j in pairwise(first))
+        return tuple(zip(at["origin"].tolist(), flows, strict=True))
+
+    @property
+    def result_flows(self) -> Array:
+        """All flows from the start to the result, shape ``(flows, columns)``."""
+        flows, k = [], int(self.numbers["result"])
+        while k:
+            k, last = self.paths[k - 1]
+            flows.append(last)
+        return np.concatenate([np.zeros((0, self.columns)), *reversed(flows)])
+
+    @property
+    def errors(self) -> Array:
+        """Weights of error estimates, shape ``(errors, columns)``."""
+        return self.arrays["error"].reshape(-1, self.columns)
+
+    @property
+    def brackets(self) -> Array:
+        """Weights of both sides of brackets, shape ``(brackets, 2, columns)``."""
+        return self.arrays["brackets"].reshape(-1, 2, self.columns)
+
     @cached_property
     def record(self) -> MethodRecord:
         """The record in compiled code, whose arrays this object keeps alive."""
@@ -154,8 +200,9 @@ class MethodTable:
         return _plain(self)  # type: ignore[no-any-return]
 
 
-def _restored(method: Any) -> MethodTable:
-    table: MethodTable = import_module("cg.tables").table_of(method)
+def restored(method: Any) -> MethodTable:
+    """Return the table of a method in an unpickling process."""
+    table: MethodTable = import_module("cg.tables").unique_table(method)
     return table
 
 
@@ -167,6 +214,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}
     return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def basis_polynomials(degree: int) -> list[Polynomial]:
+    """Return the basis polynomials φ of interpolants in coordinates."""
+    x, rest = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
+    return [x ** ((d + 1) // 2) * rest ** (d // 2) for d in range(1, degree + 1)]
 
 
 def from_dict(data: dict[str, Any]) -> MethodTable:

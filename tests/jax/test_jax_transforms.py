@@ -87,7 +87,7 @@ class TestTransforms:
 
         step = lambda y0, first: solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[:2]
         text = str(jax.make_jaxpr(step)(y0, np.ones(3)))
-        flows = sum(len(path.flows) for path in solver.steps.paths.paths)
+        flows = sum(len(flows) for _, flows in solver.table.paths)
         assert text.count("= optimization_barrier ") == flows
 
     def test_tolerances_may_be_traced(self):
