@@ -81,20 +81,6 @@ def test_files_do_not_import_each_other_in_a_circle():
     TopologicalSorter(IMPORTS).prepare()  # CycleError names the files of a circle
 
 
-def test_files_have_350_lines_and_functions_40():
-    """Docstrings of functions don't count."""
-    paths = {str(p.relative_to(ROOT)): p for p in [*FILES.values(), *ROOT.glob("fortran/*/*.f90")]}
-    lines = {name: path.read_text("utf-8").count("\n") for name, path in paths.items()}
-    long = {name for name, count in lines.items() if count > 350}
-    for name in filter(lambda name: name.endswith(".py"), paths):
-        for node in ast.walk(ast.parse(paths[name].read_text("utf-8"))):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                begin = node.body[ast.get_docstring(node) is not None :] or node.body
-                if node.end_lineno - begin[0].lineno >= 40:
-                    long.add(f"{name}: {node.name}")
-    assert not long
-
-
 def test_procedures_in_fortran_have_60_lines():
     """Declarations, comments and empty lines don't count, nor do procedures within others."""
     begins = re.compile(r"(?:[\w() ]+ )?(subroutine|function) (\w+)")
