@@ -17,7 +17,7 @@ Verdict = tuple[bool | None, str]
 
 Results = Mapping[str, Data]
 
-MANY = 5
+MANY = 1000  # one start in so many, a rate that another seed doesn't turn
 _ABOUT = 10**0.5
 """Factor by which a number may differ from a power of ten that the paper gives."""
 
@@ -76,9 +76,13 @@ def slope_approximate(numbers: Data, results: Results) -> Verdict:
 
 
 def many(order: int, numbers: Data, results: Results) -> Verdict:
-    """Return whether the search found five distinct exact methods."""
+    """Return whether the search found a distinct exact method in one start of a thousand."""
     data = results[f"search{order}"]
-    return data["distinct"] >= MANY, f"{_found(data)}, {MANY} being many"
+    return _are_many(data["distinct"], data), f"{_found(data)}, one in {MANY} being many"
+
+
+def _are_many(found: int, data: Data) -> bool:
+    return found * MANY >= len(data["exact"])
 
 
 def _found(data: Data) -> str:
@@ -128,11 +132,11 @@ def table(numbers: Data, results: Results) -> Verdict:
     return all(agree), f"{sum(agree)} of 3 rows agree"
 
 
-def double(order: int, bound: float, least: int, numbers: Data, results: Results) -> Verdict:
-    """Return whether at least some starts reach a bound of f in double."""
+def double(order: int, bound: float, numbers: Data, results: Results) -> Verdict:
+    """Return whether many starts reach a bound of f in double."""
     data = results[f"search{order}"]
     reached, text = _reached(data["f_double"], _starts(data), bound)
-    return reached >= least, f"{text} in double"
+    return _are_many(reached, data), f"{text} in double"
 
 
 def usually(order: int, bound: float, numbers: Data, results: Results) -> Verdict:
