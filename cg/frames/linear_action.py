@@ -50,9 +50,10 @@ class LinearAction(CompiledFlow, UserFrame):
     .. math:: y_{k+1} = \frac{1}{k + 1} \sum_i G_i \sum_m d_{mi}\, y_{k-m} .
 
     Each takes one product of each generator, where a product of exponentials takes one for each
-    term of each exponential. The step is divided where norms are above six; terms far below the
-    tolerance are left out. The norm of the vector is then restored if all generators are
-    skew-Hermitian. Linear invariants, such as the trace of a density matrix, are kept to rounding.
+    term of each exponential. The step is divided where norms are above six; terms are left out
+    whose sum over the whole integration is below the tolerance. The norm of the vector is then
+    restored if all generators are skew-Hermitian. Linear invariants, such as the trace of a density
+    matrix, are kept to rounding.
 
     Parameters
     ----------

@@ -156,13 +156,14 @@ def solve(equation: Equation, edges: Array) -> list[Intervals]:
     They aren't sorted. ValueError is raised if bisection doesn't lead there.
     """
     start, size = edges[:-1], np.diff(edges)
+    span = abs(edges[-1] - edges[0])
     parts: list[Intervals] = []
     each = max(1, _ENTRIES // (_COUNT * equation.shape[0]) ** 2)
     for _ in range(_BISECTIONS + 1):
         again: list[Array] = []
         for first in range(0, len(start), each):
             chunk = slice(first, first + each)
-            part, errors = _at(equation, start[chunk], size[chunk])
+            part, errors = _at(equation, start[chunk], size[chunk], span)
             good = errors <= equation.tolerance
             parts.append(part if good.all() else Intervals(*(a[good] for a in part)))
             again.append(np.stack([start[chunk][~good], size[chunk][~good]]))
@@ -182,8 +183,11 @@ def solve(equation: Equation, edges: Array) -> list[Intervals]:
     )
 
 
-def _at(equation: Equation, start: Array, size: Array) -> tuple[Intervals, Array]:
-    """Return intervals with estimates of their errors."""
+def _at(equation: Equation, start: Array, size: Array, span: float) -> tuple[Intervals, Array]:
+    """Return intervals with estimates of the errors of all, if there are many like each.
+
+    Errors of maps add up over the span of all intervals, and integrals are over parts of it.
+    """
     times = start[:, None] + size[:, None] * _NODES
     matrix, b = equation.at(times.ravel())
     matrix = matrix.reshape(*times.shape, *matrix.shape[1:])
@@ -194,6 +198,7 @@ def _at(equation: Equation, start: Array, size: Array) -> tuple[Intervals, Array
             f"the norm of its Jacobian is {norms.sum():.2g}, more than {_LARGEST_NORM:.0g}"
         )
     maps, errors = _collocate(matrix, size)
+    errors = errors * (span / np.maximum(np.abs(size), np.finfo(float).tiny))
     points = np.empty((len(start), 0))
     if b is None:
         return Intervals(start, size, maps, points, points), errors

@@ -38,8 +38,9 @@ module linear_action_m
     integer, allocatable :: row(:, :)        ! (n + 1, generators) the terms where rows begin
     integer, allocatable :: term_column(:)   ! (terms)
     real(wp), allocatable :: norm(:)         ! (generators) bounds, as `combine` has them
-    ! tolerances of the point, zero if steps are fixed
-    real(wp) :: rtol = 0.0_wp, atol = 0.0_wp
+    ! tolerances of the point, zero if steps are fixed, and which part of them the flow of a step
+    ! along a polynomial may use; other flows are as accurate as rounding
+    real(wp) :: rtol = 0.0_wp, atol = 0.0_wp, granted = 0.0_wp
     type(inner_points_t), pointer :: inner => null()
   end type linear_action_t
 

@@ -14,14 +14,14 @@ module linear_polynomial_m
   ! lose up to three digits to cancellation.
   real(wp), parameter :: part_norm = 6.0_wp
   real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
-  real(wp), parameter :: truncation = 0.1_wp           ! in tolerances
+  real(wp), parameter :: omitted = 0.1_wp              ! part of a tolerance, for terms left out early
 
 contains
 
   ! Moves y along the solution of y' = sum_j (2 t - 1)^(j - 1) X_j y from t = 0 to 1, where X_j has
   ! the coefficients v(:, j). Time is divided so that Taylor polynomials lose few digits to
-  ! cancellation. Skew-Hermitian matrices preserve the norm of y, as the polynomials do to their
-  ! tolerance only.
+  ! cancellation; the parts share the tolerance that the step is granted, since their errors add up.
+  ! Skew-Hermitian matrices preserve the norm of y, as the polynomials do to their tolerance only.
   subroutine move_polynomially(action, v, y)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: v(:, :)          ! (generators, degree + 1)
@@ -51,11 +51,12 @@ contains
                                               <= real(part, wp) / real(parts, wp))
       end if
       if (last < first) then
-        call apply_polynomial(action, d, y)
+        call apply_polynomial(action, d, action%granted / real(parts, wp), y)
       else
         associate (inner => action%inner)
-          call apply_polynomial(action, d, y, real(parts, wp) * inner%theta(first:last) &
-                                - real(part - 1, wp), inner%y(:, first:last))
+          call apply_polynomial(action, d, action%granted / real(parts, wp), y, &
+                                real(parts, wp) * inner%theta(first:last) - real(part - 1, wp), &
+                                inner%y(:, first:last))
           if (.not. (action%skew .and. length > 0)) cycle
           do i = first, last
             inner%y(:, i) = inner%y(:, i) * (length / length_of(inner%y(:, i)))
@@ -120,16 +121,17 @@ contains
   !     y_k = sum_i G_i sum_m d(i, m) y_(k - m) / k,
   ! one product of each generator. It ends when the next terms, as many as lead to all later ones,
   ! are negligible by bounds of their norms. Points at other times are sums of the same y_k.
-  subroutine apply_polynomial(action, d, y, times, inner)
+  subroutine apply_polynomial(action, d, granted, y, times, inner)
     type(linear_action_t), intent(in) :: action
     real(wp), intent(in) :: d(:, :)          ! (generators, degree + 1)
+    real(wp), intent(in) :: granted          ! part of the tolerance
     real(wp), intent(inout) :: y(action%point_size)
     real(wp), optional, intent(in) :: times(:)         ! from 0 to 1
     real(wp), optional, contiguous, intent(inout) :: inner(:, :)   ! (point_size, times)
     real(wp) :: terms(size(y), size(d, 2))   ! y_k in column 1 + modulo(k, degree + 1)
     real(wp) :: argument(size(y)), product(size(y)), term(size(y))
     real(wp) :: norms(size(d, 2))            ! of y_k, y_(k - 1), ...
-    real(wp) :: bounds(size(d, 2)), start, tolerance
+    real(wp) :: bounds(size(d, 2)), start, tolerance, negligible
     integer :: i, k, m, n
 
     n = size(d, 2)
@@ -138,13 +140,14 @@ contains
     norms = 0.0_wp
     norms(1) = maxval(abs(y))
     start = norms(1) * epsilon(y) / 8
-    tolerance = truncation * (action%atol + action%rtol * norm2(y) / sqrt(real(action%n, wp)))
+    tolerance = granted * (action%atol + action%rtol * norm2(y) / sqrt(real(action%n, wp)))
+    negligible = omitted * max(start, tolerance) / real(size(d), wp)
     do k = 1, max_terms
       term = 0.0_wp
       do i = 1, action%generators
         argument = 0.0_wp
         do m = 1, min(k, n)
-          if (abs(d(i, m)) * norms(m) * action%norm(i) > truncation * max(start, tolerance)) &
+          if (abs(d(i, m)) * norms(m) * action%norm(i) > negligible) &
             argument = argument + d(i, m) * terms(:, 1 + modulo(k - m, n))
         end do
         if (.not. any(abs(d(i, :)) > 0)) cycle
@@ -177,8 +180,7 @@ contains
         allocate (powers(m, count_all))
         powers(1, :) = times**(k - m + 1)
         early = 0
-        if (k >= n) early = count(powers(1, :) * sum(norms(:m)) &
-                                  <= truncation * max(start, tolerance))
+        if (k >= n) early = count(powers(1, :) * sum(norms(:m)) <= negligible)
         if (early == count_all) return
         do i = 2, m
           powers(i, :) = powers(i - 1, :) * times
@@ -192,7 +194,7 @@ contains
   end subroutine apply_polynomial
 
   ! A bound of the sum of the norms of the terms after y_k, as many as have coefficients of their
-  ! own
+  ! own, and up to those from where bounds halve with each term
   pure real(wp) function rest(bounds, norms, k)
     real(wp), intent(in) :: bounds(:)        ! (degree + 1) of the norms of D_m
     real(wp), intent(in) :: norms(:)         ! (degree + 1) of y_k, y_(k - 1), ...
@@ -202,7 +204,7 @@ contains
 
     last = norms
     rest = 0.0_wp
-    do j = 1, size(norms)
+    do j = 1, max(size(norms), ceiling(2 * sum(bounds)) - k)
       last = [dot_product(bounds, last) / real(k + j, wp), last(:size(last) - 1)]
       rest = rest + last(1)
     end do

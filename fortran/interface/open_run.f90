@@ -82,6 +82,7 @@ contains
       if (problem%adaptive) then
         run%frame%blocks%action%rtol = record%rtol
         run%frame%blocks%action%atol = minval(atol)
+        problem%duration = abs(stops(size(stops)) - record%t0)
       end if
     end associate
   end subroutine set_tolerances

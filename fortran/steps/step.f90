@@ -161,7 +161,10 @@ contains
                              x%f, x%y(:, i))
         else
           call combine_flows(method%flows, x%weight, begin, end - 1, frame%dimension, x%f, x%v)
+          if (method%polynomial) frame%blocks%action%granted = &
+            abs(x%h) / max(abs(x%h), x%problem%duration)
           call apply_flows(frame, end - begin, x%v, x%y(:, i))
+          if (method%polynomial) frame%blocks%action%granted = 0.0_wp
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
         x%counts%nexp = x%counts%nexp + int(merge(1, end - begin, method%polynomial), int64)

@@ -93,7 +93,9 @@ def test_errors_are_near_the_tolerances(problem, name):
         )
         quotients.append(np.linalg.norm(run.y[-1] - exact) / tolerance)
     assert max(quotients) < 50
-    assert 0.1 < np.exp(np.mean(np.log(quotients))) < 20
+    # flows along polynomials through Gauss's nodes have an order that their estimates don't see
+    least = 0.02 if isinstance(frame, LinearAction) else 0.1
+    assert least < np.exp(np.mean(np.log(quotients))) < 20
 
 
 def test_an_unused_third_result_is_no_estimate():

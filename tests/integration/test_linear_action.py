@@ -206,7 +206,7 @@ class TestPolynomialFlows:
             counts.append(_core_r64.linear_products() - before)
         norm = 20 * np.linalg.norm(generators[0] + 0.5 * generators[1], 2)
         assert counts[0] < counts[1] < 12 * norm
-        assert counts[0] < 6 * norm
+        assert counts[0] < 6.5 * norm
 
     @pytest.mark.parametrize("scale", [1.0, 10.0])
     def test_steps_whose_coefficients_vary_most_at_their_ends(self, scale):

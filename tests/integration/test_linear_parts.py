@@ -1,0 +1,92 @@
+"""Constant generators on `LinearAction`, whose steps have thousands of Taylor parts.
+
+The first and the third state turn, the second one doesn't; each keeps its population exactly.
+"""
+
+import numpy as np
+import pytest
+from kinds import MAGNUS
+from scipy import sparse
+
+import cg
+from cg import _core_r64
+from cg.frames import LinearAction
+
+Y0 = np.array([0.6, 0.8, 0.0], complex)
+TURNS = 2e4
+
+
+def frame(damping, **kinds):
+    diagonal = np.array([1.0, 0.0, 1.0])
+    return LinearAction([np.diag(-(1j + damping) * diagonal)], **kinds)
+
+
+def population_error(y, damping=0.0, turns=TURNS):
+    decay = np.array([np.exp(-2 * damping * turns), 1.0, np.exp(-2 * damping * turns)])
+    return np.abs(np.abs(y) ** 2 - decay * np.abs(Y0) ** 2).max()
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("damping", [0.0, 1e-5])
+@pytest.mark.parametrize("method", ["auto", *MAGNUS])
+def test_every_method_and_tolerance(method, damping, tolerance):
+    run = cg.solve_linear(
+        lambda t: [TURNS], (0, 1), Y0, frame=frame(damping), method=method,
+        rtol=tolerance, atol=tolerance,
+    )  # fmt: skip
+    assert run.steps < 50
+    assert population_error(run.y[-1], damping) < tolerance
+
+
+@pytest.mark.parametrize("turns", [3e5, 3e6])
+def test_errors_do_not_grow_with_the_time(turns):
+    before = _core_r64.linear_products()
+    run = cg.solve_linear(lambda t: [1.0], (turns, 0), Y0, frame=frame(0.0))
+    assert _core_r64.linear_products() - before < 6 * turns
+    assert population_error(run.y[-1]) < 1e-3
+
+
+@pytest.mark.parametrize("given", [
+    {"max_step": 1e-3}, {"breakpoints": np.arange(1, 1000) / 1000},
+    {"t_eval": np.linspace(0, 1, 301)}, {"dense_output": True},
+    {"events": lambda t, y: np.sin(300 * t) - 0.3},
+], ids=lambda given: next(iter(given)))  # fmt: skip
+def test_many_steps_and_outputs(given):
+    run = cg.solve_linear(
+        lambda t: [TURNS], (0, 1), Y0, frame=frame(0.0), rtol=1e-6, atol=1e-6,
+        **given,
+    )  # fmt: skip
+    points = [run.y, *(run.y_events or ())]
+    if run.sol is not None:
+        points.append(run.sol(np.linspace(0, 1, 301)))
+    assert population_error(np.concatenate(points)) < 1e-6
+
+
+def test_columns_members_and_real_generators():
+    options = {"rtol": 1e-6, "atol": 1e-6}
+    columns = np.stack([Y0, 2 * Y0], axis=1)
+    run = cg.solve_linear(
+        lambda t: [TURNS], (0, 1), columns, frame=frame(0.0, columns=2), **options
+    )
+    assert population_error(run.y[-1, :, 0]) < 1e-6
+    members = cg.solve_linear_ensemble(
+        lambda t, row: [row[0]], (0, 1), Y0, frame=frame(0.0), t_eval=[0.4, 1.0],
+        parameters=[[0.01], [TURNS]], **options,
+    )  # fmt: skip
+    assert population_error(members.y) < 1e-6
+    turn, rest = [[0.0, 1.0], [-1.0, 0.0]], [[0.0]]
+    real = LinearAction([sparse.block_diag([turn, rest, turn])])
+    run = cg.solve_linear(lambda t: [TURNS], (0, 1), [0.6, 0, 0.8, 0, 0], frame=real,
+                          **options)  # fmt: skip
+    assert abs(run.y[-1, 2] - 0.8) < 1e-6
+    assert abs(np.hypot(*run.y[-1, :2]) - 0.6) < 1e-6
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+def test_gradients(tolerance):
+    run = cg.solve_linear(
+        lambda t: [1.0], (0, 5e3), Y0, frame=frame(0.0), rtol=tolerance,
+        atol=tolerance, derivatives="adjoint",
+    )  # fmt: skip
+    gradient = run.gradient(2 * run.y[-1] * [1, 0, 0])
+    np.testing.assert_allclose(gradient.y0, [1.2, 0, 0], rtol=0, atol=tolerance)
