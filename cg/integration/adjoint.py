@@ -82,14 +82,14 @@ class AdjointSolution(Solution):
         the covectors; others take little time.
         """
         given, equation = self._read(cotangent), self._equation
-        parts = self._parts
-        starts = self._sign * np.concatenate([part.start for part in parts])
+        parts, sign = self._parts, self._output._direction
+        starts = sign * np.concatenate([part.start for part in parts])
         order = np.argsort(starts)
         steps = np.concatenate([part.maps[:, 0] for part in parts])[order]
         count = len(starts)
         covector = np.zeros_like(given[0])
         ends = np.empty((count, *covector.shape), given.dtype)
-        at = np.searchsorted(starts[order], self._sign * self.t).tolist()
+        at = np.searchsorted(starts[order], sign * self.t).tolist()
         for i in range(count, -1, -1):
             while at and at[-1] == i:
                 covector = covector + given[len(at) - 1]
@@ -152,21 +152,18 @@ class AdjointSolution(Solution):
         generators = self._equation.generators
         return generators is not None and generators.dtype.kind == "c"
 
-    @property
-    def _sign(self) -> float:
-        return 1.0 if self._output.ts[-1] >= self._output.ts[0] else -1.0
-
     @cached_property
     def _parts(self) -> list[Intervals]:
         """The solved intervals from the first point to the last one that is stored."""
         curves = () if self._equation.inputs is None else self._equation.inputs.curves
         edges = np.concatenate([self._output.ts, self.t, *(curve.times for curve in curves)])
-        edges = np.unique(self._sign * edges)
-        first, last = self._sign * self._output.ts[0], self._sign * self.t[-1]
+        sign = self._output._direction
+        edges = np.unique(sign * edges)
+        first, last = sign * self._output.ts[0], sign * self.t[-1]
         edges = edges[(edges >= first) & (edges <= last)]
         if first == last:
             edges = np.repeat(edges, 2)
-        return solve(self._equation, self._sign * edges)
+        return solve(self._equation, sign * edges)
 
 
 def _each_array(function: Callable[..., Points], *results: Any) -> Any:
@@ -183,6 +180,8 @@ def with_adjoint(problem: Problem, equation_of: Callable[[DenseOutput], Equation
             "events must be None with derivatives='adjoint', which doesn't go through their jumps "
             "and ends"
         )
+    if problem.t_eval is not None and not len(problem.t_eval):
+        raise ValueError("t_eval must hold a time with derivatives='adjoint', got none")
 
     def make_solution(_: Problem, fields: dict[str, Any]) -> Any:
         """Return a list of the only member, for the fields of an `EnsembleSolution`."""

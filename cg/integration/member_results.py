@@ -76,9 +76,10 @@ class Results:
             self._add_events(members.start, part)
         if part.steps is not None:
             problem = self.problem
+            start = problem.t0, problem.direction
             for k, point in enumerate(problem.points[members], members.start):
                 steps = part.steps.of(k - members.start)
-                self._outputs[k] = DenseOutput(steps, problem.t0, point, self._marks.get(k))
+                self._outputs[k] = DenseOutput(steps, *start, point, self._marks.get(k))
         if self.out is None and len(part.status) == self.members:
             self._all = part
             return
@@ -144,6 +145,7 @@ class Results:
             "frame": problem.plan.frame,
             "h": problem.control.h,
             "observed": joint.observed,
+            "_direction": problem.direction,
         }
         if problem.make_solution is None:
             return filled(EnsembleSolution, fields)
@@ -151,10 +153,10 @@ class Results:
 
     def _output(self) -> EnsembleOutput:
         """Return the continuous solution, only initial points of members whose worker died."""
-        nothing, t0 = Steps.none(self.problem.plan), self.problem.t0
+        problem, nothing = self.problem, Steps.none(self.problem.plan)
         return EnsembleOutput([
-            self._outputs.get(k) or DenseOutput(nothing, t0, point)
-            for k, point in enumerate(self.problem.points)
+            self._outputs.get(k) or DenseOutput(nothing, problem.t0, problem.direction, point)
+            for k, point in enumerate(problem.points)
         ])  # fmt: skip
 
     def _event_lists(self) -> dict[str, Any]:
@@ -177,7 +179,7 @@ def solution_of(problem: Problem, part: MemberResults) -> Solution:
         result.add(slice(0, 1), part)
         return result.solution()[0]
     part.t.setflags(write=False)
-    ends = part.reached.item(0), part.status[0], part.counts[0].tolist()
+    ends = problem.direction, part.reached.item(0), part.status[0], part.counts[0].tolist()
     return filled(Solution, {
         **member_fields(part, 0, *ends), "sol": None, "t_events": None, "y_events": None,
         "y_after": None, "table": problem.plan.method, "frame": problem.plan.frame,

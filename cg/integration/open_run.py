@@ -245,7 +245,12 @@ class OpenRun:
             run.stop_interpolants()
         begin = float(steps.t[0, 0])
         outputs = [
-            DenseOutput(steps.of(k), begin, run.plan.points(steps.of(k).y[:1, 0], (1,))[0])
+            DenseOutput(
+                steps.of(k),
+                begin,
+                self.direction,
+                run.plan.points(steps.of(k).y[:1, 0], (1,))[0],
+            )
             for k in range(run.members)
         ]
         return EnsembleOutput(outputs) if self._many else outputs[0]

@@ -82,6 +82,11 @@ class Problem:
         """Final time."""
         return float(self.stops[-1])
 
+    @property
+    def direction(self) -> float:
+        """1.0 forward in time, -1.0 backward; no result infers it from its times."""
+        return -1.0 if self.t1 < self.t0 else 1.0
+
     def data(self, members: list[int]) -> tuple[int, Points, Array | None, Inputs | None]:
         """Return place, points, parameters and inputs of consecutive members, for `select`."""
         part = slice(members[0], members[-1] + 1)

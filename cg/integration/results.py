@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -221,6 +221,7 @@ class EnsembleSolution(_Labelled):
     frame: Frame
     h: float | None = None
     observed: Array | None = None
+    _direction: float = field(kw_only=True)  # 1.0 forward in time, -1.0 backward
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
@@ -241,19 +242,19 @@ class EnsembleSolution(_Labelled):
         for name, lists in events.items():
             events[name] = None if lists is None else [members[member] for members in lists]
         counts = [int(getattr(self, name)[member]) for name in COUNTS]
-        fields = member_fields(self, member, self.t_end[member], self.status[member], counts)
+        ends = self._direction, self.t_end[member], self.status[member], counts
+        fields = member_fields(self, member, *ends)
         fields |= {"table": self.table, "frame": self.frame, "h": self.h}
         return fields | events | {"sol": None if self.sol is None else self.sol[member]}
 
 
 def member_fields(
-    joint: Any, member: int, end: float, status: Any, counts: list[int]
+    joint: Any, member: int, direction: float, end: float, status: Any, counts: list[int]
 ) -> dict[str, Any]:
     """Return fields of the solution of a member up to its last time, of what all have jointly."""
     t, y, observed = joint.t, joint.y, joint.observed
     if len(t) and t[-1] != end:
-        sign = 1.0 if t[-1] >= t[0] else -1.0
-        t = t[: int((sign * (t - end) <= 0.0).sum())]
+        t = t[: int((direction * (t - end) <= 0.0).sum())]
     if y is not None:
         y = np.ascontiguousarray(y[: len(t), member])
         y.setflags(write=False)

@@ -64,8 +64,12 @@ class DenseOutput(ReadOnly):
     ----------
     steps
         The steps.
-    t0, y0
-        Initial time and point.
+    t0
+        Initial time.
+    direction
+        1.0 forward in time, -1.0 backward.
+    y0
+        Initial point.
     marks
         Times of events that end steps, shape ``(k,)``, and the points after their jumps.
 
@@ -91,7 +95,12 @@ class DenseOutput(ReadOnly):
     """
 
     def __init__(
-        self, steps: Steps, t0: float, y0: Points, marks: tuple[Array, Points] | None = None
+        self,
+        steps: Steps,
+        t0: float,
+        direction: float,
+        y0: Points,
+        marks: tuple[Array, Points] | None = None,
     ) -> None:
         self.ts = np.concatenate([[t0], steps.t[:, 2]])
         self.ts.flags.writeable = False
@@ -100,7 +109,7 @@ class DenseOutput(ReadOnly):
         self._steps = steps
         self._y0 = y0
         self._marks = marks
-        self._sign = -1.0 if self.ts[-1] < self.ts[0] else 1.0
+        self._direction = direction
 
     def __repr__(self) -> str:
         return f"DenseOutput(t={self.ts[0]:g}...{self.ts[-1]:g}, steps={len(self.ts) - 1})"
@@ -133,7 +142,7 @@ class DenseOutput(ReadOnly):
         if len(self.ts) == 1:
             points: Points = np.repeat(self._y0[None], flat.size, axis=0)
             return points
-        which = np.searchsorted(self._sign * self.ts, self._sign * flat, side="left") - 1
+        which = np.searchsorted(self._direction * self.ts, self._direction * flat) - 1
         points = self._steps.at(np.maximum(which, 0), flat)
         for time, point in zip(*(self._marks or ((), ())), strict=True):
             points[flat == time] = point
@@ -149,14 +158,14 @@ class EnsembleOutput(DenseOutput):
     def __init__(self, members: list[DenseOutput]) -> None:
         self.t_min = min(member.t_min for member in members)
         self.t_max = max(member.t_max for member in members)
+        self._direction = members[0]._direction
         self._members = members
 
     @cached_property
     def ts(self) -> Array:  # type: ignore[override]
         """The times of all members' steps."""
-        forward = max((m.ts[-1] - m.ts[0] for m in self._members), key=abs) >= 0.0
         ts = np.unique(np.concatenate([member.ts for member in self._members]))
-        ts = ts if forward else ts[::-1]
+        ts = ts[:: int(self._direction)]
         ts.flags.writeable = False
         return ts
 

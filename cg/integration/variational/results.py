@@ -73,6 +73,7 @@ class VariationalOutput(DenseOutput):
         self._field = variational
         self._covariance = covariance
         self.t_min, self.t_max = output.t_min, output.t_max
+        self._direction = output._direction
 
     @cached_property
     def ts(self) -> Array:  # type: ignore[override]
