@@ -58,6 +58,7 @@ class Problem:
     points: Points  # the initial ones, shape (members, *point_shape)
     t0: float
     stops: Array  # breakpoints, then the final time
+    limits: Array  # times and how long steps may be from each on, shape (n, 2)
     control: Control
     events: EventTable | None
     t_eval: Array | None
@@ -301,8 +302,10 @@ def make_problem(
     stops = check_stops(options["breakpoints"], start, stop)
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
+    limits = np.empty((0, 2))
     if inputs is not None:
         stops = inputs.add_stops(stops, start, control.tolerance)
+        limits = inputs.limits(control.tolerance)
     t_eval: Any = options["t_eval"]
     if t_eval is not None:
         t_eval = check_times(t_eval, "t_eval", "within t_span,", start, stop)
@@ -314,7 +317,7 @@ def make_problem(
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
-        control=control, events=events, t_eval=t_eval, every=every if t_eval is None else 0,
+        limits=limits, control=control, events=events, t_eval=t_eval, every=every if t_eval is None else 0,
         dense=dense, stage_solver=stage_solver, many=many, common=common, of_time=of_time,
         jacobian=jac, observer=observer, make_solution=None,
     )  # fmt: skip

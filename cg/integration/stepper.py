@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+from dataclasses import replace
 from collections.abc import Iterable
 from typing import Any, Never, Unpack
 
@@ -303,6 +304,10 @@ class Stepper(OpenRun):
             self._breakpoints = self._stops = np.append(self._breakpoints[:-1], far)
         if run.rhs.inputs is not None and (t is not None or inputs is not None):
             self._stops = self._with_corners(run.rhs.inputs, time)
+        if inputs is not None:
+            limits = run.rhs.inputs.limits(self._tolerance)
+            self._problem = replace(self._problem, limits=limits)
+            run.share_limits(limits)
         self._begin(time, rows, first)
         self.status = "running" if self.t != self.t_bound else "finished"
 

@@ -15,6 +15,8 @@ RECORD = {
     "t0": "real",
     "segments": "integer",
     "stops": "address",  # ends of segments
+    "limited": "integer",  # number of rows of `limits`
+    "limits": "address",  # times, and how long steps may be from each on
     # functions
     "context": "address",  # the `Callbacks`
     "function": "address",  # the right-hand side

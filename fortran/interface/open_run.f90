@@ -114,10 +114,13 @@ contains
     end associate
   end subroutine set_lanes
 
-  ! Sets the inputs of functions from the table in the record.
+  ! Sets the inputs of functions, and the limits of steps due to them, from the record.
   subroutine set_inputs(run)
     type(run_t), intent(inout) :: run
+    real(wp), pointer, contiguous :: limits(:, :)
 
+    call c_f_pointer(transfer(run%record%limits, c_null_ptr), limits, [2, int(run%record%limited)])
+    run%problem%limits = limits
     if (run%record%curves == 0) return
     call c_f_pointer(transfer(run%record%inputs, c_null_ptr), run%field%inputs%table, &
                      [7, int(run%record%curves)])

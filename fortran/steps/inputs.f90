@@ -5,7 +5,7 @@ module inputs_m
   use kinds, only: wp
   implicit none
   private
-  public :: inputs_t
+  public :: inputs_t, last_before, longest_step
 
   type :: inputs_t
     ! of each curve: powers, pieces, width, first place in the data of a member, addresses of the
@@ -62,5 +62,28 @@ contains
       end if
     end do
   end function last_before
+
+  ! The longest step from a time, of two signs of direction, that doesn't reach into times where
+  ! steps must be shorter than it. It may end where these begin.
+  pure real(wp) function longest_step(limits, t, direction)
+    real(wp), intent(in) :: limits(:, :)     ! (2, n) times, and how long steps may be from each on
+    real(wp), intent(in) :: t, direction
+    real(wp) :: ahead                        ! to the end of the times of the same limit
+    integer :: i, next
+
+    longest_step = huge(longest_step)
+    if (size(limits, 2) == 0) return
+    i = last_before(limits(1, :), t)
+    if (direction < 0 .and. i > 1 .and. .not. limits(1, i) < t) i = i - 1
+    longest_step = limits(2, i)
+    do
+      next = i + merge(1, -1, direction > 0)
+      if (next < 1 .or. next > size(limits, 2)) return
+      ahead = abs(limits(1, max(i, next)) - t)
+      if (ahead >= longest_step) return
+      longest_step = min(longest_step, max(limits(2, next), ahead))
+      i = next
+    end do
+  end function longest_step
 
 end module inputs_m

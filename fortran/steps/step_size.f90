@@ -7,6 +7,7 @@ module step_size_m
   use error_norm_m, only: norm, point_sizes, scales, tangent
   use frames_m, only: apply_flows, restore
   use time_grid_m, only: make_grid
+  use inputs_m, only: longest_step
   use requests_m, only: evaluate_at_start, request
   use phases_m
   use trajectory_m, only: fail, trajectory_t
@@ -136,6 +137,7 @@ contains
   ! differences of rounded times, so that all are equal.
   subroutine choose_step(x)
     type(trajectory_t), intent(inout) :: x
+    real(wp) :: longest
 
     associate (stop => x%problem%stops(x%segment))
       if (.not. x%problem%adaptive) then
@@ -150,19 +152,22 @@ contains
           call fail(x, too_many_steps, x%t)
           return
         end if
+        longest = max(longest_step(x%problem%limits, x%t, stop - x%t), smallest_size(x%t))
+        x%control%unshortened_size = min(x%control%step_size, x%problem%tolerances%max_step)
         x%control%step_size = tried_size(x%control%step_size, x%t, stop, &
-                                         x%problem%tolerances%max_step, x%control%after_rejection)
+                                         min(x%problem%tolerances%max_step, longest), &
+                                         x%control%after_rejection)
         if (x%control%step_size < 0) then
           call fail(x, step_too_small, x%t)
           return
         end if
         x%control%attempts = x%control%attempts + 1
-        x%control%unshortened_size = x%control%step_size
         x%h = sign(x%control%step_size, stop - x%t)
         x%t_end = x%t + x%h
         ! A rest that is smaller than the smallest step belongs to this step.
         x%control%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= -smallest_size(x%t)
         if (x%control%shortened) x%t_end = stop
+        x%control%shortened = x%control%shortened .or. x%control%unshortened_size > longest
         x%h = x%t_end - x%t
       end if
       if (abs(x%h - x%weighted_by) > 0) then

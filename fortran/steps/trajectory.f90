@@ -33,6 +33,7 @@ module trajectory_m
     integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: duration = 0.0_wp            ! of an integration with adaptive steps
+    real(wp), allocatable :: limits(:, :)    ! (2, n) times, and how long steps may be from each on
     real(wp) :: first_step = 0.0_wp          ! zero to choose it
     logical :: has_jacobian = .false.        ! whether Python evaluates it
     logical :: dense = .true.                ! whether it is stored as a matrix here

@@ -84,6 +84,7 @@ class Run:
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
         self._share("stops", problem.stops)
+        self.share_limits(problem.limits)
         self._share_inputs()
         self._share("rtols", self.control.rtol.ravel())
         self._share("atol", self.control.atol.ravel())
@@ -183,6 +184,10 @@ class Run:
         inputs, rhs = self.rhs.inputs, self.rhs
         if inputs is not None and isinstance(rhs, CompiledRhs):
             self.record.curves = len(self._share("inputs", inputs.table(rhs.parameters)))
+
+    def share_limits(self, limits: Array) -> None:
+        """Share how long steps may be where; compiled code reads it when it opens or restarts."""
+        self.record.limited = len(self._share("limits", limits))
 
     def _make_buffers(self, capacity: int) -> None:
         """Share arrays for the output of some number of steps."""

@@ -98,6 +98,22 @@ class Inputs:
         first, *others = [curve.corners(tolerance) for curve in self.curves]
         return np.unique(np.concatenate([first, *others])) if others else first
 
+    def limits(self, tolerance: float | None) -> Array:
+        """Return times and how long steps may be from each on, shape (n, 2), as seen so."""
+        none = np.empty((0, 2))
+        if tolerance is None:
+            return none
+        parts = [curve.longest_steps(tolerance) for curve in self.curves]
+        first, *others = [part for part in parts if len(part)] or [none]
+        for other in others:
+            times = np.union1d(first[:, 0], other[:, 0])
+            sizes = [
+                part[np.maximum(np.searchsorted(part[:, 0], times, side="right") - 1, 0), 1]
+                for part in (first, other)
+            ]
+            first = np.stack([times, np.minimum(*sizes)], axis=1)
+        return first
+
     def add_stops(self, stops: Array, start: float, tolerance: float | None) -> Array:
         """Return the ends of segments from a start, with those at corners.
 

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg.integration.rhs.resolution import Resolution
 from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import check_flag
 from cg.support.copies import ReadOnly
 
 _LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
 _BLOCK = 64  # of values whose curves are made at a time
+_ROUNDING = 64 * float(np.finfo(float).eps)  # of values, relative, and of jumps due to it
 _ENDS = 4  # units of rounding by which a time may lie outside, since f is evaluated beside corners
 
 
@@ -105,7 +107,8 @@ class Samples(ReadOnly):
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
-        state.pop("_rows", None)
+        for name in ("_rows", "_resolution", "_rounding", "_kinks"):
+            state.pop(name, None)
         return state
 
     @cached_property
@@ -147,31 +150,66 @@ class Samples(ReadOnly):
 
         A spline of degree p differs from a smooth function through its samples by some 0.08 D d^p,
         where D are jumps of the highest coefficient and d the lengths of pieces. Knots at which D
-        d^p exceeds the relative tolerance are returned, none without a tolerance.
+        d^p exceeds the relative tolerance times the variation are returned, none without a
+        tolerance.
         """
         inner = self._edges[1:]
         if not len(inner):
             return inner
-        if self.kind in ("cubic", "averages") and not self.causal:
-            return inner[:0] if tolerance is None else inner[self._kinks() > tolerance]
+        if self._is_spline:
+            return inner[:0] if tolerance is None else inner[self._kinks > tolerance]
         pieces = self._pieces.reshape(*self._pieces.shape[:2], -1)
-        lengths = np.diff(self._edges)[:, None]
-        jumps = pieces[0, 1:] != pieces[0, :-1]
+        jumps = np.abs(np.diff(pieces[0], axis=0))
         if len(pieces) > 1:
-            ends = pieces[0, :-1] + pieces[1, :-1] * lengths
-            jumps = (pieces[1, 1:] != pieces[1, :-1]) | (self.causal & (ends != pieces[0, 1:]))
+            jumps = self._jumps_of_lines(*pieces)
         corners: Array = inner[jumps.any(axis=1)]
         return corners
 
+    def _jumps_of_lines(self, values: Array, slopes: Array) -> Array:
+        """Return whether lines or their slopes jump at inner edges by more than rounding."""
+        length = np.diff(self.times)[:, None]
+        rounding = _ENDS * np.finfo(float).eps * (
+            np.abs(values) + np.abs(slopes) * np.maximum(length, np.abs(self.times[1:, None]))
+        )
+        rounding = np.maximum(rounding[1:], rounding[:-1])
+        bends = np.abs(np.diff(slopes, axis=0)) * np.minimum(length[1:], length[:-1])
+        jumps: Array = bends > rounding
+        if self.causal:
+            ends = values[:-1] + slopes[:-1] * length[:-1]
+            jumps |= np.abs(values[1:] - ends) > rounding
+        return jumps
+
+    def longest_steps(self, tolerance: float) -> Array:
+        """Return times and how long steps may be from each on, shape (n, 2)."""
+        if not self._is_spline or len(self._edges) < 2:
+            return np.empty((0, 2))
+        return self._resolution.longest_steps(tolerance)
+
+    @property
+    def _is_spline(self) -> bool:
+        return self.kind in ("cubic", "averages") and not self.causal
+
+    @cached_property
+    def _resolution(self) -> Resolution:
+        """The curve at its edges, on all scales."""
+        pieces = self._pieces.reshape(*self._pieces.shape[:2], -1)
+        length = self.times[-1] - self._edges[-1]
+        last = np.polynomial.polynomial.polyval(length, pieces[:, -1])
+        return Resolution(self.times, np.concatenate([pieces[0], last[None]]), self._rounding)
+
+    @cached_property
+    def _rounding(self) -> Array:
+        size = np.abs(self._pieces[0].reshape(len(self._edges), -1)).max(axis=0)
+        return np.asarray(_ROUNDING * size)
+
+    @cached_property
     def _kinks(self) -> Array:
-        """Return D d^p of a spline at each inner edge, relative to the largest value."""
-        pieces = self._pieces.reshape(*self._pieces.shape[:2], self.members or 1, -1)
-        length = np.diff(np.append(self._edges, self.times[-1]))
-        jumps = np.abs(np.diff(pieces[-1], axis=0)).max(axis=2)
-        largest = np.abs(pieces[0]).max(axis=(0, 2))
+        """Return D d^p of a spline at each inner edge, relative to the variation around it."""
+        pieces = self._pieces.reshape(*self._pieces.shape[:2], -1)
+        length = np.diff(self.times)
+        jumps = np.abs(np.diff(pieces[-1], axis=0))
         jumps *= np.maximum(length[1:], length[:-1])[:, None] ** (len(pieces) - 1)
-        kinks: Array = (jumps / np.maximum(largest, np.finfo(float).tiny)).max(axis=1)
-        return kinks
+        return self._resolution.kinks(np.where(jumps > self._rounding, jumps, 0.0))
 
     def __call__(self, t: float, member: int | None = None) -> Any:
         """Return the value at a time, that after a jump.
@@ -326,5 +364,8 @@ def _curve(times: Array, values: Array, kind: str, causal: bool) -> tuple[Array,
         slopes = np.zeros_like(values)
         slopes[1:] = np.diff(values, axis=0) / (0.5 * (steps[1:] + steps[:-1]))
         return times[:-1], np.stack([values - 0.5 * steps * slopes, slopes])
-    sums = np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps * values, axis=0)])
-    return times[:-1], np.ascontiguousarray(CubicSpline(times, sums).derivative().c[::-1])
+    mean = values.mean(axis=0)  # sums of what differs from it are smaller
+    sums = np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps * (values - mean), axis=0)])
+    pieces = np.ascontiguousarray(CubicSpline(times, sums).derivative().c[::-1])
+    pieces[0] += mean
+    return times[:-1], pieces
