@@ -14,6 +14,7 @@ from scipy import sparse
 
 from cg.frames.linear_action import LinearAction
 from cg.integration.linear import solve_linear
+from cg.qutip.arrays import times_of_arrays
 
 _ROUNDING = 1e-14  # of entries of generators, relative to the largest one
 
@@ -48,6 +49,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
 
     def _prepare(self) -> None:
         self._terms = _collect(self.system)
+        self._stops: dict[float, Any] = {}
         self._is_real, self._is_skew = True, bool(self.system.isoper)
         self._rebuild()
 
@@ -86,7 +88,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             Largest step and first step, by default 0 (automatic).
 
         breakpoints
-            Times at which coefficients jump, by default none.
+            Times at which coefficients jump, by default none; those of arrays are known.
         """
         options: dict[str, Any] = self._options
         return options
@@ -138,7 +140,8 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         options = {name: self.options[name] for name in ("rtol", "atol")}
         options |= {n: self.options[n] for n in ("max_step", "first_step") if self.options[n]}
         start, end = sorted((times[0], times[-1]))
-        inside = [t for t in self.options["breakpoints"] if start < t < end]
+        stops = np.union1d(self.options["breakpoints"], self._times_of_arrays(options["rtol"]))
+        inside = stops[(stops > start) & (stops < end)]
         return solve_linear(
             self._coefficients,
             (times[0], times[-1]),
@@ -149,6 +152,13 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             breakpoints=inside if times[0] == start else inside[::-1],
             **options,
         )
+
+    def _times_of_arrays(self, rtol: float) -> NDArray[np.float64]:
+        """Return the times at which steps end because of coefficients from arrays."""
+        if rtol not in self._stops:
+            coefficients = [coefficient for coefficient, _ in self._terms[1:]]
+            self._stops[rtol] = times_of_arrays(coefficients, rtol)
+        return self._stops[rtol]
 
     def _frame(self, columns: int) -> LinearAction:
         if columns not in self._frames:
