@@ -297,9 +297,10 @@ contains
           call accepted_size(abs(x%h), error, exponent, control%after_rejection, &
                              control%last_error, control%step_size)
         end if
-        ! a step that was shortened to end with its segment doesn't shorten the next one
+        ! a step that was shortened shortens the next one only as far as its error does
         if (control%shortened .and. .not. control%after_rejection) &
-          control%step_size = max(control%step_size, control%unshortened_size)
+          control%step_size = max(control%step_size, min( &
+            control%unshortened_size, rejected_size(abs(x%h), max(error, tiny(error)), exponent)))
         control%after_rejection = .false.
         control%suspicion = max(control%suspicion - 1, 0)
         if (x%problem%method%has_nodes) then

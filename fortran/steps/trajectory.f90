@@ -70,7 +70,7 @@ module trajectory_m
     logical :: after_rejection = .false.
     integer :: suspicion = 0                 ! that f is discontinuous here, see controller_m
     integer(int64) :: attempts = 0           ! steps of chosen size, rejected ones included
-    logical :: shortened = .false.           ! whether the step ends at the end of the segment
+    logical :: shortened = .false.           ! whether a stop or a limit shortens the step
     real(wp) :: unshortened_size = 0.0_wp    ! size that it would have had otherwise
     real(wp) :: norms(2) = 0.0_wp            ! of point and slope, for the first size
     real(wp) :: guessed_size = 0.0_wp

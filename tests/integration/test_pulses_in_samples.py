@@ -1,0 +1,183 @@
+"""Samples in which something happens after an idle time, or between slow changes."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.frames import Euclidean, UnitQuaternion
+
+TIMES = np.arange(0.0, 4001.0)
+FRAME, START = UnitQuaternion(), [0.0, 0.0, 0.0, 1.0]
+
+
+def bump(start, width, times=TIMES):
+    """Return a smooth pulse whose integral is one."""
+    x = (times - start) / width
+    return np.where(abs(x - 0.5) < 0.5, (1 - np.cos(2 * np.pi * x)) / width, 0.0)
+
+
+PULSE = bump(2600, 50)
+
+
+def samples(kind, values=PULSE, **options):
+    """Return a curve, of means near the values if the kind has such."""
+    if kind in ("averages", "causal"):
+        axis = 1 if "members" in options else 0
+        values = np.moveaxis(np.asarray(values), axis, 0)
+        values = np.moveaxis(0.5 * (values[1:] + values[:-1]), 0, axis)
+    causal = {"causal": True} if kind == "causal" else {}
+    return cg.Samples(TIMES, values, "averages" if causal else kind, **causal, **options)
+
+
+def turn(t, q, u):
+    return [u, 0.0, 0.0]
+
+
+def turn_by_time(t, u):
+    return [u, 0.0, 0.0]
+
+
+def turn_all(t, q, u):
+    return np.stack([u, 0 * u, 0 * u], axis=1)
+
+
+def angle(q):
+    return 2 * np.arctan2(q[..., 0], q[..., 3])
+
+
+def ensemble(**options):
+    def solve(span, curve, **rest):
+        points = np.tile(START, (2, 1))
+        f = turn_all if options.get("vectorized") else turn
+        return cg.solve_ensemble(f, span, points, inputs=curve, **options, **rest).y[-1, 0]
+
+    return solve
+
+
+def ensemble_of_inputs(span, curve, **rest):
+    values = np.stack([curve.values, 0 * curve.values])
+    causal = {"causal": True} if curve.causal else {}
+    curves = cg.Samples(curve.times, values, curve.kind, members=True, **causal)
+    return cg.solve_ensemble(turn, span, np.tile(START, (2, 1)), inputs=curves, **rest).y[-1, 0]
+
+
+def stepper(span, curve, **rest):
+    stepper = cg.Stepper(turn, span[0], START, span[1], inputs=samples("hold", 0 * PULSE), **rest)
+    stepper.restart(inputs=curve)
+    while stepper.status == "running":
+        stepper.step()
+    return stepper.y
+
+
+WAYS = {
+    "ivp": lambda span, curve, **rest: cg.solve_ivp(turn, span, START, inputs=curve, **rest).y[-1],
+    "implicit": lambda span, curve, **rest: (
+        cg.solve_ivp(turn, span, START, inputs=curve, method="RadauIIA5", **rest).y[-1]
+    ),
+    "linear": lambda span, curve, **rest: (
+        cg.solve_linear(turn_by_time, span, START, inputs=curve, **rest).y[-1]
+    ),
+    "variational": lambda span, curve, **rest: (
+        cg.solve_variational(turn, span, START, inputs=curve, **rest).y[-1]
+    ),
+    "adjoint": lambda span, curve, **rest: (
+        cg.solve_variational(turn, span, START, inputs=curve, derivatives="adjoint", **rest).y[-1]
+    ),
+    "ensemble": ensemble(),
+    "common": ensemble(common_steps=True),
+    "vectorized": ensemble(vectorized=True),
+    "members": ensemble_of_inputs,
+    "stepper": stepper,
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("kind", ["cubic", "averages"])
+def test_no_caller_passes_over_a_pulse(way, kind):
+    for span in ((0.0, 4000.0), (4000.0, 0.0)):
+        for tolerance in (1e-3, 1e-6):
+            end = WAYS[way](
+                span, samples(kind), frame=FRAME, rtol=tolerance, atol=tolerance
+            )  # fmt: skip
+            assert abs(angle(end) - np.sign(span[1] - span[0])) < 10 * tolerance
+
+
+@pytest.mark.parametrize("kind", ["cubic", "averages", "linear", "hold", "causal"])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7, 1e-10])
+def test_pulses_bursts_and_steps_at_random(kind, tolerance):
+    """Plain integrals of samples, which are known."""
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        width = np.exp(rng.uniform(np.log(2), np.log(400)))
+        start = rng.uniform(0, 4000 - width)
+        x = (TIMES - start) / width
+        within = abs(x - 0.5) < 0.5
+        shapes = [
+            bump(start, width), within / width, np.exp(-((x - 0.5) ** 2) * 8) / width,
+            bump(start, width) * rng.standard_normal(len(x)), 1e-3 * (x > 0),
+            bump(start, width) * np.sin(40 * x),
+        ]  # fmt: skip
+        values = shapes[rng.integers(6)] + rng.choice([0.0, 1e-3, 1.0]) * np.sin(TIMES / 900) / 900
+        curve = samples(kind, values)
+        run = cg.solve_ivp(
+            lambda t, y, u: [u], (0, 4000), [0.0], frame=Euclidean(1), inputs=curve,
+            rtol=tolerance, atol=tolerance,
+        )  # fmt: skip
+        exact = integral(curve)
+        assert abs(run.y[-1, 0] - exact) < 20 * tolerance
+
+
+def integral(curve):
+    """Return the integral of a curve, by Gauss's formula on each piece."""
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    length = np.diff(curve.times)[:, None]
+    at = curve.times[:-1, None] + length * (nodes + 1) / 2
+    return (curve.at(at.ravel()).reshape(at.shape) @ weights) @ length[:, 0] / 2
+
+
+@pytest.mark.parametrize("kind", ["cubic", "averages"])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
+def test_steps_depend_on_no_unit_and_no_column_that_is_smooth(kind, tolerance):
+    def solve(columns, scale):
+        return cg.solve_ivp(
+            lambda t, q, u: [u[0] / scale, 0.0, 0.0], (0, 4000), START, frame=FRAME,
+            rtol=tolerance, atol=tolerance,
+            inputs=samples(kind, scale * np.stack([PULSE, *columns], axis=1)),
+        )  # fmt: skip
+
+    alone = solve([], 1.0)
+    for columns, scale in (([], 2.0**20), ([], 2.0**-20), ([np.full(len(TIMES), 101325.0)], 1.0)):
+        run = solve(columns, scale)
+        np.testing.assert_allclose(run.t, alone.t, rtol=1e-9)
+        assert abs(angle(run.y[-1]) - 1.0) < 10 * tolerance
+    offset = cg.solve_ivp(
+        lambda t, q, u: [u - 273.15, 0.0, 0.0], (0, 4000), START, frame=FRAME, rtol=tolerance,
+        atol=tolerance, inputs=samples(kind, PULSE + 273.15),
+    )  # fmt: skip
+    assert abs(angle(offset.y[-1]) - 1.0) < 10 * tolerance
+
+
+def test_events_within_a_pulse_are_found():
+    for kind in ("cubic", "averages"):
+        run = cg.solve_ivp(
+            turn, (0, 4000), START, frame=FRAME, inputs=samples(kind), rtol=1e-3, atol=1e-3,
+            events=lambda t, q, u: u - 0.02,
+        )  # fmt: skip
+        np.testing.assert_allclose(run.t_events[0], [2625 - 12.5, 2625 + 12.5], atol=2e-2)
+
+
+@pytest.mark.parametrize("kind", ["cubic", "averages"])
+def test_idle_and_smooth_times_take_few_steps(kind):
+    def steps(values, tolerance=1e-4):
+        return cg.solve_ivp(
+            turn, (0, 4000), START, frame=FRAME, inputs=samples(kind, values), rtol=tolerance,
+            atol=tolerance,
+        ).steps  # fmt: skip
+
+    assert steps(np.zeros(len(TIMES))) < 8
+    assert steps(PULSE) < 100
+    assert steps(1e-3 * np.sin(TIMES / 300)) < 30
+    assert steps(1e-3 * np.sin(TIMES / 300), 1e-6) < 40
+    # what is at rest before a motion is compared to it
+    noise = np.random.default_rng(2).standard_normal(len(TIMES))
+    assert steps(PULSE + 1e-9 * noise) < 100
