@@ -11,7 +11,7 @@ module controller_m
   use kinds, only: wp
   implicit none
   private
-  public :: rejected_size, accepted_size, first_guess, first_size, max_iterations, &
+  public :: rejected_size, resumed_size, accepted_size, first_guess, first_size, max_iterations, &
             max_suspicion, raised_by_rejection, suspected_error, &
             min_last_predicted, predicted_size, smallest_size, tried_size
 
@@ -59,6 +59,16 @@ contains
     if (error < huge(error)) rejected_size = max(smallest_factor, safety * error**(-exponent)) &
       * taken
   end function rejected_size
+
+  ! The size after a shortened step: that proposed before it, as far as its error allows. An error
+  ! that is far smaller than the tolerance may be rounding.
+  pure real(wp) function resumed_size(proposed, taken, error, exponent)
+    real(wp), intent(in) :: proposed, taken, error, exponent
+
+    resumed_size = proposed
+    if (error > min_last_error) &
+      resumed_size = min(proposed, rejected_size(taken, error, exponent))
+  end function resumed_size
 
   ! Computes the size of the step after an accepted one.
   pure subroutine accepted_size(taken, error, exponent, after_rejection, last_error, next)

@@ -7,7 +7,7 @@ module step_m
   use blocks_m, only: combine_flows
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, min_last_predicted, predicted_size, raised_by_rejection, &
-                          max_suspicion, rejected_size, suspected_error
+                          max_suspicion, rejected_size, resumed_size, suspected_error
   use error_estimate_m, only: estimate_error
   use frames_m, only: apply_flows, restore
   use free_motion_m, only: move_by_kicks
@@ -299,8 +299,8 @@ contains
         end if
         ! a step that was shortened shortens the next one only as far as its error does
         if (control%shortened .and. .not. control%after_rejection) &
-          control%step_size = max(control%step_size, min( &
-            control%unshortened_size, rejected_size(abs(x%h), max(error, tiny(error)), exponent)))
+          control%step_size = max(control%step_size, resumed_size( &
+            control%unshortened_size, abs(x%h), error, exponent))
         control%after_rejection = .false.
         control%suspicion = max(control%suspicion - 1, 0)
         if (x%problem%method%has_nodes) then
