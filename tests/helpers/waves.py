@@ -1,14 +1,12 @@
 """Right-hand sides on any frame with their derivatives, which differences estimate too."""
 
 import numpy as np
+from quotients import derivative
 
 import cg
 
 TIGHT = {"rtol": 1e-12, "atol": 1e-12}
 SPAN = (0.1, 0.8)
-# One and two steps away on both sides, and the derivative of the polynomial through the values
-STEPS, WEIGHTS = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
-H = 1.5e-3
 
 
 class Wave:
@@ -48,23 +46,15 @@ class Wave:
             defaults |= {"jac": self.jac, "df_dp": self.df_dp}
         return cg.solve_variational(self.f, span, self.y0, **(defaults | options))
 
-    def by_fields(self, v, **options):
+    def by_fields(self, v, bound, **options):
         """Return the derivative of the end along a field at the start."""
-        moved = [self.solve(self.frame.flow(s * H * v, self.y0), **options).y[-1] for s in STEPS]
-        return np.tensordot(WEIGHTS, moved, 1) / H
+        start = lambda s: self.frame.flow(s * v, self.y0)
+        return derivative(lambda s: self.solve(start(s), **options).y[-1], bound)
 
-    def by_parameters(self, v, **options):
-        moved = [self.solve(p=self.parameters + s * H * v, **options).y[-1] for s in STEPS]
-        return np.tensordot(WEIGHTS, moved, 1) / H
+    def by_parameters(self, v, bound, **options):
+        end = lambda s: self.solve(p=self.parameters + s * v, **options).y[-1]
+        return derivative(end, bound)
 
 
 def flat(y):
     return np.ascontiguousarray(y).reshape(-1).view(np.float64)
-
-
-def differences(end, count, step=2e-4):
-    """Return the derivatives of a vector by ``count`` numbers, shape (vector, count)."""
-    columns = []
-    for e in np.eye(count):
-        columns.append(WEIGHTS @ np.array([end(s * step * e) for s in STEPS]) / step)
-    return np.transpose(columns)

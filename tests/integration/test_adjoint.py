@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import quotients
 from refusals import refuses
-from waves import TIGHT, Wave, differences
+from waves import TIGHT, Wave
 
 import cg
 from cg.frames import (
@@ -206,7 +207,7 @@ class TestLinear:
         gradient = run.gradient(c)
         np.testing.assert_allclose(
             gradient.parameters,
-            differences(lambda step: cost(p + step), len(p)),
+            quotients.jacobian(lambda step: cost(p + step), len(p), bound=1e-7 * size),
             rtol=0,
             atol=1e-7 * size,
         )
@@ -313,3 +314,14 @@ def test_exceptions_at_nodes_reach_the_caller():
     run = cg.solve_variational(f, (0, 1), np.eye(3), frame=SO3(), derivatives="adjoint")
     fails.append(True)
     refuses(ZeroDivisionError, "at a node", run.gradient, np.ones(3))
+
+
+@pytest.mark.parametrize("bound", [1e-5, 1e-7, 1e-9])
+def test_references_with_noise_are_refused(bound):
+    rng = np.random.default_rng(4)
+    rough = lambda s: np.sin(9 * s + 1) + 1e-9 * rng.standard_normal(5)
+    if bound > 1e-6:
+        assert np.abs(quotients.derivative(rough, bound) - 9 * np.cos(1)).max() < bound
+    else:
+        with pytest.raises(AssertionError, match="the reference has an error of"):
+            quotients.derivative(rough, bound)

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
-from driven_bodies import FRAME, GAIN, GUSTS, LINE, START, TIGHT, driven
+from driven_bodies import FRAME, GAIN, GUSTS, LINE, START, driven
+from quotients import derivative
+from waves import TIGHT
 
 import cg
 
@@ -21,7 +23,7 @@ def test_gradients_by_values_of_inputs(kind, in_c, span, function):
     def inputs(values, gusts):
         return cg.Samples(times, values, kind), cg.Samples(GUSTS[0], gusts, "linear")
 
-    options, tight = {"frame": FRAME, "parameters": GAIN}, {"rtol": 1e-12, "atol": 1e-12}
+    options = {"frame": FRAME, "parameters": GAIN}
     run = cg.solve_variational(
         f, span, START, inputs=inputs(values, GUSTS[1]), derivatives="adjoint", rtol=1e-8,
         atol=1e-8, **options,
@@ -30,7 +32,7 @@ def test_gradients_by_values_of_inputs(kind, in_c, span, function):
     gradient = run.gradient(c)
     forward = cg.solve_variational(
         f, span, START, inputs=inputs(values, GUSTS[1]), control_derivatives=True, **options,
-        **tight,
+        **TIGHT,
     )  # fmt: skip
     np.testing.assert_allclose(gradient.y0, c @ forward.transition[-1], rtol=0, atol=1e-6)
     np.testing.assert_allclose(gradient.parameters, c @ forward.sensitivity[-1], rtol=0, atol=1e-6)
@@ -38,17 +40,14 @@ def test_gradients_by_values_of_inputs(kind, in_c, span, function):
     assert (by_torque.shape, by_gust.shape) == ((8, 3), (11,))
     ways = rng.standard_normal((3, 8, 3)), rng.standard_normal((3, 11))
     for torque, gust in zip(*ways, strict=True):
-        ends = [
-            cg.solve_ivp(
-                f, span, START, inputs=inputs(values + s * torque, GUSTS[1] + s * gust),
-                **options, **tight,
-            ).y[-1]
-            for s in (1e-5, -1e-5)
-        ]  # fmt: skip
-        moved = [FRAME.local_coordinates(forward.y[-1], y) for y in ends]
-        expected = c @ np.subtract(*moved) / 2e-5
+
+        def end(s, torque=torque, gust=gust):
+            given = inputs(values + s * torque, GUSTS[1] + s * gust)
+            y = cg.solve_ivp(f, span, START, inputs=given, **options, **TIGHT).y[-1]
+            return c @ FRAME.local_coordinates(forward.y[-1], y)
+
         actual = np.vdot(by_torque, torque) + np.vdot(by_gust, gust)
-        assert abs(actual - expected) < 1e-6
+        assert abs(actual - derivative(end, bound=1e-6)) < 1e-6
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
@@ -142,10 +141,10 @@ def test_gradients_by_values_of_inputs_of_linear_equations(kind, exact, vectoriz
 
     run = solve(values, derivatives="adjoint", da_dp=da if exact else None, rtol=1e-8, atol=1e-8)
     gradient = run.gradient(c)
-    way, step = rng.standard_normal(8), 1e-4
-    ends = [np.vdot(c, solve(values + s * way, 1.3 + s, **TIGHT).y[-1]).real for s in (step, -step)]
+    way = rng.standard_normal(8)
+    end = lambda s: np.vdot(c, solve(values + s * way, 1.3 + s, **TIGHT).y[-1]).real
     actual = gradient.inputs @ way + gradient.parameters[0]
-    assert abs(actual - (ends[0] - ends[1]) / (2 * step)) < 1e-6
+    assert abs(actual - derivative(end, bound=1e-6)) < 1e-6
 
 
 @pytest.mark.parametrize("df_dp", [None, lambda t, y, u: [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]])
@@ -159,15 +158,13 @@ def test_jacobian_by_pulses_that_vanish(df_dp):
     np.testing.assert_allclose(jacobian.y0, np.diag(np.exp([-2.0, 0.0, 2.0])), atol=1e-8)
     assert (jacobian.parameters, jacobian.inputs.shape) == (None, (3, 10, 2))
     for way in np.random.default_rng(1).standard_normal((3, 10, 2)):
-        ends = [
-            cg.solve_ivp(f, (0, 1), y0, **options | {"inputs": cg.Samples(times, values)}).y[-1]
-            for values in (1e-5 * way, -1e-5 * way)
-        ]
-        moved = [frame.local_coordinates(run.y[-1], y) for y in ends]
-        expected = np.subtract(*moved) / 2e-5
-        np.testing.assert_allclose(
-            np.tensordot(jacobian.inputs, way, 2), expected, rtol=0, atol=1e-5
-        )
+
+        def end(s, way=way):
+            given = options | {"inputs": cg.Samples(times, s * way)}
+            return frame.local_coordinates(run.y[-1], cg.solve_ivp(f, (0, 1), y0, **given).y[-1])
+
+        actual = np.tensordot(jacobian.inputs, way, 2)
+        np.testing.assert_allclose(actual, derivative(end, bound=1e-5), rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("columns", [None, 2])
@@ -187,14 +184,14 @@ def test_jacobian_of_complex_entries(columns):
     jacobian = solve(values, 0.4, y0, derivatives="adjoint").jacobian()
     way, to = rng.standard_normal(5), frame.random_point(rng)
     for by_p, by_y0 in ((1.0, 0.0), (0.0, 1.0)):
-        ends = [
-            solve(values + s * way, 0.4 + s * by_p, y0 + s * by_y0 * to).y[-1]
-            for s in (1e-4, -1e-4)
-        ]
+
+        def end(s, by_p=by_p, by_y0=by_y0):
+            return solve(values + s * way, 0.4 + s * by_p, y0 + s * by_y0 * to).y[-1]
+
         actual = by_p * (jacobian.parameters[..., 0] + jacobian.inputs[1][..., 0])
         actual = actual + jacobian.inputs[0] @ way
         actual = actual + by_y0 * np.tensordot(jacobian.y0, to, to.ndim)
-        np.testing.assert_allclose(actual, np.subtract(*ends) / 2e-4, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(actual, derivative(end, bound=1e-6), rtol=1e-6, atol=1e-6)
 
 
 def test_gradients_by_values_that_pass_through_zero():
