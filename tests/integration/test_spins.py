@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from quotients import derivative
 
 import cg
 from cg.frames import Euclidean, Power, Sphere
@@ -46,19 +47,15 @@ class Spins:
 
     def area_defect(self, method, h, **options):
         """Return by how much a step changes areas Σ strength s·(u × v), by differences."""
-        d, flows = 1e-4, self.sphere.flow
         moves = np.eye(self.sphere.dim)
 
         def areas(s, vectors):
             return np.einsum("ni,uvni->uv", self.strengths * s, np.cross(vectors[:, None], vectors))
 
         before = np.cross(moves.reshape(-1, *self.y0.shape), self.y0)
-        after = [
-            (self.end(method, h, flows(d * v, self.y0), **options)
-             - self.end(method, h, flows(-d * v, self.y0), **options)) / (2 * d)
-            for v in moves
-        ]  # fmt: skip
-        change = areas(self.end(method, h, **options), np.array(after)) - areas(self.y0, before)
+        end = lambda v: self.end(method, h, self.sphere.flow(v, self.y0), **options)
+        after = np.array([derivative(lambda s, v=v: end(s * v), bound=1e-8) for v in moves])
+        change = areas(self.end(method, h, **options), after) - areas(self.y0, before)
         return np.abs(change).max()
 
 
