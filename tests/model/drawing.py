@@ -1,0 +1,100 @@
+"""What hypothesis draws: everything at once, without what the documentation refuses."""
+
+from dataclasses import replace
+
+from hypothesis import strategies as st
+
+from .programs import FIXED, PAIRS, SPLITTINGS, Input, Program, Zero
+from .spaces import SPACES
+
+SHARES = (0.0, 0.03, 0.1, 0.25, 0.3, 0.5, 0.51, 0.7, 0.75, 0.97, 1.0)
+OUTSIDE = ("CG4", "CF6d", "CF7(6)")  # stages outside the step are refused with inputs
+CALLERS = ("solve_ivp", "stepper", "ensemble", "variational", "adjoint", "linear")
+
+zeros = st.builds(
+    Zero,
+    kind=st.sampled_from(("plane", "plane", "plane", "time", "copy")),
+    place=st.sampled_from((0.1, 0.25, 0.3, 0.5, 0.55, 0.7, 0.9)),
+    seed=st.integers(0, 20),
+    terminal=st.sampled_from((0, 0, 0, 1, 2)),
+    direction=st.sampled_from((0, 0, 1, -1)),
+    jump=st.sampled_from(("", "", "start", "other")),
+)
+
+samples = st.builds(
+    Input,
+    kind=st.sampled_from(("hold", "linear", "cubic", "averages", "causal")),
+    count=st.sampled_from((4, 6, 10, 40)),
+    seed=st.integers(0, 20),
+    scale=st.sampled_from((1.0, 1.0, 1e5, 1e-5)),
+)
+
+
+@st.composite
+def programs(draw) -> Program:
+    """Draw a program."""
+    space = draw(st.integers(0, len(SPACES) - 1))
+    frame = SPACES[space]
+    start = draw(st.sampled_from((0.0, 0.0, 0.0, -2.0, 1.5, 1e5)))
+    length = draw(st.sampled_from((1.0, 1.0, -1.0, 2.5, -2.5, 1e-6, 1e4, -1e4, 0.0)))
+    events = tuple(draw(st.lists(zeros, max_size=3)))
+    program = Program(
+        space=space,
+        seed=draw(st.integers(0, 50)),
+        form=draw(st.sampled_from(("state", "state", "state", "time", "constant"))),
+        turns=draw(st.sampled_from((0.0, 0.3, 1.0, 3.0, 8.0))),
+        speed=draw(st.sampled_from((0.0, 1.0, 5.0))),
+        start=start,
+        length=length if abs(length) > 1e-3 or start < 1e3 else 1.0,
+        output=draw(st.none() | st.lists(st.sampled_from(SHARES), max_size=6).map(tuple)),
+        dense=draw(st.booleans()),
+        observe=draw(st.booleans()),
+        events=events,
+        breaks=tuple(draw(st.sets(st.sampled_from((0.3, 0.31, 0.5, 0.75)), max_size=2))),
+        inputs=tuple(draw(st.lists(samples, max_size=2))),
+        parameters=draw(st.booleans()),
+        compiled=frame.compiled and draw(st.booleans()),
+        caller=draw(st.sampled_from(CALLERS)),
+    )
+    return _admitted(draw, _with_method(draw, program))
+
+
+def _with_method(draw, program: Program) -> Program:
+    frame = program.frame
+    methods = PAIRS
+    if draw(st.integers(0, 3)) == 0:
+        methods = FIXED + SPLITTINGS * frame.phase
+        program = replace(program, steps=draw(st.sampled_from((3.0, 10.0, 20.3))))
+    else:
+        rtol, atol = draw(st.sampled_from(((1e-3, 1e-6), (1e-5, 1e-5), (1e-6, 1e-9), (1e-9, 1e-9))))
+        program = replace(program, rtol=rtol, atol=atol)
+    method = draw(st.sampled_from(methods))
+    return replace(program, method=method)
+
+
+def _admitted(draw, program: Program) -> Program:
+    """Return the program without what is refused, or has no single answer."""
+    frame, changes = program.frame, {}
+    if not frame.brackets and program.method.startswith(("RKMK", "Radau")):
+        changes["method"] = "CF5(4)"
+    if program.compiled:
+        changes["parameters"] = False
+    if program.length == 0.0:
+        changes |= {"output": None, "breaks": (), "inputs": (), "events": (), "steps": 0.0}
+        changes["method"] = "auto"
+    if program.caller == "linear":
+        changes |= {"compiled": False, "form": "time", "steps": 0.0, "method": "auto"}
+    terminal = any(zero.terminal == 1 for zero in program.events)
+    if terminal and not program.steps and not program.inputs and draw(st.booleans()):
+        changes |= {"endless": True, "breaks": ()}
+    return known(replace(program, **changes))
+
+
+def known(program: Program) -> Program:
+    """Return the program without what is being mended; delete lines here when it is."""
+    changes = {}
+    if program.length < 0 and program.output is not None and len(program.times(program.output)) < 2:
+        changes["output"] = (0.0, 0.5)  # one output time backward
+    if program.output == ():
+        changes["output"] = (0.5, 1.0)
+    return replace(program, **changes)

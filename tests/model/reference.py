@@ -1,0 +1,305 @@
+"""A slow integrator that does what `docs/integration.md` says, by SciPy in the space around.
+
+Between stops (breakpoints, times of samples, events with jumps) `DOP853` follows the solution with
+tolerances of 1e-12. Events are zeros of their functions along its continuous solution, first seen
+on a fine grid. Nothing here is fast, and nothing is shared with `cg`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.integrate import OdeSolution, solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from .spaces import Space, reals
+
+GRID = 300  # points at which functions of events are compared, in the whole span
+KICK = 1e-6  # size of the perturbations that show how errors grow
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """An event as the model takes it: ``terminal`` is a number of times, zero for never."""
+
+    function: Callable
+    terminal: int = 0
+    direction: int = 0
+    jump: Callable | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """An initial value problem. ``f``, events and jumps take ``(t, y, *inputs, *rest)``."""
+
+    space: Space
+    f: Callable
+    span: tuple[float, float]
+    y0: np.ndarray
+    events: Sequence[Crossing] = ()
+    breakpoints: Sequence[float] = ()
+    curves: Sequence[Callable] = ()
+    knots: Sequence[float] = ()
+    rest: tuple = ()
+
+    def arguments(self, t: float) -> tuple:
+        values = tuple(curve(t) for curve in self.curves)
+        inputs = values if len(values) < 2 else (values,)
+        return (*inputs, *self.rest)
+
+    def point(self, z: np.ndarray) -> np.ndarray:
+        base = self.space.base
+        return np.ascontiguousarray(z).view(base.dtype).reshape(base.shape)
+
+    def derivative(self, t: float, z: np.ndarray) -> np.ndarray:
+        y = self.point(z)
+        v = np.asarray(self.f(t, y, *self.arguments(t)), dtype=float).reshape(-1)
+        return reals(self.space.field(v, y))
+
+
+def curve(kind: str, times: np.ndarray, values: np.ndarray, causal: bool = False) -> Callable:
+    """Return the function of time of samples of one number."""
+    if kind == "linear":
+        return lambda t: float(np.interp(t, times, values))
+    if kind == "cubic":
+        spline = CubicSpline(times, values)
+        return lambda t: float(spline(t))
+    if kind == "averages" and not causal:
+        sums = np.concatenate([[0.0], np.cumsum(values * np.diff(times))])
+        rate = CubicSpline(times, sums).derivative()
+        return lambda t: float(rate(t))
+    middles = (times[1:] + times[:-1]) / 2
+    slopes = np.concatenate([[0.0], np.diff(values) / np.diff(middles)]) if causal else None
+
+    def of_one_interval(t: float) -> float:
+        k = min(max(int(np.searchsorted(times, t, "right")) - 1, 0), len(values) - 1)
+        return float(values[k] + (slopes[k] * (t - middles[k]) if causal else 0.0))
+
+    return of_one_interval
+
+
+@dataclass
+class Path:
+    """A solution: pieces between stops, and what happened. Times of ``events`` are in order."""
+
+    task: Task
+    pieces: list[tuple[float, float, OdeSolution]] = field(default_factory=list)
+    events: list[list[tuple[float, np.ndarray, np.ndarray]]] = field(default_factory=list)
+    jumps: list[float] = field(default_factory=list)
+    groups: list[list[int]] = field(default_factory=list)
+    nearest: list[float] = field(default_factory=list)  # of each event |g| where it nearly is zero
+    slopes: list[list[float]] = field(default_factory=list)
+    end: float = 0.0
+    last: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    terminated: bool = False
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Return the reals of the point at t, behind jumps at that time."""
+        forward = self.task.span[1] >= self.task.span[0]
+        if not self.pieces or t == self.end:
+            return self.last
+        for begin, _, solution in reversed(self.pieces):
+            if t >= begin if forward else t <= begin:
+                return solution(t)
+        return self.pieces[0][2](self.pieces[0][0])
+
+
+def within(t: float, begin: float, end: float) -> float:
+    """Return t as seen from inside a piece, so that functions see their side of its ends."""
+    low, high = sorted((np.nextafter(begin, end), np.nextafter(end, begin)))
+    return float(min(max(t, low), high)) if low <= high else (begin + end) / 2
+
+
+def solve(task: Task, kicks: Sequence[tuple[float, int]] = (), rtol: float = 1e-12) -> Path:
+    """Return the solution, perturbed at given times in random directions with given seeds."""
+    t, end = task.span
+    path = Path(task, events=[[] for _ in task.events], slopes=[[] for _ in task.events])
+    path.nearest = [np.inf] * len(task.events)
+    inner = {*task.breakpoints, *task.knots, *(time for time, _ in kicks)}
+    stops = sorted((s for s in inner if min(t, end) < s < max(t, end)), reverse=end < t)
+    z = reals(task.y0).copy()
+    signs = _signs(task, t, z, within(t, t, end))
+    for stop in [*stops, end]:
+        for time, seed in kicks:
+            if time == t:
+                z = z + KICK * _direction(task, z, seed)
+        while t != stop and not path.terminated:
+            run = solve_ivp(
+                lambda s, x, a=t, b=stop: task.derivative(within(s, a, b), x), (t, stop), z,
+                method="DOP853", rtol=rtol, atol=rtol / 10, dense_output=True,
+                max_step=abs(stop - t) / 2,
+            )  # fmt: skip
+            if not run.success:
+                raise ArithmeticError(run.message)
+            t, z, signs = _take(path, run.sol, t, stop, signs)
+        if path.terminated:
+            break
+    path.end, path.last = t, z
+    return path
+
+
+def _direction(task: Task, z: np.ndarray, seed: int) -> np.ndarray:
+    """Return a random tangent."""
+    rng, space = np.random.default_rng(seed), task.space
+    y = task.point(z)
+    if space.phase:
+        y = y.copy()
+        y[-space.dim :] = rng.standard_normal(space.dim)
+    tangent = reals(space.field(rng.standard_normal(space.dim), y))
+    return tangent / max(np.linalg.norm(tangent), 1e-300)
+
+
+def _value(task: Task, event: Crossing, t: float, z: np.ndarray) -> float:
+    return float(event.function(t, task.point(z), *task.arguments(t)))
+
+
+def _signs(task: Task, t: float, z: np.ndarray, seen: float) -> list[float]:
+    """Return the signs of the functions at a start, zero where they are zero to rounding."""
+    values = [_value(task, event, seen, z) for event in task.events]
+    return [0.0 if abs(value) < 1e-9 else np.sign(value) for value in values]
+
+
+def _take(path, solution, begin, end, signs):
+    """Record a piece and the events in it; return where it ends, its last point and the signs."""
+    task = path.task
+    length = abs(end - begin) / (abs(task.span[1] - task.span[0]) or 1.0)
+    grid = np.linspace(begin, end, 12 + int(GRID * length))
+    roots, after = [], []
+    for k, event in enumerate(task.events):
+        found, sign = _roots(path, k, event, solution, grid, signs[k])
+        roots += [(t, k, rising) for t, rising in found]
+        after.append(sign)
+    for t, group in _together(task, roots, begin < end):
+        point = solution(t)
+        stays = point
+        for k in group:
+            event = task.events[k]
+            before = stays
+            if event.jump:
+                jumped = event.jump(t, task.point(stays), *task.arguments(t))
+                stays = reals(np.asarray(jumped, dtype=task.space.base.dtype))
+            path.events[k].append((t, before, stays))
+        path.groups.append(group)
+        ends = any(
+            task.events[k].terminal and len(path.events[k]) >= task.events[k].terminal
+            for k in group
+        )
+        if ends or any(task.events[k].jump for k in group):
+            path.pieces.append((begin, t, solution))
+            path.jumps += [t] if stays is not point else []
+            path.terminated = ends
+            return t, stays, _signs(task, t, stays, within(t, t, end))
+    path.pieces.append((begin, end, solution))
+    return end, solution(end), after
+
+
+def _roots(path, k, event, solution, grid, sign):
+    """Return zeros with a change of sign and whether the function rises, and the last sign."""
+    task, begin, end = path.task, grid[0], grid[-1]
+
+    def value(t):
+        return _value(task, event, within(t, begin, end), solution(t))
+
+    values = np.array([value(t) for t in grid])
+    found, last = [], 0
+    for i, g in enumerate(values):
+        new = 0.0 if abs(g) < 1e-11 and i in (0, len(grid) - 1) else np.sign(g)
+        if new and sign and new != sign:
+            bracketed = values[last] * g < 0
+            root = brentq(value, grid[last], grid[i], xtol=1e-15) if bracketed else begin
+            if event.direction * new >= 0:
+                found.append((float(root), new > 0))
+                path.slopes[k].append(abs(g - values[last]) / (abs(grid[i] - grid[last]) or 1.0))
+        if new:
+            sign, last = new, i
+    size = np.abs(values)
+    dips = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])
+    dips &= (np.sign(values[:-2]) == np.sign(values[2:])) & (values[1:-1] * values[:-2] > 0)
+    path.nearest[k] = min([path.nearest[k], *size[1:-1][dips]])
+    return found, sign
+
+
+def _together(task, roots, forward):
+    """Return times in the direction of integration with the events that happen then."""
+    groups: list[tuple[float, list[int]]] = []
+    near = 1e-10 * (abs(task.span[1] - task.span[0]) + max(map(abs, task.span)))
+    for t, k, _ in sorted(roots, key=lambda root: (root[0] if forward else -root[0], root[1])):
+        if groups and abs(t - groups[-1][0]) <= near and k not in groups[-1][1]:
+            groups[-1][1].append(k)
+        else:
+            groups.append((t, [k]))
+    return [(t, sorted(group)) for t, group in groups]
+
+
+def growth(path: Path, times: Sequence[float], seeds: Sequence[int] = (1, 2)) -> float:
+    """Return the factor by which perturbations of unit size grow, one or more.
+
+    Points are kicked at the start and on the way. Times near jumps, which move, don't count.
+    The result is infinite where the perturbed solution has other events.
+    """
+    begin, end = path.task.span
+    largest = 1.0
+    for seed in seeds:
+        kicks = [(begin + share * (end - begin), seed + 10 * i)
+                 for i, share in enumerate((0.0, 0.37, 0.71))]  # fmt: skip
+        other = solve(path.task, kicks, rtol=1e-10)
+        if [len(events) for events in other.events] != [len(events) for events in path.events]:
+            return np.inf
+        moved = sorted([*path.jumps, *other.jumps, path.end, other.end])
+        for t in times:
+            near = any(
+                abs(t - a) <= 100 * abs(a - b) + 1e-9 * abs(end - begin)
+                for a, b in zip(moved[::2], moved[1::2], strict=False)
+            )
+            if not near:
+                largest = max(largest, float(np.abs(other(t) - path(t)).max()) / KICK)
+        largest = max(largest, float(np.abs(other.last - path.last).max()) / KICK)
+    return largest
+
+
+def along(task: Task, tangent: np.ndarray, step: float = 1e-4) -> tuple[Task, Task]:
+    """Return the task from two points to both sides of its own, along a tangent of reals."""
+    z = reals(task.y0)
+    starts = [task.point(z + s * tangent) for s in (step, -step)]
+    both = [Task(**{**vars(task), "y0": start}) for start in starts]
+    return both[0], both[1]
+
+
+def tangents(task: Task, tangent: np.ndarray, times: Sequence[float]) -> np.ndarray:
+    """Return the derivative of the points at times by the start, by differences of order four."""
+    near, far = 1e-4, 2e-4
+    paths = [solve(t) for step in (near, far) for t in along(task, tangent, step)]
+    rows = [[path(t) for t in times] for path in paths]
+    a, b, c, d = (np.array(row) for row in rows)
+    return (8 * (a - b) - (c - d)) / (12 * near)
+
+
+def covariance(task: Task, initial: np.ndarray, density: np.ndarray) -> np.ndarray:
+    """Return the covariance of the last point's reals: S' = A S + S Aᵀ + E Q Eᵀ.
+
+    A is the derivative of y' in the space around, E has the frame's fields as columns.
+    """
+    n, dim = reals(task.y0).size, task.space.dim
+
+    def fields(z):
+        y = task.point(z)
+        return np.stack([reals(task.space.field(e, y)) for e in np.eye(dim)], axis=1)
+
+    def both(t, state, begin, end):
+        t = within(t, begin, end)
+        z, spread = state[:n], state[n:].reshape(n, n)
+        step = 1e-5 * np.eye(n)
+        columns = [(task.derivative(t, z + s) - task.derivative(t, z - s)) / 2e-5 for s in step]
+        a, e = np.stack(columns, axis=1), fields(z)
+        change = a @ spread + spread @ a.T + e @ density @ e.T
+        return np.concatenate([task.derivative(t, z), change.reshape(-1)])
+
+    t, end = task.span
+    e0 = fields(reals(task.y0))
+    state = np.concatenate([reals(task.y0), (e0 @ initial @ e0.T).reshape(-1)])
+    stops = [s for s in {*task.breakpoints, *task.knots} if min(t, end) < s < max(t, end)]
+    for stop in [*sorted(stops, reverse=end < t), end]:
+        run = solve_ivp(both, (t, stop), state, args=(t, stop), rtol=1e-9, atol=1e-11)
+        t, state = stop, run.y[:, -1]
+    return state[n:].reshape(n, n)
