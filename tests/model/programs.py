@@ -227,12 +227,9 @@ class Program:
             lines = []
         if zero.kind == "copy" and k:
             body = f"event{k - 1}(t, y) - {zero.place!r}"
-        jump = {"": "None", "start": "lambda t, y, *rest: y0", "other": "lambda t, y, *rest: other"}
-        return [
-            *lines,
-            f"def event{k}(t, y, *rest): return {body}",
-            f"jump{k} = {jump[zero.jump]}",
-        ]
+        target = {"start": "y0", "other": "other"}.get(zero.jump)
+        jump = f"def jump{k}(t, y, *rest): return {target}" if target else f"jump{k} = None"
+        return [*lines, f"def event{k}(t, y, *rest): return {body}", jump]
 
     def _options(self) -> list[str]:
         items = ["frame=frame"]

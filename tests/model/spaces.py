@@ -216,7 +216,7 @@ SPACES = (
     matrices("LinearAction", np.array([[[0, -1.0, 0], [1.0, 0, 0], [0, 0, 0]],
                                        [[0, 0, 0], [0, 0, -0.5], [0, 0.5, 0]]]), "left", False),
     matrices("MatrixFrame", np.array([[[0, -0.5], [2.0, 0]]]), "left"),
-    Space("cg.frames.FieldFrame([along], flow, 2)", np.array([1.0, 0.0]), 1, circle,
+    Space("cg.frames.FieldFrame([along], flow, point_shape=2)", np.array([1.0, 0.0]), 1, circle,
           prelude=CIRCLE),
     product(BODY, PLANE), product(SPIN, LINE, SPHERE), power(SPHERE, 2), power(QUATERNION, 2),
     phase(BODY, [1.0, 1.5, 2.0], True), phase(PLANE, [1.5, 1.5], False),
