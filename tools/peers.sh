@@ -25,10 +25,9 @@ if [ ! -e /usr/lib/x86_64-linux-gnu/libminpack.so.1 ] && ! ldconfig -p 2>/dev/nu
 fi
 command -v mpiexec >/dev/null 2>&1 || debian openmpi-bin MPI
 command -v pdflatex >/dev/null 2>&1 || debian "--no-install-recommends texlive-latex-recommended" TeX
-command -v octave-cli >/dev/null 2>&1 || debian "--no-install-recommends octave" Octave
 for package in "numba>=0.60" "lielab==0.5.2" "distributed>=2024.8" "loky>=3.4" "mpi4py>=4.0" \
   "zarr>=3.0" "h5py>=3.11" "kauri>=2.3" "nodepy>=1.1" six "diffrax>=0.7" "jax>=0.5" jaxlie \
-  "xarray>=2024.1" "qutip>=5.3" cython tree-sitter tree-sitter-julia; do
+  "xarray>=2024.1" "qutip>=5.3" cython; do
   "$python" -m pip install --quiet "$package" >/dev/null 2>&1 ||
     echo "$package could not be installed; the tests that need it are skipped."
 done

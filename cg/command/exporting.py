@@ -30,7 +30,7 @@ def export_command(
 
     The certificate of FILE.toml is the file FILE.certificate.toml in the same folder.
 
-    FORMAT is json, toml, latex, python, c, fortran, julia or matlab.
+    FORMAT is json, toml, latex, python or c.
 
     \b
     Examples:

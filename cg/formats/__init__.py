@@ -1,4 +1,4 @@
-"""Export of methods: data files, LaTeX tables, and one step in other languages."""
+"""Export of methods: data files, LaTeX tables, and one step in Python or C."""
 
 from cg.formats.digits import known_digits
 from cg.formats.exporting import FORMATS, export

@@ -11,12 +11,17 @@ _HEADER = """@heading@
 #ifndef @NAME@_H
 #define @NAME@_H
 
-/* Numbers are doubles. For another type, define both macros before including this file, e.g.
+#include <math.h>
+
+/* Numbers are doubles. For another type, define these macros before including this file, e.g.
    #define @NAME@_REAL long double
-   #define @NAME@_NUMBER(x) x##L */
+   #define @NAME@_NUMBER(x) x##L
+   #define @NAME@_MATH(function) function##l
+   The last one is for the flows of rotations, which are left out without it. */
 #ifndef @NAME@_REAL
 #define @NAME@_REAL double
 #define @NAME@_NUMBER(x) x
+#define @NAME@_MATH(function) function
 #endif
 
 /* f(t, y, f, data) writes the m coefficients of the frame's fields at the point y to f.
@@ -63,6 +68,58 @@ static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data,
 @output@    return 0;
 }
 
+#ifdef @NAME@_MATH
+
+/* Writes the unit quaternion (x, y, z, w) of a rotation by the vector v to q. */
+static inline void @name@_quaternion(const @NAME@_REAL *v, @NAME@_REAL *q)
+{
+    const @NAME@_REAL half = @NAME@_MATH(sqrt)(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / 2;
+    const @NAME@_REAL scale = half > 0 ? @NAME@_MATH(sin)(half) / (2 * half) : @NAME@_NUMBER(0.5);
+    int i;
+    for (i = 0; i < 3; i++) q[i] = scale * v[i];
+    q[3] = @NAME@_MATH(cos)(half);
+}
+
+/* Flow on unit quaternions y = (x, y, z, w), n = 4: v is an angular velocity in axes of the body,
+   m = 3. The last lines remove rounding errors of the length. */
+static inline int @name@_quaternion_flow(const @NAME@_REAL *v, @NAME@_REAL *y, void *data)
+{
+    @NAME@_REAL q[4], p[4], scale;
+    int i;
+    (void)data;
+    @name@_quaternion(v, q);
+    for (i = 0; i < 4; i++) p[i] = y[i];
+    y[0] = p[3] * q[0] + p[0] * q[3] + p[1] * q[2] - p[2] * q[1];
+    y[1] = p[3] * q[1] + p[1] * q[3] + p[2] * q[0] - p[0] * q[2];
+    y[2] = p[3] * q[2] + p[2] * q[3] + p[0] * q[1] - p[1] * q[0];
+    y[3] = p[3] * q[3] - p[0] * q[0] - p[1] * q[1] - p[2] * q[2];
+    scale = (3 - (y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])) / 2;
+    for (i = 0; i < 4; i++) y[i] = scale * y[i];
+    return 0;
+}
+
+/* Flow on rotation matrices y, row by row, n = 9: v is an angular velocity in axes of the body,
+   m = 3. Rounding errors add up over steps. */
+static inline int @name@_rotation_flow(const @NAME@_REAL *v, @NAME@_REAL *y, void *data)
+{
+    @NAME@_REAL q[4], p[3], a[3], b[3];
+    int i, k;
+    (void)data;
+    @name@_quaternion(v, q);
+    for (i = 0; i < 9; i += 3) {
+        for (k = 0; k < 3; k++) p[k] = y[i + k];
+        /* a row turns by the inverse rotation: p - 2 w a + 2 q x a with a = q x p */
+        for (k = 0; k < 3; k++)
+            a[k] = q[(k + 1) % 3] * p[(k + 2) % 3] - q[(k + 2) % 3] * p[(k + 1) % 3];
+        for (k = 0; k < 3; k++)
+            b[k] = q[(k + 1) % 3] * a[(k + 2) % 3] - q[(k + 2) % 3] * a[(k + 1) % 3];
+        for (k = 0; k < 3; k++) y[i + k] = p[k] - 2 * q[3] * a[k] + 2 * b[k];
+    }
+    return 0;
+}
+@rotation_dexpinv@
+#endif
+
 #endif
 """
 
@@ -70,6 +127,26 @@ _DEXPINV = """
 /* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
    u by the derivative of the coordinates. */
 typedef int (*@name@_dexpinv)(const @NAME@_REAL *u, @NAME@_REAL *v, void *data);
+"""
+
+_ROTATION_DEXPINV = """
+/* dexpinv of both flows */
+static inline int @name@_rotation_dexpinv(const @NAME@_REAL *u, @NAME@_REAL *v, void *data)
+{
+    const @NAME@_REAL square = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
+    const @NAME@_REAL half = @NAME@_MATH(sqrt)(square) / 2;
+    const @NAME@_REAL factor =
+        square > 0 ? (1 - half / @NAME@_MATH(tan)(half)) / square : @NAME@_NUMBER(1.0) / 12;
+    @NAME@_REAL a[3], b[3];
+    int k;
+    (void)data;
+    for (k = 0; k < 3; k++)
+        a[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
+    for (k = 0; k < 3; k++)
+        b[k] = u[(k + 1) % 3] * a[(k + 2) % 3] - u[(k + 2) % 3] * a[(k + 1) % 3];
+    for (k = 0; k < 3; k++) v[k] = v[k] + a[k] / 2 + factor * b[k];
+    return 0;
+}
 """
 
 _DERIVATIVE = """            if (@name@_slot[stage]) {
@@ -84,6 +161,7 @@ _ALGEBRA = {
     "dexpinv": "@name@_dexpinv dexpinv, ",
     "v": "            v = fields + (@stages@ + @name@_target[move]) * m;\n",
     "derivative": _DERIVATIVE,
+    "rotation_dexpinv": _ROTATION_DEXPINV,
 }
 
 _PAIR = {
@@ -139,7 +217,7 @@ def _array(declared: str, entries: Sequence[str]) -> str:
 
 
 C = Language(
-    _HEADER, mark="//", slot=0, term=0, tables=_tables,
+    _HEADER, mark="//", tables=_tables,
     pair=_PAIR,
     error={"output": _ERROR, "second": "@NAME@_REAL *error, "}, remarks=_ERROR_REMARKS,
     algebra=_ALGEBRA,

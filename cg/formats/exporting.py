@@ -1,4 +1,4 @@
-"""Export of a method to a data file, a LaTeX table, or one step in another language."""
+"""Export of a method to a data file, a LaTeX table, or one step in Python or C."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING
 from cg.catalogue import dumps, dumps_json, resolve_method
 from cg.formats.c import C
 from cg.formats.digits import numbers_of
-from cg.formats.fortran import FORTRAN
-from cg.formats.julia import JULIA
 from cg.formats.latex import to_latex
-from cg.formats.matlab import MATLAB
 from cg.formats.program import make_program
 from cg.formats.python import PYTHON
 from cg.method.magnus import MagnusMethod
@@ -21,7 +18,7 @@ from cg.support.parsing import visible
 if TYPE_CHECKING:
     from cg.proofs import Certificate
 
-_CODE = {"python": PYTHON, "c": C, "fortran": FORTRAN, "julia": JULIA, "matlab": MATLAB}
+_CODE = {"python": PYTHON, "c": C}
 
 FORMATS = {
     "json": ".json",
@@ -29,9 +26,6 @@ FORMATS = {
     "latex": ".tex",
     "python": ".py",
     "c": ".h",
-    "fortran": ".f90",
-    "julia": ".jl",
-    "matlab": ".m",
 }
 """Suffix of the files of each format."""
 
@@ -47,10 +41,10 @@ def export(
 
     ``"json"`` and ``"toml"`` are data files, which `cg.catalogue.loads` reads. ``"latex"`` is a
     table for the package booktabs: a tableau, a list of its entries if they are too long for one,
-    or the points of a commutator-free method. The other formats are source files with a function
-    for one step: ``"python"`` (for NumPy), ``"c"``, ``"fortran"``, ``"julia"`` and
-    ``"matlab"`` (also for Octave). The code has no dependencies; the right-hand side and the flow
-    of the frame are arguments of the step.
+    or the points of a commutator-free method. ``"python"`` (for NumPy) and ``"c"`` are source files
+    with a function for one step, without dependencies; the right-hand side and the flow of the
+    frame are arguments of the step. The C file has the flows of rotation matrices and unit
+    quaternions.
 
     Parameters
     ----------

@@ -15,8 +15,6 @@ class Language:
 
     template: str
     mark: str  # begins a comment
-    slot: int  # number of the first slot,
-    term: int  # and of the first stage and term, in tables
     tables: Callable[[Program, Mapping[str, list[str]]], str]  # of a program and its integers
     pair: Parts  # of methods with a second result
     error: Parts  # of methods with errors in the algebra,
@@ -34,16 +32,15 @@ class Language:
         on_manifold = {**dict.fromkeys(self.algebra, ""), **self.manifold}
         parts |= self.algebra if program.on_algebra else on_manifold
         parts |= {
-            "tables": self.tables(program, program.integer_tables(self.slot, self.term)),
+            "tables": self.tables(program, program.integer_tables()),
             "name": program.name,
             "NAME": program.name.upper(),
-            "Module": program.name.capitalize(),
             "slots": program.slots,
             "stages": program.stages,
             "moves": len(program.moves),
             "rows": program.stages + (program.slots if program.on_algebra else 1),
-            "result": program.result + self.slot,
-            "second_slot": (program.second or 0) + self.slot,
+            "result": program.result,
+            "second_slot": program.second or 0,
             "errors": len(program.errors),
             "lower": program.lower_order,
             "heading": comment(program.heading, self.mark),

@@ -58,17 +58,15 @@ class Program:
         """The weights of the terms of all moves."""
         return tuple(weight for move in self.moves for _, weight in move.terms)
 
-    def integer_tables(self, slot: int, term: int) -> dict[str, list[str]]:
-        """Return the integers of the moves by array, from numbers of the first slot and term."""
-        first_terms = accumulate((len(move.terms) for move in self.moves), initial=term)
-        stages = (stage for move in self.moves for stage, _ in move.terms)
+    def integer_tables(self) -> dict[str, list[str]]:
+        """Return the integers of the moves by array."""
         tables = {
             "before": self.before,
-            "slot": (at + slot for at in self.stage_slots),
-            "origin": (move.origin + slot for move in self.moves),
-            "target": (move.target + slot for move in self.moves),
-            "first": first_terms,
-            "term_stage": (stage + term for stage in stages),
+            "slot": self.stage_slots,
+            "origin": (move.origin for move in self.moves),
+            "target": (move.target for move in self.moves),
+            "first": accumulate((len(move.terms) for move in self.moves), initial=0),
+            "term_stage": (stage for move in self.moves for stage, _ in move.terms),
         }
         return {name: list(map(str, values)) for name, values in tables.items()}
 

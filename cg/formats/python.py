@@ -141,6 +141,6 @@ def _tables(program: Program, integers: Mapping[str, list[str]]) -> str:
 
 # the docstring comes first, since Python looks for an encoding in comments of two lines
 PYTHON = Language(
-    _MODULE, mark="#", slot=0, term=0, tables=_tables, pair={"output": _PAIR},
+    _MODULE, mark="#", tables=_tables, pair={"output": _PAIR},
     error={"output": _ERROR}, remarks=_ERROR_REMARKS, algebra=_ALGEBRA, manifold=_ON_MANIFOLD,
 )  # fmt: skip

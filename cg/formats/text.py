@@ -1,4 +1,4 @@
-"""Text functions of all languages: comments, lists over several lines, templates."""
+"""Text functions of both languages: comments, lists over several lines, templates."""
 
 import textwrap
 from collections.abc import Iterable, Mapping

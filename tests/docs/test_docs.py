@@ -125,7 +125,7 @@ def test_c_program_of_export_page(tmp_path):
     (tmp_path / "program.c").write_text(source_in("docs/export.md", "c"), encoding="utf-8")
     (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
-    subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=tmp_path)
+    subprocess.run(["gcc", *flags, "program.c", "-o", "program", "-lm"], check=True, cwd=tmp_path)
     process = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)
     assert float(process.stdout) == pytest.approx(0.5, abs=1e-14)
 

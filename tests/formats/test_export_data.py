@@ -1,4 +1,4 @@
-"""Exports as data and LaTeX, digits, Julia's syntax, rejected arguments."""
+"""Exports as data and LaTeX, digits, rejected arguments."""
 
 import json
 import re
@@ -20,7 +20,7 @@ from cg.support.quads import to_decimal
 
 ALL = [*FROZEN, *MUNTHE_KAAS]
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
-CODE = ["python", "c", "fortran", "julia", "matlab"]
+CODE = ["python", "c"]
 
 
 @pytest.mark.parametrize("format", ["json", "toml"])
@@ -156,20 +156,6 @@ class TestLatex:
         )  # fmt: skip
         assert run.returncode == 0, run.stdout[-2000:]
         assert "pages" in run.stdout
-
-
-def test_julia_parses():
-    """The exports are parsed by a grammar of Julia, not run."""
-    tree_sitter = pytest.importorskip("tree_sitter")
-    language = pytest.importorskip("tree_sitter_julia")
-    parser = tree_sitter.Parser(tree_sitter.Language(language.language()))
-    assert parser.parse(b"module X\nf(x = \nend").root_node.has_error
-    for name in ("CG3", "CG2(3)", "DP5(4)", "RKMK4", "RKMK8(5,3)"):
-        root = parser.parse(cg.export(name, "julia").encode()).root_node
-        assert not root.has_error
-        (module,) = (node for node in root.children if node.type == "module_definition")
-        actual = sum(node.type == "function_definition" for node in module.children)
-        assert actual >= 2 + (resolve_method(name).embedded_order is not None)
 
 
 class TestRounded:

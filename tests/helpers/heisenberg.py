@@ -1,7 +1,7 @@
-"""A frame whose flows take additions and products alone, so that every language has the same bits.
+"""A frame whose flows take additions and products alone, so that C has the same bits.
 
 It is the Heisenberg group, moved from the right; right-hand side, flow and dexp⁻¹ are written in
-each language as they are here.
+C as they are here.
 """
 
 import numpy as np
@@ -68,34 +68,4 @@ static int dexpinv(const double *u, double *v, void *data)
     v[2] = v[2] - 0.5 * (u[1] * v[0] - u[0] * v[1]);
     return 0;
 }
-"""
-
-FORTRAN = """
-  subroutine field(t, y, f)
-    real(wp), intent(in) :: t, y(:)
-    real(wp), intent(out) :: f(:)
-    f(1) = 0.3_wp + y(2) * y(3) - 0.5_wp * t
-    f(2) = y(1) * y(1) - 0.2_wp * y(3)
-    f(3) = t * y(1) + y(2)
-  end subroutine field
-  subroutine flow(v, y)
-    real(wp), intent(in) :: v(:)
-    real(wp), intent(inout) :: y(:)
-    real(wp) :: turn
-    turn = 0.5_wp * (y(1) * v(2) - y(2) * v(1))
-    y(1) = y(1) + v(1)
-    y(2) = y(2) + v(2)
-    y(3) = y(3) + (v(3) + turn)
-  end subroutine flow
-  subroutine dexpinv(u, v)
-    real(wp), intent(in) :: u(:)
-    real(wp), intent(inout) :: v(:)
-    v(3) = v(3) - 0.5_wp * (u(2) * v(1) - u(1) * v(2))
-  end subroutine dexpinv
-"""
-
-MATLAB = """
-f = @(t, y) [0.3 + y(2) * y(3) - 0.5 * t; y(1) * y(1) - 0.2 * y(3); t * y(1) + y(2)];
-flow = @(v, y) y + [v(1); v(2); v(3) + 0.5 * (y(1) * v(2) - y(2) * v(1))];
-dexpinv = @(u, v) [v(1); v(2); v(3) - 0.5 * (u(2) * v(1) - u(1) * v(2))];
 """
