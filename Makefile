@@ -6,7 +6,7 @@ PEERS := $(VENV)/.peers
 OUT ?=
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks test-sanitize test-oldest lint benchmarks catalogue reference-steps implementations mutants docs wheel release clean
+.PHONY: all build reproduce test test-all test-checks test-sanitize test-oldest lint benchmarks catalogue reference-steps mutants docs wheel release clean
 
 all: build
 
@@ -71,9 +71,6 @@ catalogue: build
 	$(PY) tools/update_catalogue.py
 	$(PY) tools/compile_tables.py
 	$(PY) tools/make_reference_steps.py
-
-implementations: build
-	$(PY) tools/check_implementations.py
 
 reference-steps: build
 	$(PY) tools/make_reference_steps.py
