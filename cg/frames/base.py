@@ -14,6 +14,7 @@ from cg.frames.block_kinds import Blocks
 from cg.frames.local_coordinates import (
     local_coordinates,
     minimum_norm_coefficients,
+    nearest_coordinates,
     newton_correction,
 )
 from cg.frames.manifold import Manifold
@@ -184,6 +185,21 @@ class Frame(Manifold, FieldAlgebra):
         v = np.zeros((len(start), self.dim)) if guess is None else guess.reshape(-1, self.dim)
         v = local_coordinates(self.flow, self._correct, v, start, end)
         return v.reshape(*lead, self.dim)
+
+    def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        """Return coefficients whose flow takes ``y0`` near to a point ``y1`` near it.
+
+        They are `local_coordinates` where these exist. Elsewhere, as where the fields don't span
+        the directions to ``y1``, they are those of the nearest tangent at ``y0``, or zero if their
+        flow leads away.
+        """
+        start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
+        v = np.array(self.local_coordinates(start, end))
+        lost = ~np.isfinite(v).all(axis=-1)
+        if lost.any():
+            start, end = start[lost], end[lost]
+            v[lost] = nearest_coordinates(self.flow, self._coefficients_at, start, end)
+        return v
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         """Return ``v``, shape ``(count, dim)``, after one step of the iteration.

@@ -74,6 +74,19 @@ def local_coordinates(
     return v
 
 
+def nearest_coordinates(
+    flow: Flow, coefficients: Callable[[Points, Points], Array], start: Points, end: Points
+) -> Array:
+    """Return the coefficients of the tangents nearest to the differences of points.
+
+    They are zero where their flow doesn't lead nearer to the end.
+    """
+    v = np.nan_to_num(coefficients(start, end - start), posinf=0.0, neginf=0.0)
+    v[~(np.linalg.norm(v, axis=-1) < _FAR)] = 0.0
+    v[~(_norms(end - flow(v, start)) < _norms(end - start))] = 0.0
+    return v
+
+
 def newton_correction(flow: Flow, v: Array, start: Points, y: Points, end: Points) -> Array:
     """Return coefficients after a Newton step with finite differences of the flow.
 

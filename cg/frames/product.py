@@ -126,6 +126,12 @@ class Product(Frame):
         points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         return np.concatenate(self._each("local_coordinates", *map(self._split, points)), axis=-1)
 
+    def _nearest_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        points = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
+        return np.concatenate(
+            self._each("_nearest_coordinates", *map(self._split, points)), axis=-1
+        )
+
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         return np.concatenate(self._each("coordinate_sizes", self.split(y)), axis=-1)
 

@@ -44,7 +44,10 @@ and one more flow moves the end to :math:`y_1`,
 The polynomial is off by :math:`\omega` times a constant up to higher order, and so is its integral
 by that of :math:`\omega`; the last flow removes this error and doesn't change derivatives
 at nodes. The error is :math:`O(h^{n+2})`. Only flows and differences of nearby points are
-needed, so that it works on every frame.
+needed, so that it works on every frame. Where the fields don't span all directions there may be no
+such :math:`v`, since :math:`y_1` is off by the error of the step; :math:`v` is then that of the
+tangent nearest to :math:`y_1 - z(1)`, which removes the error in leading order, a combination of
+fields. The end of the interpolant differs from :math:`y_1` by an error of the order of the step's.
 
 With n nodes interpolants of the last two kinds have order n + 1, after n - 2 nodes for each order
 from four on. They have n = p - 1 nodes for a method of order p, and from order four on one more

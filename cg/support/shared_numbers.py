@@ -71,6 +71,7 @@ class Operation(IntEnum):
     FLOW = 1  # move a point along flows, the first one first
     COORDINATES = 3  # coefficients of the flow from one point to another
     NEARBY = 4  # these coefficients by iteration, which every frame has
+    NEAREST = 15  # these, or those of the nearest tangent where they don't exist
     SIZES = 5  # magnitudes that relative errors refer to
     TANGENT = 6  # the value of a field
     SHORTEST = 7  # coefficients without what leaves the point fixed

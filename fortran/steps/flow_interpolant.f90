@@ -12,11 +12,15 @@
 ! Nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
 ! with n nodes leads. For linear equations with flows along polynomials, z with nodes at the stages
 ! is y, without a last flow.
+!
+! Where the fields don't span all directions there may be no such v. That of the nearest tangent
+! removes the leading error of P too, whose direction is a combination of fields; what is left of
+! y1 - y(1) is of the order of the errors of y1 and y.
 module flow_interpolant_m
   use kinds, only: wp
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t
-  use shared_numbers, only: nearby_operation
+  use shared_numbers, only: nearby_operation, nearest_operation
   use vectors_m, only: combine
   implicit none
   private
@@ -128,22 +132,23 @@ contains
     self%field(:, self%known + 1) = 0.0_wp
     reached = self%y0
     call follow_flows(self, 1.0_wp, reached)
-    call difference_nearby(self%frame, reached, self%y1, v)
-    self%field(:, self%known + 1) = v
+    call difference_nearby(self%frame, reached, self%y1, nearest_operation, v)
+    if (all(abs(v) <= huge(v))) self%field(:, self%known + 1) = v
     self%nexp = self%nexp + size(self%scheme%weight, 2) + 1
     self%node = 2
     self%complete = self%known == self%scheme%nodes
   end subroutine add_last_flow
 
-  ! Computes a difference of nearby points on any frame.
-  subroutine difference_nearby(frame, x, y, v)
+  ! Computes a difference of nearby points on any frame, by an operation where it isn't known here.
+  subroutine difference_nearby(frame, x, y, operation, v)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: x(:), y(:)
+    integer, intent(in) :: operation         ! nearby_operation or nearest_operation
     real(wp), contiguous, intent(out) :: v(:)
 
     call difference(frame, x, y, v)
     if (.not. all(abs(v) <= huge(v)) .and. associated(frame%callback)) then
-      call frame%callback%apply(nearby_operation, x, y, v)
+      call frame%callback%apply(operation, x, y, v)
     end if
   end subroutine difference_nearby
 

@@ -16,6 +16,7 @@ module interpolant_m
                                 interpolant_t
   use frames_m, only: apply_flows
   use linear_action_m, only: inner_points_t
+  use shared_numbers, only: nearby_operation
   use vectors_m, only: combine
   implicit none
   private
@@ -101,7 +102,7 @@ contains
       y = self%y0
       call apply_flows(self%frame, 1, u, y)
       self%nexp = self%nexp + 1
-      call difference_nearby(self%frame, y, self%y1, v)
+      call difference_nearby(self%frame, y, self%y1, nearby_operation, v)
       call dexpinv(self%frame, self%scheme%series, u, v, exists)
       if (.not. exists) return
       u = u + v

@@ -71,10 +71,12 @@ class Callbacks:
         v = self.frame.exp_coordinates(self._point(x), self._point(y))
         return np.full(self.frame.dim, np.nan) if v is None else v
 
-    def _nearby(self, x: Array, y: Array) -> Array:
+    def _nearby(self, x: Array, y: Array, nearest: bool = False) -> Array:
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             return np.full(self.frame.dim, np.nan)
-        return self.frame.local_coordinates(self._point(x), self._point(y))
+        frame = self.frame
+        coordinates = frame._nearest_coordinates if nearest else frame.local_coordinates
+        return coordinates(self._point(x), self._point(y))
 
     def _evaluate_jacobian(self, a: Array, y: Array) -> Array:
         assert self.jacobian is not None
@@ -114,6 +116,7 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.FLOW: Callbacks._flow,
     Operation.COORDINATES: Callbacks._coordinates,
     Operation.NEARBY: Callbacks._nearby,
+    Operation.NEAREST: lambda self, x, y: self._nearby(x, y, nearest=True),
     Operation.SIZES: lambda self, _, y: self.frame.coordinate_sizes(self._point(y)),
     Operation.TANGENT: lambda self, v, y: self.frame.field(v, self._point(y)),
     Operation.SHORTEST: lambda self, v, y: self.frame.without_isotropy(v, self._point(y)),
