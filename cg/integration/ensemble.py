@@ -82,7 +82,9 @@ def solve_ensemble(
         Whether ``f`` takes many members at a time.
     common_steps
         Whether all members take the same steps, those that the member with the largest error
-        calls for.
+        calls for. Steps of ``"RadauIIA5"`` don't depend on how fast Newton's method converges
+        then, which differs between members, so that even one member alone takes other steps than
+        in `cg.solve_ivp`; the solutions differ by the errors of both.
     jac
         As for `cg.solve_ivp`; if ``vectorized`` it takes and returns arrays of one member each,
         with the axis of members first.

@@ -201,6 +201,21 @@ class TestLoop:
         exact = cg.solve_ensemble(alone, (0, 20), START, jac=jac, workers=2, **options)
         np.testing.assert_allclose(exact.y[-1], each, rtol=1e-5)
 
+    def test_common_steps_of_one_member_take_other_sizes(self):
+        f = lambda t, y, p: [y[1], p[0] * (1 - y[0] ** 2) * y[1] - y[0]]
+        options = {"frame": PLANE, "method": "RadauIIA5", "parameters": [[14.0]]}
+
+        def solve(tolerance, common):
+            return cg.solve_ensemble(
+                f, (0, 3), [[0.5, -1.0]], common_steps=common, rtol=tolerance, atol=tolerance,
+                **options,
+            )[0]  # fmt: skip
+
+        exact, runs = solve(1e-11, False), [solve(4e-6, common) for common in (False, True)]
+        assert runs[0].steps != runs[1].steps  # by Newton's iterations, which members don't share
+        for run in runs:
+            np.testing.assert_allclose(run.y[-1], exact.y[-1], rtol=0, atol=4e-6)
+
     def test_steps_without_a_solution(self):
         options = {"frame": Euclidean(1), "method": "RadauIIA5"}
         with pytest.raises(cg.ConvergenceError, match="did not converge"):
