@@ -14,7 +14,7 @@ module linear_polynomial_m
   ! lose up to three digits to cancellation.
   real(wp), parameter :: part_norm = 6.0_wp
   real(wp), parameter :: roundings = 128 * epsilon(1.0_wp)
-  real(wp), parameter :: omitted = 0.1_wp              ! part of a tolerance, for terms left out early
+  real(wp), parameter :: omitted = 0.1_wp    ! part of a tolerance that terms left out early share
 
 contains
 
