@@ -161,3 +161,13 @@ def test_bad_noise_is_refused(noise, message):
         cg.solve_variational(
             lambda t, y: [1.0, 0.0, t], (0, 1), np.eye(3), frame=SO3(), noise=noise, rtol=1e-6
         )
+
+
+@pytest.mark.parametrize("noise", [[[2.0]], lambda t, y: [[2.0]]])
+@pytest.mark.parametrize("solve", [cg.solve_variational, cg.solve_variational_ensemble])
+@pytest.mark.parametrize("t_eval", [None, [0.5]])
+def test_noise_backward_in_time_is_refused(solve, noise, t_eval):
+    y0 = [1.0] if solve is cg.solve_variational else [[1.0], [2.0]]
+    refuse = pytest.raises(ValueError, match=r"noise must be None backward in time.*\(1\.0, 0\.0\)")
+    with refuse:
+        solve(lambda t, y: -y, (1, 0), y0, frame=cg.frames.Euclidean(1), noise=noise, t_eval=t_eval)

@@ -42,6 +42,11 @@ def noise_of(noise: Any, problem: Problem) -> Noise | Array | None:
     frame, rhs = problem.plan.frame, problem.rhs
     if noise is None:
         return None
+    if problem.direction < 0.0:
+        raise ValueError(
+            "noise must be None backward in time, where it would make variances negative, got "
+            f"{noise!r} with t_span = {(problem.t0, problem.t1)!r}"
+        )
     shape = frame.dim, frame.dim
     if not callable(noise) and compiled_rhs(noise, "noise") is None:
         matrix = check_covariance(noise, frame.dim, None, "noise")

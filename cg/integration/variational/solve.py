@@ -84,7 +84,8 @@ def solve_variational(
         deviations, in the coordinates of the frame, shape ``(dim, dim)``; or a function of the
         arguments of ``f`` that returns it, which may be compiled. Then the covariance P satisfies
         :math:`P' = A P + P A^T + Q`, and is zero at first without ``P0``. Step sizes account for
-        it with ``control_derivatives`` only.
+        it with ``control_derivatives`` only. Backward in time it is refused, since it would make
+        variances negative.
     control_derivatives
         Whether the derivatives have the tolerances of the solution (of row i those of coordinate
         i), in place of ten times these, or of ten times ``rtol`` if that is larger.
