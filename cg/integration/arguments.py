@@ -17,6 +17,7 @@ from cg.frames.product import Product
 from cg.integration.step.plan import Plan
 from cg.support.arrays import Array, Points, check_finite, is_array, real_array
 from cg.support.checks import check_integer, short, total_memory
+from cg.support.times import apart, clipped
 from cg.tables import MethodTable
 
 DEFAULT_MAX_STEPS = 10**6
@@ -41,19 +42,27 @@ def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
 
 
 def check_times(given: Any, name: str, where: str, start: float, stop: float) -> Array:
-    """Return times after checking that they are sorted and lie between two times."""
+    """Return times after checking that they are sorted and lie between two times.
+
+    Those that are beyond by a few roundings are moved to the end.
+    """
     times = real_array(given, name)
     if times.ndim != 1:
         raise ValueError(f"{name} must have one axis, got shape {times.shape}")
     low, high = min(start, stop), max(start, stop)
-    # written so that a NaN is rejected
-    if not ((times >= low) & (times <= high)).all():
-        raise ValueError(f"{name} must lie {where} {low:g} to {high:g}, got {short(given)}")
-    if not (math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0).all():
+    inside, outside = clipped(times, low, high)
+    if outside is not None:
+        first, last, got = apart(low, high, times[outside])
+        raise ValueError(f"{name} must lie {where} {first} to {last}, got {got} at [{outside}]")
+    sorted_ = math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0
+    if not sorted_.all():
+        place = int(np.argmin(sorted_))
+        before, got = apart(*times[place : place + 2])
         raise ValueError(
-            f"{name} must be strictly sorted in the direction of integration, got {short(given)}"
+            f"{name} must be strictly sorted in the direction of integration, got {got} after "
+            f"{before} at [{place + 1}]"
         )
-    return times
+    return inside
 
 
 def check_args(args: Any) -> tuple[Any, ...]:

@@ -72,7 +72,8 @@ def solve_ivp(
         measured in the ambient space.
     t_eval
         Times at which to store the solution, sorted in the direction of integration and within
-        ``t_span``; by default those of the steps.
+        ``t_span``; by default those of the steps. Times beyond an end by four roundings or
+        less are moved to it.
     dense_output
         Whether to return a continuous solution. It is as accurate as the steps, as output at
         ``t_eval`` and events are; steps that have output in them take more evaluations of ``f``.

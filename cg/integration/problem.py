@@ -43,6 +43,7 @@ from cg.integration.step.jacobian import Jacobian, jacobian_of
 from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag
+from cg.support.times import apart
 from cg.tables import Kind, MethodTable, table_of
 
 Rhs = CompiledRhs | PythonRhs
@@ -151,7 +152,8 @@ def _make_control(
         if math.isinf(span):
             raise ValueError("t_span must be finite with h, got an infinite end")
         if size > largest:
-            raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
+            limit, got = apart(largest, size)
+            raise ValueError(f"h must not be larger than max_step = {limit}, got {got}")
         return Control(h=size)
     if plan.method.kind is Kind.SPLITTING:
         raise ValueError(

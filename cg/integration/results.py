@@ -13,6 +13,7 @@ from cg.integration.loop.messages import FINISHED
 from cg.integration.loop.record import COUNTS
 from cg.support.arrays import Array, Points
 from cg.support.copies import ReadOnly, filled
+from cg.support.times import apart
 from cg.tables import MethodTable, made
 
 _EVENT_FIELDS = "t_events", "y_events", "y_after"
@@ -151,7 +152,7 @@ class Solution(_Labelled):
     observed: Array | None = None
 
     def __repr__(self) -> str:
-        times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
+        times = "...".join(apart(self.t[0], self.t[-1])) if len(self.t) else "nothing"
         return (
             f"{type(self).__name__}(t={times}, status={self.status}, steps={self.steps}, "
             f"nrejected={self.nrejected}, nfev={self.nfev}, nexp={self.nexp})"
@@ -224,7 +225,7 @@ class EnsembleSolution(_Labelled):
     _direction: float = field(kw_only=True)  # 1.0 forward in time, -1.0 backward
 
     def __repr__(self) -> str:
-        times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
+        times = "...".join(apart(self.t[0], self.t[-1])) if len(self.t) else "nothing"
         return (
             f"{type(self).__name__}(t={times}, members={len(self)}, success={self.success}, "
             f"steps={int(self.steps.sum())}, nfev={int(self.nfev.sum())})"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 import math
 import pickle
-from dataclasses import replace
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any, Never, Unpack
 
 import numpy as np
@@ -26,6 +26,7 @@ from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.stepper_state import check_data, check_new_y, get_state, replace_rhs, restored
 from cg.support.arrays import Points
 from cg.support.checks import check_flag
+from cg.support.times import apart
 
 
 class Stepper(OpenRun):
@@ -165,7 +166,7 @@ class Stepper(OpenRun):
         return self.frame.dim
 
     def __repr__(self) -> str:
-        return f"Stepper(t={self.t:g}, status={self.status!r}, method={self.table.name!r})"
+        return f"Stepper(t={self.t!r}, status={self.status!r}, method={self.table.name!r})"
 
     t_events = property(lambda self: self._event_lists("t"), doc="Times of each event.")
     y_events = property(lambda self: self._event_lists("before"), doc="Points before jumps.")
@@ -235,7 +236,8 @@ class Stepper(OpenRun):
         if self.direction * (target - self.t) < 0.0 or (
             self.direction * (target - self.t_bound) > 0.0
         ):
-            raise ValueError(f"t must lie between {self.t:g} and {self.t_bound:g}, got {t!r}")
+            low, high, got = apart(self.t, self.t_bound, target)
+            raise ValueError(f"t must lie between {low} and {high}, got {got}")
         if target == self.t:
             return None
         self._check_running()
@@ -290,7 +292,8 @@ class Stepper(OpenRun):
         if t is not None:
             time = check_real_time(t, "t", infinite=False)
             if self.direction * (self.t_bound - time) < 0.0:
-                raise ValueError(f"t must not be beyond t_bound = {self.t_bound:g}, got {t!r}")
+                bound, got = apart(self.t_bound, time)
+                raise ValueError(f"t must not be beyond t_bound = {bound}, got {got}")
             check_resolution(run.control.h, time)
             if inputs is None and run.rhs.inputs is not None:
                 run.rhs.inputs.check_span(time, time, "t")

@@ -13,6 +13,7 @@ from cg.integration.step.callbacks import Callbacks
 from cg.integration.step.plan import Plan
 from cg.support.arrays import Array, Points, real_array
 from cg.support.copies import ReadOnly
+from cg.support.times import apart, clipped
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,8 @@ class DenseOutput(ReadOnly):
         self._direction = direction
 
     def __repr__(self) -> str:
-        return f"DenseOutput(t={self.ts[0]:g}...{self.ts[-1]:g}, steps={len(self.ts) - 1})"
+        times = "...".join(apart(self.ts[0], self.ts[-1]))
+        return f"DenseOutput(t={times}, steps={len(self.ts) - 1})"
 
     def __call__(self, t: ArrayLike) -> Points:
         """Return the solution.
@@ -134,9 +136,11 @@ class DenseOutput(ReadOnly):
             If a time is beyond the ends, or ``t`` isn't real numbers.
         """
         times = real_array(t, "t")
-        if not ((times >= self.t_min) & (times <= self.t_max)).all():
-            raise ValueError(f"t must lie between {self.t_min:g} and {self.t_max:g}, got {t!r}")
-        return self._evaluate(times.ravel()).reshape(*times.shape, *self._y0.shape)
+        inside, outside = clipped(times.ravel(), self.t_min, self.t_max)
+        if outside is not None:
+            low, high, got = apart(self.t_min, self.t_max, times.flat[outside])
+            raise ValueError(f"t must lie between {low} and {high}, got {got}")
+        return self._evaluate(inside).reshape(*times.shape, *self._y0.shape)
 
     def _evaluate(self, flat: Array) -> Points:
         if len(self.ts) == 1:
@@ -174,7 +178,8 @@ class EnsembleOutput(DenseOutput):
         return np.stack([member._y0 for member in self._members])
 
     def __repr__(self) -> str:
-        return f"EnsembleOutput(t={self.ts[0]:g}...{self.ts[-1]:g}, members={len(self._members)})"
+        times = "...".join(apart(self.ts[0], self.ts[-1]))
+        return f"EnsembleOutput(t={times}, members={len(self._members)})"
 
     def __getitem__(self, member: int) -> DenseOutput:
         return self._members[member]

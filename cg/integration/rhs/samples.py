@@ -16,6 +16,7 @@ from cg.integration.rhs.resolution import Resolution
 from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import check_flag
 from cg.support.copies import ReadOnly
+from cg.support.times import apart
 
 _LEAST = {"hold": 1, "linear": 2, "cubic": 2, "averages": 1}
 _BLOCK = 64  # of values whose curves are made at a time
@@ -124,7 +125,7 @@ class Samples(ReadOnly):
         if self.kind != "hold":
             raise ValueError(f"end must be None for kind {self.kind!r}, got {end!r}")
         if value.shape != () or not self.times[-1] < value < np.inf:
-            raise ValueError(f"end must be after the last time {self.times[-1]:g}, got {end!r}")
+            raise ValueError(f"end must be after the last time {self.times[-1]:.17g}, got {end!r}")
         return float(value)
 
     def __repr__(self) -> str:
@@ -307,10 +308,10 @@ class Samples(ReadOnly):
         first, last = min(start, stop), max(start, stop)
         low, high = self._span
         if not (low <= first and last <= high):
-            got = f"{start:.17g}" if start == stop else f"({start:.17g}, {stop:.17g})"
+            low_text, high_text, *got = apart(self.times[0], self.end, start, stop)
             raise ValueError(
-                f"{name} must lie within the times of the samples, {self.times[0]:g} to "
-                f"{self.end:g}, got {got}"
+                f"{name} must lie within the times of the samples, {low_text} to {high_text}, "
+                f"got {got[0] if start == stop else '({}, {})'.format(*got)}"
             )
 
 
@@ -323,9 +324,8 @@ def _read_times(times: ArrayLike) -> Array:
     if not bounded or np.count_nonzero(growing) < len(growing):  # faster than all()
         check_finite(array, "times")
         place = int(np.argmin(growing))
-        raise ValueError(
-            f"times must increase, got {array[place + 1]:g} after {array[place]:g} at [{place + 1}]"
-        )
+        before, got = apart(*array[place : place + 2])
+        raise ValueError(f"times must increase, got {got} after {before} at [{place + 1}]")
     array.flags.writeable = False
     return array
 
