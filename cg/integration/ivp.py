@@ -48,7 +48,7 @@ def solve_ivp(
         call. It may be a compiled function as for `cg.integrate`.
     t_span
         Initial and final time. If the final time is smaller, integration runs backward. It may
-        be infinite where a terminal event ends the integration.
+        be infinite with a terminal event; steps then turn by no more than a full turn.
     y0
         Initial point, shape ``frame.point_shape``.
     frame

@@ -42,7 +42,7 @@ from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solve
 from cg.integration.step.jacobian import Jacobian, jacobian_of
 from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.support.arrays import Array, Points
-from cg.support.checks import check_flag
+from cg.support.checks import check_flag, short
 from cg.support.times import apart
 from cg.tables import Kind, MethodTable, table_of
 
@@ -316,6 +316,11 @@ def make_problem(
     dense = check_flag("dense_output", options["dense_output"])
     if (events := options["events"]) is not None:
         events = _make_events(events, frame, rhs)
+    if math.isinf(stop) and not (events and events.has_terminal):
+        raise ValueError(
+            f"events must hold a terminal one if t_span has no end, {(start, stop)!r}, got "
+            f"{short(options['events'])}"
+        )
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,

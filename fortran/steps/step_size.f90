@@ -5,7 +5,7 @@ module step_size_m
   use kinds, only: wp
   use controller_m, only: first_guess, first_size, smallest_size, tried_size
   use error_norm_m, only: norm, point_sizes, scales, tangent
-  use frames_m, only: apply_flows, restore
+  use frames_m, only: apply_flows, restore, turning
   use time_grid_m, only: make_grid
   use inputs_m, only: longest_step
   use requests_m, only: evaluate_at_start, request
@@ -133,6 +133,20 @@ contains
                   min(nearest(abs(x%t), 1.0_wp) - abs(x%t), span(x)))
   end function limited
 
+  ! The longest step. Without an end, where a terminal event may never come, it is a turn: events are
+  ! looked for in each part of a turn, so that steps of ever more turns would take ever longer.
+  real(wp) function longest_turn(x)
+    type(trajectory_t), intent(in) :: x
+    real(wp), parameter :: turn = 2 * acos(-1.0_wp)
+    real(wp) :: rate
+
+    longest_turn = x%problem%tolerances%max_step
+    if (abs(x%problem%stops(x%segment)) <= huge(1.0_wp) .or. x%problem%common &
+        .or. .not. x%slope_known .or. size(x%events%before) == 0) return
+    rate = turning(x%problem%frame, x%slope, .false.)
+    if (rate * longest_turn > turn) longest_turn = turn / rate
+  end function longest_turn
+
   ! Chooses the size of a step and starts it. Full steps of a grid have exactly its step size, not
   ! differences of rounded times, so that all are equal.
   subroutine choose_step(x)
@@ -155,7 +169,7 @@ contains
         longest = max(longest_step(x%problem%limits, x%t, stop - x%t), smallest_size(x%t))
         x%control%unshortened_size = min(x%control%step_size, x%problem%tolerances%max_step)
         x%control%step_size = tried_size(x%control%step_size, x%t, stop, &
-                                         min(x%problem%tolerances%max_step, longest), &
+                                         min(longest_turn(x), longest), &
                                          x%control%after_rejection)
         if (x%control%step_size < 0) then
           call fail(x, step_too_small, x%t)

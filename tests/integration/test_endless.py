@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csc_array
 
 import cg
-from cg.frames import SO3, Euclidean
+from cg.frames import SO3, Euclidean, Product, UnitQuaternion
 
 GROWS = {"rtol": 1e-9, "atol": 1e-9, "frame": Euclidean(1)}
 
@@ -36,8 +36,35 @@ class TestEndless:
         assert progress[-1][1] == np.inf
 
     def test_max_steps_end_it(self):
-        run = cg.solve_ivp(lambda t, y: [-1.0], (0, np.inf), [1.0], max_steps=9, **GROWS)
+        never = cg.Event(lambda t, y: 1.0, terminal=True)
+        run = cg.solve_ivp(
+            lambda t, y: [-1.0], (0, np.inf), [1.0], max_steps=9, events=never, **GROWS
+        )
         assert (run.status, run.steps) == (-1, 9)
+
+    @pytest.mark.parametrize("events", [None, [], cg.Event(at_ten.__call__)])
+    @pytest.mark.parametrize("end", [np.inf, -np.inf])
+    def test_it_is_refused_without_a_terminal_event(self, end, events):
+        with pytest.raises(ValueError, match="events must hold a terminal one if t_span has no"):
+            cg.solve_ivp(grow, (0, end), [1.0], events=events, **GROWS)
+
+    @pytest.mark.parametrize("sign", [1, -1])
+    @pytest.mark.parametrize(
+        "frame", [SO3(), Product(SO3(), Euclidean(1)), UnitQuaternion()], ids=repr
+    )
+    def test_steps_that_turn_take_no_more_calls_of_events(self, frame, sign):
+        calls = []
+        never = cg.Event(lambda t, y: calls.append(t) or 1.0 + y.flat[0] ** 2, terminal=True)
+        f = lambda t, y: [0.0, 0.0, 1.0, 0.0][: frame.dim]
+        y0 = frame.random_point(np.random.default_rng(0))
+        options = {"frame": frame, "events": never}
+        counts = []
+        for steps in (20, 40, 60):
+            calls.clear()
+            run = cg.solve_ivp(f, (0, sign * np.inf), y0, max_steps=steps, **options)
+            counts.append(len(calls))
+        assert run.status == -1
+        assert counts[2] - counts[1] <= 1.2 * (counts[1] - counts[0]) < 20 * 40
 
     def test_ensembles_have_output_at_the_start_and_where_it_is_asked_for(self):
         points, span = np.array([[1.0], [2.0]]), (0, np.inf)

@@ -164,6 +164,11 @@ class EventTable:
         """Whether an event has a jump."""
         return bool(self.rows[:, 4].any())
 
+    @property
+    def has_terminal(self) -> bool:
+        """Whether an event can end the integration."""
+        return bool((self.rows[:, 3] < _UNLIMITED).any())
+
     def check_data(self) -> None:
         """Raise ValueError if compiled functions have no data, for inputs or parameters."""
         for i, source in enumerate(self.compiled):
