@@ -158,14 +158,19 @@ class Manifold(ABC):
         error = float(self.relative_error(point))
         if not error <= tolerance:
             relative = "" if error == self.membership_error(point) else "relative "
+            why = self._reason(point) or self._projection_hint(point, name)
             raise ValueError(
                 f"{name} must be a point of {self}: its {relative}distance from the manifold is "
-                f"{error:.3g}, more than {tolerance:.3g}{self._projection_hint(point, name)}"
+                f"{error:.3g}, more than {tolerance:.3g}{why}"
             )
         return point
 
     def _shape_hint(self, shape: tuple[int, ...]) -> str:
         """Return a hint for the message about a point of another shape."""
+        return ""
+
+    def _reason(self, point: Points) -> str:
+        """Return what is known about why a point is off the manifold, for a message."""
         return ""
 
     def _projection_hint(self, point: Points, name: str) -> str:
