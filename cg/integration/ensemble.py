@@ -65,7 +65,7 @@ def solve_ensemble(
         members, and returns shape ``(k, frame.dim)``, on a `cg.frames.PhaseSpace` ``(k, forces)``.
     y0
         Initial points, shape ``(members, *frame.point_shape)``; a single point serves all rows
-        of ``parameters``.
+        of ``parameters`` and all members of ``inputs``.
     t_span, frame, method, rtol, atol, h, dense_output, breakpoints, args
         As for `cg.solve_ivp`.
     inputs

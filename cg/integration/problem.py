@@ -255,6 +255,17 @@ def _make_events(events: Any, frame: Frame, rhs: Rhs) -> EventTable:
     return table
 
 
+def _broadcast(points: Points, numbers: Array | None, inputs: Any) -> tuple[Points, Array | None]:
+    """Return a point and its parameters for each member of the inputs."""
+    curves = inputs if isinstance(inputs, tuple) else (inputs,)
+    count = next((n for c in curves if (n := getattr(c, "members", None)) is not None), 1)
+    points = np.repeat(points, count, axis=0)
+    if numbers is not None:
+        numbers = np.repeat(numbers, count, axis=0)
+        numbers.flags.writeable = False
+    return points, numbers
+
+
 def _make_plan(f: Any, frame: Any, options: Options) -> tuple[Plan, Array]:
     """Return the plan of the frame and the method, and ``rtol``, after checking all three."""
     if not isinstance(frame, Frame):
@@ -287,6 +298,8 @@ def make_problem(
     plan, rtol = _make_plan(f, frame, options)
     points, numbers = check_points(plan, y0, options["parameters"], many)
     start, stop = check_span(t_span)
+    if many and len(points) == 1 and options["inputs"] is not None:
+        points, numbers = _broadcast(points, numbers, options["inputs"])
     members = len(points) if many else None
     name = "the initial time" if start == stop else "t_span"
     inputs: Any = options["inputs"]

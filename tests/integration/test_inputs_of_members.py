@@ -89,3 +89,25 @@ def test_derivatives_of_members(kind, function):
         for name in ("transition", "sensitivity"):
             got, want = getattr(run[k], name)[-1], getattr(expected, name)[-1]
             np.testing.assert_allclose(got, want, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("solve", "f"),
+    [
+        (cg.solve_ensemble, lambda t, y, u, p=(1.0,): [u * p[0]]),
+        (cg.solve_linear_ensemble, lambda t, u, p=(1.0,): [u * p[0]]),
+        (cg.solve_variational_ensemble, lambda t, y, u, p=(1.0,): [u * p[0]]),
+    ],
+)
+@pytest.mark.parametrize("factor", [None, 2.0])
+@pytest.mark.parametrize("together", [False, True])
+def test_one_point_serves_all_members_of_inputs(solve, f, factor, together):
+    own = cg.Samples([0.0, 1.0], [[1.0, 2.0], [2.0, 3.0], [0.0, 0.0]], "linear", members=True)
+    parameters = None if factor is None else [[factor]]
+    g = (lambda *a: f(*a[:-1], a[-1][0])) if factor is None else (
+        lambda *a: f(*a[:-2], a[-2][0], a[-1]))  # fmt: skip
+    run = solve(
+        g if together else f, (0, 1), [0.0], frame=cg.frames.Euclidean(1),
+        inputs=(own,) if together else own, parameters=parameters,
+    )  # fmt: skip
+    assert np.allclose(run.y[-1, :, 0], (factor or 1.0) * np.array([1.5, 2.5, 0.0]), atol=1e-9)

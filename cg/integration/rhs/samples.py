@@ -224,8 +224,10 @@ class Samples(ReadOnly):
         Raises
         ------
         ValueError
-            If the time lies outside the curve.
+            If the time lies outside the curve, or ``t`` isn't one time.
         """
+        if not isinstance(t, float) and np.ndim(t):
+            raise ValueError(f"t must be one time, got shape {np.shape(t)}")
         return self.reader(member)(t)
 
     def reader(self, member: int | None = None) -> Callable[[float], Any]:
