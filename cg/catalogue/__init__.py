@@ -127,6 +127,8 @@ _ELSEWHERE = {
     "RK23": "SciPy has a method of that name; BS3(2) has its coefficients",
     "Tsit5": "diffrax has a method of that name; RKMK5(4) and CF5(4) have its orders",
     "Dopri5": "diffrax has a method of that name; RKMK5(4) and DP5(4) have its coefficients",
+    "Verlet": "Leapfrog is the method of Störmer and Verlet",
+    "Yoshida6": "BlanesMoan6 is the splitting method of its order here",
     "Dopri8": "diffrax has a method of that name; RKMK8(5,3) has its order",
 } | dict.fromkeys(("Radau", "BDF", "LSODA"), f"SciPy has a method of that name; {_STIFF}")
 _ALL = "all names are in list(cg.methods)"

@@ -88,6 +88,7 @@ def _from_entry(entry: dict[str, Any]) -> Method:
 
 def read_entry(text: str) -> dict[str, Any]:
     """Return the keys and values of a catalogue file: TOML, or JSON with the same keys."""
+    text = text.removeprefix("\ufeff")  # a byte-order mark
     if text.lstrip().startswith("{"):  # no line of TOML begins with a brace
         return read_json(text, TableauError)
     return read_toml(text, TableauError, parse_float=str)
@@ -149,7 +150,7 @@ def load(path: str | PathLike[str]) -> Method:
 
 def is_file(text: str) -> bool:
     """Return whether a text is a file path rather than a name in the catalogue."""
-    return text.endswith(_SUFFIXES) or os.sep in text
+    return text.lower().endswith(_SUFFIXES) or os.sep in text
 
 
 def certificate_path(file: Path) -> Path:

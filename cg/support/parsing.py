@@ -88,7 +88,7 @@ def read_file(path: Traversable, error: type[Exception]) -> str:
     if len(content) > MAX_CHARACTERS:
         raise error(f"a file must have at most {MAX_CHARACTERS} bytes")
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8-sig")  # some editors write a byte-order mark
     except UnicodeDecodeError as problem:
         raise error(f"not UTF-8: {problem}") from None
 

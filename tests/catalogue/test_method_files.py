@@ -16,7 +16,7 @@ from refusals import refuses
 
 import cg
 from cg.analysis.diagnosis import diagnose_file
-from cg.catalogue import loads, save
+from cg.catalogue import dumps, dumps_json, loads, resolve_method, save
 from cg.formats.notebooks import to_formula, to_html
 from cg.layouts.points import MethodError
 from cg.proofs import CertificationError, certify, check
@@ -212,3 +212,17 @@ def test_certificate_with_another_radius(run_command, tmp_path):
     assert certificate_line(run_command, file) == str(certificate)
     replace(certificate, box=replace(certificate.box, radius=Decimal("1e-60"))).save(path)
     assert certificate_line(run_command, file).startswith("proves nothing: ")
+
+
+@pytest.mark.parametrize("name", ["M.JSON", "M.toml", "m.TOML"])
+def test_byte_order_marks_and_capital_endings(tmp_path, name):
+    path, method = tmp_path / name, cg.methods["CG4a"]
+    text = dumps_json(method) if "JSON" in name else dumps(method)
+    path.write_text(text, encoding="utf-8-sig")
+    assert resolve_method(str(path)) == resolve_method(path) == loads("\ufeff" + text) == method
+
+
+@pytest.mark.parametrize(("name", "other"), [("Verlet", "Leapfrog"), ("Yoshida6", "BlanesMoan6")])
+def test_other_names_of_splitting_methods(name, other):
+    with pytest.raises(ValueError, match=f"got '{name}'; {other} is"):
+        resolve_method(name)

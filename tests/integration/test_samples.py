@@ -111,3 +111,8 @@ def test_bad_input_is_named(arguments, options, word):
 def test_times_outside_are_refused(t):
     with pytest.raises(ValueError, match="within the times"):
         Samples([0, 1, 3], [1, 2, 3], "linear")(t)
+
+
+def test_a_curve_takes_one_time():
+    with pytest.raises(ValueError, match=r"t must be one time, got shape \(2,\)"):
+        Samples([0, 1], [1, 2], "linear")(np.array([0.0, 0.5]))
