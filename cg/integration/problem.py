@@ -337,7 +337,7 @@ def make_problem(
     observer = observer_of(options["observe"], options["store"], frame, rhs, start, points[0])
     return Problem(
         plan=plan, in_coordinates=in_coordinates, rhs=rhs, points=points, t0=start, stops=stops,
-        limits=limits, control=control, events=events, t_eval=t_eval, every=every if t_eval is None else 0,
-        dense=dense, stage_solver=stage_solver, many=many, common=common, of_time=of_time,
-        jacobian=jac, observer=observer, make_solution=None,
+        limits=limits, control=control, events=events, t_eval=t_eval,
+        every=every if t_eval is None else 0, dense=dense, stage_solver=stage_solver, many=many,
+        common=common, of_time=of_time, jacobian=jac, observer=observer, make_solution=None,
     )  # fmt: skip

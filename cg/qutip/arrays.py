@@ -24,11 +24,11 @@ def times_of_arrays(coefficient: Any, tolerance: float) -> Array:
         if isinstance(part, tuple | list):
             rest += part
         elif isinstance(part, Coefficient):
-            state = part.__reduce__()[1:]
+            _, arguments, *state = part.__reduce__()
             if isinstance(part, InterCoefficient):
-                found.append(_times(*state[0][:2], tolerance))
+                found.append(_times(arguments[0], arguments[1], tolerance))
             else:
-                rest += state
+                rest += arguments, *state
     return np.unique(np.concatenate(found))
 
 

@@ -49,7 +49,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
 
     def _prepare(self) -> None:
         self._terms = _collect(self.system)
-        self._stops: dict[float, Any] = {}
+        self._stops: dict[float, NDArray[np.float64]] = {}
         self._is_real, self._is_skew = True, bool(self.system.isoper)
         self._rebuild()
 

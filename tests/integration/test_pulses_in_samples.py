@@ -71,18 +71,18 @@ def stepper(span, curve, **rest):
 
 WAYS = {
     "ivp": lambda span, curve, **rest: cg.solve_ivp(turn, span, START, inputs=curve, **rest).y[-1],
-    "implicit": lambda span, curve, **rest: (
-        cg.solve_ivp(turn, span, START, inputs=curve, method="RadauIIA5", **rest).y[-1]
-    ),
-    "linear": lambda span, curve, **rest: (
-        cg.solve_linear(turn_by_time, span, START, inputs=curve, **rest).y[-1]
-    ),
-    "variational": lambda span, curve, **rest: (
-        cg.solve_variational(turn, span, START, inputs=curve, **rest).y[-1]
-    ),
-    "adjoint": lambda span, curve, **rest: (
-        cg.solve_variational(turn, span, START, inputs=curve, derivatives="adjoint", **rest).y[-1]
-    ),
+    "implicit": lambda span, curve, **rest: cg.solve_ivp(
+        turn, span, START, inputs=curve, method="RadauIIA5", **rest
+    ).y[-1],
+    "linear": lambda span, curve, **rest: cg.solve_linear(
+        turn_by_time, span, START, inputs=curve, **rest
+    ).y[-1],
+    "variational": lambda span, curve, **rest: cg.solve_variational(
+        turn, span, START, inputs=curve, **rest
+    ).y[-1],
+    "adjoint": lambda span, curve, **rest: cg.solve_variational(
+        turn, span, START, inputs=curve, derivatives="adjoint", **rest
+    ).y[-1],
     "ensemble": ensemble(),
     "common": ensemble(common_steps=True),
     "vectorized": ensemble(vectorized=True),

@@ -39,6 +39,21 @@ def test_times_without_a_jump_are_no_corners():
     assert Samples([0, 1, 2, 3], [0.0, 1.0, 2.0, 2.0], "linear").corners().tolist() == [2.0]
 
 
+@pytest.mark.parametrize(("start", "slope"), [(0.0, 1.0), (-3.0, 1e6), (1.7e9, 0.3), (0.0, -2e-7)])
+def test_rounding_makes_no_corners_of_a_ramp(start, slope):
+    times = start + 0.1 * np.arange(51)
+    for offset in (0.0, 3.0, 1e5 * slope):
+        values = offset + slope * (times - start)
+        means = (values[1:] + values[:-1]) / 2
+        causal = Samples(times, means, "averages", causal=True)
+        assert causal.corners().tolist() == [times[1]]  # the first interval is constant
+        for curve in (Samples(times, values, "linear"), Samples(times, means, "averages")):
+            assert curve.corners(1e-10).size == 0
+    bent = slope * (times - start)
+    bent[20] += slope * (1e-4 if start > 1e6 else 1e-9)  # times that large have few digits
+    assert Samples(times, bent, "linear").corners().tolist() == times[19:22].tolist()
+
+
 @pytest.mark.parametrize("causal", [False, True])
 def test_averages_are_means_of_the_curve(causal):
     curve = Samples(TIMES, VALUES[:-1], "averages", causal=causal)

@@ -55,8 +55,8 @@ class Resolution:
         level = np.zeros(pieces, dtype=np.int8)
         errors = np.zeros_like(self._scales[0])
         for k, (scale, own) in enumerate(zip(self._scales[1:], self._errors, strict=True), 1):
-            own = np.where(own > _IGNORED * tolerance * scale, own, 0.0)
-            errors = np.maximum(_FALL * np.maximum(errors[::2], errors[1::2]), own)
+            seen = np.where(own > _IGNORED * tolerance * scale, own, 0.0)
+            errors = np.maximum(_FALL * np.maximum(errors[::2], errors[1::2]), seen)
             smooth = (errors <= allowed * scale).all(axis=1)
             if not smooth.any():
                 break

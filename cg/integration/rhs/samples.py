@@ -30,7 +30,8 @@ class Samples(ReadOnly):
     Pass it as ``inputs`` to an integration, whose functions then get its value: ``f(t, y, u)``.
     Steps end where the curve or its derivative jumps, and the right-hand side sees the curve on
     its side of each such time. Steps of chosen sizes also end at knots of splines where jumps of
-    higher derivatives matter to the relative tolerance.
+    higher derivatives matter to the relative tolerance, and are no longer than what the samples
+    resolve, so that they don't pass over pulses.
 
     Parameters
     ----------
@@ -169,15 +170,11 @@ class Samples(ReadOnly):
     def _jumps_of_lines(self, values: Array, slopes: Array) -> Array:
         """Return whether lines or their slopes jump at inner edges by more than rounding."""
         length = np.diff(self.times)[:, None]
-        rounding = _ENDS * np.finfo(float).eps * (
-            np.abs(values) + np.abs(slopes) * np.maximum(length, np.abs(self.times[1:, None]))
-        )
-        rounding = np.maximum(rounding[1:], rounding[:-1])
+        sizes = np.abs(values) + np.abs(slopes) * np.maximum(length, np.abs(self.times[1:, None]))
+        rounding = _ENDS * np.finfo(float).eps * np.maximum(sizes[1:], sizes[:-1])
         bends = np.abs(np.diff(slopes, axis=0)) * np.minimum(length[1:], length[:-1])
-        jumps: Array = bends > rounding
-        if self.causal:
-            ends = values[:-1] + slopes[:-1] * length[:-1]
-            jumps |= np.abs(values[1:] - ends) > rounding
+        ends = values[:-1] + slopes[:-1] * length[:-1] if self.causal else values[1:]
+        jumps: Array = (bends > rounding) | (np.abs(values[1:] - ends) > rounding)
         return jumps
 
     def longest_steps(self, tolerance: float) -> Array:
