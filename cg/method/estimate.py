@@ -225,8 +225,8 @@ def _algebra_response(
     system = np.eye(stages) + scale[..., None] * a
     sources = values * (1 + scale * c)
     kappa = np.linalg.solve(system, sources[..., None])[..., 0]
-    result, second, *third = weights @ kappa.T
-    third = third[0] if third else np.zeros(len(angles))
+    result, second, *others = weights @ kappa.T
+    third = others[0] if others else np.zeros(len(angles))
     return _phi1(-1j * angles) * result, _larger(method, second, kappa.T), third
 
 

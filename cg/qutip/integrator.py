@@ -65,7 +65,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
         adjoints = [matrix.conj().T for matrix in matrices]
         pairs = list(zip(matrices, adjoints, strict=True))
         if self._is_skew:
-            columns = sparse.hstack([(a + b).reshape(-1, 1) for a, b in pairs])
+            columns = sparse.hstack([(a + b).reshape((-1, 1)) for a, b in pairs])
             self._hermitian = np.linalg.qr(columns.toarray(), mode="r")
             matrices = [0.5 * (a - b) for a, b in pairs]
         self._matrices = matrices
@@ -173,7 +173,7 @@ class LinearIntegrator(Integrator):  # type: ignore[misc]  # QuTiP has no types
             raise _WrongAssumptionError
         v = np.concatenate([[1.0], values.real, [] if self._is_real else values.imag])
         if self._is_skew:
-            size = np.abs(self._hermitian).max(axis=0, initial=0.0) @ np.abs(v)
+            size = float(np.abs(self._hermitian).max(axis=0, initial=0.0) @ np.abs(v))
             if np.abs(self._hermitian @ v).max() > _ROUNDING * max(size, 1.0):
                 self._is_skew = False
                 raise _WrongAssumptionError

@@ -137,7 +137,8 @@ class _Relations:
             places = np.arange(len(rest))
             while len(chosen) < most:
                 sizes = np.linalg.norm(rest, axis=1)
-                places, rest, sizes = (array[sizes >= _NEW] for array in (places, rest, sizes))
+                left = sizes >= _NEW
+                places, rest, sizes = places[left], rest[left], sizes[left]
                 if not len(places):
                     break
                 best = int(np.argmax(sizes))
