@@ -167,6 +167,7 @@ subroutine loop_continue(address, segments, stops)
   run%problem%stops = stops
   call continue_trajectory(run%lanes)
   run%busy = .true.
+  run%asks = .false.
   run%next = size(run%lanes) + 1
 end subroutine loop_continue
 
@@ -191,6 +192,7 @@ subroutine loop_restart(address, n, members, t, y, first_step, data_address)
     call set_start(t, y(:, i), first_step, run%lanes(i))
   end do
   run%busy = .true.
+  run%asks = .false.
   run%next = members + 1
 end subroutine loop_restart
 
@@ -205,6 +207,7 @@ subroutine loop_interpolate(address)
   run => run_at(address)
   call request_interpolant(run%lanes)
   run%busy = .true.
+  run%asks = .false.
 end subroutine loop_interpolate
 
 ! Reads or writes the states of all trajectories.
@@ -235,6 +238,7 @@ subroutine loop_state(address, write, n, m, columns, members, nr, ni, reals, int
   end do
   if (.not. write) return
   run%busy = .true.
+  run%asks = .false.
   run%next = members + 1
 end subroutine loop_state
 

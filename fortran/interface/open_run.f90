@@ -103,9 +103,10 @@ contains
       run%counters(:) = counters_t(status=paused)
       within = run%problem%scheme%columns > 0 .and. (record%dense /= 0 .or. record%outputs > 0 &
                       .or. associated(run%problem%events))
-      allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
+      allocate (run%lanes(lanes), run%busy(lanes), run%asks(lanes), stat=memory)
       if (memory /= 0) return
       run%busy = .false.
+      run%asks = .false.
       do i = 1, size(run%lanes)
         call start(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
         if (memory /= 0) return

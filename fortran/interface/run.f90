@@ -39,6 +39,7 @@ module run_m
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
+    logical, allocatable :: asks(:)          ! (lanes) whether it still waits for coefficients
     integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
@@ -66,17 +67,22 @@ contains
 
   ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
   ! Lanes with common steps have equal shares of the budget, so that none is ahead of the others.
+  ! Others of a vectorized function advance together, whatever the budget is: it ends a call where
+  ! all lanes wait for coefficients, so that calls of the function don't depend on it.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer :: requests(size(run%lanes))     ! lanes that need coefficients
     integer(int64) :: budget, share(size(run%lanes))
     integer :: i, count, status
-    logical :: waits, stops
+    logical :: waits, stops, together
 
     budget = run%record%budget
+    together = size(run%lanes) > 1 .and. .not. run%problem%common &
+               .and. .not. associated(run%problem%field)
     associate (lanes => size(run%lanes, kind=int64))
       share = (budget + lanes - 1) / lanes
     end associate
+    if (together) share = huge(share) / (2 * size(share))
     run%record%steps = 0
     run%record%interpolants = 0
     run%record%events = 0
@@ -86,10 +92,14 @@ contains
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
-        if (.not. run%problem%common) share(i) = budget
-        budget = budget - share(i)
-        status = advance_lane(run, i, share(i))
-        budget = budget + share(i)
+        status = needs_field
+        if (.not. run%asks(i)) then
+          if (.not. (run%problem%common .or. together)) share(i) = budget
+          budget = budget - share(i)
+          status = advance_lane(run, i, share(i))
+          budget = budget + share(i)
+        end if
+        run%asks(i) = status == needs_field
         select case (status)
         case (needs_field)
           count = count + 1
@@ -102,8 +112,11 @@ contains
           exit drive_all
         end select
       end do
-      if (count > 0) then
+      if (together .and. (stops .or. budget <= 0)) then
+        exit
+      else if (count > 0) then
         call evaluate(run, requests(:count))
+        run%asks = .false.
       else if (waits .and. .not. stops) then
         call exchange(run)
       else
@@ -184,13 +197,13 @@ contains
   ! Stores the results of a call in the record.
   subroutine store_counters(run, budget)
     type(run_t), intent(inout) :: run
-    integer(int64), intent(in) :: budget               ! what is left of it
+    integer(int64), intent(in) :: budget               ! what is left of it, negative if exceeded
     integer :: i
 
     do i = 1, size(run%lanes)
       if (run%busy(i)) call store_lane(run, i)
     end do
-    run%record%budget = max(budget, 0_int64)
+    run%record%budget = budget
     run%record%step_size = run%lanes(1)%h
     run%record%residual = run%lanes(1)%solver%residual
   end subroutine store_counters

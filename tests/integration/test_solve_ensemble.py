@@ -241,3 +241,25 @@ def test_nan_is_never_surely_on_the_manifold(frame):
         wrong = point.copy()
         wrong[index] = np.nan
         assert not plan.surely_on_manifold(plan.doubles(wrong[None]))
+
+
+@pytest.mark.parametrize(("options", "count"), [
+    ({"rtol": 1e-6, "atol": 1e-6}, 37), ({"method": "RKMK4", "h": 0.5}, 8),
+])  # fmt: skip
+@pytest.mark.parametrize("output", [{}, {"t_eval": [0.3, 1.0]}, {"dense_output": True}])
+def test_calls_of_a_vectorized_function_do_not_depend_on_time(options, count, output, monkeypatch):
+    """Equal members are evaluated together, however few steps are taken between interrupts."""
+    sizes = []
+
+    def f(t, y):
+        sizes.append(len(t))
+        return np.stack([np.cos(t), np.sin(t), y[:, 0, 0]], axis=1)
+
+    y0 = np.tile(np.eye(3), (50, 1, 1))
+    for seconds in (1e-9, 1e-3, 1.0):
+        monkeypatch.setattr(drive, "_SECONDS", seconds)
+        sizes.clear()
+        run = cg.solve_ensemble(f, (0, 1), y0, frame=SO3(), vectorized=True, **options, **output)
+        assert set(sizes) == {50}
+        assert len(sizes) == run.nfev[0]
+        assert len(sizes) == count or output
