@@ -11,9 +11,9 @@ import hypothesis
 from hypothesis import HealthCheck, Phase
 from threadpoolctl import threadpool_limits
 
-from .compare import Difference, check
-from .drawing import programs
-from .programs import Program
+from tests.model.compare import Difference, check
+from tests.model.drawing import programs
+from tests.model.programs import Program
 
 
 def report(program: Program, error: BaseException) -> str:

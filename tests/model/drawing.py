@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from .programs import FIXED, PAIRS, SPLITTINGS, Input, Program, Zero
-from .spaces import SPACES
+from tests.model.programs import FIXED, PAIRS, SPLITTINGS, Input, Program, Zero
+from tests.model.spaces import SPACES
 
 SHARES = (0.0, 0.03, 0.1, 0.25, 0.3, 0.5, 0.51, 0.7, 0.75, 0.97, 1.0)
 OUTSIDE = ("CG4", "CF6d", "CF7(6)")  # stages outside the step are refused with inputs

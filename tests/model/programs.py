@@ -12,12 +12,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from .reference import Crossing, Task, curve
-from .spaces import SPACES, Space
+from tests.model.reference import Crossing, Task, curve
+from tests.model.spaces import SPACES, Space
 
 PAIRS = (
-    "auto", "BS3(2)", "CF4(3)", "CF5(4)", "CF6(5)", "CG2(3)", "CG3(2)", "CG4(3)", "CG5(4)", "CG6(5)",
-    "DP5(4)", "DVERK6(5)", "DOP853", "Verner7(6)", "RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)", "RadauIIA5",
+    "auto", "BS3(2)", "CF4(3)", "CF5(4)", "CF6(5)", "CG2(3)", "CG3(2)", "CG4(3)", "CG5(4)",
+    "CG6(5)", "DP5(4)", "DVERK6(5)", "DOP853", "Verner7(6)", "RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)",
+    "RadauIIA5",
 )  # fmt: skip
 FIXED = (
     "LieEuler", "CG2", "CG3", "CF3", "CF4", "CF4b", "CG4b", "CF5(4)", "CF5r", "RKMK4", "RKMK5(4)",
@@ -149,7 +150,7 @@ class Program:
             f"y0 = np.array({point.tolist()})",
             f"other = np.array({other.tolist()})",
             f"rng = np.random.default_rng({self.seed})",
-            f"w = rng.uniform(-1, 1, ({space.dim}, {n}))" + (" * 0" if self.form != "state" else ""),
+            f"w = {float(self.form == 'state')} * rng.uniform(-1, 1, ({space.dim}, {n}))",
             f"speed = {self._speed()!r} * rng.uniform(-1, 1, {space.dim})",
             f"phase = rng.uniform(-3, 3, {space.dim}) - speed * {self.start!r}",
             f"gain = {self._rate()!r} * rng.uniform(-1, 1, ({space.dim}, {len(self.inputs)}))",
@@ -178,7 +179,7 @@ class Program:
             kind = "averages" if samples.kind == "causal" else samples.kind
             lines += [
                 f"times{k} = np.linspace({low!r}, {high!r}, {edges})",
-                f"values{k} = np.random.default_rng({samples.seed}).uniform(-1, 1, {samples.count})",
+                f"values{k} = np.random.default_rng({samples.seed}).random({samples.count}) - 0.5",
                 f"values{k}[{samples.count // 3}:{samples.count // 2}] = 0",
                 f"samples{k} = cg.Samples(times{k}, {samples.scale!r} * values{k}, {kind!r}"
                 f"{', causal=True' if samples.kind == 'causal' else ''})",
@@ -208,8 +209,8 @@ class Program:
         lines += [f"    v = v + np.multiply.outer({n}, gain[:, {k}])" for k, n in enumerate(names)]
         if self.parameters:
             lines += ["    v = v * p[..., :1] + p[..., 1:] * v[..., ::-1]"]
-        returned = ", ".join(map(str, self.frame.returned))
-        lines += [f"    return v.reshape(*np.shape(t), {returned})" if returned != "-1" else "    return v"]
+        shape = ", ".join(map(str, self.frame.returned))
+        lines += [f"    return v.reshape(*np.shape(t), {shape})"]
         lines += ["parameters = np.array([0.8, 0.3])"]
         return lines
 
@@ -218,7 +219,7 @@ class Program:
         body = f"t - {self.at(zero.place)!r}"
         if zero.kind == "plane":
             lines = [
-                f"normal{k} = np.random.default_rng({zero.seed}).uniform(-1, 1, y0.view(float).size)",
+                f"normal{k} = np.random.default_rng({zero.seed}).random(y0.view(float).size) - 0.5",
                 f"normal{k} /= np.linalg.norm(normal{k})",
                 f"level{k} = float(normal{k} @ y0.view(float).ravel()) + {zero.place - 0.5!r}",
             ]

@@ -13,7 +13,7 @@ from scipy.integrate import OdeSolution, solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from .spaces import Space, reals
+from tests.model.spaces import Space, reals
 
 GRID = 300  # points at which functions of events are compared, in the whole span
 KICK = 1e-6  # size of the perturbations that show how errors grow

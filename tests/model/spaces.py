@@ -179,9 +179,7 @@ ROTATIONS = skew(3)
 LINE = Space("cg.frames.Euclidean(1)", np.zeros(1), 1, lambda v, y: v, compiled=True)
 PLANE = Space("cg.frames.Euclidean(2)", np.zeros(2), 2, lambda v, y: v, compiled=True)
 BODY = Space("cg.frames.SO3()", np.eye(3), 3, moved_by(ROTATIONS, "right"), compiled=True)
-SPHERE = Space(
-    "cg.frames.Sphere(2)", np.eye(3)[2], 3, lambda v, y: np.cross(v, y), compiled=True
-)
+SPHERE = Space("cg.frames.Sphere(2)", np.eye(3)[2], 3, np.cross, compiled=True)
 QUATERNION = Space("cg.frames.UnitQuaternion()", np.eye(4)[3], 3, quaternion, compiled=True)
 SPIN = Space("cg.frames.SU(2)", np.eye(2) + 0j, 3, moved_by(-0.5j * PAULI, "left"), compiled=True)
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import cg
-
-from .__main__ import run
-from .spaces import SPACES
+from tests.model.__main__ import run
+from tests.model.spaces import SPACES
 
 COUNT, PARTS = 400, 16
 
