@@ -14,7 +14,7 @@ import numpy as np
 
 import cg
 from tests.model.programs import Program
-from tests.model.reference import Path, growth, solve, tangents
+from tests.model.reference import Path, covariance, growth, solve, tangents
 from tests.model.spaces import reals
 
 TOLERANCES = 50  # admitted, times the growth of errors
@@ -61,8 +61,8 @@ def check(program: Program) -> str:
         warnings.simplefilter("error" if not program.steps else "ignore")
         solution = _run(program, names)
     case = Case(program, names, solution, path, 0.0)
-    case.bound = _bound(case)
     try:
+        case.bound = _bound(case)
         for compare in (
             finite, reached, points, events, observed, same_without_output, as_stepper,
             as_member, forward, backward, linear,
@@ -95,7 +95,14 @@ def _bound(case) -> float:
     whole = _run(program, case.names, t_eval=_ends(case))
     if len(half.t) != len(whole.t):
         raise Unclear("steps are too long for events")
-    return 20 * float(np.abs(half.y - whole.y).max()) + floor
+    changes = [float(np.abs(half.y - whole.y).max())]
+    pairs = zip(half.t_events or (), whole.t_events or (), strict=True)
+    for k, (fine, coarse) in enumerate(pairs):
+        if len(fine) != len(coarse):
+            raise Unclear("steps are too long for events")
+        shifts = np.abs(fine - coarse) * max([1.0, *case.path.slopes[k]])
+        changes += [*shifts, float(np.abs(half.y_events[k] - whole.y_events[k]).max(initial=0.0))]
+    return 20 * max(changes) + floor
 
 
 def _ends(case):
@@ -388,32 +395,59 @@ def _same_member(program, many, i, single, way):
 
 
 def _tangent(case):
+    """Return coordinates of a change of the start, its reals, and a change of parameters."""
     rng = np.random.default_rng(case.program.seed + 5)
     space = case.program.frame
     xi = rng.uniform(-1, 1, space.dim)
-    return xi, reals(space.field(xi, case.names["y0"]))
+    change = rng.uniform(-1, 1, 2) * (case.program.parameters and not case.program.compiled)
+    return xi, reals(space.field(xi, case.names["y0"])), change
+
+
+VARIATIONAL = "s = cg.solve_variational(f, span, y0, control_derivatives=True, **options)"
 
 
 def forward(case):
     """Derivatives by the variational equation, against differences of the model."""
-    program, path = case.program, case.path
+    program, path, space = case.program, case.path, case.program.frame
     if program.caller != "variational" or not _has_derivatives(program):
         return
-    solution = cg.solve_variational(*case.arguments, control_derivatives=True, **_derived(case))
-    xi, tangent = _tangent(case)
-    times = [t for t in solution.t if not any(abs(t - j) < 1e-2 for j in path.jumps)]
-    expected = tangents(path.task, tangent, times)
-    for i, t in enumerate(times):
+    given = {"control_derivatives": True, "P0": 0.1 * np.eye(space.dim)}
+    density = np.diag(np.arange(1.0, space.dim + 1)) * (program.length > 0)
+    if program.length > 0:
+        given["noise"] = density / program.length
+    solution = cg.solve_variational(*case.arguments, **given, **_derived(case))
+    xi, tangent, change = _tangent(case)
+    by_parameters = change.any()
+    expected = tangents(path.task, tangent, change if by_parameters else 0.0, solution.t)
+    for i, t in enumerate(solution.t):
         coordinates = solution.transition[i] @ xi
-        ours = reals(program.frame.field(coordinates, solution.y[i]))
+        if by_parameters:
+            coordinates = coordinates + solution.sensitivity[i] @ change
+        ours = reals(space.field(coordinates, solution.y[i]))
         error = float(np.abs(ours - expected[i]).max())
         if error > case.bound + 1e-7 and error > 10 * _grown(case) + 1e-7:
             raise Difference(
                 f"the derivative at t = {t} is off by {error:.2e}",
-                f"s = cg.solve_variational(f, span, y0, control_derivatives=True, **options)\n"
-                f"i = {i}; xi = np.array({xi.tolist()})\n"
+                f"{VARIATIONAL}\ni = {i}; xi = np.array({xi.tolist()})\n"
+                f"change = np.array({change.tolist()})  # of parameters, zeros for none\n"
                 f"print(frame.field(s.transition[i] @ xi, s.y[i]))  # {expected[i].tolist()}",
             )
+    if reals(space.base).size <= 9 and program.output is None:
+        _covariance(case, solution, given["P0"], density / (program.length or 1.0))
+
+
+def _covariance(case, solution, initial, density):
+    """The covariance of the last point, in the space around."""
+    task, end, space = case.path.task, solution.y[-1], case.program.frame
+    fields = np.stack([reals(space.field(e, end)) for e in np.eye(space.dim)], axis=1)
+    ours, expected = fields @ solution.covariance[-1] @ fields.T, covariance(task, initial, density)
+    error, size = np.abs(ours - expected).max(), max(1.0, np.abs(expected).max())
+    if error > (10 * case.bound + 1e-6) * size and error > (20 * _grown(case) + 1e-6) * size:
+        raise Difference(
+            f"the covariance at the end is off by {error:.2e}",
+            f"# P0 = 0.1 I, noise = {np.diag(density).tolist()}\n{VARIATIONAL}\n"
+            f"# in the space around: {expected.tolist()}",
+        )
 
 
 def _has_derivatives(program):
@@ -434,12 +468,12 @@ def backward(case):
         return
     options = {k: v for k, v in _derived(case).items() if k not in ("t_eval", "dense_output")}
     solution = cg.solve_variational(*case.arguments, derivatives="adjoint", **options)
-    xi, tangent = _tangent(case)
+    xi, tangent, _ = _tangent(case)
     end, space = solution.y[-1], program.frame
     weights = np.random.default_rng(7).uniform(-1, 1, reals(end).size)
     cotangent = np.array([weights @ reals(space.field(e, end)) for e in np.eye(space.dim)])
     ours = float(solution.gradient(cotangent).y0 @ xi)
-    expected = float(weights @ tangents(path.task, tangent, [path.end])[0])
+    expected = float(weights @ tangents(path.task, tangent, 0.0, [path.end])[0])
     if abs(ours - expected) > case.bound + 1e-6 and abs(ours - expected) > 10 * _grown(case) + 1e-6:
         raise Difference(
             f"the gradient is {ours!r}, of the model {expected!r}",

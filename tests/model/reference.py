@@ -6,7 +6,7 @@ on a fine grid. Nothing here is fast, and nothing is shared with `cg`.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.integrate import OdeSolution, solve_ivp
@@ -258,21 +258,21 @@ def growth(path: Path, times: Sequence[float], seeds: Sequence[int] = (1, 2)) ->
     return largest
 
 
-def along(task: Task, tangent: np.ndarray, step: float = 1e-4) -> tuple[Task, Task]:
-    """Return the task from two points to both sides of its own, along a tangent of reals."""
-    z = reals(task.y0)
-    starts = [task.point(z + s * tangent) for s in (step, -step)]
-    both = [Task(**{**vars(task), "y0": start}) for start in starts]
-    return both[0], both[1]
+def tangents(
+    task: Task, tangent: np.ndarray, parameters: np.ndarray | float, times: Sequence[float]
+) -> np.ndarray:
+    """Return the derivatives of the points at times along a tangent and a change of parameters.
 
-
-def tangents(task: Task, tangent: np.ndarray, times: Sequence[float]) -> np.ndarray:
-    """Return the derivative of the points at times by the start, by differences of order four."""
-    near, far = 1e-4, 2e-4
-    paths = [solve(t) for step in (near, far) for t in along(task, tangent, step)]
-    rows = [[path(t) for t in times] for path in paths]
-    a, b, c, d = (np.array(row) for row in rows)
-    return (8 * (a - b) - (c - d)) / (12 * near)
+    They are differences of order four.
+    """
+    rows = []
+    for step in (1e-4, -1e-4, 2e-4, -2e-4):
+        rest = tuple(value + step * parameters for value in task.rest)
+        start = task.point(reals(task.y0) + step * tangent)
+        path = solve(replace(task, y0=start, rest=rest))
+        rows.append(np.array([path(t) for t in times]))
+    a, b, c, d = rows
+    return (8 * (a - b) - (c - d)) / 12e-4
 
 
 def covariance(task: Task, initial: np.ndarray, density: np.ndarray) -> np.ndarray:
