@@ -85,24 +85,24 @@ def _run(program, names, **changed):
 
 
 def _bound(case) -> float:
-    """Return 50 tolerances, or with fixed steps twenty times the change with half of them."""
+    """Return 50 tolerances, or with fixed steps five times the change with a tenth of them."""
     program = case.program
     size = max([1.0, *(float(np.abs(case.path(t)).max()) for t in _grid(case))])
     floor = 1e-9 * size
     if not program.steps:
         return TOLERANCES * (program.atol + program.rtol * size) + floor
-    half = _run(program, case.names, h=case.names["options"]["h"] / 2, t_eval=_ends(case))
+    fine = _run(program, case.names, h=case.names["options"]["h"] / 10, t_eval=_ends(case))
     whole = _run(program, case.names, t_eval=_ends(case))
-    if len(half.t) != len(whole.t):
+    if len(fine.t) != len(whole.t):
         raise Unclear("steps are too long for events")
-    changes = [float(np.abs(half.y - whole.y).max())]
-    pairs = zip(half.t_events or (), whole.t_events or (), strict=True)
-    for k, (fine, coarse) in enumerate(pairs):
-        if len(fine) != len(coarse):
+    changes = [float(np.abs(fine.y - whole.y).max())]
+    pairs = zip(fine.t_events or (), whole.t_events or (), strict=True)
+    for k, (near, far) in enumerate(pairs):
+        if len(near) != len(far):
             raise Unclear("steps are too long for events")
-        shifts = np.abs(fine - coarse) * max([1.0, *case.path.slopes[k]])
-        changes += [*shifts, float(np.abs(half.y_events[k] - whole.y_events[k]).max(initial=0.0))]
-    return 20 * max(changes) + floor
+        shifts = np.abs(near - far) * max([1.0, *case.path.slopes[k]])
+        changes += [*shifts, float(np.abs(fine.y_events[k] - whole.y_events[k]).max(initial=0.0))]
+    return 5 * max(changes) + floor
 
 
 def _ends(case):
