@@ -64,7 +64,7 @@ def check(program: Program) -> str:
     try:
         case.bound = _bound(case)
         for compare in (
-            finite, reached, points, events, observed, same_without_output, as_stepper,
+            finite, reached, points, events, observed, same_without_output, as_stepper, advanced,
             as_member, forward, backward, linear,
         ):  # fmt: skip
             compare(case)
@@ -352,6 +352,27 @@ def as_stepper(case):
             "s = cg.Stepper(f, span[0], y0, span[1], **{k: v for k, v in options.items() if k not "
             "in ('t_eval', 'dense_output')})\nwhile s.status == 'running': s.step()\nprint(s.y)",
         )
+
+
+def advanced(case):
+    """A `Stepper` that advances to times, and restarts there, comes to the model's points."""
+    program = case.program
+    if program.caller != "stepper" or program.events or program.length == 0 or program.steps:
+        return
+    skipped = ("t_eval", "dense_output")
+    options = {k: v for k, v in case.names["options"].items() if k not in skipped}
+    f, span, y0 = case.arguments
+    stepper, values = cg.Stepper(f, span[0], y0, span[1], **options), []
+    times = [program.at(share) for share in (0.31, 0.77, 1.0)]
+    for t in times:
+        if stepper.advance(t) or stepper.t != t:
+            raise Difference(f"Stepper.advance({t!r}) comes to {stepper.t!r}", "# Stepper.advance")
+        values.append(stepper.y)
+        if t != times[-1]:
+            stepper.restart(y=stepper.y)
+    worst = _worst(case, times, values)
+    if worst[0] > case.bound and worst[0] > _grown(case):
+        raise Difference(f"advance({worst[1]!r}) is off by {worst[0]:.2e}", "# Stepper.advance")
 
 
 def as_member(case):

@@ -28,6 +28,7 @@ samples = st.builds(
     count=st.sampled_from((4, 5, 7, 12)),
     seed=st.integers(0, 20),
     scale=st.sampled_from((1.0, 1.0, 1e5, 1e-5)),
+    idle=st.sampled_from((False, False, False, True)),
 )
 
 
@@ -43,7 +44,7 @@ def programs(draw) -> Program:
         space=space,
         seed=draw(st.integers(0, 50)),
         form=draw(st.sampled_from(("state", "state", "state", "time", "constant"))),
-        turns=draw(st.sampled_from((0.0, 0.3, 1.0, 3.0, 8.0))),
+        turns=draw(st.sampled_from((0.0, 0.3, 1.0, 3.0, 8.0, 30.0))),
         speed=draw(st.sampled_from((0.0, 1.0, 5.0))),
         start=start,
         length=length if abs(length) > 1e-3 or start < 1e3 else 1.0,
@@ -76,16 +77,22 @@ def _with_method(draw, program: Program) -> Program:
 
 
 def _admitted(draw, program: Program) -> Program:
-    """Return the program without what is refused, or has no single answer."""
+    """Return the program without what is refused, has no single answer, or takes long."""
     frame, changes = program.frame, {}
+    inputs = tuple(replace(u, count=200) if u.idle else u for u in program.inputs)
+    if not frame.compiled:  # flows take long
+        inputs = tuple(replace(u, count=min(u.count, 5), idle=False) for u in program.inputs)
+    changes["inputs"] = inputs
+    if program.turns > 10.0 and program.form == "state":  # errors grow
+        changes["turns"] = 2.0
     if not frame.brackets and program.method.startswith(("RKMK", "Radau")):
         changes["method"] = "CF5(4)"
+    if program.method in SPLITTINGS and program.form == "state":  # friction
+        changes["form"] = "time"
     if program.compiled:
         changes["parameters"] = False
     if frame.phase and abs(program.length) > 10.0:  # they move freely
         changes["length"] = program.length / 1e4
-    if not frame.compiled:  # their flows take long
-        changes["inputs"] = tuple(replace(u, count=min(u.count, 5)) for u in program.inputs)
     if program.length == 0.0:
         changes |= {"output": None, "breaks": (), "inputs": (), "events": (), "steps": 0.0}
         changes["method"] = "auto"
@@ -104,4 +111,12 @@ def known(program: Program) -> Program:
         changes["output"] = (0.0, 0.5)  # one output time backward
     if program.output == ():
         changes["output"] = (0.5, 1.0)
+    if any(u.idle for u in program.inputs):  # samples that are passed over
+        changes["inputs"] = tuple(replace(u, idle=False, count=12) for u in program.inputs)
+    if program.frame.phase and program.steps:  # output between steps of phase spaces
+        changes |= {"output": None, "dense": False, "events": (), "caller": "stepper"}
+    if any(zero.kind == "copy" and zero.seed % 3 == 2 for zero in program.events):  # at 1e-10
+        changes["events"] = tuple(replace(zero, seed=0) for zero in program.events)
+    if "LinearAction" in program.frame.expression:  # drift
+        changes["turns"] = min(program.turns, 8.0)
     return replace(program, **changes)

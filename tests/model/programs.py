@@ -65,7 +65,7 @@ function.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
 class Zero:
     """An event: ``"time"`` at a share of the span, ``"plane"`` where a function of y is zero.
 
-    ``"copy"`` is the event before it, later by ``place`` in the value of its function.
+    ``"copy"`` is the event before it, with a function that is less by ``place``, 0, or 1e-10.
     """
 
     kind: str
@@ -78,12 +78,13 @@ class Zero:
 
 @dataclass(frozen=True)
 class Input:
-    """Samples of a function of time: where they vary is a share of the span."""
+    """Samples of a function of time; ``idle`` ones are zero but for a tenth at the end."""
 
     kind: str
     count: int
     seed: int
     scale: float
+    idle: bool = False
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,6 @@ class Program:
     steps: float = 0.0
     rtol: float = 1e-6
     atol: float = 1e-6
-    many: bool = False
     output: tuple[float, ...] | None = None
     dense: bool = False
     observe: bool = False
@@ -177,10 +177,12 @@ class Program:
             edges = samples.count + (samples.kind in ("averages", "causal"))
             low, high = sorted((self.start, self.start + self.length * (1 + 1e-9 * bool(k))))
             kind = "averages" if samples.kind == "causal" else samples.kind
+            count = samples.count
+            zeros = f":{count - count // 10}" if samples.idle else f"{count // 3}:{count // 2}"
             lines += [
                 f"times{k} = np.linspace({low!r}, {high!r}, {edges})",
                 f"values{k} = np.random.default_rng({samples.seed}).random({samples.count}) - 0.5",
-                f"values{k}[{samples.count // 3}:{samples.count // 2}] = 0",
+                f"values{k}[{zeros}] = 0",
                 f"samples{k} = cg.Samples(times{k}, {samples.scale!r} * values{k}, {kind!r}"
                 f"{', causal=True' if samples.kind == 'causal' else ''})",
                 f"gain[:, {k}] /= {samples.scale!r}",
@@ -227,7 +229,7 @@ class Program:
         else:
             lines = []
         if zero.kind == "copy" and k:
-            body = f"event{k - 1}(t, y) - {zero.place!r}"
+            body = f"event{k - 1}(t, y) - {(zero.place, 0.0, 1e-10)[zero.seed % 3]!r}"
         target = {"start": "y0", "other": "other"}.get(zero.jump)
         jump = f"def jump{k}(t, y, *rest): return {target}" if target else f"jump{k} = None"
         return [*lines, f"def event{k}(t, y, *rest): return {body}", jump]
