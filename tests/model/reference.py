@@ -171,24 +171,20 @@ def _take(path, solution, begin, end, signs):
         roots += [(t, k, rising) for t, rising in found]
         after.append(sign)
     for t, group in _together(task, roots, begin < end):
-        point = solution(t)
-        stays = point
-        for k in group:
-            event = task.events[k]
+        stays = solution(t)
+        last = [k for k in group if len(path.events[k]) + 1 >= (task.events[k].terminal or np.inf)]
+        jumping = [k for k in group if task.events[k].jump and k not in last]
+        for k in sorted(group, key=lambda k: (k in jumping, k)):
             before = stays
-            if event.jump:
-                jumped = event.jump(t, task.point(stays), *task.arguments(t))
+            if k in jumping:
+                jumped = task.events[k].jump(t, task.point(stays), *task.arguments(t))
                 stays = reals(np.asarray(jumped, dtype=task.space.base.dtype))
             path.events[k].append((t, before, stays))
         path.groups.append(group)
-        ends = any(
-            task.events[k].terminal and len(path.events[k]) >= task.events[k].terminal
-            for k in group
-        )
-        if ends or any(task.events[k].jump for k in group):
+        if last or jumping:
             path.pieces.append((begin, t, solution))
-            path.jumps += [t] if stays is not point else []
-            path.terminated = ends
+            path.jumps += [t] if jumping else []
+            path.terminated = bool(last)
             return t, stays, _signs(task, t, stays, within(t, t, end))
     path.pieces.append((begin, end, solution))
     return end, solution(end), after
