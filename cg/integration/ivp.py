@@ -133,8 +133,10 @@ def solve_ivp(
     TypeError
         If an argument has an impossible type.
     ValueError
-        If an argument has an impossible value, arguments contradict each other, or ``f`` or an
-        event returns another shape or numbers that aren't finite.
+        If an argument has an impossible value, arguments contradict each other, ``f`` or an event
+        returns another shape, or numbers that aren't finite, ``f`` at the start. Later ones of
+        ``f`` reject adaptive steps; where these can't get shorter, and fixed ones, end with the
+        status -1 and the solution so far.
     OverflowError
         With fixed steps, if the solution exceeds the range of floating point.
     ConvergenceError

@@ -16,6 +16,7 @@ from cg.integration.rhs.compiled import CompiledRhs, call_field
 from cg.integration.rhs.derivatives import Derivative, derivative_of
 from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import PythonRhs, context_of
+from cg.integration.rhs.values import when
 from cg.integration.step.plan import has_brackets
 from cg.integration.variational.field import parameter_differences, structure_constants
 from cg.support.arrays import Array, Points, check_finite
@@ -65,6 +66,8 @@ def _linearisation(
 ) -> tuple[Points, Array | None]:
     """Return A, and the derivatives of the coefficients by the parameters and inputs."""
     a = _coefficients(rhs, times, point)
+    if not np.isfinite(a).all():
+        raise ValueError(f"a must return finite numbers, got others from {when(times)} on")
     fixed = rhs.parameters is None and rhs.inputs is None
     b = None if fixed else _derivative(rhs, da_dp, times, point)
     return np.tensordot(a, generators, 1), b

@@ -30,14 +30,17 @@ contains
 
   ! Applies an operation in Python. If it raises an exception, the result is NaN, and the exception
   ! remains set until the call from Python returns.
-  subroutine apply(self, operation, a, b, c)
+  subroutine apply(self, operation, a, b, c, failed)
     class(callback_t), intent(in) :: self
     integer, intent(in) :: operation
     real(wp), contiguous, intent(in) :: a(:), b(:)
     real(wp), contiguous, intent(inout) :: c(:)
+    logical, optional, intent(out) :: failed           ! whether it raised an exception
+    integer :: code
 
-    if (call_python(self%context, operation, size(a), a, size(b), b, size(c), c) == 0) return
-    c = nan
+    code = call_python(self%context, operation, size(a), a, size(b), b, size(c), c)
+    if (code /= 0) c = nan
+    if (present(failed)) failed = code /= 0
   end subroutine apply
 
 end module callback_m

@@ -227,6 +227,7 @@ contains
     type(run_t), intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
     real(wp), allocatable :: where(:), points(:), slopes(:)  ! times, then members
+    logical :: failed
     integer :: i, m, memory
 
     m = run%frame%dimension
@@ -246,11 +247,11 @@ contains
           points((i - 1) * n + 1:i * n) = lane%request%y
         end associate
       end do
-      call run%python%apply(fields_operation, where, points, slopes)
+      call run%python%apply(fields_operation, where, points, slopes, failed)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
           lane%request%received(:m) = slopes((i - 1) * m + 1:i * m)
-          lane%request%flag = 0
+          lane%request%flag = merge(raised_in_python, 0, failed)
         end associate
       end do
     end associate

@@ -69,7 +69,7 @@ contains
     associate (record => self%record, k => size(d, 1))
       call call_function(self, record%f, record%f_data, y, f)
       record%failed_function = f_failed
-      if (self%code /= 0) return
+      if (self%code /= 0 .or. .not. finite(n, f)) return
       if (record%jac == 0) then
         call difference_along_fields(self, y, f, a)
       else

@@ -67,7 +67,7 @@ contains
     call check_coefficients(x, y, f)
   end subroutine request
 
-  ! Checks the answer to a request: finite coefficients go to the next phase, others are a failure.
+  ! Checks the answer to a request: finite coefficients go to the next phase, others reject the step.
   ! Of mechanical systems the answer is forces; splitting methods take them alone.
   subroutine check_coefficients(x, y, f)
     type(trajectory_t), intent(inout) :: x
@@ -92,11 +92,12 @@ contains
     else if (x%request%flag /= 0) then
       call fail(x, stopped_by_field, x%request%t)
     else
-      call fail(x, field_not_finite, x%request%t)
+      call reject_stage(x, field_not_finite, x%request%t)
     end if
   end subroutine check_coefficients
 
-  ! Tries a step again with a smaller size after a stage that doesn't exist; equal steps fail.
+  ! Tries a step again with a smaller size after a stage that doesn't exist, or where coefficients
+  ! aren't finite; equal steps fail, and so does a step that starts there.
   subroutine reject_stage(x, status, t)
     type(trajectory_t), intent(inout) :: x
     integer, intent(in) :: status
@@ -113,7 +114,7 @@ contains
     case (phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received)
       x%status = finished
       call share_error(x, huge(1.0_wp))
-    case (phase_node_received)
+    case (phase_node_received, phase_end_received)
       ! the step is accurate, but too long for its interpolant
       if (x%interpolate_only .or. x%problem%common) then
         call fail(x, status, t)

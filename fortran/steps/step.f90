@@ -81,17 +81,22 @@ contains
     type(trajectory_t), intent(inout) :: x
     real(wp) :: times(stages(x) - x%stage + 1)
     real(wp) :: members(size(times)), answer(size(x%slope) * size(times))
+    logical :: failed
     integer :: k
 
     associate (method => x%problem%method)
       times = within_segment(x, x%t + method%c(x%stage:stages(x)) * x%h)
       members = real(x%member - 1, wp)
-      call x%problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer)
-      if (.not. finite(size(answer), answer)) then     ! Python has raised an exception
+      call x%problem%frame%callback%apply(fields_operation, [times, members], x%y(:, 0), answer, &
+                                            failed)
+      x%counts%nfev = x%counts%nfev + size(times, kind=int64)
+      if (failed) then
         call fail(x, raised, x%t)
         return
+      else if (.not. finite(size(answer), answer)) then
+        call reject_stage(x, field_not_finite, x%t)
+        return
       end if
-      x%counts%nfev = x%counts%nfev + size(times, kind=int64)
       do k = 1, size(times)
         x%request%received(:) = answer((k - 1) * size(x%slope) + 1:k * size(x%slope))
         call store_stage(x)

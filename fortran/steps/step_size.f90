@@ -172,8 +172,13 @@ contains
                                          min(longest_turn(x), longest), &
                                          x%control%after_rejection)
         if (x%control%step_size < 0) then
-          call fail(x, step_too_small, x%t)
-          return
+          if (.not. (x%problem%common .and. x%error <= 1)) then
+            call fail(x, step_too_small, x%t)
+            return
+          end if
+          ! others with common steps fail here, and this one goes on without them
+          x%control%step_size = min(smallest_size(x%t), abs(stop - x%t), &
+                                    x%problem%tolerances%max_step)
         end if
         x%control%attempts = x%control%attempts + 1
         x%h = sign(x%control%step_size, stop - x%t)

@@ -50,8 +50,6 @@ def test_integers_are_numbers():
     ([[1.0]] * 6, r"array of shape \(6,\), got shape \(6, 1\)"),
     (1.0, r"got shape \(\)"),
     (None, "got None at t = 0.5"),
-    ([1.0] * 5 + [float("nan")], r"finite numbers, got \[.*nan.*\] at t = 0.5"),
-    ((1.0,) * 5 + (np.inf,), "finite numbers"),
     ([True] * 6, "6 real numbers"),
     ([1.0] * 5 + ["1"], "6 real numbers"),
     ([1.0] * 5 + [1j], "6 real numbers"),
@@ -262,17 +260,7 @@ class TestNotes:
 
     @pytest.mark.parametrize("workers", [None, 2])
     def test_member(self, workers):
-        f = lambda t, y, row: [0, 0, np.nan if row[0] == 3 and t > 0.5 else 1]
-        with pytest.raises(ValueError, match=r"finite numbers, got .* at t = 0") as caught:
+        f = lambda t, y, row: [0, 0, 1][: 2 if row[0] == 3 and t > 0.5 else 3]
+        with pytest.raises(ValueError, match=r"got shape .* at t = 0") as caught:
             cg.solve_ensemble(f, (0, 1), np.eye(3), workers=workers, **NUMBERED)
         assert "in member 3; f is given" in caught.value.__notes__[0]
-
-    @pytest.mark.parametrize("workers", [None, 2])
-    def test_member_of_a_vectorized_function(self, workers):
-        def f(t, y, rows):
-            bad = (rows[:, 0] == 3) & (t > 0.5)
-            return np.stack([0 * t, 0 * t, np.where(bad, np.nan, 1.0)], axis=-1)
-
-        message = r"got \[ 0\.  0\. nan\] at t = 0\.\d+ for member 3$"
-        with pytest.raises(ValueError, match=message):
-            cg.solve_ensemble(f, (0, 1), np.eye(3), vectorized=True, workers=workers, **NUMBERED)

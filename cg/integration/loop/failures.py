@@ -23,7 +23,10 @@ _LARGE = 1e100  # slopes beyond this are the reason for errors that overflow
 
 
 def explain_failure(run: Run, member: int) -> Exception | str | None:
-    """Return why a member ended early: an exception, or a message for failed adaptive steps."""
+    """Return why a member ended early: an exception, or a message.
+
+    There are messages for failed adaptive steps, and where ``f`` isn't finite after the start.
+    """
     stop, t, flag = Stop(run.status[member]), float(run.failed_at[member]), int(run.flag[member])
     match stop:
         case Stop.FINISHED | Stop.PAUSED | Stop.TERMINAL_EVENT:
@@ -40,7 +43,8 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:
                 "f doesn't move it off, as where a contact rests: continue from there with f of "
                 "the contact; if the solution shall pass, let the jump move it past the zero"
             )
-    return _exception(run, stop, member, t, flag)
+    error = _exception(run, stop, member, t, flag)
+    return str(error) if stop is Stop.FIELD_NOT_FINITE and t != run.t0 else error
 
 
 def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Exception:
@@ -67,7 +71,7 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
         case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
             error = OverflowError(f"{name} exceed the range of floating point {where}")
         case Stop.FIELD_NOT_FINITE:
-            error = ValueError(f"{name} must return finite numbers, and all of them, {where}")
+            error = ValueError(f"{_not_finite(run)} {where}")
         case Stop.STAGE_NOT_FINITE:
             reason = f"a stage is no longer finite {where}"
             error = OverflowError(str(run.callbacks.last_error or reason))
@@ -76,6 +80,10 @@ def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Except
         case Stop.SOLUTION_NOT_FINITE:
             error = OverflowError(f"the solution is no longer finite {where}")
     return error
+
+
+def _not_finite(run: Run) -> str:
+    return f"{run.rhs.failed_name} must return finite numbers, and all of them,"
 
 
 def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
@@ -89,10 +97,14 @@ def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
 def _explain_step_failure(run: Run, member: int, t: float) -> str:
     """Return the message for a step size that became too small."""
     frame, smallest = run.plan.frame, 10.0 * math.ulp(t)
+    direction = run.problem.t1 - run.problem.t0
     point = run.plan.points(run.end[member].copy(), ())
     try:
-        slope = run.rhs.at_member(member, t, point)
-        is_finite = bool(np.isfinite(frame.flow(run.record.step_size * slope, point)).all())
+        slope, ahead = run.rhs.at_member(member, t, point), math.copysign(8.0 * smallest, direction)
+        moved = frame.flow(ahead * slope, point)
+        is_finite = bool(np.isfinite(moved).all())
+        if is_finite and not np.isfinite(run.rhs.at_member(member, t + ahead, moved)).all():
+            return f"{_not_finite(run)} next to t = {t:.17g}, however small the step"
     except (ValueError, ArithmeticError, RuntimeError):
         is_finite = True
     if is_finite:

@@ -41,7 +41,7 @@ class PythonRhs:
     ) -> None:
         self.f, self.frame, self.args, self.parameters = f, frame, args, parameters
         self.vectorized, self.first, self.inputs = vectorized, first, inputs
-        self.check = Check(f, frame, vectorized, first)
+        self.check = Check(f, frame, vectorized)
         self.name = self.failed_name = self.check.name
         function = f.a if isinstance(f, TimeFunction) else f
         own = None if inputs is None else inputs.members
@@ -119,7 +119,7 @@ class PythonRhs:
         visible = y.view()
         visible.flags.writeable = False
         value = self.f(t, visible, *self.arguments(member))
-        return self.check(value, t, visible)
+        return self.check(value, t)
 
     def at_members(self, t: Array, members: Any, y: Points) -> Array:
         """Return the coefficients of several members, shape ``(n, dim)``, after checking them."""
@@ -129,7 +129,7 @@ class PythonRhs:
         except Exception as error:
             error.add_note(self.note(float(t[0])))
             raise
-        return self.check(value, t, y, members=members)
+        return self.check(value, t)
 
 
 class Contexts:

@@ -83,45 +83,23 @@ def is_finite(array: Array) -> bool:
 
 
 class Check:
-    """The check of what ``f`` returns; ``first`` is the place of the first member, for messages."""
+    """The check of what ``f`` returns."""
 
-    def __init__(
-        self, f: Any, frame: Frame, vectorized: bool = False, first: int | None = None
-    ) -> None:
-        self.frame, self.vectorized, self.first = frame, vectorized, first
+    def __init__(self, f: Any, frame: Frame, vectorized: bool = False) -> None:
+        self.frame, self.vectorized = frame, vectorized
         self.of_time = isinstance(f, TimeFunction)
         self.name = "a" if self.of_time else "f"  # in error messages
         self.rows = ("time" if self.of_time else "member") if vectorized else ""
 
-    def __call__(self, value: Any, t: Any, y: Points, members: Any = None) -> Array:
+    def __call__(self, value: Any, t: Any, y: Points | None = None) -> Array:
         """Return what ``f(t, y)`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
 
-        ValueError is raised if it has another shape, or isn't finite numbers although ``y`` is;
-        compiled code detects points that aren't finite. ``members`` of a vectorized function are
-        named in errors.
+        ValueError is raised if it has another shape. Numbers that aren't finite pass: compiled code
+        rejects the step in which they are.
         """
         shape = self.frame.rhs_shape
         shape = (len(t), *shape) if self.vectorized else shape
-        coefficients = read_value(value, self.name, shape, t, self.rows, self._hint)
-        if not is_finite(coefficients):
-            self._check_rows(coefficients, t, y, members)
-        return coefficients
-
-    def _check_rows(self, coefficients: Array, t: Any, y: Points, members: Any) -> None:
-        """Raise ValueError if coefficients aren't finite where the point is."""
-        rows = y.reshape(len(y) if self.vectorized else 1, -1)
-        finite = np.isfinite(coefficients.reshape(len(rows), -1)).all(axis=1)
-        wrong = np.isfinite(rows).all(axis=1) & ~finite
-        if not wrong.any():
-            return
-        got = f"{coefficients} at {when(t)}"
-        if self.vectorized:
-            worst, *others = np.flatnonzero(wrong).tolist()
-            got = f"{coefficients[worst]} at {when(t[worst])}"
-            if members is not None:
-                got += f" for member {(self.first or 0) + members[worst]}"
-                got += f" and {len(others)} more" if others else ""
-        raise ValueError(f"{self.name} must return finite numbers, got {got}")
+        return read_value(value, self.name, shape, t, self.rows, self._hint)
 
     def _hint(self, shape: tuple[int, ...]) -> str:
         """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""

@@ -85,21 +85,17 @@ class VariationalField:
     def __call__(self, t: Array, z: Array, *arguments: Any) -> Array:
         """Return the coefficients of several members: those of ``f``, then the derivatives of X.
 
-        They are NaN, which ends steps, at points that aren't finite. For functions of one point
-        ``fortran/interface/variational.f90`` evaluates them.
+        They are NaN, which ends steps, at points that aren't finite, and where f isn't. For
+        functions of one point ``fortran/interface/variational.f90`` evaluates them.
         """
         finite = np.isfinite(z).all(axis=-1)
         if not finite.all():
-            values = np.full((len(z), self.product.dim), np.nan)
-            if finite.any():
-                if self.count:
-                    arguments = (*arguments[:-1], arguments[-1][finite])
-                if arguments and isinstance(arguments[0], Reader):
-                    arguments = (arguments[0][finite], *arguments[1:])
-                values[finite] = self(t[finite], z[finite], *arguments)
-            return values
+            return self._at_some(finite, t, z, arguments)
         y, x = self.split(z)
         coefficients = self.coefficients(t, y, arguments)
+        finite = np.isfinite(coefficients).all(axis=-1)
+        if not finite.all():
+            return self._at_some(finite, t, z, arguments)
         (i, j, k), constant = self.structure
         with np.errstate(over="ignore", invalid="ignore"):
             jac = self.differences if self.jac is None else self.jac
@@ -114,18 +110,29 @@ class VariationalField:
                 noise = self.noise
                 density = noise(t, y, arguments) if isinstance(noise, Derivative) else noise
                 slope[..., n + k :] += x[..., n + k :] @ matrix.mT + density
-        if not np.isfinite(slope).all():
+        if not np.isfinite(slope[np.isfinite(matrix).all(axis=(-2, -1))]).all():
             raise OverflowError(
                 f"derivatives of the solution exceed the range of floating point at {when(t)}"
             )
         return np.concatenate([coefficients, slope.reshape(len(z), -1)], axis=-1)
+
+    def _at_some(self, some: Any, t: Array, z: Array, arguments: tuple[Any, ...]) -> Array:
+        """Return the coefficients of some members, and NaN for the others."""
+        values = np.full((len(z), self.product.dim), np.nan)
+        if some.any():
+            if self.count:
+                arguments = (*arguments[:-1], arguments[-1][some])
+            if arguments and isinstance(arguments[0], Reader):
+                arguments = (arguments[0][some], *arguments[1:])
+            values[some] = self(t[some], z[some], *arguments)
+        return values
 
     def coefficients(self, t: Any, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients at a point, or at points of several members."""
         if isinstance(self.f, CompiledRhs):
             row: Array = self._at_points(t, y[None], arguments)[0]
             return row
-        return self.frame.complete_rhs(self.check(self.f(t, read_only(y), *arguments), t, y), y)
+        return self.frame.complete_rhs(self.check(self.f(t, read_only(y), *arguments), t), y)
 
     def differences(self, t: Any, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return differences of ``f`` along the frame's fields, shape ``(..., n, n)``."""
@@ -146,8 +153,6 @@ class VariationalField:
             data = data_at(t, arguments, self.count > 0)
             address = self.f.user_data if data is None else data.ctypes.data
             values = self.f.values(self.frame, address, t, points)
-            if not np.isfinite(values).all() and np.isfinite(points).all():
-                raise ValueError(f"f must return finite numbers, got {values[0]} at {when(t)}")
             return self.frame.complete_rhs(values, points)
         if not self.vectorized:
             return np.array([self.coefficients(t, point, arguments) for point in points])

@@ -1,0 +1,145 @@
+"""Right-hand sides that aren't finite beyond the edge of their domain."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+import crouch_grossman as cg
+from crouch_grossman.frames import SO3, Euclidean
+
+LINE = {"frame": Euclidean(1)}
+ADAPTIVE = ["auto", "CF5(4)", "RKMK5(4)", "DP5(4)", "DOP853", "CG5(4)", "RadauIIA5"]
+
+
+def emptying(t, y):
+    """A tank that empties, y = (1 - t/2)^2; NaN where y is negative."""
+    with np.errstate(invalid="ignore"):
+        return -np.sqrt(y)
+
+
+def low(t, y):
+    return y[0] - 0.01
+
+
+low.terminal = True
+
+
+def clock(t, y, *rows):
+    """f is NaN after t = 1, of an ensemble in the member whose row is 1 only."""
+    bad = (np.asarray(t) > 1) & (rows[0][..., 0] == 1 if rows else True)
+    return np.where(bad, np.nan, 1.0)[..., None]
+
+
+@pytest.mark.parametrize("method", ADAPTIVE)
+@pytest.mark.parametrize("tol", [1e-4, 1e-8])
+@pytest.mark.parametrize("output", [{}, {"dense_output": True}, {"t_eval": True}])
+def test_event_before_the_edge(method, tol, output):
+    for sign in (1, -1):
+        f = lambda t, y, sign=sign: sign * emptying(t, y)
+        if "t_eval" in output:
+            output = {"t_eval": sign * np.linspace(0, 5, 50)}
+        solution = cg.solve_ivp(f, (0, 5 * sign), [1.0], events=low, method=method, rtol=tol,
+                                atol=tol, **LINE, **output)  # fmt: skip
+        assert solution.status == 1
+        assert abs(solution.t_events[0][0] - 1.8 * sign) < 100 * tol
+        assert np.isfinite(solution.y).all()
+
+
+@pytest.mark.parametrize("method", ADAPTIVE)
+def test_end_at_the_edge(method):
+    solution = cg.solve_ivp(clock, (0, 5), [0.0], method=method, **LINE)
+    assert solution.status == -1
+    assert abs(solution.t[-1] - 1) < 1e-14
+    assert "f must return finite numbers" in solution.message
+    assert "t = 0.99999" in solution.message or "t = 1" in solution.message
+    np.testing.assert_allclose(solution.y[:, 0], solution.t, rtol=1e-14, atol=1e-15)
+
+
+@pytest.mark.parametrize("method", ["CF4", "DP5(4)", "ImplicitMidpoint", "RadauIIA5"])
+def test_fixed_steps(method):
+    solution = cg.solve_ivp(clock, (0, 5), [0.0], method=method, h=0.3, **LINE)
+    assert solution.status == -1
+    assert 0.6 < solution.t[-1] < 1.0
+    assert "f must return finite numbers, and all of them, at t = " in solution.message
+    with pytest.raises(ValueError, match=r"f must return finite numbers.* at t = 2"):
+        cg.solve_ivp(clock, (2, 5), [0.0], method=method, h=0.3, **LINE)
+
+
+@pytest.mark.parametrize("kind", [{}, {"vectorized": True}, {"common_steps": True}, {"workers": 2},
+                                  {"vectorized": True, "common_steps": True}], ids=str)  # fmt: skip
+@pytest.mark.parametrize("method", ["auto", "CF5(4)", "RadauIIA5"])
+@pytest.mark.filterwarnings("ignore:Failure of 1 of 4")
+def test_members(kind, method):
+    rows = np.array([[0.0], [0.0], [1.0], [0.0]])
+    solution = cg.solve_ensemble(clock, (0, 5), [0.0], parameters=rows, method=method, **kind,
+                                 **LINE)  # fmt: skip
+    assert list(solution.messages) == [2]
+    assert "f must return finite numbers" in solution.messages[2]
+    assert abs(solution.t_end[2] - 1) < 1e-13
+    np.testing.assert_allclose(solution.y[-1, [0, 1, 3], 0], 5.0, rtol=1e-14)
+    with pytest.raises(KeyError, match="mine"):  # exceptions end the call
+        cg.solve_ensemble(raising, (0, 5), [0.0], parameters=rows, method=method, **kind, **LINE)
+
+
+def raising(t, y, rows):
+    if np.any(np.asarray(t) > 1):
+        raise KeyError("mine")
+    return clock(0 * t, y, rows)
+
+
+def test_stepper():
+    stepper = cg.Stepper(emptying, 0.0, [1.0], 5.0, **LINE)
+    while stepper.status == "running" and stepper.y[0] > 0.01:
+        assert stepper.step() is None
+    assert abs(stepper.y[0] - (1 - stepper.t / 2) ** 2) < 1e-3
+    stepper = cg.Stepper(clock, 0.0, [0.0], 5.0, **LINE)
+    assert "f must return finite numbers" in stepper.advance(3.0)
+    assert stepper.status == "failed"
+    assert abs(stepper.t - 1) < 1e-14
+
+
+def test_derivatives():
+    options = {"rtol": 1e-8, "atol": 1e-8, **LINE}
+    solution = cg.solve_variational(emptying, (0, 5), [1.0], events=low, **options)
+    assert solution.status == 1
+    assert abs(solution.t[-1] - 1.8) < 1e-6
+    solution = cg.solve_variational(emptying, (0, 1.9), [1.0], derivatives="adjoint", **options)
+    assert abs(solution.gradient([1.0]).y0[0] - 0.05) < 1e-6
+
+
+@pytest.mark.parametrize("kind", [{}, {"vectorized": True}], ids=str)
+@pytest.mark.filterwarnings("ignore:Failure of 1 of 3")
+def test_derivatives_of_members(kind):
+    solution = cg.solve_variational_ensemble(
+        clock, (0, 5), np.zeros((3, 1)), parameters=[[0.0], [1.0], [0.0]], **kind, **LINE
+    )
+    assert solution.status.tolist() == [0, -1, 0]
+    assert "f must return finite numbers" in solution.messages[1]
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("method", ["auto", "Magnus8(4)", "CF5(4)"])
+def test_linear(method, vectorized):
+    a = lambda t: np.stack([0 * t, 0 * t, np.where(np.asarray(t) > 1, np.nan, 1.0)], axis=-1)
+    solution = cg.solve_linear(a, (0, 5), np.eye(3), frame=SO3(), method=method,
+                               vectorized=vectorized)  # fmt: skip
+    assert solution.status == -1
+    assert abs(solution.t[-1] - 1) < 1e-14
+    assert "a must return finite numbers" in solution.message
+    with pytest.raises(KeyError, match="mine"):
+        cg.solve_linear(lambda t: raising(t, 0, np.zeros(1)) * np.ones(3), (0, 5), np.eye(3),
+                        frame=SO3(), method=method, vectorized=vectorized)  # fmt: skip
+
+
+def test_compiled():
+    @ctypes.CFUNCTYPE(
+        ctypes.c_int, ctypes.c_double, ctypes.POINTER(ctypes.c_double),
+        ctypes.POINTER(ctypes.c_double), ctypes.c_void_p,
+    )  # fmt: skip
+    def f(t, y, out, data):
+        out[0] = -(y[0] ** 0.5) if y[0] >= 0 else float("nan")
+        return 0
+
+    solution = cg.solve_ivp(f, (0, 5), [1.0], events=low, rtol=1e-8, atol=1e-8, **LINE)
+    assert abs(solution.t_events[0][0] - 1.8) < 1e-6
