@@ -9,8 +9,8 @@ module accepted_step_m
   use linear_action_m, only: inner_points_t
   use output_m, only: store_interpolant, store_point, store_step, output_t
   use simultaneous_events_m, only: store_zeros
-  use step_events_m, only: crosses, find_zeros
-  use requests_m, only: evaluate_at_start, evaluate_events
+  use step_events_m, only: crosses, find_zeros, rotates_far
+  use requests_m, only: evaluate_at_start, evaluate_events, reject_stage
   use phases_m
   use trajectory_m, only: fail, forget_step, trajectory_t
   use within_step_m, only: interpolate, point_at, request_ends, time_at
@@ -60,6 +60,7 @@ contains
   subroutine detect_events(x)
     type(trajectory_t), intent(inout) :: x
 
+    if (tries_shorter(x)) return
     call find_zeros(x, .true.)
     x%phase = phase_store_output
     associate (zeros => x%events%zeros)
@@ -70,6 +71,17 @@ contains
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
+
+  ! Whether a step is tried again with a smaller size, since it rotates too far for events
+  logical function tries_shorter(x)
+    type(trajectory_t), intent(inout) :: x
+
+    tries_shorter = x%problem%adaptive .and. .not. x%problem%common
+    if (tries_shorter) tries_shorter = rotates_far(x)
+    if (.not. tries_shorter) return
+    x%phase = phase_node_received
+    call reject_stage(x, step_too_long, x%t)
+  end function tries_shorter
 
   ! Stores the output of a step, up to the first event that ends it, and starts the next step.
   subroutine store_output(x, output)
@@ -98,7 +110,10 @@ contains
     real(wp) :: until, t, y(x%problem%frame%point_size), after(x%problem%frame%point_size)
     logical :: ended
 
-    if (.not. allocated(x%events%zeros)) call find_zeros(x, .false.)
+    if (.not. allocated(x%events%zeros)) then
+      if (tries_shorter(x)) return
+      call find_zeros(x, .false.)
+    end if
     if (x%status == finished) call store_zeros(x, output, until, ended, after)
     if (x%status /= finished) return
     deallocate (x%events%zeros)
@@ -183,7 +198,7 @@ contains
       call fail(x, jumps_without_progress, t)
       return
     end if
-    call evaluate_at_start(x, t, y, small_value * sizes)
+    call evaluate_at_start(x, t, y, max(small_value * sizes, 2 * abs(x%events%value_after)))
     if (x%status == raised) return
     x%control%step_size = 0.0_wp
     x%control%last_error = 1.0_wp

@@ -42,6 +42,7 @@ contains
         happen(k) = .true.
         if (ended) then
           until = zeros(k)%at
+          x%events%value_after(pack(zeros%event, zeros%at < 2)) = 0.0_wp
           call find_together(x, until, y, happen)
           if (x%status /= finished) return
         end if
@@ -70,13 +71,15 @@ contains
     associate (zeros => x%events%zeros, t => time_at(x, until))
       do k = 1, size(happen)
         if (zeros(k)%at > until + near .or. any(happen .and. zeros%event == zeros(k)%event)) cycle
-        happen(k) = zeros(k)%at <= until + together &
-                    .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
+        happen(k) = zeros(k)%at <= until + together
         if (happen(k)) cycle
         call x%problem%events%value(x%member, zeros(k)%event, t, y, value, failed)
         if (failed) call fail(x, raised, x%t_end)
         if (failed) return
-        happen(k) = value * real(zeros(k)%from, wp) <= 0
+        happen(k) = value * real(zeros(k)%from, wp) <= 0 &
+                    .or. abs(time_at(x, zeros(k)%at) - t) <= smallest_size(t)
+        ! its zero is yet to come, and isn't another event
+        if (happen(k)) x%events%value_after(zeros(k)%event) = value
       end do
     end associate
   end subroutine find_together

@@ -10,15 +10,17 @@ module step_events_m
   use frames_m, only: turning
   use requests_m, only: evaluate_events
   use root_m, only: event_function_t, find_root
-  use shared_numbers, only: raised, resting_contact
+  use shared_numbers, only: out_of_memory, raised, resting_contact
   use trajectory_m, only: fail, trajectory_t, zero_t
   use within_step_m, only: point_at, time_at
   implicit none
   private
-  public :: crosses, find_zeros
+  public :: crosses, find_zeros, rotates_far
 
   ! Parts of a step. No frame that is known to rotate turns by more than `part_angle` in one.
-  integer, parameter :: min_parts = 4, max_parts = 10000
+  ! Adaptive steps that would need more than `many_parts` are tried again with a smaller size; others
+  ! that need more than `max_parts` fail.
+  integer, parameter :: min_parts = 4, many_parts = 10000, max_parts = 10**8
   real(wp), parameter :: part_angle = acos(-1.0_wp) / 6
 
 contains
@@ -41,11 +43,19 @@ contains
     type(event_function_t) :: g
     real(wp), allocatable :: theta(:), values(:, :)        ! (0:parts), (events, 0:parts)
     real(wp), allocatable :: own(:)                    ! (0:parts) values of one event
-    integer :: first, i, k, n
+    integer :: first, i, k, memory, n
 
     n = parts(x)
-    allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n))
-    theta = [(real(k, wp) / real(n, wp), k=0, n)]
+    memory = 1
+    if (n <= max_parts) &
+      allocate (theta(0:n), own(0:n), values(size(x%events%before), 0:n), stat=memory)
+    if (memory /= 0) then
+      call fail(x, out_of_memory, x%t)
+      return
+    end if
+    do k = 0, n
+      theta(k) = real(k, wp) / real(n, wp)
+    end do
     values(:, 0) = x%events%before
     values(:, n) = x%events%after
     allocate (g%y(x%problem%frame%point_size))
@@ -82,8 +92,15 @@ contains
       angle = max(turning(frame, x%h * x%slope, .false.), &
                   turning(frame, x%h * x%end_slope, .false.))
     end associate
-    parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts, wp))))
+    parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts
+
+  ! Whether a step rotates so far that its events take too much time and memory
+  pure logical function rotates_far(x)
+    type(trajectory_t), intent(in) :: x
+
+    rotates_far = parts(x) > many_parts
+  end function rotates_far
 
   ! Finds the zeros of one event, given its values at the ends of parts.
   subroutine find_zeros_of(g, theta, values)

@@ -257,3 +257,14 @@ def test_pairs_of_zeros_nearer_than_the_error_of_the_cubic(depth):
     width = math.acos(1 - depth)
     expected = np.sort(np.concatenate([tops - width, tops + width]))
     np.testing.assert_allclose(run.t_events[0], expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("steps", [{}, {"h": 8e3, "method": "CF4"}], ids=str)
+def test_all_events_of_very_long_steps_are_found(steps, sign):
+    solution = cg.solve_ivp(
+        lambda t, y: [0.0, 0.0, 1.0], (0, 1.6e4 * sign), np.eye(3), frame=SO3(),
+        events=lambda t, y: y[0, 0], **steps,
+    )  # fmt: skip
+    expected = np.arange(0.5, 1.6e4 / np.pi) * np.pi  # zeros of the cosine
+    np.testing.assert_allclose(sign * solution.t_events[0], expected, rtol=1e-11)

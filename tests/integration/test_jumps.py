@@ -304,3 +304,19 @@ def test_functions_with_attributes_jump_as_events_do():
     ]
     np.testing.assert_allclose(runs[0].t_events[0], np.log(2.0) * np.arange(1, 5), atol=1e-7)
     np.testing.assert_array_equal(runs[0].y, runs[1].y)
+
+
+@pytest.mark.parametrize("gap", [1e-10, -1e-10, 0.0, 1e-8])
+@pytest.mark.parametrize("t0", [0.0, 1e5, 1e6, -1e7])
+def test_events_nearer_than_the_resolution_of_time_happen_once(t0, gap):
+    def climb(t, y):
+        return [y[0], y[1] + 1]
+
+    events = [cg.Event(lambda t, y, c=c: y[0] - 1 - c, jump=climb) for c in (0.0, gap)]
+    for sign in (1.0, -1.0):
+        solution = cg.solve_ivp(
+            lambda t, y, sign=sign: [sign, 0], (t0, t0 + 2 * sign), [0.0, 0.0], max_step=0.1,
+            frame=Euclidean(2), events=events,
+        )  # fmt: skip
+        assert [len(t) for t in solution.t_events] == [1, 1]
+        np.testing.assert_allclose(solution.y[-1], [2, 2], atol=1e-8)
