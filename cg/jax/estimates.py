@@ -60,7 +60,7 @@ def error_estimate(
     errors = [tangent for tangent, _ in estimates]
     squares = [(jnp.abs(measured / size) ** 2).sum() for _, measured in estimates]
     error = (_error if before is None else _error_of_time)(table, errors, squares)
-    angle = _turning(rules.frame, h * stages.values[0])
+    angle = turning(rules.frame, h * stages.values[0])
     return jax.lax.cond(angle > MAX_ANGLE, lambda: _change(start, stages, error), lambda: error)
 
 
@@ -76,13 +76,13 @@ def _change(start: Start, stages: Stages, error: JaxArray) -> JaxArray:
     return jnp.where((jnp.abs(change) ** 2).sum() > (jnp.abs(error) ** 2).sum(), change, error)
 
 
-def _turning(frame: Frame, v: JaxArray) -> JaxArray:
+def turning(frame: Frame, v: JaxArray) -> JaxArray:
     """Return the angle of a flow, as ``turning`` in ``fortran/frames/error_norm.f90``."""
     if isinstance(frame, Product):
         parts = zip(frame.factors, frame._vector_slices, strict=True)
-        return jnp.stack([_turning(factor, v[place]) for factor, place in parts]).max()
+        return jnp.stack([turning(factor, v[place]) for factor, place in parts]).max()
     if isinstance(frame, Power):
-        return jax.vmap(lambda part: _turning(frame.factor, part))(v.reshape(frame.n, -1)).max()
+        return jax.vmap(lambda part: turning(frame.factor, part))(v.reshape(frame.n, -1)).max()
     group = SO3() if isinstance(frame, UnitQuaternion) else getattr(frame, "group", frame)
     if not isinstance(group, SO | SU | U):
         return jnp.zeros((), v.dtype)

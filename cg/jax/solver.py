@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_algebra
 from cg.jax.entire import JaxArray
-from cg.jax.estimates import Before, error_estimate, no_step
+from cg.jax.estimates import Before, error_estimate, no_step, turning
 from cg.jax.rules import Rules
 from cg.jax.stages import Start, take_stages
 from cg.jax.term import (
@@ -52,12 +52,18 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         as a loop: a single solution takes a little less time, compiling and batches by
         ``jax.vmap`` take more. Stages of other methods are never a loop.
 
+    max_angle
+        Largest rotation in a step that is accepted, in radians, where steps are chosen. With events
+        ``np.pi / 6`` keeps steps from passing over them: diffrax compares signs at the ends of
+        steps only, and steps along constant coefficients may be longer than a turn.
+
     Raises
     ------
     TypeError
         If ``method`` is neither a name nor a method, or ``unroll`` is not a bool.
     ValueError
-        If no method has that name, the method is implicit or ``dense`` has another value.
+        If no method has that name, the method is implicit, ``dense`` has another value or
+        ``max_angle`` isn't positive.
     RuntimeError
         When it is used: if ``y0`` is farther from the manifold than 1e-8, or 1e-5 in single
         precision. ``EQX_ON_ERROR=off`` in the environment turns this check of `equinox` off.
@@ -76,12 +82,18 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
     table: MethodTable = eqx.field(static=True)
     dense: str = eqx.field(static=True)
     unroll: bool = eqx.field(static=True)
+    max_angle: float | None = eqx.field(static=True)
 
     term_structure: ClassVar[Any] = diffrax.AbstractTerm
     interpolation_cls: ClassVar[Callable[..., Any]] = Within
 
     def __init__(
-        self, method: str | HasTable, *, dense: str = "accurate", unroll: bool = False
+        self,
+        method: str | HasTable,
+        *,
+        dense: str = "accurate",
+        unroll: bool = False,
+        max_angle: float | None = None,
     ) -> None:
         if isinstance(method, str) and method == "auto":
             raise ValueError(
@@ -98,14 +110,19 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
             raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
         if not isinstance(unroll, bool):
             raise TypeError(f"unroll must be a bool, got {unroll!r}")
+        if max_angle is not None and not max_angle > 0.0:
+            raise ValueError(f"max_angle must be positive, got {max_angle!r}")
         self.table = table
         self.dense = dense
         self.unroll = unroll
+        self.max_angle = max_angle
 
     def __repr__(self) -> str:
         label = f'"{self.table.name}"' if self.table.name else repr(self.table)
         suffix = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
-        return f"Solver({label}{suffix}{', unroll=True' if self.unroll else ''})"
+        suffix += ", unroll=True" if self.unroll else ""
+        suffix += "" if self.max_angle is None else f", max_angle={self.max_angle}"
+        return f"Solver({label}{suffix})"
 
     @property
     def method(self) -> Any:
@@ -188,6 +205,11 @@ class Solver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractStratonovichSolver)
         accurate = self.dense == _DENSE[0]
         within = interpolant(self.table, start, stages, last, accurate=accurate)
         error = error_estimate(table, start, stages, before)
+        if error is not None and self.max_angle is not None:
+            too_far = turning(rules.frame, h * stages.values[0]) > self.max_angle
+            error = jnp.where(
+                too_far | (turning(rules.frame, h * last) > self.max_angle), jnp.inf, error
+            )
         state = last if before is None else (last, Before(h, stages.values))
         return stages.result, error, {"within": within}, state, _result(stages.result)
 

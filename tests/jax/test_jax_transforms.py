@@ -73,6 +73,26 @@ class TestTransforms:
         expected = derivative(lambda s: values(0.8 + s), bound=1e-7)
         np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-7)
 
+    def test_steps_longer_than_a_turn_do_not_pass_over_events(self):
+        optimistix = pytest.importorskip("optimistix")
+        frame = fr.SO3()
+
+        @jax.jit
+        def end(angle):
+            return diffrax.diffeqsolve(
+                cg.jax.FrameTerm(lambda t, y, args: jnp.asarray([0.0, 0.0, 1.0]), frame),
+                cg.jax.Solver("CF5(4)", max_angle=np.pi / 6), 0.0, 500.0, None, jnp.eye(3),
+                stepsize_controller=cg.jax.controller(frame, 1e-9, 1e-9),
+                event=diffrax.Event(
+                    lambda t, y, args, **kwargs: y[1, 0] - jnp.sin(angle),
+                    optimistix.Newton(1e-10, 1e-10), True,
+                ),
+            ).ts[0]  # fmt: skip
+
+        for angle in (-1.4, -1.0, -0.5, 0.5, 1.0):
+            first = angle % (2.0 * np.pi)  # where the sine increases
+            np.testing.assert_allclose(end(angle), first, atol=1e-8)
+
     def test_flows_are_compiled_once(self):
         """Without barriers XLA compiles a flow again with each consumer, with other rounding."""
         frame = fr.UnitQuaternion()
