@@ -54,8 +54,11 @@ from four on. They have n = p - 1 nodes for a method of order p, and from order 
 where a method has as many stages as this takes evaluations, so that the error within a step is
 about that at its ends.
 
-For splitting methods, whose kicks and drifts are no flows of the frame, another method of their
-order solves the problem that depends on time alone.
+The coefficients of splitting methods are forces. Kicks by :math:`P` and drifts, which are exact,
+lead to :math:`z`; without forces there is no other error than rounding. Forces depend on the
+position alone, whose error is one order smaller, so that nodes are added two at a time. From order
+three on there are p + 1 nodes, and one more where a method has as many stages as this takes
+evaluations.
 
 The nodes are those of Lobatto's formula with one node more, without the one in the middle: that
 is the node at which the integral condition interpolates the derivative implicitly, so that the
@@ -91,7 +94,7 @@ _MAX_NODES = 60
 _SOLVED = 1e-10  # residuals below are rounding
 _NO_RANK = 1e-11
 _NO_WEIGHT = 1e-8
-# Methods whose flows interpolants of splitting methods use, in increasing order.
+# Methods whose flows interpolants of methods with brackets use, in increasing order.
 _WITH_FLOWS = "CG2", "CFM4", "CFM6(4)", "CFM8(4)"
 
 
@@ -115,15 +118,19 @@ def nodes_of(count: int) -> NodeSet:
 
 def node_count(method: Method) -> int:
     """Return the number of nodes with which interpolants without stages are accurate enough."""
+    step = 1
     enough = max(2, max(method.order, method.embedded_order or 0) - 1)
-    return enough + (enough > 2 and _evaluations(enough + 1) <= method.stages)
+    if isinstance(method, Splitting):
+        step = 2
+        enough = method.order + 1 if method.order > 2 else 2
+    return enough + (enough > 2 and _evaluations(enough + 1, step) <= method.stages)
 
 
 def extra_evaluations(method: Method) -> int:
     """Return the number of evaluations of an interpolant, besides those at both ends."""
     if isinstance(method, MuntheKaas):
         return len(extension_of(method).theta)
-    return _evaluations(node_count(method))
+    return _evaluations(node_count(method), 2 if isinstance(method, Splitting) else 1)
 
 
 def series_order(method: Method) -> int:
@@ -133,8 +140,9 @@ def series_order(method: Method) -> int:
     return node_count(method) + 1
 
 
-def _evaluations(nodes: int) -> int:
-    return sum(range(1, nodes - 1))
+def _evaluations(nodes: int, step: int) -> int:
+    """Return the number of evaluations at inner nodes, ``step`` of which are added at a time."""
+    return sum(range(nodes - 2, 0, -step))
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,8 +314,8 @@ def result_flows(paths: MethodPaths) -> tuple[Array, Array]:
 
 
 def flows_within(method: Method) -> tuple[Array, Array]:
-    """Return the flows of interpolants: those of a method, or of another one for a splitting."""
-    if isinstance(method, Splitting) or (isinstance(method, MagnusMethod) and method.brackets):
+    """Return the flows of interpolants: those of a method, or of another one without brackets."""
+    if isinstance(method, MagnusMethod) and method.brackets:
         tables = map(stored_table, _WITH_FLOWS)
         fitting = (table for table in tables if table.order >= method.order)
         output = next(fitting, stored_table(_WITH_FLOWS[-1])).output

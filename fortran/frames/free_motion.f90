@@ -11,7 +11,8 @@ module free_motion_m
   use vectors_m, only: cross
   implicit none
   private
-  public :: add_free_motion, make_bodies, move_by_kicks, take_forces
+  public :: add_free_motion, make_bodies, make_tangential, move_by_impulses, move_by_kicks, &
+            take_forces
 
 contains
 
@@ -45,18 +46,27 @@ contains
     type(frame_t), intent(in) :: frame
     real(wp), intent(in) :: y(frame%point_size)
     real(wp), intent(inout) :: f(frame%dimension)
-    integer :: i
 
     f(frame%forces + 1:) = f(:frame%forces)
     f(:frame%forces) = 0.0_wp
+    call make_tangential(frame, y, f(frame%forces + 1:))
+  end subroutine take_forces
+
+  ! Makes forces or momenta at a point tangential: on a sphere they have no component along it.
+  pure subroutine make_tangential(frame, y, vector)
+    type(frame_t), intent(in) :: frame
+    real(wp), intent(in) :: y(frame%point_size)
+    real(wp), intent(inout) :: vector(frame%forces)
+    integer :: i
+
     do i = 1, size(frame%bodies)
       associate (block => frame%blocks(i))
         if (block%kind == sphere_block) &
-          call make_tangential(y(block%points + 1:block%points + 3), &
-                               f(frame%forces + block%vectors + 1:frame%forces + block%vectors + 3))
+          call remove_component(y(block%points + 1:block%points + 3), &
+                                vector(block%vectors + 1:block%vectors + 3))
       end associate
     end do
-  end subroutine take_forces
+  end subroutine make_tangential
 
   ! Adds the velocities and what they do to the momenta of rigid bodies.
   pure subroutine add_free_motion(frame, y, f)
@@ -115,6 +125,23 @@ contains
     end associate
   end subroutine move_by_kicks
 
+  ! Moves a point by impulses, which needn't be tangential, and free motion after each of them.
+  subroutine move_by_impulses(frame, impulse, times, y)
+    type(frame_t), intent(in) :: frame
+    real(wp), intent(in) :: times(:)         ! (impulses)
+    real(wp), intent(in) :: impulse(frame%dimension, size(times))
+    real(wp), intent(inout) :: y(frame%point_size)
+    integer :: j
+
+    associate (m => frame%forces, momentum => y(frame%point_size - frame%forces + 1:))
+      do j = 1, size(times)
+        momentum = momentum + impulse(m + 1:, j)
+        call make_tangential(frame, y, momentum)
+        if (abs(times(j)) > 0) call drift(frame, times(j), y)
+      end do
+    end associate
+  end subroutine move_by_impulses
+
   ! Moves all bodies freely.
   subroutine drift(frame, time, y)
     type(frame_t), intent(in) :: frame
@@ -135,7 +162,7 @@ contains
           else
             own = time * velocities(body, momentum)
             call apply_flows(frame, 1, v, y, i)
-            if (block%kind == sphere_block) call make_tangential(point, momentum)
+            if (block%kind == sphere_block) call remove_component(point, momentum)
           end if
         end associate
       end associate
@@ -143,11 +170,11 @@ contains
   end subroutine drift
 
   ! Removes the component of a vector along a unit vector.
-  pure subroutine make_tangential(point, vector)
+  pure subroutine remove_component(point, vector)
     real(wp), intent(in) :: point(3)
     real(wp), intent(inout) :: vector(3)
 
     vector = vector - sum(point * vector) / sum(point**2) * point
-  end subroutine make_tangential
+  end subroutine remove_component
 
 end module free_motion_m

@@ -68,6 +68,7 @@ subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, 
     scheme%c = used_c
     scheme%weight = result_weight
     scheme%columns = columns
+    if (plan%method%splitting) scheme%drift = plan%method%drift
   end associate
 end subroutine plan_set_scheme
 

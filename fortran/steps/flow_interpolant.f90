@@ -10,8 +10,9 @@
 ! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
 ! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
 ! Nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
-! with n nodes leads. For linear equations with flows along polynomials, z with nodes at the stages
-! is y, without a last flow.
+! with n nodes leads, or of splitting methods those at n + 2. For linear equations with flows along
+! polynomials, z with nodes at the stages is y, without a last flow. Of a splitting method the
+! coefficients are forces; kicks by P, and drifts, lead to z, so that free motion is exact.
 !
 ! Where the fields don't span all directions there may be no such v. That of the nearest tangent
 ! removes the leading error of P too, whose direction is a combination of fields; what is left of
@@ -20,12 +21,13 @@ module flow_interpolant_m
   use kinds, only: wp
   use coordinates_m, only: difference
   use frames_m, only: apply_flows, frame_t
+  use free_motion_m, only: make_tangential, move_by_impulses
   use shared_numbers, only: nearby_operation, nearest_operation
   use vectors_m, only: combine
   implicit none
   private
   public :: scheme_t, interpolant_t, add_flow_node, begin_flows, difference_nearby, follow_flows, &
-            reserve_interpolant, set_ends
+            next_count, reserve_interpolant, set_ends
 
   ! The coefficients of the interpolants of a method
   type :: scheme_t
@@ -44,6 +46,7 @@ module flow_interpolant_m
     real(wp), allocatable :: blend(:, :)     ! (0:nodes + 1, 2:nodes) coefficients of w for n nodes
     real(wp), allocatable :: c(:)            ! (stages) abscissae of those that lead to the result
     real(wp), allocatable :: weight(:, :)    ! (stages, flows)
+    real(wp), allocatable :: drift(:)        ! (flows) in steps, after the kicks of a splitting method
   end type scheme_t
 
   type :: interpolant_t
@@ -51,7 +54,7 @@ module flow_interpolant_m
     type(scheme_t), pointer :: scheme => null()
     logical :: on_algebra = .false., complete = .false.
     integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
-    integer :: node = 0                      ! the next one, of the interpolant with one node more
+    integer :: node = 0                      ! the next one, of the interpolant with more nodes
     integer :: nexp = 0                      ! flows that it took
     real(wp) :: t0 = 0.0_wp, h = 0.0_wp
     real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
@@ -108,19 +111,29 @@ contains
     call add_last_flow(self)
   end subroutine begin_flows
 
-  ! Stores the coefficients at a node. After the last one the interpolant has one node more.
+  ! The number of nodes of the next interpolant. Forces of splitting methods depend on the position
+  ! alone, whose error is smaller by a power of the step, so that two nodes are added at a time.
+  pure integer function next_count(self)
+    type(interpolant_t), intent(in) :: self
+
+    next_count = self%known + 1
+    if (.not. allocated(self%scheme%drift)) return
+    if (modulo(self%scheme%nodes - self%known, 2) == 0) next_count = self%known + 2
+  end function next_count
+
+  ! Stores the coefficients at a node. After the last one the interpolant has more nodes.
   subroutine add_flow_node(f, self)
     real(wp), contiguous, intent(in) :: f(:)                 ! (dimension)
     type(interpolant_t), intent(inout) :: self
+    integer :: n
 
-    associate (n => self%known)
-      self%next(:, self%node) = f
-      self%node = self%node + 1
-      if (self%node <= n) return
-      self%field(:, n + 1) = self%field(:, n)
-      self%field(:, 2:n) = self%next(:, 2:n)
-    end associate
-    self%known = self%known + 1
+    n = next_count(self)
+    self%next(:, self%node) = f
+    self%node = self%node + 1
+    if (self%node < n) return
+    self%field(:, n) = self%field(:, self%known)
+    self%field(:, 2:n - 1) = self%next(:, 2:n - 1)
+    self%known = n
     call add_last_flow(self)
   end subroutine add_flow_node
 
@@ -171,7 +184,13 @@ contains
         w = w * theta + self%scheme%blend(i, n)
       end do
       v(:, last) = w * self%field(:, n + 1)
-      call apply_flows(self%frame, last, v, y)
+      if (allocated(self%scheme%drift)) then
+        call move_by_impulses(self%frame, v, theta * self%h * self%scheme%drift, y)
+        call apply_flows(self%frame, 1, v(:, last), y)
+        call make_tangential(self%frame, y, y(self%frame%point_size - self%frame%forces + 1:))
+      else
+        call apply_flows(self%frame, last, v, y)
+      end if
     end associate
   end subroutine follow_flows
 

@@ -13,7 +13,7 @@ module interpolant_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use flow_interpolant_m, only: add_flow_node, begin_flows, difference_nearby, follow_flows, &
-                                interpolant_t
+                                interpolant_t, next_count
   use frames_m, only: apply_flows
   use linear_action_m, only: inner_points_t
   use shared_numbers, only: nearby_operation
@@ -38,7 +38,8 @@ contains
     exists = .true.
     self%nexp = 0
     self%complete = .false.
-    self%on_algebra = .not. self%scheme%at_stages .and. (self%scheme%flat .or. unique_flows)
+    self%on_algebra = .not. (self%scheme%at_stages .or. allocated(self%scheme%drift)) &
+                      .and. (self%scheme%flat .or. unique_flows)
     if (self%scheme%at_stages) then
       self%known = self%scheme%nodes
       self%field(:, :self%scheme%nodes) = stages
@@ -152,7 +153,7 @@ contains
       self%y(:) = self%y0
       call apply_flows(self%frame, 1, self%u, self%y)
     else
-      theta = self%scheme%node(self%node, self%known + 1)
+      theta = self%scheme%node(self%node, next_count(self))
       call evaluate_interpolant(self, theta, self%y)
     end if
     self%nexp = self%nexp + flows_of_evaluation(self)

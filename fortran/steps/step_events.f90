@@ -8,6 +8,7 @@
 module step_events_m
   use kinds, only: wp
   use frames_m, only: turning
+  use free_motion_m, only: add_free_motion
   use requests_m, only: evaluate_events
   use root_m, only: event_function_t, find_root
   use shared_numbers, only: out_of_memory, raised, resting_contact
@@ -86,11 +87,16 @@ contains
   ! The number of parts whose ends are compared
   pure integer function parts(x)
     type(trajectory_t), intent(in) :: x
-    real(wp) :: angle
+    real(wp) :: angle, rate(x%problem%frame%dimension, 2)
 
+    rate = reshape([x%slope, x%end_slope], shape(rate))
     associate (frame => x%problem%frame)
-      angle = max(turning(frame, x%h * x%slope, .false.), &
-                  turning(frame, x%h * x%end_slope, .false.))
+      if (x%problem%method%splitting) then   ! its coefficients are forces alone
+        call add_free_motion(frame, x%y(:, 0), rate(:, 1))
+        call add_free_motion(frame, x%y(:, x%result), rate(:, 2))
+      end if
+      angle = max(turning(frame, x%h * rate(:, 1), .false.), &
+                  turning(frame, x%h * rate(:, 2), .false.))
     end associate
     parts = max(min_parts, ceiling(min(angle / part_angle, real(max_parts + 1, wp))))
   end function parts

@@ -2,7 +2,6 @@
 ! Its nodes are requested one after the other, until it is complete.
 module within_step_m
   use kinds, only: wp
-  use free_motion_m, only: add_free_motion
   use flow_interpolant_m, only: reserve_interpolant, set_ends
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
                            flows_of_evaluation, make_cubic, next_node
@@ -85,10 +84,6 @@ contains
         call set_ends(interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
                       x%end_slope)
       end if
-      if (x%problem%method%splitting) then
-        call add_free_motion(x%problem%frame, interpolant%y0, interpolant%field(:, 1))
-        call add_free_motion(x%problem%frame, interpolant%y1, interpolant%field(:, 2))
-      end if
       call begin_interpolant(x%problem%unique_flows, x%f, interpolant, exists)
       if (x%needs_interpolant .or. x%interpolate_only .or. interpolant%complete) then
         call advance_interpolant(x, exists, interpolant%nexp)
@@ -132,8 +127,6 @@ contains
     logical :: exists
 
     before = x%interpolant%nexp
-    if (x%problem%method%splitting) &
-      call add_free_motion(x%problem%frame, x%interpolant%y, x%request%received)
     call add_node(x%request%received, x%interpolant, exists)
     call advance_interpolant(x, exists, x%interpolant%nexp - before)
   end subroutine store_node

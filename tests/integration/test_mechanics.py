@@ -177,6 +177,47 @@ def test_output_within_steps_is_as_accurate(method):
         assert TOP.frame.membership_error(run.sol(times)).max() < 1e-14
 
 
+BODIES = Product(SO3(), UnitQuaternion("space"), Sphere(2), Power(Euclidean(1), 2))
+
+
+@pytest.mark.parametrize("force", [0.0, 1e-3])
+@pytest.mark.parametrize("span", [(0.0, 6.0), (6.0, 0.0)])
+@pytest.mark.parametrize("method", SPLITTINGS)
+def test_output_of_weak_forces_is_as_accurate_as_steps(method, span, force):
+    """Fast bodies, whose free motion is known exactly: through every kind of output."""
+    problem = system(BODIES, (INERTIA, 1.5, 2.0, 1.0))
+    problem.weights = force * problem.weights
+    q, momenta = problem.frame.split(problem.y0)
+    problem.y0 = problem.frame.join(q, 2.0 * momenta)
+    times = np.linspace(*span, 25)  # every other one is a step
+    exact = problem.reference(span, t_eval=times).y
+    options = {"frame": problem.frame, "method": method, "h": 0.5}
+    run = cg.solve_ivp(problem.f, span, problem.y0, t_eval=times, dense_output=True, **options)
+    error = lambda y: np.abs(y - exact).max(axis=1)
+    at_steps = error(run.y)[::2].max()
+    assert error(run.y)[1::2].max() < 1.5 * at_steps + 1e-12
+    members = cg.solve_ensemble(
+        problem.f, span, np.stack([problem.y0] * 2), t_eval=times, vectorized=True, **options
+    )
+    stepper = cg.Stepper(problem.f, span[0], problem.y0, span[1], **options)
+    stepper.step()
+    assert np.abs(run.sol(times) - run.y).max() < 1e-13
+    assert np.abs(members.y[:, 1] - run.y).max() < 1e-13
+    assert np.abs(stepper.dense_output()(times[1]) - run.y[1]).max() < 1e-13
+
+
+@pytest.mark.parametrize("span", [(0.0, 3.0), (3.0, 0.0)])
+@pytest.mark.parametrize("spin", [[0.0, 0.0, 80.5], [3.0, 5.0, 80.5]])
+def test_events_of_free_bodies_at_35_radians_a_step(span, spin):
+    frame, start = TOP.frame, TOP.frame.join(np.eye(3), spin)
+    options = {"frame": frame, "events": lambda t, y: frame.split(y)[0][0, 1] - 0.3}
+    rest = lambda t, y: np.zeros(3)
+    exact = cg.solve_ivp(rest, span, start, rtol=1e-13, atol=1e-13, **options)
+    run = cg.solve_ivp(rest, span, start, method="Leapfrog", h=1.0, **options)
+    assert len(run.t_events[0]) == len(exact.t_events[0]) > 32
+    assert np.abs(run.t_events[0] - exact.t_events[0]).max() < 1e-12
+
+
 def turning(t, y):
     return y[6]
 
