@@ -17,6 +17,7 @@ from scipy import LowLevelCallable
 from cg.executors import ExecutorLike, check_executor, completed
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
+from cg.integration.friction import check_path
 from cg.integration.loop.drive import Progress, drive
 from cg.integration.loop.failures import explain_failure, find_mistakes
 from cg.integration.loop.messages import TERMINAL_EVENT
@@ -227,6 +228,8 @@ def _integrate(problem: Problem, watch: Progress | None, steps: int = 0) -> Memb
         times, y, observed = run.steps()
     shape = len(times), members
     points = plan.points(y, shape) if y is not None else None
+    if points is not None:
+        check_path(plan, problem.rhs, times, points, int(run.counts[:, 0].sum()))
     if observed is not None and problem.observer is not None:
         observed = observed.reshape(*shape, *problem.observer.shape)
     return MemberResults(

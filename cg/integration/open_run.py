@@ -10,6 +10,7 @@ import numpy as np
 
 from cg.frames.base import Frame
 from cg.integration.arguments import check_stops
+from cg.integration.friction import check_members
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.drive import StepBudget
 from cg.integration.loop.failures import explain_failure
@@ -61,7 +62,7 @@ class OpenRun:
         self._tolerance = problem.control.tolerance
         self._stops = self._with_corners(problem.rhs.inputs, start)
         self._budget = StepBudget()
-        self._failure = ""
+        self._failure, self._calls = "", 0
         self._found: list[_Events] = []
         self._cut_output: DenseOutput | None = None
         control = problem.control._replace(first_step=first, max_steps=_NO_LIMIT)
@@ -179,6 +180,9 @@ class OpenRun:
             self.status = "finished"
         elif stopped:
             self.status = "event"
+        self._calls += 1
+        if self._calls & (self._calls - 1) == 0:  # ever more rarely
+            check_members(run.plan, run.rhs, self.t, run.plan.points(run.end, (run.members,)), True)
         return TERMINAL_EVENT if stopped and self.t != target is not None else None
 
     def _collect_events(self) -> bool:

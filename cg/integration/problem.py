@@ -29,6 +29,7 @@ from cg.integration.arguments import (
     check_times,
 )
 from cg.integration.default_method import AUTO, choose_method
+from cg.integration.friction import check_members
 from cg.integration.loop.record import Control
 from cg.integration.options import Options
 from cg.integration.results import EnsembleSolution
@@ -199,29 +200,6 @@ def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:
         )
 
 
-def check_force(rhs: Rhs, t: float, y: Points, frame: PhaseSpace, ahead: bool = False) -> None:
-    """Raise ValueError if a force depends on the momentum.
-
-    `ahead` of the time of the point, where ``f`` may not be defined, its exceptions don't count.
-    """
-    q, momentum = frame.split(y)
-    shift = np.sqrt(np.arange(2.0, 2.0 + frame.rhs_dim))
-    other = frame.join(q, momentum + shift * (1.0 + np.abs(momentum)))
-    try:
-        one, another = (rhs.answer(0, t, point) for point in (y, other))
-    except Exception as error:
-        if ahead:
-            return
-        if isinstance(rhs, PythonRhs) and not rhs.vectorized:
-            error.add_note(rhs.note(t))
-        raise
-    if not np.array_equal(one, another, equal_nan=ahead):
-        raise ValueError(
-            "f must not depend on the momentum with a splitting method, whose kicks are not "
-            f"symplectic then, got other forces for another momentum at t = {t:.17g}"
-        )
-
-
 def _choose_method(method: Any, f: Any, frame: Frame, rtol: float | None) -> MethodTable:
     """Return the table of the method after checking that it suits ``f`` and the frame."""
     if isinstance(method, str) and method == AUTO:
@@ -306,10 +284,9 @@ def make_problem(
     if inputs is not None:
         inputs = check_inputs(inputs, start, stop, members, plan.method, name)
     rhs = _make_rhs(f, frame, (options["args"], numbers, inputs), vectorized, many)
-    if plan.method.kind is Kind.SPLITTING and isinstance(frame, PhaseSpace):
-        check_force(rhs, start, points[0], frame)
-        if np.isfinite(stop):  # a friction may vanish at the start
-            check_force(rhs, stop, points[0], frame, ahead=True)
+    check_members(plan, rhs, start, points)
+    if stop != start and np.isfinite(stop):  # a friction may vanish at the start
+        check_members(plan, rhs, stop, points, ahead=True)
     if jac is not None:
         jac = jacobian_of(jac, frame, plan.method, rhs, start, points[0])
     if of_time := isinstance(f, TimeFunction):

@@ -24,7 +24,7 @@ from cg.integration.rhs.python import Coefficients
 from cg.integration.rhs.samples import Samples
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.stepper_state import check_data, check_new_y, get_state, replace_rhs, restored
-from cg.support.arrays import Points
+from cg.support.arrays import Array, Points
 from cg.support.checks import check_flag
 from cg.support.times import apart
 
@@ -62,6 +62,9 @@ class Stepper(OpenRun):
         Start of the last step, None before the first one and after a restart.
     step_size
         Absolute size of the last step, None before the first one.
+    next_step
+        Absolute size that the next step tries, unless its end comes before; None if it isn't chosen
+        yet. Of an ensemble those of the members, shape ``(members,)``, with NaN in place of None.
     direction
         1.0 or -1.0.
     n
@@ -172,6 +175,15 @@ class Stepper(OpenRun):
     y_events = property(lambda self: self._event_lists("before"), doc="Points before jumps.")
     y_after = property(lambda self: self._event_lists("after"), doc="Points after jumps.")
 
+    @property
+    def next_step(self) -> float | Array | None:
+        """Absolute size that the next step tries."""
+        h, sizes = self._run.control.h, self._run.state()[0][:, 1]
+        sizes = np.where(sizes > 0.0, sizes, np.nan) if h is None else np.full(len(sizes), h)
+        if self._many:
+            return sizes
+        return None if np.isnan(sizes[0]) else float(sizes[0])
+
     def _count(self, k: int) -> int:
         return int(self._run.counts[:, k].sum())
 
@@ -280,8 +292,10 @@ class Stepper(OpenRun):
         inputs
             Samples of the same shapes as before, which must cover the time.
         first_step
-            Size of the next step. By default it is ``h``, the ``first_step`` of the constructor,
-            or chosen anew, which takes one call of ``f``; the last size isn't kept.
+            Size of the next step. By default it is ``h`` or `next_step`: the size is kept. After
+            a new ``t``, a failure or a jump it is the ``first_step`` of the constructor, or chosen
+            anew, which takes one call of ``f``. Give it where a new point or other arguments
+            change the solution much faster than before.
 
         Raises
         ------
@@ -300,7 +314,9 @@ class Stepper(OpenRun):
         if y is not None:
             rows = run.plan.doubles(check_new_y(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
-        replace_rhs(self, time, args, parameters, inputs)
+        if first_step is None and t is None and self.status != "failed":
+            first = -1.0  # keeps the sizes proposed
+        replace_rhs(self, time, rows, args, parameters, inputs)
         self.t, self.t_old, self._cut_output = time, None, None
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):
             far = self._end_from(time, run.control.h)

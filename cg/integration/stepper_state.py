@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.phase_space import PhaseSpace
 from cg.integration.arguments import check_args
-from cg.integration.problem import check_force
+from cg.integration.friction import check_members
 from cg.integration.rhs.inputs import check_inputs
 from cg.integration.rhs.python import PythonRhs
 from cg.support.arrays import Array, Points, check_finite, real_array
 from cg.support.checks import short
-from cg.tables import Kind
 
 
 def get_state(stepper: Any) -> dict[str, Any]:
@@ -77,9 +75,17 @@ def check_new_y(stepper: Any, y: ArrayLike) -> Points:
 
 
 def replace_rhs(
-    stepper: Any, t: float, args: Iterable[Any] | None, parameters: ArrayLike | None, inputs: Any
+    stepper: Any,
+    t: float,
+    rows: Array,
+    args: Iterable[Any] | None,
+    parameters: ArrayLike | None,
+    inputs: Any,
 ) -> None:
-    """Replace what ``f`` gets besides time and point from time t on, None for what remains."""
+    """Replace what ``f`` gets besides time and point from time t on, None for what remains.
+
+    ``rows`` are the points there, as doubles.
+    """
     run, rhs = stepper._run, stepper._run.rhs
     extra = rhs.args if args is None else check_args(args)
     numbers = rhs.parameters
@@ -96,8 +102,7 @@ def replace_rhs(
     if extra is not rhs.args or numbers is not rhs.parameters or curves is not rhs.inputs:
         changed = rhs.with_data(extra, numbers, curves, rhs.first)
         check_data(changed, stepper._many, rhs)
-        if run.plan.method.kind is Kind.SPLITTING and isinstance(stepper.frame, PhaseSpace):
-            check_force(changed, t, run.plan.points(run.end, (run.members,))[0], stepper.frame)
+        check_members(run.plan, changed, t, run.plan.points(rows, (run.members,)))
         run.replace_rhs(changed)
 
 

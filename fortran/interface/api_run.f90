@@ -180,7 +180,7 @@ subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, members
-  real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: zero to choose it
+  real(wp), intent(in) :: t, y(n, members), first_step   ! first_step: see set_start
   integer(c_intptr_t), intent(in) :: data_address
   type(run_t), pointer :: run
   integer :: i

@@ -210,7 +210,8 @@ contains
   pure subroutine set_start(t, y, first_step, x)
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    real(wp), intent(in) :: first_step                 ! zero to choose it
+    ! zero to choose it, negative to keep the size that was proposed for the next step
+    real(wp), intent(in) :: first_step
     type(trajectory_t), intent(inout) :: x
     logical :: same                          ! whether it was there already
 
@@ -219,7 +220,11 @@ contains
     x%y(:, 0) = y
     x%slope_known = .false.
     x%end_known = .false.
-    x%control%step_size = first_step
+    if (first_step >= 0) then
+      x%control%step_size = first_step
+    else if (.not. x%control%step_size > 0) then
+      x%control%step_size = x%problem%first_step
+    end if
     x%control%last_error = 1.0_wp
     x%control%after_rejection = .false.
     x%control%suspicion = 0

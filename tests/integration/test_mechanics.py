@@ -275,6 +275,46 @@ def test_what_splitting_methods_refuse(change, message):
         cg.solve_ivp(f, (0, 1), TOP.y0, **options)
 
 
+def drag(t, y, strength=1.0):
+    """A force on two coordinates with friction where the first is near to one."""
+    return -y[..., :2] - np.where(abs(y[..., :1] - 1.0) < 0.3, np.ravel(strength), 0.0) * y[..., 2:]
+
+
+PLANE = {"frame": PhaseSpace(Euclidean(2)), "method": "BlanesMoan4", "h": 0.05}
+STILL = np.array([0.0, 0.0, 1.0, 0.5])  # which comes to the region later, and leaves it
+
+
+def test_friction_is_seen_in_a_region_and_by_a_stepper():
+    refused = pytest.raises(ValueError, match="f must not depend on the momentum")
+    for options in ({}, {"t_eval": np.linspace(0, np.pi, 40)}):
+        with refused:
+            cg.solve_ivp(drag, (0, np.pi), STILL, **PLANE, **options)
+    stepper = cg.Stepper(drag, 0.0, STILL, **PLANE)
+    with refused:
+        for _ in range(64):
+            stepper.step()
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_friction_is_seen_in_any_member(vectorized):
+    refused = pytest.raises(ValueError, match=r"f must not depend on the momentum.* in member 2")
+    f = (lambda t, y, p: -y[:, :2] - p * y[:, 2:]) if vectorized else drag
+    start = np.stack([STILL + np.eye(4)[0]] * 3)
+    numbers, free = np.array([[0.0], [0.0], [0.5]]), np.zeros((3, 1))
+    options = PLANE | {"vectorized": vectorized}
+    with refused:
+        cg.solve_ensemble(f, (0, 1), start, parameters=numbers, **options)
+    assert cg.solve_ensemble(f, (0, 1), start, parameters=free, **options).success
+    stepper = cg.Stepper(f, 0.0, start, parameters=free, **options)
+    with refused:
+        stepper.restart(parameters=numbers)
+    stepper.advance(1.0)
+    inputs = cg.Samples([0, 1], np.stack([numbers, numbers], axis=1), members=True)
+    pushed = lambda t, y, u: f(t, y, u)  # noqa: PLW0108 - f may name its arguments otherwise
+    with refused:
+        cg.solve_ensemble(pushed, (0, 1), start, inputs=inputs, **options)
+
+
 def test_derivatives_of_solutions():
     options = {"frame": TOP.frame, "method": "DOP853", "rtol": 1e-12, "atol": 1e-12}
     run = cg.solve_variational(TOP.f, (0, 1), TOP.y0, **options)

@@ -80,3 +80,46 @@ def test_members_with_common_steps_take_them_together(vectorized, control):
         for within in (whole.sol, stepper.dense_output()):
             np.testing.assert_allclose(within(stepper.t), stepper.y, atol=1e-13, rtol=0)
     assert steps == whole.steps[0]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("method", ["CF4(3)", "RKMK5(4)", "DOP853"])
+@pytest.mark.parametrize("members", [0, 1, 2])
+def test_points_replaced_after_each_step_take_no_more_evaluations(members, method, sign):
+    """A filter that gives back the same points, between samples and step by step."""
+    f = lambda t, y: [np.sin(t), 1.0, y[0, 1]]
+    y0 = np.stack([np.eye(3)] * members) if members else np.eye(3)
+    options = {"frame": SO3(), "method": method, "rtol": 1e-6, "atol": 1e-6}
+    options |= {"common_steps": members == 2}
+
+    def evaluations(replaces, steps):
+        stepper = cg.Stepper(f, 0.0, y0, np.copysign(np.inf, sign), **options)
+        assert stepper.next_step is None or np.isnan(stepper.next_step).all()
+        while abs(stepper.t) < 10.0:
+            stepper.step() if steps else stepper.advance(stepper.t + sign)
+            if replaces:
+                proposed = stepper.next_step
+                stepper.restart(y=stepper.y)
+                assert np.array_equal(stepper.next_step, proposed)
+        return stepper.nfev / abs(stepper.t)
+
+    for steps in [False, True][: 1 + (members != 1)]:
+        assert evaluations(True, steps) < 1.2 * evaluations(False, steps)
+
+
+def test_what_lets_the_next_step_be_chosen_anew():
+    f = lambda t, y, rate: [rate, 0.0, t]
+    stepper = cg.Stepper(f, 0.0, np.eye(3), frame=SO3(), first_step=0.01, args=(1.0,))
+    assert stepper.next_step == 0.01
+    stepper.advance(1.0)
+    kept = stepper.next_step
+    assert kept > 0.05
+    stepper.restart(args=(2.0,))
+    assert stepper.next_step == kept
+    stepper.restart(t=0.0)
+    assert stepper.next_step == 0.01
+    stepper.restart(first_step=0.2)
+    assert stepper.next_step == 0.2
+    fixed = cg.Stepper(f, 0.0, np.eye(3), frame=SO3(), h=0.1, method="CF4", args=(1.0,))
+    fixed.restart(t=1.0)
+    assert fixed.next_step == 0.1
