@@ -292,10 +292,10 @@ class Stepper(OpenRun):
         inputs
             Samples of the same shapes as before, which must cover the time.
         first_step
-            Size of the next step. By default it is ``h`` or `next_step`: the size is kept. After
-            a new ``t``, a failure or a jump it is the ``first_step`` of the constructor, or chosen
-            anew, which takes one call of ``f``. Give it where a new point or other arguments
-            change the solution much faster than before.
+            Size of the next step. By default it is ``h`` or `next_step`: the size is kept. With
+            a new ``t`` or without any argument, after a failure or a jump, it is the ``first_step``
+            of the constructor, or chosen anew, which takes one call of ``f``. Give it where a new
+            point or other arguments change the solution much faster than before.
 
         Raises
         ------
@@ -314,7 +314,8 @@ class Stepper(OpenRun):
         if y is not None:
             rows = run.plan.doubles(check_new_y(self, y))
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
-        if first_step is None and t is None and self.status != "failed":
+        replaced = any(each is not None for each in (y, args, parameters, inputs))
+        if first_step is None and t is None and replaced and self.status != "failed":
             first = -1.0  # keeps the sizes proposed
         replace_rhs(self, time, rows, args, parameters, inputs)
         self.t, self.t_old, self._cut_output = time, None, None
