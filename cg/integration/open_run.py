@@ -90,6 +90,13 @@ class OpenRun:
             stops = np.append(stops[sign * stops < sign * end], end)
         return inputs.add_stops(stops, t, self._tolerance)
 
+    def _set_limits(self, inputs: Inputs) -> None:
+        """Set how long steps may be over new inputs, from the next restart on."""
+        limits = inputs.limits(self._tolerance)
+        if len(limits) or len(self._problem.limits):
+            self._problem = replace(self._problem, limits=limits)
+            self._run.share_limits(limits)
+
     def _make_run(self) -> None:
         self._run = run = Run(self._problem, keep_last=True, lanes=len(self._problem.points))
         self._core, self._target, self.t = run._core, np.empty(1), run.t0

@@ -36,7 +36,7 @@ from cg.integration.results import EnsembleSolution
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import TimeFunction
-from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs
+from cg.integration.rhs.inputs import Inputs, WithInput, check_inputs, stops_and_limits
 from cg.integration.rhs.observer import Observer, observer_of
 from cg.integration.rhs.python import PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, check_stage_solver
@@ -294,10 +294,7 @@ def make_problem(
     stops = check_stops(options["breakpoints"], start, stop)
     in_coordinates = plan.in_coordinates(points[0])
     control = _make_control(plan, in_coordinates, rtol, options, abs(stop - start))
-    limits = np.empty((0, 2))
-    if inputs is not None:
-        stops = inputs.add_stops(stops, start, control.tolerance)
-        limits = inputs.limits(control.tolerance)
+    stops, limits = stops_and_limits(inputs, stops, start, control.tolerance)
     t_eval: Any = options["t_eval"]
     if t_eval is not None:
         t_eval = check_times(t_eval, "t_eval", "within t_span,", start, stop)

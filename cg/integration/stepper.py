@@ -6,7 +6,6 @@ import copy
 import math
 import pickle
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any, Never, Unpack
 
 import numpy as np
@@ -322,14 +321,8 @@ class Stepper(OpenRun):
         if t is not None and run.control.h is not None and math.isinf(self.t_bound):
             far = self._end_from(time, run.control.h)
             self._breakpoints = self._stops = np.append(self._breakpoints[:-1], far)
-        curves = run.rhs.inputs
-        if curves is not None and (t is not None or inputs is not None):
-            self._stops = self._with_corners(curves, time)
-        if curves is not None and inputs is not None:
-            limits = curves.limits(self._tolerance)
-            if len(limits) or len(self._problem.limits):
-                self._problem = replace(self._problem, limits=limits)
-                run.share_limits(limits)
+        if run.rhs.inputs is not None and (t is not None or inputs is not None):
+            self._stops = self._with_corners(run.rhs.inputs, time)
         self._begin(time, rows, first)
         self.status = "running" if self.t != self.t_bound else "finished"
 

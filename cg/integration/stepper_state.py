@@ -104,6 +104,8 @@ def replace_rhs(
         check_data(changed, stepper._many, rhs)
         check_members(run.plan, changed, t, run.plan.points(rows, (run.members,)))
         run.replace_rhs(changed)
+        if inputs is not None:
+            stepper._set_limits(curves)
 
 
 def check_data(rhs: Any, many: bool, before: Any = None) -> None:

@@ -152,6 +152,15 @@ class Inputs:
             curve.check_span(start, stop, name)
 
 
+def stops_and_limits(
+    inputs: Inputs | None, stops: Array, start: float, tolerance: float | None
+) -> tuple[Array, Array]:
+    """Return the ends of segments with those at corners, and the limits of steps."""
+    if inputs is None:
+        return stops, np.empty((0, 2))
+    return inputs.add_stops(stops, start, tolerance), inputs.limits(tolerance)
+
+
 class Reader:
     """The inputs of a member, or of a vectorized function's members, as a function of time."""
 

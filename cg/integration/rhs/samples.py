@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg.integration.rhs.curves import curve_of, jumps_of_lines
 from cg.integration.rhs.resolution import Resolution
 from cg.support.arrays import Array, check_finite, real_array
 from cg.support.checks import check_flag
@@ -99,7 +100,7 @@ class Samples(ReadOnly):
         if end is not None:
             self.end = self._read_end(end)
         by_time = np.moveaxis(self.values, 1, 0) if members else self.values
-        self._edges, self._pieces = _curve(self.times, by_time, kind, self.causal)
+        self._edges, self._pieces = curve_of(self.times, by_time, kind, self.causal)
         first, last = float(self.times[0]), float(self.times[-1])
         beyond = _ENDS * math.ulp(max(abs(first), abs(last)))
         self._span = first - beyond, self.end + beyond
@@ -163,19 +164,9 @@ class Samples(ReadOnly):
         pieces = self._pieces.reshape(*self._pieces.shape[:2], -1)
         jumps = np.abs(np.diff(pieces[0], axis=0))
         if len(pieces) > 1:
-            jumps = self._jumps_of_lines(*pieces)
+            jumps = jumps_of_lines(self.times, *pieces, self.causal)
         corners: Array = inner[jumps.any(axis=1)]
         return corners
-
-    def _jumps_of_lines(self, values: Array, slopes: Array) -> Array:
-        """Return whether lines or their slopes jump at inner edges by more than rounding."""
-        length = np.diff(self.times)[:, None]
-        sizes = np.abs(values) + np.abs(slopes) * np.maximum(length, np.abs(self.times[1:, None]))
-        rounding = _ENDS * np.finfo(float).eps * np.maximum(sizes[1:], sizes[:-1])
-        bends = np.abs(np.diff(slopes, axis=0)) * np.minimum(length[1:], length[:-1])
-        ends = values[:-1] + slopes[:-1] * length[:-1] if self.causal else values[1:]
-        jumps: Array = (bends > rounding) | (np.abs(values[1:] - ends) > rounding)
-        return jumps
 
     def longest_steps(self, tolerance: float) -> Array:
         """Return times and how long steps may be from each on, shape (n, 2)."""
@@ -287,7 +278,7 @@ class Samples(ReadOnly):
         rows = []
         for first in range(0, count, _BLOCK):
             units = np.eye(count, min(_BLOCK, count - first), -first)
-            pieces = _curve(self.times, units, self.kind, self.causal)[1]
+            pieces = curve_of(self.times, units, self.kind, self.causal)[1]
             rows.append(np.tensordot(pieces, sums, ((0, 1), (0, 1))))
         by_values: Array = np.concatenate(rows).reshape(self.values.shape)
         return by_values
@@ -343,28 +334,3 @@ def _read_values(values: ArrayLike, times: int, kind: str, members: bool) -> Arr
     check_finite(array, "values")
     array.flags.writeable = False
     return array
-
-
-def _curve(times: Array, values: Array, kind: str, causal: bool) -> tuple[Array, Array]:
-    """Return the starts of the pieces of a curve and their polynomials, shape (powers, pieces, …).
-
-    The first power is the zeroth, and times count from the start of the piece.
-    """
-    if kind == "hold":
-        return times, values[None]
-    from scipy.interpolate import CubicSpline
-
-    steps = np.diff(times).reshape(-1, *[1] * (values.ndim - 1))
-    if kind == "linear":
-        return times[:-1], np.stack([values[:-1], np.diff(values, axis=0) / steps])
-    if kind == "cubic":
-        return times[:-1], np.ascontiguousarray(CubicSpline(times, values).c[::-1])
-    if causal:
-        slopes = np.zeros_like(values)
-        slopes[1:] = np.diff(values, axis=0) / (0.5 * (steps[1:] + steps[:-1]))
-        return times[:-1], np.stack([values - 0.5 * steps * slopes, slopes])
-    mean = values.mean(axis=0)  # sums of what differs from it are smaller
-    sums = np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps * (values - mean), axis=0)])
-    pieces = np.ascontiguousarray(CubicSpline(times, sums).derivative().c[::-1])
-    pieces[0] += mean
-    return times[:-1], pieces
