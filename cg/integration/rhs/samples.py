@@ -164,7 +164,7 @@ class Samples(ReadOnly):
         pieces = self._pieces.reshape(*self._pieces.shape[:2], -1)
         jumps = np.abs(np.diff(pieces[0], axis=0))
         if len(pieces) > 1:
-            jumps = jumps_of_lines(self.times, *pieces, self.causal)
+            jumps = jumps_of_lines(self.times, pieces[0], pieces[1], self.causal)
         corners: Array = inner[jumps.any(axis=1)]
         return corners
 
