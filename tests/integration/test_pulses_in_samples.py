@@ -180,4 +180,4 @@ def test_idle_and_smooth_times_take_few_steps(kind):
     assert steps(2e-4 * np.sin(TIMES / 1500), 1e-6) < 40
     # what is at rest before a motion is compared to it
     noise = np.random.default_rng(2).standard_normal(len(TIMES))
-    assert steps(PULSE + 1e-9 * noise) < 100
+    assert steps(PULSE + 1e-11 * noise) < 100
