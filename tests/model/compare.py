@@ -164,7 +164,7 @@ def _doubt(case):
         )
         if 1e-9 < begin < 2 * bound or (end < 2 * bound and not path.terminated):
             raise Unclear(f"event {k} is at an end")
-    times = sorted(t for events in path.events for t, _, _ in events)
+    times = sorted(t for events in path.events for t, *_ in events)
     slopes = [slope for slopes in path.slopes for slope in slopes]
     gap = 2 * bound / min(slopes, default=1.0)
     if path.jumps and any(1e-9 * length < b - a < gap for a, b in pairwise(times)):
@@ -218,7 +218,7 @@ def events(case):
     if not program.events or program.method == "RadauIIA5":
         return
     found = [list(times) for times in solution.t_events]
-    expected = [[t for t, _, _ in events] for events in path.events]
+    expected = [[t for t, *_ in events] for events in path.events]
     length = abs(path.end - path.task.span[0]) or 1.0
     if list(map(len, found)) != list(map(len, expected)):
         _doubt(case)
@@ -246,8 +246,8 @@ def _same_jump(case, k, i):
     before, after = (
         reals(points[k][i]) for points in (case.solution.y_events, case.solution.y_after)
     )
-    _, model, behind = case.path.events[k][i]
-    target = before if np.array_equal(model, behind) else behind
+    *_, behind, jumps = case.path.events[k][i]
+    target = behind if jumps else before
     if not np.array_equal(after, target):
         raise Difference(
             f"after event {k}, {i} the point isn't that of the jump",

@@ -175,7 +175,7 @@ class Program:
         lines = []
         for k, samples in enumerate(self.inputs):
             edges = samples.count + (samples.kind in ("averages", "causal"))
-            low, high = sorted((self.start, self.start + self.length * (1 + 1e-9 * bool(k))))
+            low, high = sorted((self.start, self.start + self.length * (1 + 1e-3 * k)))
             kind = "averages" if samples.kind == "causal" else samples.kind
             count = samples.count
             zeros = f":{count - count // 10}" if samples.idle else f"{count // 3}:{count // 2}"

@@ -81,11 +81,14 @@ def curve(kind: str, times: np.ndarray, values: np.ndarray, causal: bool = False
 
 @dataclass
 class Path:
-    """A solution: pieces between stops, and what happened. Times of ``events`` are in order."""
+    """A solution: pieces between stops, and what happened.
+
+    ``events`` has times in order, the points before and after, and whether there was a jump.
+    """
 
     task: Task
     pieces: list[tuple[float, float, OdeSolution]] = field(default_factory=list)
-    events: list[list[tuple[float, np.ndarray, np.ndarray]]] = field(default_factory=list)
+    events: list[list[tuple[float, np.ndarray, np.ndarray, bool]]] = field(default_factory=list)
     jumps: list[float] = field(default_factory=list)
     groups: list[list[int]] = field(default_factory=list)
     nearest: list[float] = field(default_factory=list)  # of each event |g| where it nearly is zero
@@ -179,7 +182,7 @@ def _take(path, solution, begin, end, signs):
             if k in jumping:
                 jumped = task.events[k].jump(t, task.point(stays), *task.arguments(t))
                 stays = reals(np.asarray(jumped, dtype=task.space.base.dtype))
-            path.events[k].append((t, before, stays))
+            path.events[k].append((t, before, stays, k in jumping))
         path.groups.append(group)
         if last or jumping:
             path.pieces.append((begin, t, solution))
