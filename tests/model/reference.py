@@ -90,7 +90,6 @@ class Path:
     pieces: list[tuple[float, float, OdeSolution]] = field(default_factory=list)
     events: list[list[tuple[float, np.ndarray, np.ndarray, bool]]] = field(default_factory=list)
     jumps: list[float] = field(default_factory=list)
-    groups: list[list[int]] = field(default_factory=list)
     nearest: list[float] = field(default_factory=list)  # of each event |g| where it nearly is zero
     slopes: list[list[float]] = field(default_factory=list)
     end: float = 0.0
@@ -171,7 +170,7 @@ def _take(path, solution, begin, end, signs):
     roots, after = [], []
     for k, event in enumerate(task.events):
         found, sign = _roots(path, k, event, solution, grid, signs[k])
-        roots += [(t, k, rising) for t, rising in found]
+        roots += [(t, k, slope) for t, slope in found]
         after.append(sign)
     for t, group in _together(task, roots, begin < end):
         stays = solution(t)
@@ -183,7 +182,7 @@ def _take(path, solution, begin, end, signs):
                 jumped = task.events[k].jump(t, task.point(stays), *task.arguments(t))
                 stays = reals(np.asarray(jumped, dtype=task.space.base.dtype))
             path.events[k].append((t, before, stays, k in jumping))
-        path.groups.append(group)
+            path.slopes[k].append(max(group[k], 1e-300))
         if last or jumping:
             path.pieces.append((begin, t, solution))
             path.jumps += [t] if jumping else []
@@ -194,7 +193,7 @@ def _take(path, solution, begin, end, signs):
 
 
 def _roots(path, k, event, solution, grid, sign):
-    """Return zeros with a change of sign and whether the function rises, and the last sign."""
+    """Return zeros with a change of sign and slopes of the function, and the last sign."""
     task, begin, end = path.task, grid[0], grid[-1]
 
     def value(t):
@@ -208,8 +207,8 @@ def _roots(path, k, event, solution, grid, sign):
             bracketed = values[last] * g < 0
             root = brentq(value, grid[last], grid[i], xtol=1e-15) if bracketed else begin
             if event.direction * new >= 0:
-                found.append((float(root), new > 0))
-                path.slopes[k].append(abs(g - values[last]) / (abs(grid[i] - grid[last]) or 1.0))
+                j = max(i, 1)
+                found.append((float(root), abs((values[j] - values[j - 1]) / (grid[1] - grid[0]))))
         if new:
             sign, last = new, i
     size = np.abs(values)
@@ -220,15 +219,15 @@ def _roots(path, k, event, solution, grid, sign):
 
 
 def _together(task, roots, forward):
-    """Return times in the direction of integration with the events that happen then."""
-    groups: list[tuple[float, list[int]]] = []
+    """Return times in order with the events that happen then, and their slopes."""
+    groups: list[tuple[float, dict[int, float]]] = []
     near = 1e-10 * (abs(task.span[1] - task.span[0]) + max(map(abs, task.span)))
-    for t, k, _ in sorted(roots, key=lambda root: (root[0] if forward else -root[0], root[1])):
+    for t, k, slope in sorted(roots, key=lambda root: (root[0] if forward else -root[0], root[1])):
         if groups and abs(t - groups[-1][0]) <= near and k not in groups[-1][1]:
-            groups[-1][1].append(k)
+            groups[-1][1][k] = slope
         else:
-            groups.append((t, [k]))
-    return [(t, sorted(group)) for t, group in groups]
+            groups.append((t, {k: slope}))
+    return groups
 
 
 def growth(path: Path, times: Sequence[float], seeds: Sequence[int] = (1, 2)) -> float:
