@@ -1,21 +1,9 @@
-"""Helpers for tests of documentation pages: run their code, read their text."""
+"""Helpers for tests of documentation pages: run their code."""
 
 import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def words_of(page):
-    """Return the text of a page with a space for every line break."""
-    return " ".join((ROOT / page).read_text(encoding="utf-8").split())
-
-
-def power_of_ten(x, digits):
-    """Return a number as the pages write it, such as 1.5·10⁻³."""
-    mantissa, exponent = f"{float(x):.{digits}e}".split("e")
-    return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}"
 
 
 def blocks_of(page):
