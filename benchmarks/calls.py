@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
-from itertools import chain
-from pathlib import Path
 from statistics import median
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +11,7 @@ from scipy.integrate import solve_ivp
 import cg
 from cg.frames import SO3, Euclidean, Product
 
-from .in_c import field
-from .record import Aim, Result, Row
+from .record import Result, Row
 from .timing import Times, measure
 
 _FRAME = Product(SO3(), Euclidean(3))
@@ -39,7 +33,7 @@ def method_text(rounds: int) -> str:
     )
 
 
-def run(quick: bool, figures: Path | None) -> Result:
+def run(quick: bool) -> Result:
     """Measure a short integration and a sample."""
     rounds = 3 if quick else 31
     y0 = _FRAME.join(np.eye(3), np.array([1.0, 2.0, -0.5]))
@@ -71,18 +65,16 @@ def run(quick: bool, figures: Path | None) -> Result:
         },
         rounds=rounds,
     )
-    rows = _in_python(times, evaluations), _compiled(y0, rounds)
-    return Result(TITLE, method_text(rounds), tuple(chain(*rows)))
+    return Result(TITLE, method_text(rounds), _rows(times, evaluations))
 
 
-def _in_python(times: Times, evaluations: int) -> tuple[Row, ...]:
+def _rows(times: Times, evaluations: int) -> tuple[Row, ...]:
     """Return the rows of a short integration, and of a sample less its calls of ``f``."""
     both = zip(times.rounds["samples"], times.rounds["fields"], strict=True)
     return (
         times.row(
             "`solve_ivp` from 0 to 1e-6, constant `f`", "here", "µs",
             "SciPy's `solve_ivp` with DOP853, 12 entries", "SciPy",
-            aim=Aim(0.8, above=False), above=False,
         ),
         Row(
             "a sample: `Stepper.restart(args=)`, `advance`, one step of `CF4`, without its "
@@ -91,49 +83,8 @@ def _in_python(times: Times, evaluations: int) -> tuple[Row, ...]:
             "µs",
             "the calls of `f` alone, in Python",
             1e6 * times.median("fields") / _SAMPLES,
-            aim=Aim(20.0, above=False, of="value"),
         ),
     )  # fmt: skip
-
-
-def _compiled(y0: Array, rounds: int) -> tuple[Row, ...]:
-    """Measure samples of a heavy top in C, whose data are replaced, and of RK4 in NumPy."""
-    data, h = np.array([[0.5, 0.6, 0.7, 1.0]]), 1e-3
-
-    def step(stepper: cg.Stepper, parameters: bool) -> None:
-        changed: Any = (
-            {"parameters": data[0]} if parameters else {"inputs": cg.Samples([0.0], data)}
-        )
-        stepper.restart(**changed)
-        stepper.step()
-
-    def numpy() -> None:
-        k1 = _top(y0, data[0])
-        k2 = _top(y0 + h / 2 * k1, data[0])
-        k3 = _top(y0 + h / 2 * k2, data[0])
-        y0 + h / 6 * (k1 + 2 * k2 + 2 * k3 + _top(y0 + h * k3, data[0]))
-
-    with TemporaryDirectory() as folder:
-        given: Any = {
-            "f": field("heavy_top", Path(folder)),
-            "frame": _FRAME,
-            "method": "CF4",
-            "h": h,
-        }
-        one = cg.Stepper(t0=0.0, y0=y0, parameters=data[0], **given)
-        other = cg.Stepper(t0=0.0, y0=y0, inputs=cg.Samples([0.0], data), **given)
-        names = {"parameters": partial(step, one, True), "inputs": partial(step, other, False)}
-        times = measure(names | {"numpy": numpy}, rounds=rounds)
-    what, aim = "with `f` in C: `Stepper.restart({}=)`, one step of `CF4`", Aim(1.0, above=False)
-    there = "µs", "RK4 in NumPy", "numpy"
-    return tuple(times.row(what.format(x), x, *there, aim=aim, above=False) for x in names)
-
-
-def _top(y: Array, data: Array) -> Array:
-    attitude, (a, b, c) = y[:9].reshape(3, 3), data[:3] * y[9:]
-    turned = attitude @ [[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]]
-    torque = np.cross(y[9:], (a, b, c)) + data[3] * np.array([y[7], -y[6], 0.0])
-    return np.concatenate([turned.ravel(), torque])
 
 
 def _body(t: float, y: Array, torque: Array) -> list[float]:

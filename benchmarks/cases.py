@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import runpy
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 import cg
 from cg.frames import Frame
 from cg.problems import ForcedRigidBody, FreeRigidBody, HeavyTop
-
-from .in_c import top_field
 
 GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
 
@@ -40,10 +38,6 @@ class Case:
     end : float
     exact : ndarray
         The solution at the end, of the shape of ``y0``.
-    budget : int
-        Largest number of evaluations with fixed steps.
-    linear : bool
-        Whether the coefficients depend on time alone, so that Magnus methods apply.
     """
 
     name: str
@@ -53,8 +47,6 @@ class Case:
     y0: NDArray[Any]
     end: float
     exact: NDArray[Any]
-    budget: int = 4096
-    linear: bool = False
 
     def error(self, y: NDArray[Any]) -> float:
         """Return the largest error of an entry of the final point."""
@@ -65,12 +57,6 @@ def cases(names: Iterable[str] | None = None) -> list[Case]:
     """Return all cases, or those of the given names."""
     makers = _CASES if names is None else {name: _CASES[name] for name in names}
     return [make(name) for name, make in makers.items()]
-
-
-def top_in_c(case: Case, folder: Path) -> Case:
-    """Return the case of the heavy top with f in C, in a library in the folder."""
-    f: Any = top_field(HeavyTop(), folder)
-    return replace(case, name="heavy_top_c", title="heavy top, f in C", f=f)
 
 
 def _top(name: str) -> Case:
@@ -98,9 +84,7 @@ def _forced(title: str, **parameters: Any) -> Callable[[str], Case]:
     return make
 
 
-def _script(
-    script: str, title: str, end: float, *, flow: str = "", **options: Any
-) -> Callable[[str], Case]:
+def _script(script: str, title: str, end: float, *, flow: str = "") -> Callable[[str], Case]:
     """Return a function that makes the case of an example in ``docs/gallery``."""
 
     def make(name: str) -> Case:
@@ -113,7 +97,7 @@ def _script(
                 example.f, (0.0, end), example.y0, frame=example.frame, method="RKMK8(5,3)",
                 h=end / 256, save_every=256,
             ).y[-1]  # fmt: skip
-        return Case(name, title, example.frame, example.f, example.y0, end, exact, **options)
+        return Case(name, title, example.frame, example.f, example.y0, end, exact)
 
     return make
 
@@ -132,12 +116,9 @@ _CASES: dict[str, Callable[[str], Case]] = {
     "fast_body": _forced("fast rigid body under a torque", velocity=(2.0, -6.0, 4.0)),
     "spacecraft": _script("spacecraft", "attitude of a spacecraft, controlled", 4.0),
     "wheels": _script("reaction_wheels", "satellite with reaction wheels", 4.0),
-    "toda": _script("toda", "Toda flow", 2.0, budget=1024),
-    "two_levels": _script("two_levels", "two-level system", 4.0, linear=True),
+    "toda": _script("toda", "Toda flow", 2.0),
+    "two_levels": _script("two_levels", "two-level system", 4.0),
     "gradient_flow": _script(
-        "gradient_flow", "SU(3) gradient flow, 2 × 2 sites", 0.5, flow="GradientFlow", budget=1024
+        "gradient_flow", "SU(3) gradient flow, 2 × 2 sites", 0.5, flow="GradientFlow"
     ),
 }
-
-NAMES = tuple(_CASES)
-"""The names of all cases."""

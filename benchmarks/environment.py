@@ -8,7 +8,7 @@ import re
 import subprocess
 from pathlib import Path
 
-_PACKAGES = ("numpy", "scipy", "lielab", "jax", "diffrax", "qutip")
+_PACKAGES = ("numpy", "scipy")
 
 
 def describe() -> dict[str, str]:

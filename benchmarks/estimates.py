@@ -18,9 +18,9 @@ from reproduce.markdown import replace_between, table
 
 from .cases import Case, cases
 from .families import Array, Family, families
-from .record import Aim, Result, Row
+from .record import Result
 from .solvers import pairs
-from .work_curves import QUANTITIES, Curve, Point, run_point
+from .work_curves import Curve, Point, run_point
 
 BEGIN, END = "<!-- estimates -->\n", "<!-- end of estimates -->\n"
 """Marks before and after the table of all pairs in docs/catalogue.md."""
@@ -34,7 +34,6 @@ TOLERANCES = tuple(10.0**-k for k in range(3, 11))
 _MEMBERS = 100
 _WORK_TOLERANCES = tuple(10.0**-k for k in range(1, 11))
 _SLOWEST = 5.0  # seconds, after which smaller tolerances are left out
-_ERRORS = (1e-3, 1e-5, 1e-8)
 _AGAINST = "RKMK8(5,3)"
 
 _DECISIVE = (1e-3, 1e-8)  # at loose and at tight tolerances
@@ -44,13 +43,13 @@ _COSTS = {
     "in Python, with brackets": ("flows",),
     _NO_BRACKETS: ("evaluations", "flows"),
 }
+RATIO = "error / estimate"
 _QUANTILES = ("median", "90 % below", "largest")
 _BLIND = 1e6  # largest ratio of a pair that sees all jumps
 _ROUNDING = 1e-12  # of nodes
 _ALIKE = 1.1  # costs up to this multiple of the least count as equal
 
 TITLE = "Error estimates"
-DETAILS = "Errors at the end divided by the tolerance, and work at equal errors, of all pairs."
 
 Quotients = dict[str, dict[str, list[Array]]]
 """Errors divided by tolerances, by pair and name of the family."""
@@ -76,18 +75,15 @@ def method_text(count: int) -> str:
     )
 
 
-def run(quick: bool, figures: Path | None) -> Result:
+def run(quick: bool) -> Result:
     """Run all pairs on the families, and on the ten problems."""
     members, rounds = (3, 1) if quick else (_MEMBERS, 3)
     tolerances = _WORK_TOLERANCES[:6] if quick else _WORK_TOLERANCES
     problems = [_runs(case, tolerances, rounds) for case in cases(["heavy_top"] if quick else None)]
     names = list(problems[0])
     quotients = measure(names, members, TOLERANCES[:3] if quick else TOLERANCES)
-    rows = tuple(row for name in names for row in _rows(name, quotients))
-    return Result(
-        TITLE, method_text(members), (), (_defaults(quotients, problems),),
-        details=Result(TITLE, DETAILS, rows, (_by_family(quotients), _work(problems, rounds))),
-    )  # fmt: skip
+    numbers = {name: _numbers(name, quotients) for name in names}
+    return Result(TITLE, method_text(members), (), (_defaults(quotients, problems),), numbers)
 
 
 def measure(names: Sequence[str], members: int, tolerances: Sequence[float]) -> Quotients:
@@ -116,38 +112,23 @@ def _all(name: str, quotients: Quotients) -> Array:
     return np.concatenate([part for parts in quotients[name].values() for part in parts])
 
 
+def _numbers(name: str, quotients: Quotients) -> dict[str, float]:
+    """Return error / estimate of a pair, and quantiles of its quotients."""
+    ratio = summary_of(resolve_method(name)).estimate_ratio
+    assert ratio is not None
+    quantiles = np.quantile(_all(name, quotients), [0.5, 0.9, 1.0]).tolist()
+    return {RATIO: ratio, **dict(zip(_QUANTILES, quantiles, strict=True))}
+
+
 def _runs(case: Case, tolerances: tuple[float, ...], rounds: int) -> Runs:
-    left = {pair.name: pair for pair in pairs(case, tolerances)}
+    left = pairs(case)
     runs: Runs = {name: {} for name in left}
     for tolerance in tolerances:
-        solve = {name: pair.solve for name, pair in left.items()}
-        for name, point in run_point(case, solve, tolerance, rounds).items():
+        for name, point in run_point(case, left, tolerance, rounds).items():
             runs[name][tolerance] = point
             if point.seconds > _SLOWEST:
                 del left[name]
     return runs
-
-
-def _rows(name: str, quotients: Quotients) -> list[Row]:
-    middle, most, largest = np.quantile(_all(name, quotients), [0.5, 0.9, 1.0]).tolist()
-    ratio = summary_of(resolve_method(name)).estimate_ratio
-    assert ratio is not None
-    return [
-        Row(f"`{name}`, error / estimate", ratio, "", aim=Aim(MAX_RATIO, False, "value")),
-        Row(f"`{name}`, median", middle, "tolerances", aim=Aim(MEDIAN, False, "value")),
-        Row(f"`{name}`, 90 % below", most, "tolerances"),
-        Row(f"`{name}`, largest", largest, "tolerances", aim=Aim(LARGEST, False, "value")),
-    ]
-
-
-def stored(result: Result) -> dict[str, dict[str, float]]:
-    """Return the stored numbers of each pair: error / estimate, median, 90 % below, largest."""
-    assert result.details is not None
-    numbers: dict[str, dict[str, float]] = {}
-    for row in result.details.rows:
-        name, what = row.quantity.removeprefix("`").split("`, ")
-        numbers.setdefault(name, {})[what] = row.value
-    return numbers
 
 
 def write_table(result: Result, page: Path) -> None:
@@ -156,13 +137,12 @@ def write_table(result: Result, page: Path) -> None:
     The ratios are computed anew. Magnus methods, for equations without the point, and implicit
     pairs have no errors on the families.
     """
-    measured = stored(result)
     rows = []
     for name, method in cg.methods.items():
         ratio = estimate_ratio(method)
         if ratio is None:
             continue
-        numbers = measured.get(name, {})
+        numbers = result.numbers.get(name, {})
         reliable = ""
         if numbers:
             fits = ratio <= MAX_RATIO and numbers["median"] <= MEDIAN
@@ -171,22 +151,9 @@ def write_table(result: Result, page: Path) -> None:
         jumps = jump_ratio(method)
         seen = "" if jumps is None else f"{jumps:.2g}" if jumps < _BLIND else "not seen"
         rows.append([f"`{name}`", f"{ratio:.2g}", seen, *errors, reliable])
-    rows.sort(key=lambda row: row[0] not in {f"`{name}`" for name in measured})
-    head = ("pair", "error / estimate", "at a jump", *_QUANTILES, "reliable")
+    rows.sort(key=lambda row: row[0] not in {f"`{name}`" for name in result.numbers})
+    head = ("pair", RATIO, "at a jump", *_QUANTILES, "reliable")
     replace_between(page, BEGIN, END, f"{table(head, rows)}\n")
-
-
-def _by_family(quotients: Quotients) -> str:
-    rows = [
-        [f"`{name}`", *map(_middle_and_largest, own.values())] for name, own in quotients.items()
-    ]
-    title = "**Error divided by tolerance**, median and largest, by family:"
-    return f"{title}\n\n{table(['', *next(iter(quotients.values()))], rows)}"
-
-
-def _middle_and_largest(parts: list[Array]) -> str:
-    errors = np.concatenate(parts)
-    return f"{np.median(errors):.2g}, {errors.max():.2g}"
 
 
 def _defaults(quotients: Quotients, problems: list[Runs]) -> str:
@@ -234,24 +201,7 @@ def _counts(name: str, curves: Curves, error: float) -> float:
 
 
 def _curves(runs: list[Runs]) -> Curves:
-    return [
-        {name: Curve.of(name, "pair", 0, list(points.values())) for name, points in r.items()}
-        for r in runs
-    ]
-
-
-def _work(runs: list[Runs], rounds: int) -> str:
-    """Return a table of work at equal errors, divided by that of one pair."""
-    heads = [f"{kind}, {error:g}" for error in _ERRORS for kind in QUANTITIES]
-    rows = []
-    curves = _curves(runs)
-    for name in curves[0]:
-        ratios = [_ratio(name, curves, error, kind) for error in _ERRORS for kind in QUANTITIES]
-        rows.append([f"`{name}`", *("" if math.isnan(r) else f"{r:.2f}" for r in ratios)])
-    return (
-        f"**Work at equal errors** divided by that of `{_AGAINST}`, medians over the ten problems; "
-        f"times are medians of {rounds} rounds of all in turn:\n\n{table(['', *heads], rows)}"
-    )
+    return [{name: Curve.of(list(points.values())) for name, points in r.items()} for r in runs]
 
 
 def _ratio(name: str, curves: Curves, error: float, kind: str) -> float:

@@ -6,7 +6,7 @@ import statistics
 import time
 from collections.abc import Callable, Mapping
 
-from .record import Aim, Row
+from .record import Row
 
 
 class Times:
@@ -26,22 +26,20 @@ class Times:
 
     def row(
         self, quantity: str, name: str, unit: str, against: str, other: str, *,
-        pieces: tuple[float, float] = (1, 1), aim: Aim | None = None, above: bool = True,
+        pieces: tuple[float, float] = (1, 1),
     ) -> Row:  # fmt: skip
         """Return a contestant's time beside another's, per piece of what a call of each does.
 
-        The unit begins with ms or µs, and `above` tells whether the larger ratio is the better.
+        The unit begins with ms or µs.
         """
         scale = {"ms": 1e3, "µs": 1e6}[unit.split(maxsplit=1)[0]]
         here, there = (scale / count for count in pieces)
         pairs = zip(self.rounds[name], self.rounds[other], strict=True)
         ratios = [here * a / (there * b) for a, b in pairs]
-        if above:
-            ratios = [1.0 / ratio for ratio in ratios]
         low, ratio, high = statistics.quantiles(ratios, n=4, method="inclusive")
         return Row(
             quantity, here * self.median(name), unit, against, there * self.median(other), ratio,
-            aim=aim, spread=(low, high),
+            spread=(low, high),
         )  # fmt: skip
 
 

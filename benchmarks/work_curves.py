@@ -11,7 +11,7 @@ from statistics import median
 import numpy as np
 
 from .cases import Case
-from .solvers import Kind, Run
+from .solvers import Run
 
 # Larger errors are those of steps that are too long; rounding dominates smaller ones.
 _WORST = 0.1
@@ -32,23 +32,19 @@ class Point:
         Of the right-hand side.
     flows : int
         Of the frame; 0 if there are none.
-    drift : float
-        Largest distance from the manifold of a point.
     """
 
     error: float
     seconds: float
     evaluations: int
     flows: int
-    drift: float
 
     @classmethod
     def of(cls, case: Case, run: Run, seconds: float) -> Point:
         """Make the point of a run."""
         # rounding alone may leave nothing, which has no logarithm
         error = max(case.error(run.points[-1]), 1e-17)
-        drift = max(float(case.frame.membership_error(run.points).max()), 1e-17)
-        return cls(error, seconds, run.evaluations, run.flows, drift)
+        return cls(error, seconds, run.evaluations, run.flows)
 
 
 QUANTITIES: dict[str, Callable[[Point], float]] = {
@@ -65,15 +61,9 @@ class Curve:
 
     Attributes
     ----------
-    name : str
-    kind : Kind
-    order : int
     points : tuple of Point
     """
 
-    name: str
-    kind: Kind
-    order: int
     points: tuple[Point, ...]
 
     def at(self, error: float, quantity: str) -> float:
@@ -87,13 +77,8 @@ class Curve:
                 return float(np.exp(w0 + part * (w1 - w0)))
         return float("nan")
 
-    def drift(self, error: float) -> float:
-        """Return the largest drift of the runs that are about as accurate or less, or NaN."""
-        drifts = [p.drift for p in self.points if p.error >= 0.1 * error]
-        return max(drifts, default=float("nan"))
-
     @classmethod
-    def of(cls, name: str, kind: Kind, order: int, points: list[Point]) -> Curve:
+    def of(cls, points: list[Point]) -> Curve:
         """Make a curve of the runs that are neither too coarse nor dominated by rounding."""
         usable: list[Point] = []
         for point in points:
@@ -102,7 +87,7 @@ class Curve:
             if usable and usable[-1].error < _ROUNDING and point.error > 0.7 * usable[-1].error:
                 break
             usable.append(point)
-        return cls(name, kind, order, tuple(usable))
+        return cls(tuple(usable))
 
 
 def run_point(
@@ -124,4 +109,4 @@ def run_curves(
 ) -> dict[str, Curve]:
     """Return error against work of several solvers, which run in turns with each setting."""
     points = [run_point(case, solve, setting, rounds) for setting in settings]
-    return {name: Curve.of(name, "rival", 0, [by[name] for by in points]) for name in solve}
+    return {name: Curve.of([by[name] for by in points]) for name in solve}

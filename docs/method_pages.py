@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import re
 import sys
+from collections.abc import Mapping
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -160,11 +161,12 @@ def coefficients(method: Method) -> str:
 
 
 @cache
-def measured() -> dict[str, dict[str, float]]:
+def measured() -> Mapping[str, dict[str, float]]:
     """Return the stored errors divided by tolerances of all pairs."""
-    from benchmarks import estimates, page
+    from benchmarks import page
 
-    return estimates.stored(page.read(ROOT / "benchmarks" / "results.json")["estimates"])
+    results, _ = page.read(ROOT / "benchmarks" / "results.json")
+    return results["estimates"].numbers
 
 
 def errors_in_tolerances(method: Method) -> str:

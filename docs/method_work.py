@@ -6,7 +6,7 @@ same range. The curves for comparison are computed once per build.
 
 from __future__ import annotations
 
-import sys
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,8 +22,6 @@ from matplotlib.ticker import NullLocator
 import cg
 from cg.catalogue import resolve_method
 from cg.method.method import Method
-
-sys.path.append(str(Path(__file__).parent.parent))  # for the package benchmarks
 
 TO_COMPARE = ("CG4a", "DOP853", "CF4")
 """Methods for comparison; the third replaces one of the others on its own page."""
@@ -77,25 +75,37 @@ def _nonlinear(title: str, name: str) -> Work:
     return Work(title, link, solve, exact, case.frame, END)
 
 
-def _linear(problem: Any) -> Work:
-    case = problem.case
+def _linear(
+    title: str, frame: cg.frames.Frame, a: Callable[[float], list[float]], y0: Any, end: float
+) -> Work:
+    def solve(method: Method | str, h: float) -> Any:
+        return cg.solve_linear(a, (0, end), y0, frame=frame, method=method, h=h)
 
-    def solve(method: Method, h: float) -> Any:
-        return cg.solve_linear(
-            problem.a, (0, case.end), case.y0, frame=case.frame, method=method, h=h
-        )
+    def exact() -> np.ndarray:
+        """Return the solution with steps so short that only rounding is left."""
+        return solve("CFM8(4)", 0.005).y[-1]
 
-    link = f"[{case.title}](../benchmarks.md#linear-equations)"
-    return Work(case.title, link, solve, lambda: case.exact, case.frame, case.end)
+    return Work(title, title, solve, exact, frame, end)
+
+
+def _drive(t: float) -> list[float]:
+    return [math.cos(4.0 * t), 0.0, 4.0]
+
+
+def _rates(t: float) -> list[float]:
+    return [math.sin(t), math.cos(2.0 * t), 1.0 + 0.5 * math.sin(3.0 * t)]
 
 
 @cache
 def problems(linear: bool) -> dict[str, Work]:
     """Return the problems by the names of their pictures."""
-    from benchmarks.linear_cases import linear_cases
-
     if linear:
-        return {f"linear_{k}": _linear(case) for k, case in enumerate(linear_cases(quick=True))}
+        spin, turning = cg.frames.SU(2), cg.frames.UnitQuaternion()
+        identity, one = np.eye(2, dtype=complex), [0.0, 0.0, 0.0, 1.0]
+        return {
+            "linear_0": _linear("driven two-level system", spin, _drive, identity, 20),
+            "linear_1": _linear("prescribed rotation", turning, _rates, one, 10),
+        }
     return {
         "heavy_top": _nonlinear("heavy top", "HeavyTop"),
         "free_body": _nonlinear("free rigid body", "FreeRigidBody"),

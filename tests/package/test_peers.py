@@ -89,7 +89,7 @@ class TestLielab:
     @pytest.mark.parametrize("name", ["CG4a", "CG5a"])
     @pytest.mark.parametrize("h", [0.1, 0.01])
     def test_steps_equal_lielab(self, coefficients, name, h):
-        from benchmarks.lielab_top import LielabTop
+        from lielab_top import LielabTop
 
         top = HeavyTop()
         lielab = LielabTop(top)

@@ -1,19 +1,13 @@
-"""The heavy top by Lielab's Crouch-Grossman method, where Lielab is installed."""
+"""The heavy top by Lielab's Crouch-Grossman method."""
 
 from __future__ import annotations
 
-import importlib.util
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cg.problems import HeavyTop
-
-
-def available() -> bool:
-    """Return whether Lielab can be imported."""
-    return importlib.util.find_spec("lielab") is not None
 
 
 class LielabTop:
