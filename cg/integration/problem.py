@@ -183,9 +183,9 @@ def _warn(method: MethodTable, pair: bool = True) -> None:
     """Warn if solutions don't converge, or the error estimate of a ``pair`` is unreliable."""
     name = method.name or "the method"
     if not method.converges:
-        warnings.warn(f"{name} has order 0: its solutions don't converge", stacklevel=6)
+        warnings.warn(f"{name} has order 0: its solutions don't converge", stacklevel=5)
     if pair and method.fault:
-        warnings.warn(f"{name}: {method.fault}", stacklevel=6)
+        warnings.warn(f"{name}: {method.fault}", stacklevel=5)
 
 
 def _check_of_time(rhs: Rhs, t: float, point: Points) -> None:

@@ -20,13 +20,11 @@ from cg.method.paths import MethodPaths, paths_of, polynomial_paths
 from cg.method.splitting import Splitting
 from cg.method.warnings import estimate_fault
 from cg.support.arrays import Array
-from cg.support.copies import cached
 from cg.tables.table import Kind, MethodTable, Output
 
 
-@cached
 def compiled(method: Method) -> MethodTable:
-    """Return the table of a method."""
+    """Return the table of a method, which `Method.table` keeps."""
     linear = isinstance(method, MagnusMethod)
     polynomial = polynomial_paths(method) if linear else None
     exponent = 0.0 if method.embedded_order is None else error_exponent(method)

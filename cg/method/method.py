@@ -168,6 +168,10 @@ class Method(Orders):
         """Return the constants that integrations read, compiled once."""
         if self.stored:
             return stored_table(self.name)
+        return self._compiled
+
+    @cached_property
+    def _compiled(self) -> MethodTable:
         # the compiler knows all classes of methods, which are derived from this one
         table: MethodTable = import_module("cg.method.compile").compiled(self)
         return table

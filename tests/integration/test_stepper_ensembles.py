@@ -30,14 +30,13 @@ def test_an_ensemble_of_which_a_member_fails_stays_where_it_was(fails, vectorize
     )  # fmt: skip
     assert stepper.advance(0.25) is None
     before = stepper.y
-    if fails == "message":
+    if fails != "exception":
         message = stepper.advance(2.0)
         assert message.startswith("Failure of ")
         assert "of 3 trajectories" in message
-        assert "the step size fell below" in message
-        refuses(RuntimeError, r"has failed at t = 0.25: the step", stepper.advance, 2.0)
+        refuses(RuntimeError, "has failed at t = 0.25: ", stepper.advance, 2.0)
     else:
-        refuses((ValueError, KeyError), r"third|finite", stepper.advance, 2.0)
+        refuses(KeyError, "third", stepper.advance, 2.0)
     assert stepper.t == 0.25
     assert_array_equal(stepper.y, before)
     stepper.restart()

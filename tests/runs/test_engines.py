@@ -1,5 +1,6 @@
 """Searches on Dask, loky and MPI."""
 
+import shutil
 import subprocess
 import sys
 
@@ -55,6 +56,8 @@ class TestEngines:
 
     def test_mpi(self, tmp_path):
         pytest.importorskip("mpi4py")
+        if not shutil.which("mpiexec"):
+            pytest.skip("mpiexec isn't installed")
         script = tmp_path / "run.py"
         script.write_text(MPI)
         command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
@@ -66,6 +69,8 @@ class TestEngines:
 
     def test_mpi_from_the_command(self, tmp_path):
         pytest.importorskip("mpi4py")
+        if not shutil.which("mpiexec"):
+            pytest.skip("mpiexec isn't installed")
         command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
         command += ["-m", "mpi4py.futures", "-m", "cg", "search", "--order", "3", "--stages", "3"]
         command += ["--starts", "30", "--seed", "5", "--store", str(tmp_path / "runs.db"), "--mpi"]
