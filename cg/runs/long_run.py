@@ -121,7 +121,10 @@ class LongRun(Generic[Result]):
     def _known(self, stored: StoredRun | None) -> Iterator[tuple[int, Result | Failure]]:
         """Yield the numbers and results that a store has."""
         if stored is not None:
-            yield from ((entry.number, self.from_entry(entry)) for entry in stored.entries())
+            # the traceback of a wrong entry must not keep the file open
+            with closing(stored.entries()) as entries:
+                for entry in entries:
+                    yield entry.number, self.from_entry(entry)
             yield from ((failure.index, failure) for failure in stored.failures())
 
 

@@ -4,7 +4,7 @@ import json
 import math
 import sqlite3
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any
@@ -67,7 +67,7 @@ class StoredRun:
         query = "SELECT number, message FROM failures WHERE run = ? ORDER BY number"
         return tuple(Failure(*row) for row in self._query(query))
 
-    def entries(self, condition: str = "", *values: Any) -> Iterator[StoredStart]:
+    def entries(self, condition: str = "", *values: Any) -> Generator[StoredStart, None, None]:
         """Yield the entries by number, or those that an SQL condition selects, in its order."""
         query = f"{_SELECT} {condition or 'ORDER BY number'}"
         for row in self._query(query, *values):

@@ -57,6 +57,7 @@ def test_rejects_forged_starts(forgery, path):
         path.write_bytes(content)
         run_sql(path, FORGERIES[forgery], number)
         refuses(ValueError, "not the entry of a start", search, **SMALL, starts=6, store=path)
+        assert not database.has_log(path)
 
 
 @pytest.mark.parametrize("settings", [CONSTRUCT, TREES])
@@ -71,6 +72,7 @@ def test_rejects_forged_tries(settings, change, path):
     assert cg.construct(**settings, store=path) == whole
     run_sql(path, f"UPDATE starts SET {change} WHERE number = 0")
     refuses(ValueError, "not the entry of an attempt", cg.construct, **settings, store=path)
+    assert not database.has_log(path)
 
 
 def killed(path):
