@@ -9,20 +9,27 @@ _TAIL = 4  # number of chunks left for each worker, so that all end at about the
 _OLD_WEIGHT = 0.7  # weight of the old mean after one more piece
 
 
-class Chunks:
-    """Indices, `total` in number, in chunks of about equal duration; of one piece if `single`."""
+def even_size(total: int, workers: int, largest: int) -> int:
+    """Return a size of chunks that no measured time changes."""
+    return max(1, min(largest, -(-total // (_TAIL * workers))))
 
-    def __init__(self, indices: Iterable[int], total: int, workers: int, single: bool) -> None:
+
+class Chunks:
+    """Indices, `total` in number, in chunks of about equal duration, or of a `size` if given."""
+
+    def __init__(
+        self, indices: Iterable[int], total: int, workers: int, size: int | None = None
+    ) -> None:
         self._indices = iter(indices)
         self._left = total
         self._workers = workers
-        self._single = single
+        self._size = size
         self._mean: float | None = None  # seconds that a piece takes
 
     def next(self) -> list[int]:
         """Return the next chunk, empty at the end."""
-        size = 1
-        if not self._single and self._mean is not None:
+        size = self._size or 1
+        if self._size is None and self._mean is not None:
             fair = self._left // (_TAIL * self._workers)
             mean = max(self._mean, 1e-6)
             least = max(1, int(_MIN_SECONDS / mean))

@@ -25,7 +25,7 @@ from itertools import chain
 from multiprocessing import get_context
 from typing import Any, Generic, TypeVar
 
-from cg.executors.chunks import Chunks
+from cg.executors.chunks import Chunks, even_size
 from cg.executors.worker_errors import broken_executor, picklable, work_was_lost, worker_died
 from cg.support.checks import check_integer
 from cg.support.parallel import available_cores, end_with_parent, new_flag, single_threads, work_for
@@ -82,11 +82,13 @@ def completed(
     *,
     finish_on_interrupt: bool = False,
     data: Callable[[list[int]], Any] | None = None,
+    largest: int | None = None,
 ) -> Generator[Finished[Result], None, None]:
     """Yield ``work(index)`` for each of `total` indices, in the order in which they finish.
 
     `work` must be picklable for executors other than threads. With `data` it takes whole chunks,
-    ``work(data(indices))``. With `finish_on_interrupt`, running pieces finish after the first
+    ``work(data(indices))``. With `largest` chunks have one size, at most this, which doesn't depend
+    on measured time. With `finish_on_interrupt`, running pieces finish after the first
     interrupt, before KeyboardInterrupt is raised.
 
     If `executor` is a function, or ``"processes"``, a new executor is made when a worker died. The
@@ -95,7 +97,10 @@ def completed(
     if it breaks.
     """
     pool = _Pool(executor, workers, data)
-    queue = Chunks(indices, total, pool.workers, single=pool.threads and data is None)
+    size = 1 if pool.threads and data is None else None
+    if largest is not None:
+        size = even_size(total, pool.workers, largest)
+    queue = Chunks(indices, total, pool.workers, size)
     with single_threads(), pool:
         yield from _loop(work, pool, queue, finish_on_interrupt)
 

@@ -253,7 +253,11 @@ def _distribute(
     if executor is not None and executor != "threads":
         _check_pickle(work)
     count = len(problem.points)
-    results = completed(work, range(count), count, workers, executor, data=problem.data)
+    # how members are batched must not vary from run to run
+    largest = _MEMBERS_PER_RUN if problem.rhs.vectorized else None
+    results = completed(
+        work, range(count), count, workers, executor, data=problem.data, largest=largest
+    )
     with closing(results):
         for finished in results:
             members = slice(finished.chunk[0], finished.chunk[-1] + 1)

@@ -3,6 +3,7 @@
 import ctypes
 import math
 import pickle
+import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 
@@ -122,7 +123,7 @@ def test_all_members_that_fail_are_named(path):
 def test_workers_that_die(out, monkeypatch):
     dead = [3]
 
-    def ended(work, indices, total, workers, executor, *, data):
+    def ended(work, indices, total, workers, executor, *, data, largest):
         for k in indices:
             yield Finished(k, None if k in dead else work(data([k])), 0.0, "Killed", [k])
 
@@ -285,3 +286,24 @@ class TestCompiledFunction:
     def test_arguments(self, path, arguments, error, message):
         arguments = tuple(path if each == "LIBRARY" else each for each in arguments)
         refuses(error, message, cg.CompiledFunction, *arguments)
+
+
+@pytest.mark.parametrize("members", [6, 40])
+def test_batches_of_vectorized_members_do_not_depend_on_time(members):
+    """Each batch is a call of all stages; slow calls would make smaller chunks."""
+
+    def calls(seconds):
+        sizes = []
+
+        def f(t, y):
+            time.sleep(seconds)
+            sizes.append(len(t))
+            return -y
+
+        points = np.ones((members, 1))
+        options = {"frame": Euclidean(1), "h": 0.5, "method": "CF4"}
+        cg.solve_ensemble(f, (0, 1), points, vectorized=True, workers=2, **options)
+        return sorted(sizes)
+
+    assert calls(0.0) == calls(0.001)
+    assert calls(0.0)[-1] == -(-members // 8)

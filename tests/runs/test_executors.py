@@ -122,7 +122,7 @@ def test_lmdif_is_the_same_on_other_processors(tmp_path):
 
 def sizes_of_chunks(seconds, total):
     """Return how many pieces each chunk for two workers has, if a piece takes `seconds` of it."""
-    queue, sizes = Chunks(range(total), total, 2, single=False), []
+    queue, sizes = Chunks(range(total), total, 2), []
     while chunk := queue.next():
         sizes.append(len(chunk))
         for index in chunk:
