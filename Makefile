@@ -75,13 +75,11 @@ catalogue: build
 reference-steps: build
 	$(PY) tools/make_reference_steps.py
 
-# mutation testing of the modules that tools/cosmic-ray.toml names
-MUTANTS := build/mutants.sqlite
+# plants errors one at a time in a clone, and says which of them the tests see
 mutants: build
-	$(PY) -m pip install --quiet cosmic-ray
-	test -f $(MUTANTS) || $(VENV)/bin/cosmic-ray init tools/cosmic-ray.toml $(MUTANTS)
-	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(VENV)/bin/cosmic-ray exec tools/cosmic-ray.toml $(MUTANTS)
-	$(VENV)/bin/cr-report $(MUTANTS)
+	test -d build/planted || git clone --quiet . build/planted
+	$(MAKE) --directory build/planted --silent build
+	$(PY) tools/plant_errors.py --tree build/planted $(ARGS)
 
 lint: build
 	$(VENV)/bin/ruff check .
