@@ -84,7 +84,8 @@ class Run:
         self._capacity = capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
         self._share("stops", problem.stops)
-        self.share_limits(problem.limits)
+        if problem.limits.size:
+            self.share_limits(problem.limits)
         self._share_inputs()
         self._share("rtols", self.control.rtol.ravel())
         self._share("atol", self.control.atol.ravel())
