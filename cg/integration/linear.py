@@ -220,7 +220,7 @@ def _check_callable(a: Any, args: tuple[Any, ...], parameters: Any, inputs: Any)
     """Raise TypeError unless ``a`` takes a time with the further arguments."""
     names = ["t", *["u"] * (inputs is not None), *(f"args[{k}]" for k in range(len(args)))]
     names += ["parameters"] * (parameters is not None)
-    call = f"a({', '.join(names)})"
+    call = f"a({', '.join(names)})" + " with inputs u" * (inputs is not None)
     if not callable(a):
         raise TypeError(f"a must be callable as {call}, got {a!r}")
     try:

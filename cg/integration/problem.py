@@ -127,9 +127,13 @@ def _make_rhs(
     if compiled is None:
         if not callable(f):
             raise TypeError(f"f must be callable as f(t, y), got {f!r}")
+        of_time = isinstance(f, TimeFunction)  # checked before
         if inputs is not None:
-            f = f.with_input() if isinstance(f, TimeFunction) else WithInput(f)
-        return PythonRhs(f, frame, extra, parameters, vectorized, 0 if many else None, inputs)
+            f = f.with_input() if of_time else WithInput(f)
+        rhs = PythonRhs(f, frame, extra, parameters, vectorized, 0 if many else None, inputs)
+        if inputs is not None and not of_time:
+            rhs.check_call()
+        return rhs
     if extra:
         raise ValueError(f"args must be None for a compiled {name}, got {args!r}")
     if vectorized:

@@ -14,7 +14,6 @@ from cg.integration.friction import check_members
 from cg.integration.rhs.inputs import check_inputs
 from cg.integration.rhs.python import PythonRhs
 from cg.support.arrays import Array, Points, check_finite, real_array
-from cg.support.checks import short
 
 
 def get_state(stepper: Any) -> dict[str, Any]:
@@ -118,10 +117,7 @@ def check_data(rhs: Any, many: bool, before: Any = None) -> None:
         check_finite(numbers if many else numbers[0], "parameters")
     if not isinstance(rhs, PythonRhs) or (before is not None and len(args) == len(before.args)):
         return
-    if rhs.takes(2 + len(args) + (numbers is not None)) is False:
-        given = "t, y" + ", inputs" * (rhs.inputs is not None)
-        given += ", parameters" * (numbers is not None)
-        raise TypeError(f"args must be as many as f takes beside {given}, got {short(args)}")
+    rhs.check_call()
 
 
 def _read_parameters(parameters: ArrayLike, before: Array | None, many: bool) -> Array:

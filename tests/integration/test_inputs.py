@@ -3,6 +3,7 @@
 import copy
 import ctypes
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -299,10 +300,35 @@ def test_compiled_functions_with_data_of_their_own_are_refused(function, library
         cg.Stepper(lambda t, y, u: [u], -1.0, [0.0], frame=LINE, inputs=HELD)
 
 
-def test_exceptions_say_how_functions_are_called():
-    def f(t, y):
-        return [0.0]
+@pytest.mark.parametrize("inputs", [HELD, (HELD, HELD)])
+@pytest.mark.parametrize("given", [{}, {"args": (1.0,)}, {"parameters": [1.0]}])
+def test_functions_without_inputs_are_refused(inputs, given):
+    options = {"frame": LINE, "inputs": inputs, **given}
+    names = ["u", *(name.replace("args", "args[0]") for name in given)]
+    expected = rf"f({', '.join(['t', 'y', *names])}) with inputs u, got a function of (t, y)"
+    f = lambda t, y: [0.0]
+    for solve in (cg.solve_ivp, cg.solve_variational):
+        refuses(TypeError, re.escape(expected), solve, f, (0, 1), [0.0], **options)
+    members = options | {"parameters": [[1.0]]} if "parameters" in given else options
+    refuses(TypeError, re.escape(expected), cg.solve_ensemble, f, (0, 1), [[0.0]], **members)
+    refuses(TypeError, re.escape(expected), cg.Stepper, f, 0.0, [0.0], **options)
+    of_time = re.escape(
+        f"a({', '.join(['t', 'u', *names[1:]])}) with inputs u, got a function of (t)"
+    )
+    refuses(TypeError, of_time, cg.solve_linear, lambda t: [0.0], (0, 1), [0.0], **options)
+    f = lambda t, y, u, *more: [float(np.sum(u)) + sum(map(np.sum, more))]
+    assert cg.solve_ivp(f, (0, 1), [0.0], **options).success
 
-    with pytest.raises(TypeError) as caught:
-        cg.solve_ivp(f, (0, 1), [0.0], frame=LINE, inputs=HELD)
-    assert "f is given (t, y, u, ...)" in "".join(caught.value.__notes__)
+
+def test_exceptions_say_how_functions_are_called():
+    def fail(t, y, u):
+        raise KeyError("mine")
+
+    options = {"frame": LINE, "inputs": HELD, "h": 0.5, "method": "CF4"}
+    for f, events, note in (
+        (fail, None, "f is given (t, y, u, ...)"),
+        (lambda t, y, u: [0.0], lambda t, y: 1.0, "in events[0](t, y, u, ...)"),
+    ):
+        with pytest.raises((KeyError, TypeError)) as caught:
+            cg.solve_ivp(f, (0, 1), [0.0], events=events, **options)
+        assert note in "".join(caught.value.__notes__)

@@ -324,9 +324,9 @@ class TestDataChecks:
             ({"parameters": [np.nan]}, r"parameters must be finite, got nan at \[0\]"),
             (
                 {"args": (1.0, 2.0)},
-                r"args must be as many as f takes beside t, y, .* got \(1.0, 2.0",
+                r"f must be callable as f\(t, y, u, args\[0\], args\[1\], parameters\) with inputs",
             ),
-            ({"args": ()}, "args must be as many as f takes beside t, y, inputs, parameters, got"),
+            ({"args": ()}, r"f must be callable as f\(t, y, u, parameters\) with inputs u, got"),
             ({"t": 0.5}, "t must lie within the times of the samples, 1 to inf, got 0.5"),
         ],
     )

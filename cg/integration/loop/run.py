@@ -267,8 +267,9 @@ class Run:
         if failed is not None:
             name, t, member = failed
             first = getattr(self.rhs, "first", None)
+            u = "" if self.rhs.inputs is None else "u, "
             which = "" if first is None else f" in member {first + member}"
-            error.add_note(f"in {name}(t, y, ...) at t = {t:.17g}{which}")
+            error.add_note(f"in {name}(t, y, {u}...) at t = {t:.17g}{which}")
         elif isinstance(self.rhs, PythonRhs) and len(raised) and not self.rhs.vectorized:
             member = int(raised[0])
             error.add_note(self.rhs.note(float(self.failed_at[member]), member))

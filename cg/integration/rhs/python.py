@@ -93,6 +93,19 @@ class PythonRhs:
         given = f"f is given (t, y, {u}...) with y of shape {shape}"
         return f"at t = {t:.17g}{which}; {given}{extra}{hint}"
 
+    def check_call(self) -> None:
+        """Raise TypeError unless ``f`` takes the further arguments."""
+        count = len(self.args) + (self.parameters is not None)
+        if self.takes(2 + count) is not False:
+            return
+        function, u = (self.f.function, ["u"]) if isinstance(self.f, WithInput) else (self.f, [])
+        names = ["t", "y", *u, *(f"args[{k}]" for k in range(len(self.args)))]
+        names += ["parameters"] * (self.parameters is not None)
+        raise TypeError(
+            f"f must be callable as f({', '.join(names)}){' with inputs u' * len(u)}, got a "
+            f"function of {inspect.signature(function, follow_wrapped=False)}"
+        )
+
     def takes(self, count: int) -> bool | None:
         """Return whether ``f`` takes a number of arguments beside inputs, None if unknown."""
         with_input = isinstance(self.f, WithInput)
