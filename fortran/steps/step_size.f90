@@ -12,7 +12,8 @@ module step_size_m
   use phases_m
   use trajectory_m, only: fail, trajectory_t
   use vectors_m, only: copy
-  use shared_numbers, only: needs_minimum, raised, slope_not_finite, step_too_small, too_many_steps
+  use shared_numbers, only: needs_minimum, raised, slope_not_finite, step_too_small, &
+                            time_not_finite, too_many_steps
   implicit none
   private
   public :: begin_segment, choose_step, choose_first_size, guess_size, request_curvature
@@ -188,6 +189,10 @@ contains
         if (x%control%shortened) x%t_end = stop
         x%control%shortened = x%control%shortened .or. x%control%unshortened_size > longest
         x%h = x%t_end - x%t
+        if (.not. abs(x%h) <= huge(x%h)) then             ! a rejection would not shorten it
+          call fail(x, time_not_finite, x%t)
+          return
+        end if
       end if
       if (abs(x%h - x%weighted_by) > 0) then
         x%weight(:) = x%h * x%problem%method%flows%weight

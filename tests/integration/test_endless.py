@@ -42,6 +42,27 @@ class TestEndless:
         )
         assert (run.status, run.steps) == (-1, 9)
 
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_the_last_numbers_end_it(self, sign):
+        calls, span = [], (0, sign * np.inf)
+        rest = lambda t, y: calls.append(t) or 0.0 * y
+        alone = cg.solve_ivp(rest, span, [1.0], events=at_ten, **GROWS)
+        assert (alone.status, alone.y[-1].tolist()) == (-1, [1.0])
+        assert "there was no terminal event up to t" in alone.message
+        assert abs(alone.t[-1]) > 1e307
+        for common in (False, True):
+            with pytest.warns(UserWarning, match="no terminal event up to t"):
+                members = cg.solve_ensemble(
+                    rest, span, [[1.0], [2.0]], events=at_ten, common_steps=common, **GROWS
+                )
+            assert members.status.tolist() == [-1, -1]
+        stepper = cg.Stepper(rest, 0.0, [1.0], t_bound=span[1], events=at_ten, **GROWS)
+        while stepper.status == "running":
+            end = stepper.step()
+        assert stepper.status == "failed"
+        assert "no terminal event up to t" in end
+        assert len(calls) < 50_000
+
     @pytest.mark.parametrize("events", [None, [], cg.Event(at_ten.__call__)])
     @pytest.mark.parametrize("end", [np.inf, -np.inf])
     def test_it_is_refused_without_a_terminal_event(self, end, events):

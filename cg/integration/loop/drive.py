@@ -33,7 +33,8 @@ def drive(
         run.call()
         raise_if_stopped()
         if watch is not None:
-            watch(float(np.abs(run.reached - run.t0).sum()))
+            with np.errstate(over="ignore"):  # of members without an end
+                watch(float(np.abs(run.reached - run.t0).sum()))
         if record.ended == run.members:
             return
         check = check or StepCheck(run, warn)

@@ -31,7 +31,7 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:
     match stop:
         case Stop.FINISHED | Stop.PAUSED | Stop.TERMINAL_EVENT:
             return None
-        case Stop.STEP_TOO_SMALL:
+        case Stop.STEP_TOO_SMALL | Stop.TIME_NOT_FINITE:
             return _explain_step_failure(run, member, t)
         case Stop.TOO_MANY_STEPS:
             return _explain_number_of_steps(run, member, t)
@@ -95,7 +95,9 @@ def _explain_number_of_steps(run: Run, member: int, t: float) -> str:
 
 
 def _explain_step_failure(run: Run, member: int, t: float) -> str:
-    """Return the message for a step size that became too small."""
+    """Return the message for a step size that became too small, or leads beyond all numbers."""
+    if run.status[member] == Stop.TIME_NOT_FINITE:
+        return f"there was no terminal event up to t = {t:.17g}, where floating point ends"
     frame, smallest = run.plan.frame, 10.0 * math.ulp(t)
     direction = run.problem.t1 - run.problem.t0
     point = run.plan.points(run.end[member].copy(), ())
