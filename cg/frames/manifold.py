@@ -59,6 +59,8 @@ class Manifold(ABC):
         ------
         NotImplementedError
             If the frame does not define a projection.
+        ValueError
+            If a matrix for a group of rotations has no positive determinant, as left-handed axes.
         """
         point = self._points(y)
         rows = point.reshape(-1, *self.point_shape)
@@ -179,6 +181,8 @@ class Manifold(ABC):
             nearest = self.project(point)
         except NotImplementedError:
             return ""
+        except ValueError as error:
+            return f"; {error}"
         if not np.isfinite(nearest).all() or self.relative_error(nearest) > MEMBERSHIP_TOLERANCE:
             return ""
         argument = name.partition("[")[0]

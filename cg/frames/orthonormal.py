@@ -13,6 +13,7 @@ from cg.frames.matrix_functions import (
     nearest_unitary,
     newton_schulz,
     random_unitary,
+    singular_values,
 )
 from cg.support.arrays import Array, Points, Size, check_random
 
@@ -52,7 +53,24 @@ class OrthonormalColumns(Frame):
         return ""
 
     def _project(self, y: Points) -> Points:
+        if self._special and self.dtype.kind == "f":
+            self._check_handedness(y)
         return nearest_unitary(y, special=self._special)
+
+    def _check_handedness(self, y: Points) -> None:
+        """Raise ValueError for left-handed matrices, and singular ones, which may be either.
+
+        The nearest rotation of a reflection exists, but turns some axis round.
+        """
+        values = singular_values(y)
+        singular = values[:, -1] <= y.shape[-1] * np.finfo(np.float64).eps * values[:, 0]
+        wrong = np.flatnonzero(singular | (np.linalg.slogdet(y).sign < 0.0))
+        if len(wrong):
+            kind = "singular" if singular[wrong[0]] else "left-handed"
+            raise ValueError(
+                f"y must have a positive determinant for the nearest point of {self}, got "
+                f"{np.linalg.det(y[wrong[0]]):.3g}, of a {kind} matrix"
+            )
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return points uniform under rotations or unitary matrices."""
