@@ -152,6 +152,8 @@ contains
   ! differences of rounded times, so that all are equal.
   subroutine choose_step(x)
     type(trajectory_t), intent(inout) :: x
+    ! Sums of stages over a step don't overflow before it; an infinite step isn't made shorter.
+    real(wp), parameter :: largest_time = 1e-3_wp * huge(1.0_wp)
     real(wp) :: longest
 
     associate (stop => x%problem%stops(x%segment))
@@ -189,7 +191,7 @@ contains
         if (x%control%shortened) x%t_end = stop
         x%control%shortened = x%control%shortened .or. x%control%unshortened_size > longest
         x%h = x%t_end - x%t
-        if (.not. abs(x%h) <= huge(x%h)) then             ! a rejection would not shorten it
+        if (abs(stop) > huge(stop) .and. .not. abs(x%t_end) <= largest_time) then
           call fail(x, time_not_finite, x%t)
           return
         end if
