@@ -7,10 +7,11 @@ from importlib import import_module
 
 import click
 
+from cg.support.flint import MissingFlintError
 from cg.support.parsing import visible
 
-NO, UNUSABLE, INTERRUPTED = 1, 2, 130
-"""Exit codes: negative result, wrong argument, interrupt."""
+NO, UNUSABLE, MISSING, INTERRUPTED = 1, 2, 3, 130
+"""Exit codes: negative result, wrong argument, missing package, interrupt."""
 
 PROGRAM = "crouch-grossman"
 COMPLETE = "_CROUCH_GROSSMAN_COMPLETE"
@@ -58,8 +59,9 @@ class _Commands(click.Group):
 @click.group(
     cls=_Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Exit codes: 0 for success, 1 for a negative result, 2 for a wrong argument, 130 after "
-    "an interrupt. Every command that prints data takes --json.",
+    epilog="Exit codes: 0 for success, 1 for a negative result, 2 for a wrong argument, 3 without "
+    "a package that the command needs, 130 after an interrupt. Every command that prints data "
+    "takes --json.",
 )
 @click.version_option(
     package_name=PROGRAM,
@@ -91,8 +93,9 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
         return 0
     except click.ClickException as error:
         return _refuse(program, error.format_message())
-    except (ArithmeticError, BrokenExecutor, OSError, ValueError) as error:
-        return _refuse(program, _with_notes(message_of(error), error))
+    except (ArithmeticError, BrokenExecutor, MissingFlintError, OSError, ValueError) as error:
+        code = _refuse(program, _with_notes(message_of(error), error))
+        return MISSING if isinstance(error, MissingFlintError) else code
     except MemoryError as error:
         return _refuse(program, f"not enough memory: {error}")
     return code if isinstance(code, int) else 0

@@ -10,13 +10,19 @@ from __future__ import annotations
 from typing import Any
 
 
+class MissingFlintError(ImportError):
+    """A function needs python-flint, which isn't installed."""
+
+
 def __getattr__(name: str) -> Any:
+    if name.startswith("__"):  # what imports ask a module for
+        raise AttributeError(name)
     try:
         import flint
     except ModuleNotFoundError as error:
-        raise ImportError(
+        raise MissingFlintError(
             "proofs, digits, order conditions in balls, limits of stability and reference "
-            "solutions need python-flint, the extra [proofs]: python -m pip install python-flint",
+            "solutions need the extra [proofs]: python -m pip install python-flint",
             name="flint",
         ) from error
     value = globals()[name] = getattr(flint, name)

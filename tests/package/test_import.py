@@ -116,6 +116,28 @@ def test_only_proofs_and_references_need_flint():
     loaded_after(WITHOUT_FLINT)
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [("check", "FILE"), ("certify", "CG3"), ("plot", "CG3", "stability", "-o", "FILE.png"),
+     ("show", "CG5a", "--digits", "50")],
+    ids=lambda arguments: arguments[0],
+)  # fmt: skip
+def test_commands_name_what_they_need(arguments, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('name = "mine"\nsource = "x"\na = [[], ["1/2"]]\nb = ["0", "1"]\n')
+    code = (
+        "import sys; sys.modules['flint'] = None\n"
+        "from cg.command.main import main\nsys.exit(main(sys.argv[1:]))"
+    )
+    given = [word.replace("FILE", str(file)) for word in arguments]
+    command = [sys.executable, "-c", code, *given]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 3
+    (line,) = run.stderr.splitlines()
+    assert line.startswith("crouch-grossman: error: ")
+    assert line.endswith("the extra [proofs]: python -m pip install python-flint")
+
+
 def test_star_import_gives_the_public_names():
     names = {}
     exec("from cg import *", names)
