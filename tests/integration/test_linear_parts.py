@@ -90,3 +90,16 @@ def test_gradients(tolerance):
     )  # fmt: skip
     gradient = run.gradient(2 * run.y[-1] * [1, 0, 0])
     np.testing.assert_allclose(gradient.y0, [1.2, 0, 0], rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("end", [1000.0, -1000.0])
+def test_all_events_of_long_steps_are_found(end):
+    frame = LinearAction([np.array([[0.0, -1.0], [1.0, 0.0]])])
+    options = {"frame": frame, "events": lambda t, y: y[0], "rtol": 1e-8, "atol": 1e-8}
+    for solution in (
+        cg.solve_linear(lambda t: [1.0], (0, end), [1.0, 0.0], **options),
+        cg.solve_ivp(lambda t, y: [1.0], (0, end), [1.0, 0.0], **options),
+    ):
+        assert solution.steps < 20
+        times = np.sign(end) * np.pi * (np.arange(318) + 0.5)
+        np.testing.assert_allclose(solution.t_events[0], times, rtol=0, atol=1e-8)
