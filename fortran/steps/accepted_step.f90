@@ -35,18 +35,14 @@ contains
 
     x%counts%steps = x%counts%steps + 1
     x%grid_done = x%grid_done + 1
-    x%needs_interpolant = output%dense
-    if (x%outputs_done < output%outputs) then
-      x%needs_interpolant = x%needs_interpolant .or. &
-        (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
-    end if
     x%seeks_events = size(x%events%before) > 0
+    x%needs_interpolant = .not. x%seeks_events .and. has_output(x, output)
     x%phase = phase_store_output
     if (x%seeks_events) then
       associate (events => x%events)
         call evaluate_events(x, x%t_end, x%y(:, x%result), events%after)
         if (x%status /= finished) return
-        x%needs_interpolant = x%needs_interpolant .or. any(events%came_from /= 0) &
+        x%needs_interpolant = any(events%came_from /= 0) &
           .or. any(crosses(events%before, events%after, x%problem%events%direction) &
                    .and. (abs(events%after) > 0 .or. x%last%kept))
       end associate
@@ -55,10 +51,22 @@ contains
     call request_ends(x)
   end subroutine examine_step
 
-  ! Completes the interpolant of a step if a function changes its sign along the cubic. Zeros just
-  ! at the end of the step don't need it.
-  subroutine detect_events(x)
+  ! Whether the output needs the interpolant of the step
+  pure logical function has_output(x, output)
+    type(trajectory_t), intent(in) :: x
+    type(output_t), intent(in) :: output
+
+    has_output = output%dense
+    if (x%outputs_done < output%outputs) has_output = has_output .or. &
+        (output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0
+  end function has_output
+
+  ! Completes the interpolant of a step if a function changes its sign along the cubic, or for the
+  ! output. Zeros just at the end of the step don't need it. Events are sought along the cubic first
+  ! where there is output too, so that output doesn't change which are found.
+  subroutine detect_events(x, output)
     type(trajectory_t), intent(inout) :: x
+    type(output_t), intent(in) :: output
 
     if (tries_shorter(x)) return
     call find_zeros(x, .true.)
@@ -69,6 +77,7 @@ contains
       x%seeks_events = size(zeros) > 0
     end associate
     if (x%needs_interpolant .or. .not. x%seeks_events) deallocate (x%events%zeros)
+    x%needs_interpolant = x%needs_interpolant .or. has_output(x, output)
     if (x%needs_interpolant .and. x%status == finished) call interpolate(x)
   end subroutine detect_events
 

@@ -106,7 +106,7 @@ contains
     case (phase_node_received)
       call store_node(x)
     case (phase_detect_events)
-      call detect_events(x)
+      call detect_events(x, output)
     case (phase_store_output)
       call store_output(x, output)
     end select

@@ -165,6 +165,9 @@ def _doubt(case):
         if 1e-9 < begin < 2 * bound or (end < 2 * bound and not path.terminated):
             raise Unclear(f"event {k} is at an end")
     times = sorted(t for events in path.events for t, *_ in events)
+    stops = (*path.task.breakpoints, *path.task.knots)
+    if path.jumps and any(0 < abs(t - stop) < 1e-9 * length for t in times for stop in stops):
+        raise Unclear("an event is nearly at a stop")
     slopes = [slope for slopes in path.slopes for slope in slopes]
     gap = 2 * bound / min(slopes, default=1.0)
     if path.jumps and any(1e-9 * length < b - a < gap for a, b in pairwise(times)):

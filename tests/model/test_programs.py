@@ -5,6 +5,8 @@ import pytest
 
 import cg
 from tests.model.__main__ import run
+from tests.model.compare import check
+from tests.model.programs import Input, Program, Zero
 from tests.model.spaces import SPACES
 
 COUNT, PARTS = 400, 16
@@ -14,6 +16,31 @@ COUNT, PARTS = 400, 16
 def test_programs(seed):
     outcomes = run(COUNT // PARTS, seed, shrink=False)
     assert outcomes["compared"] > 0.7 * COUNT // PARTS
+
+
+def test_output_does_not_change_which_events_are_found():
+    program = Program(
+        space=12,
+        seed=34,
+        turns=2.0,
+        speed=5.0,
+        start=100000.0,
+        length=-1.0,
+        method="CF5(4)",
+        steps=3.0,
+        dense=True,
+        observe=True,
+        events=(
+            Zero(kind="plane", place=0.1, seed=6, terminal=0, direction=0, jump="other"),
+            Zero(kind="plane", place=0.1, seed=10, terminal=2, direction=1, jump=""),
+            Zero(kind="copy", place=0.9, seed=0, terminal=2, direction=-1, jump=""),
+        ),
+        breaks=(0.5,),
+        inputs=(Input(kind="hold", count=5, seed=5, scale=1e-05, idle=False),),
+        parameters=True,
+        caller="ensemble",
+    )
+    assert check(program) == "compared"
 
 
 @pytest.mark.slow
