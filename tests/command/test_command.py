@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -230,6 +231,37 @@ class TestProcess:
         names = {line.partition(",")[2] for line in completed.stdout.splitlines()}
         assert {"CG5a", "CG5(4)"} <= names
         assert "CG4a" not in names
+
+    @pytest.mark.skipif(shutil.which("bash") is None, reason="bash isn't installed")
+    def test_completion_in_bash(self, run, tmp_path):
+        """Keys and the arguments that bash gets, quoted as it needs them."""
+        typed = {
+            "show RKMK5\t": "<show><RKMK5(4)>",
+            r"show CFM8\(" + "\t": "<show><CFM8(4)>",
+            'show "CFM8(\t': "<show><CFM8(4)>",
+            "show cfm6\tb": "<show><CFM6(4)b>",  # what is common to two
+            "show dvmi\t": "<show><dvmine (1).toml>",
+            "show DVERK6\t": "<show><DVERK6(5)>",
+            "show DVERK8\t": "<show><DVERK8.toml>",
+            "comp\tb\t": "<completion><bash>",
+        }
+        for name in ("dvmine (1).toml", "DVERK8.toml"):
+            (tmp_path / name).touch()
+        (tmp_path / "completion").mkdir()  # not what is meant by a command
+        program = tmp_path / "bin" / "crouch-grossman"
+        program.parent.mkdir()
+        program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m cg "$@"\n')
+        program.chmod(0o755)
+        path = f"{program.parent}{os.pathsep}{os.environ['PATH']}"
+        environment = {**os.environ, "PATH": path, "HISTFILE": "", "INPUTRC": "/dev/null"}
+        lines = [run("completion", "bash")[1], "crouch-grossman() { printf '<%s>' \"$@\"; echo; }"]
+        lines += [f"crouch-grossman {keys}" for keys in typed]
+        shell = ["bash", "--norc", "--noprofile", "-i"]
+        keys = "\n".join([*lines, ""])
+        completed = subprocess.run(
+            shell, input=keys, env=environment, cwd=tmp_path, capture_output=True, text=True
+        )
+        assert completed.stdout.splitlines() == [*typed.values()]
 
     @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
     def test_completion_script(self, run, shell):
