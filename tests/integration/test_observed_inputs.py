@@ -1,7 +1,10 @@
 """Observables, events of a Stepper and tolerances together with inputs from samples."""
 
+import ctypes
+
 import numpy as np
 import pytest
+from compiled_examples import DOUBLES
 
 import cg
 from cg.frames import SO3, Euclidean
@@ -34,6 +37,35 @@ def test_observables_get_the_inputs(store, vectorized):
         observed = cg.solve_ivp(rate, (0, 1.5), [0.0], **options).observed
     np.testing.assert_allclose(observed[:, 0], exact(times), rtol=0, atol=1e-12)
     np.testing.assert_array_equal(observed[:, 1], [HELD(t) for t in times])
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)
+def compiled_rate(t, y, f, data):
+    f[0] = ctypes.cast(data, DOUBLES)[0]
+    return 0
+
+
+@ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, DOUBLES, ctypes.c_void_p)
+def compiled_input(t, y, data):
+    return ctypes.cast(data, DOUBLES)[0]
+
+
+@pytest.mark.parametrize("functions", [
+    (rate, lambda t, y, u: u), (compiled_rate, compiled_input),
+], ids=["python", "compiled"])  # fmt: skip
+@pytest.mark.parametrize("way", [{}, {"method": "RadauIIA5"}, {"method": "CF4", "h": 0.25}])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_at_their_times_observables_get_the_values_that_begin_there(functions, way, direction):
+    f, observe = functions
+    times = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5])[::direction]
+    options = {"frame": LINE, "inputs": HELD, "observe": observe, **way}
+    given = f, times[[0, -1]], [0.0]
+    expected = [HELD(t) for t in times]
+    for solve in (cg.solve_ivp, cg.solve_variational):
+        assert solve(*given, t_eval=times, **options).observed.tolist() == expected
+    steps = cg.solve_ivp(*given, **options)
+    assert set(HELD.times) <= set(steps.t)
+    assert steps.observed.tolist() == [HELD(t) for t in steps.t]
 
 
 def test_members_observe_their_own_inputs():

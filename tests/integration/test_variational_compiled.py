@@ -125,6 +125,35 @@ def test_user_data_without_parameters(functions, function):
     assert solution.sensitivity is None
 
 
+@ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)
+def grows(t, y, f, data):
+    """The tangent of y/2 grows by the exponential of the integral of the input."""
+    f[0] = ctypes.cast(data, DOUBLES)[0] * np.sin(y[0])
+    return 0
+
+
+@pytest.mark.parametrize(("span", "growth"), [((0.0, 2.5), np.e), ((2.5, 0.0), 1 / np.e)])
+def test_inputs_without_parameters(span, growth):
+    held = cg.Samples([0.0, 1.0, 2.0], [1.0, -2.0, 4.0])
+    y0 = np.array([[0.4], [-0.2]])
+    y = 2.0 * np.arctan(growth * np.tan(y0 / 2.0))
+    slope = np.sin(y) / np.sin(y0)
+    options = {"frame": Euclidean(1), "inputs": held, "method": "CF5(4)", "rtol": 1e-10}
+    options |= {"atol": 1e-10}
+    forward = cg.solve_variational_ensemble(grows, span, y0, control_derivatives=True, **options)
+    np.testing.assert_allclose(forward.transition[-1, :, 0], slope, rtol=0, atol=1e-9)
+    assert forward.sensitivity is None
+    for k in range(2):
+        alone = cg.solve_variational(grows, span, y0[k], control_derivatives=True, **options)
+        np.testing.assert_array_equal(alone.transition[-1], forward.transition[-1, k])
+        adjoint = cg.solve_variational(grows, span, y0[k], derivatives="adjoint", **options)
+        by_y0, by_parameters, by_values = adjoint.gradient([1.0])
+        np.testing.assert_allclose(by_y0, slope[k], rtol=0, atol=2e-9)
+        held_for = np.copysign([1.0, 1.0, 0.5], span[1] - span[0])
+        np.testing.assert_allclose(by_values, held_for * np.sin(y[k]), rtol=0, atol=2e-9)
+        assert by_parameters is None
+
+
 def test_many_points_at_a_time_have_the_derivatives_of_one():
     """Functions of many points are evaluated in Python, those of one point in compiled code."""
     options = {"t_span": SPAN, "parameters": np.stack([P, 1.1 * P]), **GIVEN}
