@@ -28,6 +28,9 @@ class Difference(AssertionError):
         self.line = line
 
 
+EPS = float(np.finfo(float).eps)
+
+
 class Unclear(Exception):
     """The program has no definite answer: it depends on errors smaller than the tolerances."""
 
@@ -178,6 +181,9 @@ def _doubt(case):
     stops = (*path.task.breakpoints, *path.task.knots)
     if path.jumps and any(0 < abs(t - stop) < 1e-9 * length for t in times for stop in stops):
         raise Unclear("an event is nearly at a stop")
+    copied = any(event.kind == "copy" for event in case.program.events)
+    if copied and (path.jumps or path.terminated) and any(16 * EPS * abs(t) < 1e-10 for t in times):
+        raise Unclear("events are 1e-10 apart, more than the resolution of time")
     slopes = [slope for slopes in path.slopes for slope in slopes]
     gap = 2 * bound / min(slopes, default=1.0)
     if path.jumps and any(1e-9 * length < b - a < gap for a, b in pairwise(times)):
