@@ -44,6 +44,10 @@ class Context:
     limit: float | None = None
     results: Mapping[str, Data] = field(default_factory=dict)
 
+    def report_work(self, done: float, total: float) -> None:
+        """Report progress in percent of the work, where parts take times that differ much."""
+        self.progress(int(100 * done / total), 100)
+
 
 @dataclass(frozen=True)
 class Item:

@@ -35,12 +35,11 @@ class Display:
             if stored is None:  # the first call of this run; a store may have had the parts before
                 stored = max(0, done - 1)
             now = self._line.clock()
-            left = (now - begun) * (total - done) / max(done - stored, 1)
-            self._line.update(
-                f"{self._places[item.name]}: {done} of {total}, {duration(now - begun)}, "
-                f"about {duration(left)} left",
-                now,
-            )
+            text = f"{self._places[item.name]}: {done} of {total}, {duration(now - begun)}"
+            if done > stored:  # else there is nothing to judge by
+                left = (now - begun) * (total - done) / (done - stored)
+                text += f", about {duration(left)} left"
+            self._line.update(text, now)
 
         return update
 

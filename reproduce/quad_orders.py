@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from cg.analysis.convergence import observed_order, slopes
+from cg.catalogue import methods
 from cg.executors import completed
 
 from . import top
@@ -30,16 +31,21 @@ def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[st
         readings = ("momentum", "velocity")
     runs: list[Run] = [(r, name, n) for r in readings for name, ns in steps.items() for n in ns]
     runs.sort(key=lambda run: -run[2])  # long runs first, so that no core waits at the end
+    # nearly all the time goes into flows
+    work = [n * methods[name].exponentials for _, name, n in runs]
+    done = 0
+    context.report_work(done, sum(work))
     errors: dict[Run, float] = {}
     executor = "processes" if context.workers > 1 else None
     indices = range(len(runs))
-    work = completed(partial(_error, runs), indices, len(runs), context.workers, executor)
-    with closing(work) as running:
+    results = completed(partial(_error, runs), indices, len(runs), context.workers, executor)
+    with closing(results) as running:
         for finished in running:
             if finished.result is None:
                 raise RuntimeError(f"{runs[finished.index]} failed: {finished.failure}")
             errors[runs[finished.index]] = finished.result
-            context.progress(len(errors), len(runs))
+            done += work[finished.index]
+            context.report_work(done, sum(work))
     return {
         reading: {
             "reference_error": top.reference_end(reading)[1],

@@ -11,7 +11,7 @@ from cg.construction.search.random_starts import RandomStart
 
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number
-from ..context import Context, Item
+from ..context import Context, Item, Progress
 from ..statistics import median, quartiles
 from ..style import PALETTE, grid
 from .search import PLANS, Plan
@@ -19,8 +19,11 @@ from .search import PLANS, Plan
 _PLAN = PLANS[6]
 _ONCE = _PLAN.unknowns + 1  # a Jacobian by differences, and the step after it
 
-STOPPED = replace(_PLAN, starts=6, maxfev=20 * _ONCE, refine_maxfev=100 * _ONCE)
+STOPPED = replace(_PLAN, starts=4, maxfev=20 * _ONCE, refine_maxfev=100 * _ONCE)
 """Settings that stop double near the paper's 1e-6, with a high limit in real(16)."""
+
+_QUAD_COST = 80
+"""About how many evaluations in double take as long as one in real(16)."""
 
 COUNTS = (10 * _ONCE, 20 * _ONCE, 40 * _ONCE, _PLAN.maxfev + _PLAN.refine_maxfev)
 """Limits of evaluations; the last is that of both phases of the search together."""
@@ -38,12 +41,9 @@ def compute(context: Context) -> Data:
     searched = context.results["search6"]
     starts = min(_PLAN.starts, len(searched["f_double"]))
     f = {_PLAN.maxfev: searched["f_double"][:starts]}
-    for done, limit in enumerate(COUNTS):
-        context.progress(done, len(COUNTS) + 1)
-        plan = replace(_PLAN, starts=starts, maxfev=limit, refine_below=0.0)
-        f[limit] = [start.double.f for start in _search(context, plan)]
-    context.progress(len(COUNTS), len(COUNTS) + 1)
-    early = _search(context, STOPPED)
+    plans = [replace(_PLAN, starts=starts, maxfev=n, refine_below=0.0) for n in COUNTS]
+    *double, early = _searches(context, [*plans, STOPPED])
+    f |= {n: [start.double.f for start in found] for n, found in zip(COUNTS, double, strict=True)}
     limits = sorted(f)
     ends = zip(f[_PLAN.maxfev], searched["f_quad"][:starts], f[COUNTS[-1]], strict=True)
     ratios = [(quad / double, more / double) for double, quad, more in ends if quad is not None]
@@ -72,13 +72,35 @@ def compute(context: Context) -> Data:
     }
 
 
-def _search(context: Context, plan: Plan) -> Sequence[RandomStart]:
+def _searches(context: Context, plans: Sequence[Plan]) -> list[Sequence[RandomStart]]:
+    """Search by one plan after another; report progress in evaluations."""
+    costs = [_cost(plan) for plan in plans]
+    total = sum(plan.starts * cost for plan, cost in zip(plans, costs, strict=True))
+    context.report_work(0, total)
+    found, before = [], 0
+    for plan, cost in zip(plans, costs, strict=True):
+
+        def report(done: int, _: int, before: int = before, cost: int = cost) -> None:
+            context.report_work(before + done * cost, total)
+
+        found.append(_search(context, plan, report))
+        before += plan.starts * cost
+    return found
+
+
+def _cost(plan: Plan) -> int:
+    """Return the cost of a start, in evaluations in double."""
+    return plan.maxfev + (_QUAD_COST * plan.refine_maxfev if plan.refine_below else 0)
+
+
+def _search(context: Context, plan: Plan, progress: Progress) -> Sequence[RandomStart]:
     arguments = plan.arguments(context.settings.seed)
     digest = fingerprint.digest(**arguments)
     result = search(
         **arguments,
         starts=plan.starts,
         workers=context.workers,
+        progress=progress,
         store=context.checkpoints / f"limit{plan.maxfev}-seed{context.settings.seed}-{digest}.db",
     )
     return result.starts

@@ -11,8 +11,9 @@ from terminals import Terminal
 
 import cg
 from cg.problems import HeavyTop
-from cg.reproduce import fingerprint
+from cg.reproduce import fingerprint, quad_orders
 from cg.reproduce.appendix_a import printed
+from cg.reproduce.context import Context, Settings
 from cg.reproduce.display import Display
 from cg.reproduce.items import ITEMS
 from cg.reproduce.main import main
@@ -82,13 +83,26 @@ def test_progress_on_a_terminal_is_one_line():
     one = ITEMS["table3.2"]
     display = Display(stream, [one], clock=clock)
     update = display.begin(one)
-    for done in range(1, 5):
+    for done in range(5):
         clock.now += 1.0
         update(done, 4)
-    display.finish(one, 4.0)
+    display.finish(one, 5.0)
     assert stream.getvalue().count("\n") == 1
-    assert stream.getvalue().count("\r") == 6
-    assert "2 of 4, 2 s, about 2 s left" in stream.getvalue()
+    assert stream.getvalue().count("\r") == 7
+    assert "0 of 4, 1 s\r" in stream.getvalue()  # nothing to judge the rest by
+    assert "2 of 4, 3 s, about 3 s left" in stream.getvalue()
+
+
+def test_progress_in_quadruple_precision_counts_flows(tmp_path, monkeypatch):
+    monkeypatch.setattr(quad_orders, "order_data", lambda errors: {})
+    shown = []
+    given = Context(Settings(), tmp_path, workers=1, progress=lambda *done: shown.append(done))
+    steps = {"CG4": [2, 4, 8], "CG6a": [2, 8]}
+    quad_orders.convergence(given, steps)
+    few, many = (cg.methods[name].exponentials for name in steps)
+    total = 14 * few + 10 * many
+    finished = np.cumsum([0, 8 * few, 8 * many, 4 * few, 2 * few, 2 * many])
+    assert shown == [(100 * work // total, 100) for work in finished]
 
 
 @pytest.mark.parametrize("name", [name for name, method in FROZEN.items() if method.explicit])

@@ -35,7 +35,7 @@ def test_plans_match_the_paper():
     assert [plan.unknowns for plan in PLANS.values()] == [15, 45, 136]
     assert evaluations.COUNTS == (1370, 2740, 5480, 27_400 + 822)
     stopped = evaluations.STOPPED
-    assert (stopped.starts, stopped.maxfev, stopped.refine_maxfev) == (6, 2740, 13_700)
+    assert (stopped.starts, stopped.maxfev, stopped.refine_maxfev) == (4, 2740, 13_700)
 
 
 def test_search_uses_its_plan(tmp_path):
@@ -198,7 +198,11 @@ def test_evaluations_section_uses_the_same_starts(tmp_path, monkeypatch):
     six = {"f_double": [1.0, 2.0, 3.0], "f_quad": [0.9, 1.0, 1.0], "paper": paper}
     given = {"search6": six, "search4": {"f_double": [1e-3], "f_quad": [None], "paper": paper}}
     given["appendix"] = {"methods": {"CG6a": {"residuals": {"paper": {"f": 1e-9}}}}}
-    data = evaluations.compute(context(tmp_path, results=given))
+    shown = []
+    given_context = context(tmp_path, results=given)
+    data = evaluations.compute(replace(given_context, progress=lambda *done: shown.append(done)))
+    # starts in double are 2 · 300, 2 · 500 and 2 · 900 of 15,000 evaluations, the last one 80 · 140
+    assert shown == [(k, 100) for k in (0, 2, 4, 7, 10, 16, 22, 100)]
     assert data["limits"] == [300, 500, 700, 900]
     assert data["f"][2] == [1.0, 2.0]
     again = search(6, 16, 2, 0, algorithm="lmdif", maxfev=500, refine_below=0.0)
