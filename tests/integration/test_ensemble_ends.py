@@ -221,3 +221,21 @@ def test_functions_that_fail_between_steps(which):
     for i in (0, 2):
         alone = cg.solve_ivp(growth(set()), (0, 1), y0[i], **expected)
         np.testing.assert_array_equal(solution.y[:, i], alone.y)
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_many_events_of_members_are_in_the_order_of_their_times(vectorized, direction):
+    rates = np.array([[7.0], [40.0], [23.0]])
+    f = lambda t, y, p: p if vectorized else [p[0]]
+    events = [lambda t, y, p: np.sin(y[0]), lambda t, y, p: np.cos(y[0])]
+    run = cg.solve_ensemble(
+        f, (0, 3.0 * direction), [[0.1]] * 3, parameters=rates, events=events,
+        vectorized=vectorized, h=0.03, method="CF4", frame=Euclidean(1),
+    )  # fmt: skip
+    for which, shift in enumerate((0.0, 0.5)):
+        for k, rate in enumerate(rates[:, 0]):
+            n = np.arange(-60, 60)
+            t = ((n + shift) * np.pi - 0.1) / rate
+            t = t[(direction * t > 0) & (np.abs(t) < 3)][:: int(direction)]
+            np.testing.assert_allclose(run.t_events[which][k], t, rtol=0, atol=1e-12)

@@ -264,3 +264,29 @@ class TestNotes:
         with pytest.raises(ValueError, match=r"got shape .* at t = 0") as caught:
             cg.solve_ensemble(f, (0, 1), np.eye(3), workers=workers, **NUMBERED)
         assert "in member 3; f is given" in caught.value.__notes__[0]
+
+    @pytest.mark.parametrize(("name", "vectorized"), [
+        *((name, False) for name in ("f", "events[0]", "events[0].jump", "observe")),
+        *((name, True) for name in ("events[0]", "events[0].jump", "observe")),
+    ])  # fmt: skip
+    def test_a_member_of_a_later_chunk(self, name, vectorized):
+        def raising(where, value):
+            def function(t, y, p):
+                if name == where and p[0] == 1777.0 and t > 0.3:
+                    raise KeyError("mine")
+                return value(t, y)
+
+            return function
+
+        f = raising("f", lambda t, y: [1.0])
+        event = cg.Event(
+            raising("events[0]", lambda t, y: t - 0.5), jump=raising("events[0].jump", lambda t, y: y)
+        )
+        with pytest.raises(KeyError, match="mine") as caught:
+            cg.solve_ensemble(
+                (lambda t, y, p: np.ones((len(t), 1))) if vectorized else f, (0, 1),
+                np.zeros((2000, 1)), frame=Euclidean(1), parameters=np.arange(2000.0)[:, None],
+                method="CF4", h=0.25, events=event, observe=raising("observe", lambda t, y: t),
+                t_eval=[0.5, 1.0], vectorized=vectorized, executor="threads", workers=2,
+            )  # fmt: skip
+        assert "in member 1777" in caught.value.__notes__[0]
