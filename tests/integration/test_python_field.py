@@ -280,7 +280,8 @@ class TestNotes:
 
         f = raising("f", lambda t, y: [1.0])
         event = cg.Event(
-            raising("events[0]", lambda t, y: t - 0.5), jump=raising("events[0].jump", lambda t, y: y)
+            raising("events[0]", lambda t, y: t - 0.5),
+            jump=raising("events[0].jump", lambda t, y: y),
         )
         with pytest.raises(KeyError, match="mine") as caught:
             cg.solve_ensemble(
