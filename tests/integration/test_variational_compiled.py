@@ -152,6 +152,9 @@ def test_inputs_without_parameters(span, growth):
         held_for = np.copysign([1.0, 1.0, 0.5], span[1] - span[0])
         np.testing.assert_allclose(by_values, held_for * np.sin(y[k]), rtol=0, atol=2e-9)
         assert by_parameters is None
+    many = held, cg.Samples([0.0], np.ones((1, 10_000)))  # there must be room for all of them
+    wide = cg.solve_variational(grows, span, y0[0], **options | {"inputs": many})
+    np.testing.assert_allclose(wide.transition[-1, :, 0], slope[0], rtol=0, atol=1e-8)
 
 
 def test_many_points_at_a_time_have_the_derivatives_of_one():
