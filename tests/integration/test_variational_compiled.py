@@ -155,6 +155,8 @@ def test_inputs_without_parameters(span, growth):
     many = held, cg.Samples([0.0], np.ones((1, 10_000)))  # there must be room for all of them
     wide = cg.solve_variational(grows, span, y0[0], **options | {"inputs": many})
     np.testing.assert_allclose(wide.transition[-1, :, 0], slope[0], rtol=0, atol=1e-8)
+    alone = cg.solve_ivp(grows, span, y0[0], **options | {"inputs": many})
+    np.testing.assert_allclose(alone.y[-1], y[0], rtol=0, atol=1e-9)
 
 
 def test_many_points_at_a_time_have_the_derivatives_of_one():
