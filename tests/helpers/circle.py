@@ -8,7 +8,7 @@ from cg.frames import Euclidean
 CIRCLE = {"frame": Euclidean(2), "rtol": 1e-8, "atol": 1e-8}
 
 
-def circle(t, y):
+def circle(t, y, *_):
     return [-y[1], y[0]]
 
 
