@@ -211,7 +211,7 @@ def test_a_stepper_goes_on_after_an_exception(control, calls, error):
     np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=1e-13 if "h" in control else 1e-6)
     stepper.restart(t=0.0, y=np.eye(3))
     stepper.advance(2.0)
-    np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(stepper.y, without.y, rtol=0, atol=2e-14)
 
 
 @pytest.mark.parametrize("copied", [False, True])

@@ -13,7 +13,7 @@ from cg.frames import SO3, Euclidean, Product, Sphere
 @pytest.mark.parametrize("jac", [jacobian, sparse_jacobian])
 def test_given(jac):
     run, other = solve(jac=jac), solve()
-    np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=1e-6)
+    np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=5e-8)
     assert run.nfev < other.nfev
 
 
@@ -67,7 +67,7 @@ def test_brackets_are_added(frame, kind, rate, spin):
         return kind((np.array(ends[0]) - np.array(ends[1])).T / (2.0 * h))
 
     run, other = solve(f, 0.5, y0, frame, jac=jac), solve(f, 0.5, y0, frame)
-    np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=0, atol=2e-11)
     assert run.nfev + 3 * run.njev == pytest.approx(other.nfev, rel=0.02)
 
 
