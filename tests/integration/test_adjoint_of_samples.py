@@ -219,3 +219,26 @@ def test_jacobian_with_equal_steps_and_without_any():
     np.testing.assert_allclose(run.jacobian().inputs, [[expected] * 3], rtol=1e-7)
     nothing = cg.solve_variational(lambda t, y, u: [u * y[0]], (1, 1), [1.0], **options)
     np.testing.assert_array_equal(nothing.jacobian().inputs, np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize("size", [-1e-12, -1e-100, 1e-100])
+def test_gradients_by_tiny_and_negative_numbers(size):
+    """Steps of differences are relative to the sizes of parameters and of values of samples."""
+    part = lambda number: np.sin(number / abs(size))
+    f = lambda t, y, u, p: (part(u) + part(p[..., 0]))[..., None] * y
+    held = cg.Samples([0.0, 0.5], size * np.array([1.0, 2.0]))
+    options = {"frame": cg.frames.Euclidean(1), "inputs": held, "rtol": 1e-9, "atol": 1e-9}
+    phases = np.sign(size) * np.array([1.0, 2.0])
+    end = np.exp(np.sin(phases) @ [0.5, 0.5] + np.sin(phases[0]))
+    by_parameter = end * np.cos(phases[0])
+    given = f, (0, 1), [1.0]
+    for vectorized in (False, True):
+        run = cg.solve_variational_ensemble(
+            *given, parameters=[[size]], vectorized=vectorized, **options
+        )
+        found = run.sensitivity[-1].item() * abs(size)
+        np.testing.assert_allclose(found, by_parameter, rtol=1e-7)
+    run = cg.solve_variational(*given, parameters=[size], derivatives="adjoint", **options)
+    _, by_parameters, by_values = run.gradient([1.0])
+    np.testing.assert_allclose(by_parameters * abs(size), [by_parameter], rtol=2e-9)
+    np.testing.assert_allclose(by_values * abs(size), 0.5 * end * np.cos(phases), rtol=2e-9)

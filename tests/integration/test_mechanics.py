@@ -139,7 +139,7 @@ def test_momenta_on_spheres_are_tangential():
     )  # fmt: skip
     q, momentum = frame.split(run.y)
     assert np.abs(np.vecdot(q, momentum)).max() < 1e-14
-    assert np.ptp(frame.kinetic_energy(run.y) - q[:, 2]) < 1e-3
+    assert np.ptp(frame.kinetic_energy(run.y) - q[:, 2]) < 5e-8
 
 
 def test_forces_may_depend_on_time():
