@@ -226,10 +226,10 @@ def test_gradients_by_tiny_and_negative_numbers(size):
     """Steps of differences are relative to the sizes of parameters and of values of samples."""
     part = lambda number: np.sin(number / abs(size))
     f = lambda t, y, u, p: (part(u) + part(p[..., 0]))[..., None] * y
-    held = cg.Samples([0.0, 0.5], size * np.array([1.0, 2.0]))
+    held = cg.Samples([0.0, 0.5, 0.75], size * np.array([1.0, 2.0, 0.0]))
     options = {"frame": cg.frames.Euclidean(1), "inputs": held, "rtol": 1e-9, "atol": 1e-9}
-    phases = np.sign(size) * np.array([1.0, 2.0])
-    end = np.exp(np.sin(phases) @ [0.5, 0.5] + np.sin(phases[0]))
+    phases, lengths = np.sign(size) * np.array([1.0, 2.0, 0.0]), np.array([0.5, 0.25, 0.25])
+    end = np.exp(np.sin(phases) @ lengths + np.sin(phases[0]))
     by_parameter = end * np.cos(phases[0])
     given = f, (0, 1), [1.0]
     for vectorized in (False, True):
@@ -241,4 +241,5 @@ def test_gradients_by_tiny_and_negative_numbers(size):
     run = cg.solve_variational(*given, parameters=[size], derivatives="adjoint", **options)
     _, by_parameters, by_values = run.gradient([1.0])
     np.testing.assert_allclose(by_parameters * abs(size), [by_parameter], rtol=2e-9)
-    np.testing.assert_allclose(by_values * abs(size), 0.5 * end * np.cos(phases), rtol=2e-9)
+    expected = lengths * end * np.cos(phases)
+    np.testing.assert_allclose(by_values * abs(size), expected, rtol=2e-9)
