@@ -159,6 +159,28 @@ def test_inputs_without_parameters(span, growth):
     np.testing.assert_allclose(alone.y[-1], y[0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("way", [{}, {"control_derivatives": True}, {"derivatives": "adjoint"}])
+@pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 2)], ids=["compiled", "in Python"])
+@pytest.mark.parametrize("inputs", [None, cg.Samples([0.0, 0.5], [[1.0], [2.0]])])
+def test_f_may_keep_what_it_gets(way, frame, inputs):
+    """Differences by parameters don't change them in arrays that f has kept."""
+    kept = []
+
+    def f(t, y, *rest):
+        given = y, *rest
+        kept.extend((each, np.array(each)) for each in given)
+        assert not any(each.flags.writeable for each in (y, rest[-1]))
+        return [np.sin(t * rest[0][0]), rest[-1][0] ** 2, y[0, 1]]
+
+    y0 = frame.random_point(np.random.default_rng(4))
+    given = {"frame": frame, "inputs": inputs, "parameters": [0.3], **way}
+    run = cg.solve_variational(f, (0, 1), y0, **given)
+    if way.get("derivatives"):
+        run.gradient(np.ones(3))
+    for now, then in kept:
+        np.testing.assert_array_equal(now, then)
+
+
 def test_many_points_at_a_time_have_the_derivatives_of_one():
     """Functions of many points are evaluated in Python, those of one point in compiled code."""
     options = {"t_span": SPAN, "parameters": np.stack([P, 1.1 * P]), **GIVEN}

@@ -11,7 +11,7 @@ import numpy as np
 from cg.integration.loop.messages import DERIVATIVES
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.derivatives import Derivative
-from cg.integration.rhs.inputs import DataReader, Inputs, arguments_of
+from cg.integration.rhs.inputs import DataReader, Inputs, WithInput, arguments_of
 from cg.integration.rhs.python import context_of
 from cg.integration.step.compiled_frames import is_compiled
 from cg.integration.step.plan import Plan
@@ -159,15 +159,30 @@ def _set_functions(record: _Record, variational: VariationalField) -> list[Any]:
     return in_python
 
 
+def _with_copy(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return arguments with parameters that f may keep: differences change them in place."""
+    parameters = arguments[-1].copy()
+    parameters.flags.writeable = False
+    return (*arguments[:-1], parameters)
+
+
 def _functions(variational: VariationalField) -> list[tuple[str, Any, tuple[int, ...], Any]]:
     """Return the functions with their names, the shapes of what they return, and their checks."""
     frame, jac = variational.frame, variational.jac
+    f, shifted = variational.f, variational.df_dp is None and variational.count > variational.inputs
+    if shifted and not isinstance(f, CompiledRhs):
+        inner = f.function if isinstance(f, WithInput) else f
+
+        def with_copies(t: float, y: Points, *arguments: Any) -> Any:
+            return inner(t, y, *_with_copy(arguments))
+
+        f = WithInput(with_copies) if isinstance(f, WithInput) else with_copies
     functions: list[tuple[str, Any, tuple[int, ...], Any]]
-    functions = [("f", variational.f, (frame.rhs_dim,), variational.check)]
+    functions = [("f", f, (frame.rhs_dim,), variational.check)]
     if jac is None and not is_compiled(frame):
         # compiled code takes differences along flows of compiled frames only
         def difference(t: float, y: Points, *arguments: Any) -> Array:
-            return variational.differences(t, y, arguments)
+            return variational.differences(t, y, _with_copy(arguments) if shifted else arguments)
 
         functions.append(("jac", difference, (frame.dim, frame.dim), lambda value, t, y: value))
     for given in (jac, variational.df_dp, variational.noise):
