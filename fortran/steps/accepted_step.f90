@@ -70,6 +70,7 @@ contains
 
     if (tries_shorter(x)) return
     call find_zeros(x, .true.)
+    if (.not. allocated(x%events%zeros)) return   ! there was no memory
     x%phase = phase_store_output
     associate (zeros => x%events%zeros)
       x%needs_interpolant = any(zeros%at < 1 .or. abs(x%events%after(zeros%event)) > 0 &

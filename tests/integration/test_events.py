@@ -270,3 +270,14 @@ def test_all_events_of_very_long_steps_are_found(steps, sign):
     )  # fmt: skip
     expected = np.arange(0.5, 1.6e4 / np.pi) * np.pi  # zeros of the cosine
     np.testing.assert_allclose(sign * solution.t_events[0], expected, rtol=1e-11)
+
+
+@pytest.mark.parametrize("common", [None, False, True])
+def test_a_step_that_turns_too_far_for_its_events(common):
+    options = {"frame": cg.frames.SO3(), "method": "CF4", "h": 1e10, "events": lambda t, y: y[0, 0]}
+    y0, f = np.eye(3), lambda t, y: [0.0, 0.0, 1.0]
+    with pytest.raises(MemoryError, match="the events, of one step"):
+        if common is None:
+            cg.solve_ivp(f, (0, 2e10), y0, **options)
+        else:
+            cg.solve_ensemble(f, (0, 2e10), y0[None], common_steps=common, **options)
