@@ -275,9 +275,8 @@ def test_all_events_of_very_long_steps_are_found(steps, sign):
 @pytest.mark.parametrize("common", [None, False, True])
 def test_a_step_that_turns_too_far_for_its_events(common):
     options = {"frame": cg.frames.SO3(), "method": "CF4", "h": 1e10, "events": lambda t, y: y[0, 0]}
-    y0, f = np.eye(3), lambda t, y: [0.0, 0.0, 1.0]
+    solve, y0 = cg.solve_ivp, np.eye(3)
+    if common is not None:
+        solve, y0, options["common_steps"] = cg.solve_ensemble, y0[None], common
     with pytest.raises(MemoryError, match="the events, of one step"):
-        if common is None:
-            cg.solve_ivp(f, (0, 2e10), y0, **options)
-        else:
-            cg.solve_ensemble(f, (0, 2e10), y0[None], common_steps=common, **options)
+        solve(lambda t, y: [0.0, 0.0, 1.0], (0, 2e10), y0, **options)

@@ -50,7 +50,9 @@ def explain_failure(run: Run, member: int) -> Exception | str | None:
 def _exception(run: Run, stop: Stop, member: int, t: float, flag: int) -> Exception:
     """Return the exception for an integration that failed at time ``t``."""
     where, name = f"at t = {t:.17g}", run.rhs.failed_name
-    error: Exception = MemoryError("there is not enough memory for the stages, or the events, of one step")
+    error: Exception = MemoryError(
+        "there is not enough memory for the stages, or the events, of one step"
+    )
     match stop:
         case Stop.STAGES_NOT_SOLVED:
             slow = run.plan.table.kind is not Kind.COLLOCATION and flag in STAGE_SOLVERS.values()
