@@ -6,7 +6,7 @@ The first and the third state turn, the second one doesn't; each keeps its popul
 import numpy as np
 import pytest
 from kinds import MAGNUS
-from scipy import sparse
+from scipy.linalg import block_diag
 
 import cg
 from cg import _core_r64
@@ -75,7 +75,7 @@ def test_columns_members_and_real_generators():
     )  # fmt: skip
     assert population_error(members.y) < 1e-6
     turn, rest = [[0.0, 1.0], [-1.0, 0.0]], [[0.0]]
-    real = LinearAction([sparse.block_diag([turn, rest, turn])])
+    real = LinearAction([block_diag(turn, rest, turn)])
     run = cg.solve_linear(lambda t: [TURNS], (0, 1), [0.6, 0, 0.8, 0, 0], frame=real,
                           **options)  # fmt: skip
     assert abs(run.y[-1, 2] - 0.8) < 1e-6

@@ -23,6 +23,11 @@ def spin(t, y):
     return [np.sin(t), 0.3, 1.0]
 
 
+def interpolants(table):
+    """Take the interpolants from a table."""
+    return [each.pop("output") for each in (table, table["polynomial"]) if each is not None]
+
+
 def test_all_methods_are_stored():
     assert stored_names() == list(METHODS)
     assert set(methods) < set(METHODS)
@@ -30,10 +35,16 @@ def test_all_methods_are_stored():
 
 @pytest.mark.parametrize("name", list(METHODS))
 def test_stored_tables_are_the_compiled_ones(name):
+    """To the bit, but for interpolants."""
     method = METHODS[name]
     limit = methods.summaries.get(name, {}).get("real_stability")
-    fresh = replace(compiled(method), real_stability=limit)
-    assert stored_table(name).as_dict() == fresh.as_dict()
+    fresh = replace(compiled(method), real_stability=limit).as_dict()
+    stored = stored_table(name).as_dict()
+    # interpolants are solutions of least squares, whose rounding is that of LAPACK
+    for one, other in zip(interpolants(stored), interpolants(fresh), strict=True):
+        for entry, value in one.items():
+            np.testing.assert_allclose(other[entry], value, rtol=1e-11, atol=1e-11)
+    assert stored == fresh
 
 
 def test_changed_tables_change_steps():
